@@ -9,9 +9,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from train.play.seats import session_of
 from train.play.server import PlayServer
 from train.play.session import Session
+from train.play.setup import session_of
 from train.settings.task import TaskSettings
 
 NORTH, SOUTH, EAST, WEST, STAY = range(5)

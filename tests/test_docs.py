@@ -25,7 +25,7 @@ from pursuit.plugins import is_reference
 from pursuit.tasks.rewards import REWARDS
 from train.commands.main import COMMANDS, command, main
 from train.experiments.ablation import load_ablation
-from train.experiments.comparison.plan import load_race
+from train.experiments.comparison.plan import load_comparison
 from train.experiments.sweep import load_sweep
 
 ROOT = Path(__file__).parents[1]
@@ -147,7 +147,7 @@ def test_a_tutorial_runs_from_top_to_bottom(page: str, folder: Path) -> None:
         elif language == "":
             for words in in_words(code):
                 if words[0] == "pursuit":
-                    main([*words[1:], *(["--no-browser"] if words[1] == "view" else [])])
+                    main([*words[1:], *(["--no-open"] if words[1] == "view" else [])])
 
 
 @pytest.mark.slow
@@ -250,7 +250,7 @@ def test_the_sweep_files_of_a_page_load(page: str, folder: Path) -> None:
             file.write_text(text, encoding="utf-8")
             load: Any = load_ablation if "control = " in text else load_sweep
             if "contestants = " in text:
-                assert load_race(str(file), "short").trials
+                assert load_comparison(str(file), "short").trials
             else:
                 assert load(str(file), "short").runs
 
@@ -260,7 +260,7 @@ def test_the_sweep_files_of_a_page_load(page: str, folder: Path) -> None:
 
 @pytest.mark.parametrize("page", environment_tables.pages())
 def test_the_tables_of_an_environment_are_those_of_the_code(page: str) -> None:
-    """Where this fails: `PYTHONPATH=. python tests/environment_tables.py` writes them anew; read the change."""
+    """Where this fails, `PYTHONPATH=. python tests/environment_tables.py` writes them anew."""
     text = (ROOT / page).read_text(encoding="utf-8")
     assert environment_tables.renewed(text) == text
 

@@ -164,7 +164,7 @@ REFUSED = [
     ["sweep"],
     ["sweep", "maze_by_size", "--executor", "bogus"],
     ["ablate", "opponent-epsilon", "--workers", "-1"],
-    ["race", "--workers", "0"],
+    ["compare", "--workers", "0"],
     ["report"],
     ["report", "no/such/folder", "--x", "hours"],
     ["solve", "--maze", "5x6"],

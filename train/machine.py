@@ -1,7 +1,7 @@
-"""This machine, and the commit of the source on it: what results say of where they come from.
+"""This machine and the source's commit, for the provenance of results.
 
-Linux tells a processor's name and flags in one small file, read here in 0.2 ms. The library
-py-cpuinfo 9 knows more systems, but takes 1.2 s and processes of its own, at every start of a run.
+Linux has the processor's name and flags in a small file, read here in 0.2 ms. The library
+py-cpuinfo 9 supports more systems, but takes 1.2 s and starts processes.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ CPUINFO = Path("/proc/cpuinfo")
 
 @cache
 def _cpuinfo() -> str:
-    """What Linux says of the processors; nothing on other systems."""
+    """Linux's description of the processors; empty on other systems."""
     try:
         return CPUINFO.read_text(encoding="utf-8")
     except OSError:
@@ -38,7 +38,7 @@ def has_fast_bfloat16() -> bool:
 
 @cache
 def commit() -> str | None:
-    """The commit of the source that runs, with "+" where it was changed since; None if unknown."""
+    """The commit of the running source, with "+" if it has been changed; None if unknown."""
     here = Path(__file__).parent
     git = ["git", "-C", str(here)]
     try:

@@ -1,8 +1,7 @@
-"""What is read from files, checked against the form that it must have, in one way for all of them.
+"""Validation of the content of files against schemas.
 
-A form is a `msgspec.Struct`, a dataclass, or any type that `msgspec.convert` knows. Whoever reads a
-file gives its content (plain values) here and gets the form back, or one line that names file,
-field and remedy.
+A schema is a `msgspec.Struct`, a dataclass, or any type that `msgspec.convert` supports. Errors are
+one line with file, field and remedy.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ _WORDS = {
     "int": "a whole number",
     "float": "a number",
     "bool": "true or false",
-    "str": "a text",
+    "str": "a string",
     "array": "a list",
     "object": "a table",
     "null": "nothing",
@@ -34,14 +33,13 @@ def read_as(form: type[Form], content: Any, where: object, remedy: str) -> Form:
     """`content` as a `form`.
 
     Args:
-        form: what it must be; of dataclasses and structs every field without a default must be
-            there, and no other.
-        content: plain values: dicts, lists, texts, numbers.
-        where: the file, as messages name it.
-        remedy: what a person can do, the end of every message.
+        form: the schema; dataclasses need every field without a default, and allow no others.
+        content: plain values: dicts, lists, strings, numbers.
+        where: the file, for messages.
+        remedy: what the user can do, the end of every message.
 
     Raises:
-        ValueError: a field missing, unknown, of another type, or refused by the form itself.
+        ValueError: a field is missing, unknown, of another type, or refused by the schema.
     """
     try:
         made: Form = msgspec.convert(content, form)
@@ -56,13 +54,13 @@ def read_as(form: type[Form], content: Any, where: object, remedy: str) -> Form:
 
 
 def unknown(name: object, known: list[str]) -> str:
-    """What to say of a name that is none of the known ones."""
+    """The message for an unknown name, with the closest known one."""
     close = get_close_matches(str(name), known, 1)
     return f"unknown field {name!r}" + (f", did you mean {close[0]!r}?" if close else "")
 
 
 def _in_words(message: str, form: Any) -> str:
-    """msgspec's message without Python's types and with the field before it."""
+    """msgspec's message without Python types, and with the field first."""
     place = _PLACE.search(message)
     text = message[: place.start()] if place else message
     field = re.sub(r"^\$\.?", "", place["place"]).replace("[...]", "[]") if place else ""
@@ -77,7 +75,7 @@ def _in_words(message: str, form: Any) -> str:
 
 
 def _names_in(form: Any) -> list[str]:
-    """The names of all fields of a form, and of those inside it."""
+    """The names of all fields of a schema, including nested ones."""
     own = getattr(form, "fields", ())
     inner = [field.type for field in own] + list(getattr(form, "types", ()))
     inner += [getattr(form, n) for n in ("item_type", "value_type") if hasattr(form, n)]

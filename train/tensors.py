@@ -1,4 +1,4 @@
-"""Tensors and plain values in files: written beside, with a checksum that is compared when read."""
+"""Files of tensors and plain values, written atomically and verified by a checksum."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from train.files import cannot_write, write_beside
 
 REMEDY = "restore it from a copy"
 MARK = b"sha256:"
-"""What ends a file, with the digest of all before it: torch itself compares no checksums."""
+"""The end of a file, followed by the digest of its content: torch itself verifies no checksums."""
 
 
 def write_tensors(path: Path, content: Any) -> None:
     """Write tensors and plain values with a checksum, atomically.
 
     Raises:
-        OSError: the disk is full, say; whatever was at `path` is still there.
+        OSError: for example a full disk; the previous file at `path` is kept.
     """
 
     def write(beside: Path) -> None:
@@ -31,14 +31,14 @@ def write_tensors(path: Path, content: Any) -> None:
             with beside.open("r+b") as file:
                 digest = hashlib.file_digest(file, "sha256").digest()
                 file.write(MARK + digest)
-        except RuntimeError as error:  # what torch makes of a write that failed
+        except RuntimeError as error:  # torch's error for a failed write
             raise cannot_write(path, _reason(beside, error)) from None
 
     write_beside(path, write)
 
 
 def _reason(beside: Path, error: RuntimeError) -> Exception:
-    """Why the system refused to write, which torch does not say: ask it again."""
+    """The system's reason for a failed write, which torch does not give: write again."""
     try:
         with beside.open("ab") as file:
             file.write(bytes(2**16))
@@ -50,17 +50,17 @@ def _reason(beside: Path, error: RuntimeError) -> Exception:
 
 
 def read_tensors(path: Path) -> Any:
-    """What `write_tensors` wrote; no code that the file may hold is run (`weights_only=True`).
+    """Read a file of `write_tensors` without running code from it (`weights_only=True`).
 
     Raises:
-        ValueError: it cannot be read, is damaged (by so much as a bit of a tensor), or holds more
-            than tensors and plain values.
+        ValueError: it cannot be read, is damaged (even by a single bit), or contains more than
+            tensors and plain values.
     """
     try:
         with path.open("rb") as file:
             if not _checksum_fits(file):
                 raise ValueError(
-                    f"{path}: damaged, or not written by pursuit: its checksum does not fit; "
+                    f"{path}: damaged, or not written by pursuit: its checksum does not match; "
                     f"{REMEDY}"
                 )
             return loaded(file, path)
@@ -83,26 +83,28 @@ def _checksum_fits(file: BinaryIO) -> bool:
 
 
 def loaded(file: BinaryIO, path: Path) -> Any:
-    """What torch saved in `file`, which is of `path`; no code that it may hold is run.
+    """The content that torch saved in `file` at `path`, without running code from it.
 
     Raises:
-        ValueError: it is damaged, or holds more than tensors and plain values.
+        ValueError: it is damaged, or contains more than tensors and plain values.
     """
     try:
         size = file.seek(0, os.SEEK_END)
         with zipfile.ZipFile(file) as archive:
-            # Nothing torch writes is compressed; so a small file cannot ask for much memory.
+            # torch does not compress, so a small file cannot require much memory.
             fits = sum(part.file_size for part in archive.infolist()) <= size
         file.seek(0)
         if fits:
             return torch.load(file, map_location="cpu", weights_only=True)
-    except Exception:  # the unpickler raises whatever the bytes lead it to
+    except Exception:  # the unpickler can raise anything for damaged bytes
         pass
-    raise ValueError(f"{path}: damaged, or it holds more than tensors and plain values; {REMEDY}")
+    raise ValueError(
+        f"{path}: damaged, or it contains more than tensors and plain values; {REMEDY}"
+    )
 
 
 def first_not_finite(content: Any, where: str = "") -> str | None:
-    """Where among tables and lists the first tensor with a number that is not finite lies."""
+    """The path, within nested dicts and lists, of the first tensor that is not finite."""
     if isinstance(content, torch.Tensor):
         return None if content.isfinite().all() else where
     parts: Any = ()

@@ -20,7 +20,7 @@ from playwright.sync_api import sync_playwright
 from pursuit import Recorder
 from pursuit.replays.viewer.data import Builder, Extras
 from scripted_agents import AStarChaser
-from train.evaluation.closeups import sides_of
+from train.evaluation.recordings import sides_of
 from train.machine import processor
 from train.reports.pages import PLAYER_ROOM, write_page
 from train.runs.parts import contest_of

@@ -25,8 +25,8 @@ from train.networks.q_network import QNetwork
 from train.self_play.pool import OpponentPool
 from train.settings.algorithms import NetworkSettings
 from train.settings.curricula import AxisSettings, OwnCurriculum, StagedSettings
-from train.teaching.axes import Maker
-from train.teaching.grounds import Axis, Ground
+from train.teaching.axes import Axis, Maker
+from train.teaching.context import CurriculumContext
 
 # -- rewards ---------------------------------------------------------------------------------------
 
@@ -168,8 +168,8 @@ class Sneaky:
 # -- an axis and a curriculum ----------------------------------------------------------------------
 
 
-def _make_far(name: str, ground: Ground, ends: AxisSettings) -> Axis:
-    longest = ground.task.mazes[0].longest_distance
+def _make_far(name: str, context: CurriculumContext, ends: AxisSettings) -> Axis:
+    longest = context.task.mazes[0].longest_distance
 
     def apply(simulator: Simulator, games: NDArray[np.intp], values: NDArray[np.float64]) -> None:
         simulator.configure(games, min_start_distance=values.astype(np.int64))

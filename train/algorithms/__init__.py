@@ -1,1 +1,1 @@
-"""The learners, all behind `learner.Learner`; `registry` has one entry for each."""
+"""The learning algorithms, all with the interface `learner.Learner`; `registry` lists them."""

@@ -1,4 +1,4 @@
-"""Advantage actor-critic, and REINFORCE on whole episodes."""
+"""Advantage actor-critic (A2C), and REINFORCE on whole episodes."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import torch
 
 from pursuit.observations.masks import ACTION_MASK
 from train.algorithms.fused_rollouts import Frames
-from train.algorithms.learner import Build, Games, NetworkLearner, has_masks
+from train.algorithms.learner import Build, NetworkLearner, VecEnv, has_masks
 from train.algorithms.rollouts import Figures, RolloutLearner, actor_critic_of
 from train.networks.actor_critic import ActorCritic
 from train.networks.fused_actor_critic import LossCoefficients
@@ -18,22 +18,21 @@ from train.settings.algorithms import A2CSettings, ReinforceSettings
 
 
 class A2C(RolloutLearner):
-    """Mnih et al. (2016), all games in step: one gradient step for each rollout.
+    """Mnih et al. (2016), synchronous: one gradient step for each rollout.
 
     Args:
-        settings: the hyperparameters; without `gae` the advantages are discounted returns less the
-            value (lambda is 1), without `critic` every value is 0 and lambda is 1 too: with nothing
-            to bootstrap from, lambda would only discount once more.
-        env: the games.
+        settings: the hyperparameters. Without `gae` the advantages are discounted returns minus the
+            value (lambda is 1). Without `critic` values are 0 and lambda is 1 as well.
+        env: the training environment.
         network: policy and value.
-        device: where the network lives.
-        fused: False computes everything by torch, whatever is possible.
+        device: of the network.
+        fused: whether the fused update is used where possible.
     """
 
     def __init__(
         self,
         settings: A2CSettings,
-        env: Games,
+        env: VecEnv,
         network: ActorCritic,
         device: str = "cpu",
         fused: bool = True,
@@ -67,7 +66,7 @@ class A2C(RolloutLearner):
     def loss(
         self, minibatch: Frames, coefficients: LossCoefficients
     ) -> tuple[torch.Tensor, Figures]:
-        """`a2c_loss`: what the torch update minimises, and the fused one computes by kernels."""
+        """`a2c_loss`, which the torch update minimises; the fused one has kernels for it."""
         return a2c_loss(self.network, minibatch, coefficients)
 
 
@@ -76,18 +75,18 @@ def a2c_loss(
 ) -> tuple[torch.Tensor, Figures]:
     """The policy gradient with value loss and entropy bonus, to be minimised.
 
-    Equal to TorchRL's `A2CLoss` with squared value errors, and tested against it; with the
-    standardised returns of whole episodes, and their errors, it is that of REINFORCE.
+    Equal to TorchRL's `A2CLoss` with squared value errors (tested). On standardised returns of
+    whole episodes and their errors it is the loss of REINFORCE.
 
     Args:
         network: policy and value.
-        frames: as `ppo_loss` takes them.
-        coefficients: of the parts of the loss; its `clip` means nothing here.
+        frames: as in `ppo_loss`.
+        coefficients: of the terms of the loss; `clip` is ignored.
 
     Returns:
-        The loss, and its parts for the log, detached.
+        The loss, and its terms for the log, detached.
     """
-    hidden, value_hidden, frames = network.through(frames)
+    hidden, value_hidden, frames = network.forward_sequence(frames)
     output = network.policy_head(hidden)
     distribution = network.distribution(output, frames.get(ACTION_MASK, None))
     advantage = frames["advantage"]
@@ -107,20 +106,20 @@ def a2c_loss(
 class Reinforce(NetworkLearner):
     """Williams (1992): every iteration plays one whole episode in every game.
 
-    An episode that runs out of time is bootstrapped by the value, where there is one; without,
-    its return is that of the steps played.
+    A truncated episode is bootstrapped by the value. Without `baseline` its return is the sum over
+    the steps played.
 
     Args:
         settings: the hyperparameters.
-        env: the games.
+        env: the training environment.
         network: policy and value.
-        device: where the network lives.
+        device: of the network.
     """
 
     network: ActorCritic
 
     def __init__(
-        self, settings: ReinforceSettings, env: Games, network: ActorCritic, device: str = "cpu"
+        self, settings: ReinforceSettings, env: VecEnv, network: ActorCritic, device: str = "cpu"
     ) -> None:
         super().__init__(settings, env, network, device)
         self.settings = settings
@@ -144,21 +143,21 @@ class Reinforce(NetworkLearner):
         return {name: float(value) for name, value in figures.items()}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Take them back; the next episodes begin anew."""
+        """Restore the state; the next episodes are new ones."""
         super().load_state_dict(state)
         self.env.resume = False
 
     @torch.no_grad()
     def play(self, gamma: float) -> Frames:
-        """One episode in every game; the frames of all of them in a row.
+        """One episode in every game, as a sequence of frames.
 
         Args:
             gamma: discount of a step.
 
         Returns:
-            "observation", what was drawn ("action", or "drawn" before tanh), "value" [frames] and
+            "observation", the drawn value ("action", or "drawn" before tanh), "value" [frames] and
             "value_target" [frames], the discounted return from that frame on; "action_mask"
-            [frames, actions] where masked.
+            [frames, actions] where actions are masked.
         """
         env, network = self.env, self.network
         now, masks = env.reset(), has_masks(env)
@@ -192,12 +191,12 @@ class Reinforce(NetworkLearner):
         return frames
 
 
-def build_a2c(settings: A2CSettings, env: Games, how: Build) -> A2C:
-    """The learner over its games."""
+def build_a2c(settings: A2CSettings, env: VecEnv, how: Build) -> A2C:
+    """An A2C learner for an environment."""
     network = actor_critic_of(settings, env.player, how)
     return A2C(settings, env, network, how.device, how.fused)
 
 
-def build_reinforce(settings: ReinforceSettings, env: Games, how: Build) -> Reinforce:
-    """The learner over its games."""
+def build_reinforce(settings: ReinforceSettings, env: VecEnv, how: Build) -> Reinforce:
+    """A REINFORCE learner for an environment."""
     return Reinforce(settings, env, actor_critic_of(settings, env.player, how), how.device)

@@ -1,4 +1,4 @@
-"""Exploring with continuous actions: noise that may drift and begins anew with every episode."""
+"""Exploration noise for continuous actions, reset with every episode."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import torch
 
 
 class ActionNoise:
-    """What is added to the actions of every game, from a random generator of its own.
+    """Noise on the actions of every game, from its own random generator.
 
     Ornstein-Uhlenbeck noise (Uhlenbeck and Ornstein, 1930) in steps of length 1,
     x' = (1 - theta) x + std e, e standard normal: its stationary variance is
@@ -17,14 +17,14 @@ class ActionNoise:
 
     Args:
         kind: "gaussian", "ornstein-uhlenbeck" or "none".
-        theta: of the second.
-        num_games: each has noise of its own.
-        num_actions: numbers of an action.
+        theta: mean reversion rate of Ornstein-Uhlenbeck noise.
+        num_games: games with independent noise.
+        num_actions: dimensions of an action.
         seed: of the generator.
 
     Attributes:
-        std: of the next draws.
-        state: [num_games, num_actions], x; 0 where an episode begins.
+        std: standard deviation of the next draws.
+        state: [num_games, num_actions], x; 0 at the start of an episode.
     """
 
     def __init__(
@@ -34,7 +34,7 @@ class ActionNoise:
         self.std = 0.0
         self.state = torch.zeros(num_games, num_actions)
         own = int(np.random.SeedSequence([seed, 1]).generate_state(1, np.uint64)[0] >> 1)
-        self.generator = torch.Generator().manual_seed(own)  # not that of weights or replay
+        self.generator = torch.Generator().manual_seed(own)  # independent of weights and replay
 
     def normal(self) -> torch.Tensor:
         """[num_games, num_actions] standard normal."""
@@ -50,14 +50,14 @@ class ActionNoise:
         return self.state
 
     def restart(self, games: torch.Tensor) -> None:
-        """Begin at 0 again in the games of the mask [num_games]."""
+        """Reset the noise to 0 in the games of the mask [num_games]."""
         self.state = self.state.masked_fill(games.cpu()[:, None], 0.0)
 
     def state_dict(self) -> dict[str, Any]:
-        """Where it stands, and its generator."""
+        """The noise, and the state of the generator."""
         return {"state": self.state, "generator": self.generator.get_state()}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from there."""
+        """Restore the state."""
         self.state = state["state"].clone()
         self.generator.set_state(state["generator"])

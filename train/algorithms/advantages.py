@@ -1,4 +1,4 @@
-"""Generalised advantages (Schulman et al., 2016): of torch's rollouts, and as a compiled kernel."""
+"""Generalised advantage estimation (Schulman et al., 2016), in torch and as a compiled kernel."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from pursuit.compilation.compiled import compiled
 def advantages(
     rollout: Mapping[str, torch.Tensor], gamma: float, gae_lambda: float
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """[games, steps] advantages, and the returns to expect: advantages and values.
+    """[games, steps] advantages, and value targets: advantages plus values.
 
     Args:
-        rollout: [games, steps]: "reward", "value" of the observations, "value_after" of those that
-            are not the next step's, and the flags.
+        rollout: [games, steps]: "reward", "value" of the observations, "value_after" of final
+            observations, which the next step does not contain, and the flags.
         gamma: discount of a step.
-        gae_lambda: 1 makes advantages discounted returns less the value.
+        gae_lambda: 1 makes advantages discounted returns minus the value.
     """
     value, cut, not_done = rollout["value"], rollout["truncated"].clone(), ~rollout["done"]
     cut[:, -1] = True
@@ -41,14 +41,14 @@ def advantages(
 def fused_advantages(
     reward: Any, value: Any, cut_value: Any, ended: Any, cut: Any, discounts: Any, out: Any
 ) -> None:
-    """The same, of every step and game; the last step is followed by nothing that is known.
+    """`advantages` as a kernel.
 
     Args:
         reward: [steps, games] float32.
-        value: [steps + 1, games] float32, of what was observed before every step and after all.
-        cut_value: [steps, games] float32, of what an episode ended with that was truncated there.
-        ended: [steps, games] bool, where an episode terminated: nothing follows.
-        cut: [steps, games] bool, where one was truncated.
+        value: [steps + 1, games] float32, of the observation before every step and after the last.
+        cut_value: [steps, games] float32, of the final observations of truncated episodes.
+        ended: [steps, games] bool, whether the episode terminated: the next value is 0.
+        cut: [steps, games] bool, whether it was truncated.
         discounts: [2] float64, gamma and gamma times lambda.
         out: [steps, games] float32.
     """

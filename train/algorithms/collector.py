@@ -1,6 +1,6 @@
-"""The rollout loop of all learners, for any games and networks.
+"""The rollout loop of all learners, for any environment and network.
 
-A feed-forward policy is a recurrent one whose state has no numbers.
+A feed-forward policy is a recurrent one with an empty state.
 """
 
 from __future__ import annotations
@@ -11,12 +11,12 @@ from typing import Any
 import torch
 
 from pursuit.observations.masks import ACTION_MASK
-from train.algorithms.learner import Games
+from train.algorithms.learner import VecEnv
 from train.environments.lockstep import LockstepEnv
 
 Columns = dict[str, torch.Tensor]
 Act = Callable[[Columns, torch.Tensor], tuple[Columns, torch.Tensor]]
-"""(what is observed, states) -> ("action" and whatever is kept for learning, states after)."""
+"""(observations, states) -> ("action" and other columns to keep, next states)."""
 
 SEEN = ("observation", ACTION_MASK, "idle")
 AFTER = ("reward", "terminated", "truncated", "done")
@@ -24,28 +24,28 @@ NEXT_MASK = f"next_{ACTION_MASK}"
 
 
 class Collector:
-    """Plays rollouts, each from where the last one ended.
+    """Collects rollouts, each from where the last one ended.
 
     Args:
-        env: the games.
+        env: the environment.
         act: chooses the actions.
         steps: of every game in a rollout.
-        state_size: numbers of a state.
-        device: where the network lives, and where rollouts are kept.
-        value: (observations, states) -> [n], the values of the observations that an episode that
-            is truncated, or the rollout, ends with; None where they are not needed.
+        state_size: size of the recurrent state.
+        device: of the network and the rollouts.
+        value: (observations, states) -> [n], the values of the final observations of truncated
+            episodes and of the rollout; None if not needed.
         keep_next: keep the next observations.
-        ended: called after every step with the games whose episode is over, [games] bool.
+        ended: called after every step with the mask of ended episodes, [games] bool.
 
     Attributes:
-        state: [games, state_size] float32, the recurrent state of every game now.
-        episode_start: [games] bool, where an episode begins now: its state counts as 0.
+        state: [games, state_size] float32, the current recurrent states.
+        episode_start: [games] bool, whether an episode starts now, so that its state is 0.
         states: [games, state_size] each, before every step of the last rollout.
     """
 
     def __init__(
         self,
-        env: Games,
+        env: VecEnv,
         act: Act,
         steps: int,
         state_size: int = 0,
@@ -67,10 +67,10 @@ class Collector:
         """The next rollout, columns [games, steps, ...].
 
         Returns:
-            What was observed, what `act` gave, "episode_start", "reward" and the flags after the
-            step; with `value` "value_after", the value of what follows a step that is not followed
-            by its next observation (0 elsewhere); with `keep_next` "next_observation", the last one
-            of an episode that ended, and where there are masks "next_action_mask".
+            The observations, the results of `act`, "episode_start", "reward" and the flags after
+            the step. With `value` also "value_after", the value of a final observation that no next
+            step contains (0 elsewhere); with `keep_next` also "next_observation", which is the last
+            one of an episode that ended, and with masks "next_action_mask".
         """
         if self._now is None:
             self._now = self.env.reset()
@@ -94,7 +94,7 @@ class Collector:
         return columns
 
     def _step(self) -> tuple[Columns, Any]:
-        """What is kept of a step, and everything after it."""
+        """The kept columns of a step, and all its results."""
         now = self._now
         row = {name: now[name].to(self.device) for name in SEEN if name in now.keys()}  # noqa: SIM118 (of a TensorDict)
         row["episode_start"] = self.episode_start
@@ -114,7 +114,7 @@ class Collector:
         return row, after
 
     def _values_after(self, like: torch.Tensor, cuts: list[Any]) -> torch.Tensor:
-        """[games, steps]: the values of what was observed after the steps in `cuts`, 0 elsewhere.
+        """[games, steps]: the values of the observations in `cuts`, 0 elsewhere.
 
         Args:
             like: [games, steps].
@@ -131,22 +131,22 @@ class Collector:
         return found
 
     def state_dict(self) -> Columns:
-        """The recurrent states, and where episodes begin."""
+        """The recurrent states, and the starts of episodes."""
         return {"state": self.state.cpu(), "fresh": self.episode_start.cpu()}
 
     def load_state_dict(self, state: Columns) -> None:
-        """Take it back, before the first rollout."""
+        """Restore the state, before the first rollout."""
         self.state = state["state"].to(self.device)
         self.episode_start = state["fresh"].to(self.device)
 
 
 def step_games(env: Any, now: Any, action: torch.Tensor) -> tuple[Any, Any]:
-    """What stands after a step, and what is observed by whoever plays on: where an episode ended
-    the first observation of the next one.
+    """The results of a step, and the observations for the next step: where an episode ended, the
+    first one of the next episode.
 
     Args:
-        env: the games; those of a `LockstepEnv` are stepped without TensorDicts.
-        now: what was observed before.
+        env: the environment; a `LockstepEnv` is stepped without TensorDicts.
+        now: the observations before the step.
         action: [games, ...].
     """
     if isinstance(env, LockstepEnv):

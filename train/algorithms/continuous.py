@@ -1,4 +1,4 @@
-"""DDPG, TD3 and SAC: an actor and critics of continuous actions, learned from replay."""
+"""DDPG, TD3 and SAC: actor-critic algorithms for continuous actions with a replay buffer."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from train.algorithms.continuous_losses import (
 from train.algorithms.learner import Build, clip_gradients, step_adam
 from train.algorithms.off_policy import OffPolicyLearner
 from train.algorithms.replay import Batch
-from train.networks.continuous import Critics, DeterministicActor, GaussianActor, follow
+from train.networks.continuous import Critics, DeterministicActor, GaussianActor, polyak_update
 from train.networks.policy import Player
 from train.settings.off_policy import (
     ContinuousSettings,
@@ -35,15 +35,15 @@ Figures = dict[str, torch.Tensor]
 
 
 class ContinuousLearner(OffPolicyLearner, Generic[Actor]):
-    """What the three share: exploring, critics that follow their goal, and targets.
+    """The common part: exploration, the update of the critics, and target networks.
 
     Args:
         settings: the hyperparameters.
-        env: the games.
-        actor: acts.
-        critics: value actions.
-        device: where the networks live.
-        seed: of the draws from the replay buffer and of exploring.
+        env: the training environment.
+        actor: the policy.
+        critics: the action value networks.
+        device: of the networks.
+        seed: of the draws from the replay buffer and of exploration.
     """
 
     network: Actor
@@ -75,7 +75,7 @@ class ContinuousLearner(OffPolicyLearner, Generic[Actor]):
 
     @property
     def parts(self) -> dict[str, Any]:
-        """Networks and optimizers beside the actor's own, by their names in checkpoints."""
+        """Networks and optimisers other than the actor's, by their names in checkpoints."""
         return {
             "critics": self.critics,
             "target_critics": self.target_critics,
@@ -83,7 +83,7 @@ class ContinuousLearner(OffPolicyLearner, Generic[Actor]):
         }
 
     def explore(self, progress: float) -> dict[str, float]:
-        """Anneal the noise; until learning starts actions are uniformly random."""
+        """Anneal the noise; before `learning_starts` actions are uniformly random."""
         settings = self.chosen
         share = min(progress / max(settings.noise_share, 1e-9), 1.0)
         self.noise.std = linear(settings.noise_start, settings.noise_end, share)
@@ -91,7 +91,7 @@ class ContinuousLearner(OffPolicyLearner, Generic[Actor]):
         return {} if settings.noise == "none" else {"noise": self.noise.std}
 
     def act(self, seen: Columns, state: torch.Tensor) -> tuple[Columns, torch.Tensor]:
-        """What the actor does, or draws, with noise; or anything at all: in [-1, 1], on the CPU."""
+        """The actor's action with noise, or a uniformly random one: in [-1, 1], on the CPU."""
         noise = self.noise
         if self.random_actions:
             return {"action": noise.uniform()}, state
@@ -102,13 +102,13 @@ class ContinuousLearner(OffPolicyLearner, Generic[Actor]):
         return {"action": action}, state
 
     def set_schedules(self, progress: float) -> None:
-        """Also that of the critics."""
+        """Set also the learning rate of the critics."""
         super().set_schedules(progress)
         rate = self.annealed(self.chosen.critic_learning_rate, progress)
         self.critic_optimizer.param_groups[0]["lr"] = rate
 
     def learn(self, batch: Batch) -> tuple[torch.Tensor, Figures]:
-        """A gradient step of the critics, and now and then of the actor and the targets."""
+        """A gradient step of the critics, and every `policy_delay` steps of actor and targets."""
         prepare = self.network.trunk.prepare
         prepared, following = prepare(batch["observation"]), prepare(batch["next_observation"])
         with torch.no_grad():
@@ -121,35 +121,35 @@ class ContinuousLearner(OffPolicyLearner, Generic[Actor]):
         self.updates += 1
         if self.updates % self.chosen.policy_delay == 0:
             self.learn_actor(prepared, batch)
-            self.follow()
+            self.update_targets()
         return error, figures
 
     def next_values(self, following: torch.Tensor) -> torch.Tensor:
-        """[batch]: the values that the targets see in the next observations, prepared."""
+        """[batch]: the values of the next observations, by the target networks."""
         raise NotImplementedError
 
     def learn_actor(self, prepared: torch.Tensor, batch: Batch) -> None:
         """A gradient step of the actor."""
         raise NotImplementedError
 
-    def follow(self) -> None:
-        """Move the targets."""
-        follow(self.target_critics, self.critics, self.chosen.tau)
+    def update_targets(self) -> None:
+        """Update the target networks."""
+        polyak_update(self.target_critics, self.critics, self.chosen.tau)
 
     def step(self, optimizer: torch.optim.Adam, loss: torch.Tensor) -> None:
-        """One step of Adam, with the gradient scaled down to `max_grad_norm`."""
+        """One step of Adam, with the gradient clipped to the norm `max_grad_norm`."""
         optimizer.zero_grad(set_to_none=True)
         torch.autograd.backward(loss)
         clip_gradients(optimizer.param_groups[0]["params"], self.chosen.max_grad_norm)
         step_adam(optimizer)
 
     def state_dict(self) -> dict[str, Any]:
-        """Everything, the noise included."""
+        """The state, with that of the noise."""
         state = super().state_dict() | {"noise": self.noise.state_dict()}
         return state | {name: part.state_dict() for name, part in self.parts.items()}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Take it all back."""
+        """Restore the state."""
         super().load_state_dict(state)
         self.noise.load_state_dict(state["noise"])
         for name, part in self.parts.items():
@@ -175,36 +175,36 @@ class DDPG(ContinuousLearner[DeterministicActor]):
 
     @property
     def parts(self) -> dict[str, Any]:
-        """The target of the actor as well."""
+        """As in the base class, with the target actor."""
         return {**super().parts, "target_actor": self.target_actor}
 
     def next_values(self, following: torch.Tensor) -> torch.Tensor:
-        """Of what the target actor does, by the lower of the target critics."""
+        """The minimum of the target critics for the target actor's action."""
         clip = self.target_noise_clip
         action = next_action(self.target_actor, following, self.target_noise, clip)
         return self.target_critics(following, action).amin(dim=0)
 
     def learn_actor(self, prepared: torch.Tensor, batch: Batch) -> None:
-        """Towards actions of higher value."""
+        """A gradient step of the actor towards higher values."""
         loss = deterministic_actor_loss(self.network, self.critics, prepared, batch)
         self.step(self.optimizer, loss)
 
-    def follow(self) -> None:
-        """Move the targets."""
-        super().follow()
-        follow(self.target_actor, self.network, self.chosen.tau)
+    def update_targets(self) -> None:
+        """Update the target networks."""
+        super().update_targets()
+        polyak_update(self.target_actor, self.network, self.chosen.tau)
 
     def policy(self, greedy: bool = True) -> Any:
-        """The greedy policy; ValueError for another, as one action is no distribution."""
+        """The greedy policy; otherwise ValueError, as the policy is deterministic."""
         if not greedy:
             raise ValueError(
-                "ddpg and td3 learn no distribution over actions; take the greedy policy"
+                "ddpg and td3 learn no distribution over actions; use the greedy policy"
             )
         return super().policy()
 
 
 class TD3(DDPG):
-    """Fujimoto et al. (2018): two critics, noise on the target's actions, a delayed actor."""
+    """Fujimoto et al. (2018): two critics, target policy smoothing, delayed actor updates."""
 
     def __init__(self, settings: TD3Settings, *arguments: Any) -> None:
         super().__init__(settings, *arguments)
@@ -213,10 +213,10 @@ class TD3(DDPG):
 
 
 class SAC(ContinuousLearner[GaussianActor]):
-    """Haarnoja et al. (2018): the actor is paid for its entropy, by a weight that adapts.
+    """Haarnoja et al. (2018): entropy-regularised, with an adaptive temperature.
 
     Attributes:
-        log_alpha: the logarithm of that weight, the temperature.
+        log_alpha: logarithm of the temperature, the weight of the entropy.
         target_entropy: of the actor's distribution, in nats.
     """
 
@@ -240,11 +240,11 @@ class SAC(ContinuousLearner[GaussianActor]):
 
     @property
     def parts(self) -> dict[str, Any]:
-        """The temperature's optimizer as well."""
+        """As in the base class, with the temperature's optimiser."""
         return {**super().parts, "temperature_optimizer": self.temperature_optimizer}
 
     def set_schedules(self, progress: float) -> None:
-        """Also that of the temperature."""
+        """Set also the learning rate of the temperature."""
         super().set_schedules(progress)
         rate = self.annealed(self.soft.temperature_learning_rate, progress)
         self.temperature_optimizer.param_groups[0]["lr"] = rate
@@ -255,13 +255,13 @@ class SAC(ContinuousLearner[GaussianActor]):
         return error, {**figures, "temperature": self.log_alpha.detach().exp()}
 
     def next_values(self, following: torch.Tensor) -> torch.Tensor:
-        """Of what the actor draws, by the lower of the target critics, and of its entropy."""
+        """The minimum of the target critics for a drawn action, plus the entropy bonus."""
         action, log_prob = self.network.draw(following)
         values = self.target_critics(following, action).amin(dim=0)
         return values - self.log_alpha.exp() * log_prob
 
     def learn_actor(self, prepared: torch.Tensor, batch: Batch) -> None:
-        """Towards actions of higher value and a distribution of higher entropy."""
+        """A gradient step of the actor towards higher values and entropy; then the temperature."""
         alpha = self.log_alpha.detach().exp()
         loss, log_prob = soft_actor_loss(self.network, self.critics, prepared, batch, alpha)
         self.step(self.optimizer, loss)
@@ -272,18 +272,18 @@ class SAC(ContinuousLearner[GaussianActor]):
             self.temperature_optimizer.step()
 
     def state_dict(self) -> dict[str, Any]:
-        """Everything, the temperature included."""
+        """The state, with the temperature."""
         return super().state_dict() | {"log_alpha": self.log_alpha.detach()}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Take it all back."""
+        """Restore the state."""
         super().load_state_dict(state)
         with torch.no_grad():
             self.log_alpha.copy_(state["log_alpha"])
 
 
 def actor_maker(form: Any) -> Callable[[ContinuousSettings, Player, Build], Any]:
-    """What makes an actor of this form, of what the player observes, with fresh weights."""
+    """A function that builds an actor of this class with new weights."""
 
     def actor_of(settings: ContinuousSettings, player: Player, how: Build) -> Any:
         return form(player.features, player.num_actions, how.hidden(settings)).to(how.device)
@@ -292,7 +292,7 @@ def actor_maker(form: Any) -> Callable[[ContinuousSettings, Player, Build], Any]
 
 
 def builder(learner: Any, actor_of: Any, num_critics: int) -> Callable[[Any, Any, Build], Any]:
-    """What builds a learner over its games, with so many critics."""
+    """A function that builds a learner for an environment, with `num_critics` critics."""
 
     def build(settings: ContinuousSettings, env: Any, how: Build) -> Any:
         player, actor = env.player, actor_of(settings, env.player, how)

@@ -1,8 +1,7 @@
 """The losses of DDPG, TD3 and SAC.
 
-Equal to those of TorchRL (with squared errors), and tested against them; written out because
-nothing is made functional at every step then, no gradient is taken that nobody needs, and
-observations are prepared once for actor and critics.
+Equal to those of TorchRL with squared errors (tested). Written explicitly, they avoid functional
+calls at every step and unused gradients, and prepare observations once for actor and critics.
 
 A batch has "observation", "action", "reward", "next_observation", "terminated", "steps" (to the
 next observation) and, with prioritised replay, "priority_weight".
@@ -20,10 +19,10 @@ from train.networks.continuous import Critics, DeterministicActor, GaussianActor
 def next_action(
     actor: DeterministicActor, prepared: torch.Tensor, noise: float, clip: float
 ) -> torch.Tensor:
-    """[batch, actions]: what the actor does, smoothed by noise that is clipped (Fujimoto et al.).
+    """[batch, actions]: target actions, smoothed by clipped noise (Fujimoto et al.).
 
     Args:
-        actor: the target.
+        actor: the target actor.
         prepared: the next observations.
         noise: standard deviation; 0 for none.
         clip: the noise lies in [-clip, clip].
@@ -37,19 +36,19 @@ def next_action(
 
 @torch.no_grad()
 def returns_to_expect(batch: Batch, values: torch.Tensor, gamma: float) -> torch.Tensor:
-    """[batch]: rewards, and the discounted values [batch] of what follows where there is more."""
+    """[batch]: rewards plus the discounted values [batch] of non-terminal next observations."""
     return batch["reward"] + gamma ** batch["steps"] * ~batch["terminated"] * values
 
 
 def critic_loss(
     values: torch.Tensor, goal: torch.Tensor, batch: Batch
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """The squared errors of all critics, and for every transition the size of the larger one.
+    """The sum of squared errors of all critics, and the largest |error| of every transition.
 
     Args:
         values: [critics, batch].
         goal: [batch].
-        batch: its weights.
+        batch: with its weights.
 
     Returns:
         The loss, and |error| [batch], detached.
@@ -64,8 +63,8 @@ def deterministic_actor_loss(
     prepared: torch.Tensor,
     batch: Batch,
 ) -> torch.Tensor:
-    """Minus the value of what the actor does, by the first critic (Silver et al., 2014)."""
-    return -mean(critics.judge(prepared, actor(prepared), 1)[0], batch)
+    """Minus the value of the actor's action, by the first critic (Silver et al., 2014)."""
+    return -mean(critics.frozen_values(prepared, actor(prepared), 1)[0], batch)
 
 
 def soft_actor_loss(
@@ -75,13 +74,13 @@ def soft_actor_loss(
     batch: Batch,
     alpha: torch.Tensor,
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Minus the value of what the actor draws, by the lower critic, and of its entropy.
+    """Minus the lowest value of a drawn action, and minus the weighted entropy.
 
     Returns:
         The loss, and the logarithms of the densities [batch], detached.
     """
     action, log_prob = actor.draw(prepared)
-    values = critics.judge(prepared, action, len(critics.weights[0])).amin(dim=0)
+    values = critics.frozen_values(prepared, action, len(critics.weights[0])).amin(dim=0)
     return mean(alpha * log_prob - values, batch), log_prob.detach()
 
 
@@ -91,5 +90,5 @@ def temperature_loss(
     target: float,
     batch: Batch,
 ) -> torch.Tensor:
-    """Falls as the temperature does where the entropy is above its target, and rises below it."""
+    """Lowers the temperature where the entropy is above its target, and raises it below."""
     return mean(-log_alpha * (log_prob + target), batch)

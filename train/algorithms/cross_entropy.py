@@ -23,22 +23,22 @@ from train.settings.checks import check
 
 
 class CrossEntropy:
-    """Rubinstein (1999); with noise that is annealed, Szita and Lőrincz (2006).
+    """Rubinstein (1999); with annealed noise as in Szita and Lőrincz (2006).
 
     In each generation every candidate plays `num_games / population` whole episodes, all from the
-    same starts, and a normal distribution with independent weights is fitted to the best of them.
-    Candidates sample their actions: at first nearly all greedy ones run in circles, and their
-    returns do not differ.
+    same starts, and a normal distribution with independent weights is fitted to the best ones.
+    Candidates sample their actions, because at first nearly all greedy policies loop, so that their
+    returns are equal.
 
     Args:
         settings: the hyperparameters.
-        env: the games.
-        network: the weights of its policy are searched; its value is not used.
+        env: the training environment.
+        network: its policy weights are searched; its value function is not used.
         seed: of the candidates.
 
     Attributes:
         mean, std: [weights] float32, the distribution.
-        frames: steps of all games.
+        frames: environment steps, summed over games.
     """
 
     def __init__(
@@ -74,7 +74,7 @@ class CrossEntropy:
 
     @torch.no_grad()
     def play(self, candidates: torch.Tensor) -> torch.Tensor:
-        """[population] float32: the mean episode return of each of [population, weights]."""
+        """[population] float32: the mean episode returns of candidates [population, weights]."""
         env, simulator, population = self.env, self.env.simulator, len(candidates)
         each = env.num_games // population
         if not self.frames:
@@ -102,11 +102,11 @@ class CrossEntropy:
         return {name: part.reshape(-1, *weight.shape) for (name, weight), part in pairs}
 
     def policy(self, greedy: bool = True) -> Policy:
-        """That of the mean."""
+        """The policy of the mean weights."""
         return self.env.player.policy(self.network, greedy)
 
     def state_dict(self) -> dict[str, Any]:
-        """The distribution, its random state and the frames; and the mean as a network."""
+        """The distribution, its random state and the frames; the mean also as a network."""
         return {
             "network": self.network.state_dict(),
             "mean": self.mean,
@@ -116,7 +116,7 @@ class CrossEntropy:
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Load what `state_dict` returned; the next generation starts new episodes."""
+        """Restore the state; the next generation starts new episodes."""
         self.network.load_state_dict(state["network"])
         self.mean, self.std = state["mean"], state["std"]
         self.generator.set_state(state["generator"])
@@ -124,25 +124,25 @@ class CrossEntropy:
         self.env.resume = False
 
     def close(self) -> None:
-        """Nothing is held open."""
+        """There is nothing to release."""
 
 
 def check_player(settings: CrossEntropySettings, player: Player) -> None:
-    """ValueError for a network of which torch cannot compute many copies at once."""
+    """ValueError for a network that `vmap` does not support."""
     features = player.features
     check(
         features.network == "" and features.kind != "grid",
-        f"network={features.network or 'planning'!r}; cross_entropy takes mlp and convolutions",
+        f"network={features.network or 'planning'!r}; cross_entropy supports mlp and convolutions",
     )
 
 
 def network_of(settings: CrossEntropySettings, player: Player, how: Build) -> ActorCritic:
-    """A policy of what the player observes, with new weights; its value is not used."""
+    """A new policy network for the player; its value function is not used."""
     hidden = Hidden(settings.width, settings.activation, form="dense")
     action_std = settings.action_std if player.continuous else None
     return ActorCritic(player.features, player.num_actions, hidden, action_std=action_std)
 
 
 def build(settings: CrossEntropySettings, env: LockstepEnv, how: Build) -> CrossEntropy:
-    """The learner over its games."""
+    """A cross-entropy learner for an environment."""
     return CrossEntropy(settings, env, network_of(settings, env.player, how), how.seed)

@@ -1,4 +1,4 @@
-"""Deep Q-learning, each extension a switch."""
+"""Deep Q-learning with optional extensions."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import torch
 from curricula import linear
 from pursuit.observations.masks import ACTION_MASK
 from train.algorithms.collector import NEXT_MASK, Collector, Columns
-from train.algorithms.learner import Build, Games
+from train.algorithms.learner import Build, VecEnv
 from train.algorithms.off_policy import OffPolicyLearner
 from train.algorithms.replay import Batch, mean
 from train.networks.distributions import masked
@@ -19,18 +19,18 @@ from train.settings.off_policy import DQNSettings
 
 
 class DQN(OffPolicyLearner):
-    """Mnih et al. (2015), with many games in step and several gradient steps for each rollout.
+    """Mnih et al. (2015), with parallel games and several gradient steps for each rollout.
 
     Args:
         settings: the hyperparameters.
-        env: the games.
+        env: the training environment.
         network: action values.
-        target: a second network of the same form.
-        device: where both live.
+        target: the target network.
+        device: of both networks.
         seed: of the draws from the replay buffer.
 
     Attributes:
-        epsilon: the share of random actions.
+        epsilon: probability of a random action.
     """
 
     network: QNetwork
@@ -38,7 +38,7 @@ class DQN(OffPolicyLearner):
     def __init__(
         self,
         settings: DQNSettings,
-        env: Games,
+        env: VecEnv,
         network: QNetwork,
         target: QNetwork,
         device: str,
@@ -51,7 +51,7 @@ class DQN(OffPolicyLearner):
 
     @property
     def update_form(self) -> str:
-        """That of the network."""
+        """The form of the hidden layers: "fused" or "torch"."""
         return self.network.update_form
 
     def explore(self, progress: float) -> dict[str, float]:
@@ -64,9 +64,9 @@ class DQN(OffPolicyLearner):
         return {"epsilon": self.epsilon}
 
     def act(self, seen: Columns, state: torch.Tensor) -> tuple[Columns, torch.Tensor]:
-        """Actions of the largest values, or with probability `epsilon` any; of those allowed."""
+        """Epsilon-greedy actions, of the allowed ones."""
         allowed = seen.get(ACTION_MASK, None)
-        values = masked(self.network.quick(seen["observation"]), allowed)
+        values = masked(self.network.forward_inference(seen["observation"]), allowed)
         greedy = values.argmax(dim=-1)
         explores = torch.rand(greedy.shape, device=greedy.device) < self.epsilon
         if allowed is None:
@@ -76,7 +76,7 @@ class DQN(OffPolicyLearner):
         return {"action": torch.where(explores, drawn, greedy)}, state
 
     def learn(self, batch: Batch) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
-        """A gradient step, and now and then a copy to the target network before it."""
+        """A gradient step, and every `target_update_interval` steps a copy to the target."""
         settings = self.settings
         if self.updates % settings.target_update_interval == 0:
             self.target.load_state_dict(self.network.state_dict())
@@ -87,17 +87,17 @@ class DQN(OffPolicyLearner):
         return error, {"loss": loss.detach(), "td_error": error.mean()}
 
     def policy(self, greedy: bool = True) -> Any:
-        """The greedy policy; ValueError for another, as action values are no distribution."""
+        """The greedy policy; otherwise ValueError, as action values are not a distribution."""
         if not greedy:
-            raise ValueError("dqn learns no distribution over actions; take the greedy policy")
+            raise ValueError("dqn learns no distribution over actions; use the greedy policy")
         return super().policy()
 
     def state_dict(self) -> dict[str, Any]:
-        """Everything, the replay buffer and its priorities included."""
+        """The state, with the target network and the replay buffer."""
         return super().state_dict() | {"target": self.target.state_dict()}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Take it all back."""
+        """Restore the state."""
         super().load_state_dict(state)
         self.target.load_state_dict(state["target"])
 
@@ -109,17 +109,17 @@ def dqn_loss(
     gamma: float,
     double: bool,
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """The squared error of temporal differences, and its size for every transition.
+    """The squared temporal-difference error, and |error| of every transition.
 
-    Equal to TorchRL's `DQNLoss`, and tested against it; written out because nothing is made
-    functional at every step then.
+    Equal to TorchRL's `DQNLoss` (tested). Written explicitly, it avoids functional calls at every
+    step.
 
     Args:
-        network: learns.
-        target: values the next action.
+        network: the trained network.
+        target: evaluates the next action.
         batch: "observation", "action", "reward", "next_observation", "terminated", "steps" (to the
-            next observation); with prioritised replay "priority_weight", with masks
-            "next_action_mask": the next action is one of those.
+            next observation); with prioritised replay "priority_weight"; with masks
+            "next_action_mask", the allowed next actions.
         gamma: discount of a step.
         double: whether `network` chooses the next action.
 
@@ -127,10 +127,10 @@ def dqn_loss(
         The loss, and |error| [batch], detached.
     """
     with torch.no_grad():
-        next_values = target.quick(batch["next_observation"])
-        chooser = network.quick(batch["next_observation"]) if double else next_values
+        next_values = target.forward_inference(batch["next_observation"])
+        chooser = network.forward_inference(batch["next_observation"]) if double else next_values
         chooser = masked(chooser, batch.get(NEXT_MASK, None))
-    values = network.quick(batch["observation"])
+    values = network.forward_inference(batch["observation"])
     next_action = chooser.argmax(dim=-1, keepdim=True)
     next_value = next_values.gather(-1, next_action).squeeze(-1)
     discount = gamma ** batch["steps"] * ~batch["terminated"]
@@ -140,12 +140,12 @@ def dqn_loss(
 
 
 def network_of(settings: DQNSettings, player: Player, build: Build) -> QNetwork:
-    """Action values of what the player observes, with fresh weights."""
+    """A new action value network for the player."""
     sizes = (player.features, player.num_actions, build.hidden(settings))
     return QNetwork(*sizes, settings.dueling, build.fused).to(build.device)
 
 
-def build(settings: DQNSettings, env: Games, how: Build) -> DQN:
-    """The learner over its games."""
+def build(settings: DQNSettings, env: VecEnv, how: Build) -> DQN:
+    """A DQN learner for an environment."""
     network, target = (network_of(settings, env.player, how) for _ in range(2))
     return DQN(settings, env, network, target, how.device, how.seed)

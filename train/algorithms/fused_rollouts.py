@@ -1,5 +1,5 @@
-"""The fused update: rollouts and gradients of an `ActorCritic` by kernels, in arrays that are made
-once; on the CPU."""
+"""The fused update: rollouts and gradients of an `ActorCritic` by kernels on the CPU, in
+preallocated arrays."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from train.networks.fused_actor_critic import (
 )
 
 Frames = dict[str, torch.Tensor]
-"""What a rollout leaves to learn from, column by column; a row is a frame, or of a network that
-remembers a sequence. `ActorCritic.through` says which columns there are."""
+"""Columns of training data. A row is a frame, or for a recurrent network a sequence;
+`ActorCritic.forward_sequence` lists the columns."""
 
 
 class FusedUpdate:
-    """Plays and learns as `TorchUpdate` does; each rollout goes on where the last one ended.
+    """Collects and computes gradients as `TorchUpdate`; each rollout continues the last one.
 
-    Teams are rows of their own; the frames of an agent that waits for the others are left out.
+    Each agent of a team has its own rows; frames of idle agents are dropped.
 
     Args:
-        env: the games.
+        env: the training environment.
         network: chooses the actions.
         steps: of every game in a rollout.
     """
@@ -50,7 +50,7 @@ class FusedUpdate:
 
     @torch.no_grad()
     def collect(self, gamma: float, gae_lambda: float) -> Frames:
-        """A rollout: its frames in a row, step by step. The next rollout overwrites them."""
+        """The frames of a rollout, step by step. The next rollout overwrites them."""
         if self._now is None:
             self._now = self.env.reset()
         for step in range(self.steps):
@@ -93,13 +93,13 @@ class FusedUpdate:
     def set_gradients(
         self, minibatch: Frames, coefficients: LossCoefficients
     ) -> dict[str, torch.Tensor]:
-        """The gradients of the loss, into `grad` of all weights; figures for the log."""
+        """Writes the gradients of the loss to `grad` of all weights; returns values for the log."""
         return self.network.set_gradients(minibatch, coefficients)
 
 
 def fused_update(env: Any, network: ActorCritic, steps: int, device: str) -> FusedUpdate | None:
-    """The fused update; None where network or games are not of the form of its kernels: see
-    `fused_actor_critic`, and games in lockstep without masks."""
+    """The fused update; None where its kernels do not support network or environment: see
+    `fused_actor_critic`; the environment must be a `LockstepEnv` without masks."""
     if not isinstance(env, LockstepEnv) or has_masks(env):
         return None
     fused = fused_actor_critic(network, device)

@@ -1,4 +1,4 @@
-"""What every learner is to a run, and what the games are to a learner."""
+"""The interface between learners, runs and environments."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from train.networks.policy import Network, Player
 from train.settings.algorithms import NetworkSettings
 
 
-class Games(Protocol):
-    """A batched TorchRL environment (an `EnvBase`), with what learners ask beside its specs.
+class VecEnv(Protocol):
+    """A batched TorchRL environment (an `EnvBase`), with the additional attributes of learners.
 
     Attributes:
-        player: who learns.
-        hook: whoever changes the next episodes.
-        num_games: in lockstep.
-        resume: set it to have the next full reset go on with the games as they stand.
+        player: the learning agent.
+        hook: configures the next episodes.
+        num_games: number of parallel games.
+        resume: if set, the next full reset continues the current episodes.
     """
 
     hook: EpisodeHook
@@ -33,78 +33,78 @@ class Games(Protocol):
 
     @property
     def player(self) -> Player:
-        """Who learns."""
+        """The learning agent."""
 
     @property
     def observation_spec(self) -> Any:
-        """TorchRL's spec of what is observed."""
+        """TorchRL's spec of the observations."""
 
     @property
     def action_spec(self) -> Any:
-        """TorchRL's spec of actions."""
+        """TorchRL's spec of the actions."""
 
     def reset(self) -> Any:
-        """Begin all games anew; a TensorDict of what is observed."""
+        """Reset all games; a TensorDict of observations."""
 
     def step_and_maybe_reset(self, tensordict: Any) -> Any:
-        """A step with "action", which writes "next", and what the step after it begins with."""
+        """A step with "action", which writes "next"; also returns the input of the next step."""
 
     def step_episodes(self, actions: torch.Tensor, running: torch.Tensor) -> Any:
-        """A step without restarts, for learners from whole episodes."""
+        """A step without restarts, for learning from whole episodes."""
 
 
 def has_masks(env: Any) -> bool:
-    """Whether a TorchRL environment says in "action_mask" what may be done."""
+    """Whether a TorchRL environment provides an "action_mask"."""
     return ACTION_MASK in env.observation_spec.keys()  # noqa: SIM118 (its `in` wants .keys())
 
 
 class Learner(Protocol):
-    """One algorithm in one seat of a batch of games, or in all seats of a role.
+    """A learning algorithm for one agent of a batch of games, or for all agents of a role.
 
     Attributes:
-        frames: environment steps taken, all games counted.
+        frames: environment steps taken, summed over games.
     """
 
     frames: int
 
     def iterate(self, progress: float) -> dict[str, float]:
-        """Play and learn for a moment; `progress` in [0, 1] through the budget.
+        """Collect and learn for one iteration; `progress` in [0, 1] of the budget.
 
         Returns:
-            Figures for the log: losses and the like.
+            Values for the log, such as losses.
         """
 
     def policy(self, greedy: bool = True) -> Policy:
-        """What was learned so far; it follows the learner as it goes on.
+        """The current policy; it changes as the learner continues.
 
         Raises:
-            ValueError: not greedy, of a learner of no distribution.
+            ValueError: not greedy, and the algorithm learns no distribution.
         """
 
     def state_dict(self) -> dict[str, Any]:
-        """Tensors and plain values: what a resumed learner needs to go on exactly.
+        """Tensors and plain values from which a learner resumes exactly.
 
-        All tensors are finite: anything else is taken for the end of learning.
-        The games and torch's random state are kept by the run.
+        All tensors must be finite; otherwise the run stops as diverged.
+        The run saves the state of the games and torch's random state.
         """
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from what `state_dict` gave; any of `MISFITS` where it does not fit."""
+        """Restore a `state_dict`; raises one of `MISFITS` where it does not match."""
 
     def close(self) -> None:
-        """Let go of whatever is held open."""
+        """Release resources."""
 
 
 @dataclass(frozen=True)
 class Build:
-    """How a learner is to be built on this machine.
+    """Options of building a learner on this machine.
 
     Attributes:
-        device: where the network lives.
+        device: of the network.
         bfloat16: matrix products in bfloat16.
-        first_layer: "bag", "dense", or "auto" for the faster.
-        seed: of what the learner itself draws (networks draw from torch's generator).
-        fused: whether kernels of ours may compute updates where they can; False takes torch.
+        first_layer: "bag", "dense", or "auto" for the faster one.
+        seed: of the learner's own random numbers (networks use torch's generator).
+        fused: whether fused kernels are used where possible.
     """
 
     device: str = "cpu"
@@ -114,7 +114,7 @@ class Build:
     fused: bool = True
 
     def hidden(self, settings: NetworkSettings) -> Hidden:
-        """The hidden layers that the settings ask for."""
+        """The configuration of the hidden layers."""
         form: Any = None if self.first_layer == "auto" else self.first_layer
         rest = (settings.activation, settings.first_std, form, self.bfloat16, settings.recurrent)
         return Hidden(settings.width, *rest)
@@ -123,7 +123,7 @@ class Build:
 def network_loader(
     network_of: Callable[[Any, Player, Build], Network],
 ) -> Callable[[Any, Player, dict[str, Any], bool], Policy]:
-    """What makes a policy, on the CPU, of the state of a learner whose networks `network_of` makes.
+    """A function that makes a policy, on the CPU, from the state of a learner.
 
     It raises one of `MISFITS` for the state of other settings.
     """
@@ -137,23 +137,23 @@ def network_loader(
 
 
 def clip_gradients(parameters: list[torch.nn.Parameter], most: float) -> None:
-    """Scale gradients down to the norm `most`: torch's `clip_grad_norm_`, in three operations.
+    """Clip gradients to the norm `most`: torch's `clip_grad_norm_`, in three operations.
 
     Args:
-        parameters: whose gradients.
-        most: the norm.
+        parameters: with gradients.
+        most: the largest norm.
     """
     gradients: Any = [weight.grad for weight in parameters if weight.grad is not None]
     norm = torch.linalg.vector_norm(torch.stack(torch._foreach_norm(gradients)))
     scale = (most / (norm + 1e-6)).clamp(max=1.0)
-    if not scale.is_cpu or float(scale) != 1.0:  # a GPU is not waited for
+    if not scale.is_cpu or float(scale) != 1.0:  # no synchronisation with a GPU
         torch._foreach_mul_(gradients, scale)
 
 
 def step_adam(optimizer: torch.optim.Adam) -> None:
-    """`optimizer.step()` of a fused Adam, without all that it looks up every time on the CPU.
+    """`optimizer.step()` of a fused Adam on the CPU, without its repeated lookups.
 
-    That takes several times as long as the step itself of a network of 128 units.
+    These take several times as long as the step itself for a network of 128 units.
     """
     group, state = optimizer.param_groups[0], optimizer.state
     weights = group["params"]
@@ -178,23 +178,22 @@ def step_adam(optimizer: torch.optim.Adam) -> None:
 
 
 class NetworkLearner:
-    """What the learners with a network and Adam share.
+    """The common part of learners with a network and Adam.
 
     Args:
         settings: the hyperparameters.
-        env: the games.
-        network: what learns.
-        device: where it lives.
+        env: the training environment.
+        network: the trained network.
+        device: of the network.
 
     Attributes:
-        average: makes tensors their means over the processes that learn these weights; None where
-            there is one.
+        average: replaces tensors by their means over data parallel processes; None for one process.
     """
 
     average: Callable[[list[torch.Tensor]], None] | None = None
 
     def __init__(
-        self, settings: NetworkSettings, env: Games, network: Network, device: str
+        self, settings: NetworkSettings, env: VecEnv, network: Network, device: str
     ) -> None:
         self.env, self.network, self.device = env, network, device
         self._descent = settings
@@ -205,16 +204,16 @@ class NetworkLearner:
 
     @property
     def update_form(self) -> str:
-        """What computes a gradient step: "torch", or "fused" kernels of ours."""
+        """The form of the gradient steps: "torch", or "fused" kernels."""
         return "torch"
 
     def annealed(self, value: float, progress: float) -> float:
-        """`value` on its way to 0, where the settings want that."""
+        """`value` annealed linearly to 0 if the settings say so."""
         return linear(value, 0.0, progress) if self._descent.anneal else value
 
     def descend(self, loss: torch.Tensor) -> None:
-        """One step of Adam, with the gradient scaled down to `max_grad_norm`."""
-        # To list a network's parameters takes longer than the norm of a gradient.
+        """One step of Adam, with the gradient clipped to the norm `max_grad_norm`."""
+        # Listing a network's parameters takes longer than the norm of a gradient.
         weights = self.optimizer.param_groups[0]["params"]
         for weight in weights:
             weight.grad = None
@@ -222,23 +221,23 @@ class NetworkLearner:
         self.descend_by_gradients()
 
     def descend_by_gradients(self) -> None:
-        """One step of Adam with the gradients that all weights have, scaled down likewise."""
+        """One step of Adam with the gradients in `grad`, clipped likewise."""
         weights = self.optimizer.param_groups[0]["params"]
         if self.average is not None:
             self.average([weight.grad for weight in weights if weight.grad is not None])
         clip_gradients(weights, self._descent.max_grad_norm)
         step_adam(self.optimizer)
-        # A fused step does not count as a change of the weights, which cached tables of a policy
-        # are compared by.
+        # Cached tables of a policy compare the versions of the weights, which a fused step does not
+        # increment.
         torch.autograd.graph.increment_version(weights)
 
     def set_schedules(self, progress: float) -> None:
-        """Set learning rates, and of who learns from rollouts the discount, to those of now:
-        `progress` in [0, 1] through the budget."""
+        """Set learning rates and, for rollout learners, the discount; `progress` in [0, 1] of the
+        budget."""
         self.optimizer.param_groups[0]["lr"] = self.annealed(self._descent.learning_rate, progress)
 
     def policy(self, greedy: bool = True) -> Policy:
-        """The network as the player."""
+        """The policy of the player with this network."""
         return self.env.player.policy(self.network, greedy)
 
     def state_dict(self) -> dict[str, Any]:
@@ -250,17 +249,17 @@ class NetworkLearner:
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Take them back."""
+        """Restore the state."""
         self.network.load_state_dict(state["network"])
         self.optimizer.load_state_dict(state["optimizer"])
         self.frames = state["frames"]
 
     def close(self) -> None:
-        """Nothing is held open."""
+        """There is nothing to release."""
 
 
 def means(logged: list[dict[str, torch.Tensor]]) -> dict[str, float]:
-    """The mean of every figure over the gradient steps."""
+    """The mean of every logged value over the gradient steps."""
     return {
         name: float(torch.stack([figures[name] for figures in logged]).mean())
         for name in (logged[0] if logged else ())

@@ -1,4 +1,4 @@
-"""What the learners that replay share: the buffer with its checkpoint, and rounds."""
+"""The common part of off-policy learners: the replay buffer and the update loop."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import torch
 
 from curricula import linear
 from train.algorithms.collector import Collector, Columns
-from train.algorithms.learner import Games, NetworkLearner, has_masks, means
+from train.algorithms.learner import NetworkLearner, VecEnv, has_masks, means
 from train.algorithms.prioritized import Priorities
 from train.algorithms.replay import Batch, Replay, n_step_rows
 from train.networks.policy import Network
@@ -16,23 +16,23 @@ from train.settings.off_policy import ReplaySettings
 
 
 class OffPolicyLearner(NetworkLearner):
-    """Rounds of a rollout into the replay buffer and `gradient_steps` from it.
+    """Each iteration adds a rollout to the replay buffer and takes `gradient_steps`.
 
-    A learner says how it explores (`explore`) and what a gradient step is (`learn`).
+    Subclasses implement exploration (`explore`) and the gradient step (`learn`).
 
     Args:
         settings: the hyperparameters.
-        env: the games.
-        network: what acts.
-        collector: plays the games.
-        device: where the networks live.
+        env: the training environment.
+        network: chooses the actions.
+        collector: collects the rollouts.
+        device: of the networks.
         seed: of the draws from the replay buffer.
     """
 
     def __init__(
         self,
         settings: ReplaySettings,
-        env: Games,
+        env: VecEnv,
         network: Network,
         collector: Collector,
         device: str,
@@ -48,27 +48,27 @@ class OffPolicyLearner(NetworkLearner):
 
     @property
     def learning(self) -> bool:
-        """Whether there is enough in the buffer to learn from."""
+        """Whether gradient steps are taken yet."""
         enough = len(self.replay) >= self.replayed.batch_size
         return enough and self.frames >= self.replayed.learning_starts
 
     def explore(self, progress: float) -> dict[str, float]:
-        """Settle how the next rollout explores; figures for the log."""
+        """Set the exploration of the next rollout; values for the log."""
         raise NotImplementedError
 
     def learn(self, batch: Batch) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
-        """A gradient step: the sizes of errors [batch], detached, and figures for the log."""
+        """A gradient step: |errors| [batch], detached, and values for the log."""
         raise NotImplementedError
 
     def iterate(self, progress: float) -> dict[str, float]:
-        """Play one rollout into the buffer, and take `gradient_steps` from it."""
+        """Collect one rollout into the buffer, and take `gradient_steps` from it."""
         settings = self.replayed
         self.set_schedules(progress)
         figures = self.explore(progress)
         if settings.prioritized:  # Schaul et al. (2016), section 3.4
             ends = settings.importance_exponent, settings.importance_exponent_end
             self.beta = linear(*ends, progress)
-        self.remember(self.collector.rollout())
+        self.store(self.collector.rollout())
         if not self.learning:
             return figures
         logged: list[dict[str, torch.Tensor]] = []
@@ -81,23 +81,23 @@ class OffPolicyLearner(NetworkLearner):
         return {**figures, **means(logged)}
 
     def sample(self) -> Columns:
-        """A minibatch from the buffer, where the networks live."""
+        """A minibatch from the buffer, on the device of the networks."""
         batch = self.replay.draw(self.replayed.batch_size, self.beta)
         if self.device == "cpu":
             return batch
         return {name: column.to(self.device) for name, column in batch.items()}
 
-    def remember(self, rollout: Columns) -> None:
-        """Put the transitions of a rollout [games, steps] into the buffer, n steps in one."""
+    def store(self, rollout: Columns) -> None:
+        """Add the n-step transitions of a rollout [games, steps] to the buffer."""
         self.frames += rollout["reward"].numel()
         self.replay.extend(n_step_rows(rollout, self.replayed.gamma, self.replayed.n_steps))
 
     def state_dict(self) -> dict[str, Any]:
-        """Everything, the replay buffer and its priorities included."""
+        """The state, with the replay buffer and its priorities."""
         return super().state_dict() | {"updates": self.updates} | self.replay.state_dict()
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Take it all back."""
+        """Restore the state."""
         super().load_state_dict(state)
         self.updates = state["updates"]
         self.replay.load_state_dict(state)

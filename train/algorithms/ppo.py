@@ -1,4 +1,4 @@
-"""Proximal policy optimisation: one iteration, top to bottom."""
+"""Proximal policy optimisation (PPO)."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import torch
 
 from pursuit.observations.masks import ACTION_MASK
 from train.algorithms.fused_rollouts import Frames, select
-from train.algorithms.learner import Build, Games, means
+from train.algorithms.learner import Build, VecEnv, means
 from train.algorithms.rollouts import Figures, RolloutLearner, actor_critic_of
 from train.networks.actor_critic import ActorCritic
 from train.networks.distributions import DISTRIBUTION
@@ -21,21 +21,21 @@ class PPO(RolloutLearner):
     """Schulman et al. (2017) with generalised advantages (Schulman et al., 2016).
 
     Args:
-        settings: the hyperparameters; without `critic` every value is 0 and lambda is 1, so that
+        settings: the hyperparameters. Without `critic` values are 0 and lambda is 1, so that
             advantages are discounted returns.
-        env: the games.
+        env: the training environment.
         network: policy and value.
-        device: where the network lives.
-        fused: False computes everything by torch, whatever is possible.
+        device: of the network.
+        fused: whether the fused update is used where possible.
 
     Attributes:
-        kl_coef: of the divergence penalty; adapted after each rollout where there is a target.
+        kl_coef: weight of the KL penalty; adapted after each rollout if there is a target.
     """
 
     def __init__(
         self,
         settings: PPOSettings,
-        env: Games,
+        env: VecEnv,
         network: ActorCritic,
         device: str = "cpu",
         fused: bool = True,
@@ -55,11 +55,11 @@ class PPO(RolloutLearner):
         self.kl_coef = settings.kl_coef if penalised else 0.0
 
     def iterate(self, progress: float) -> dict[str, float]:
-        """Collect one rollout and learn from it; `progress` in [0, 1] through the budget.
+        """Collect one rollout and learn from it; `progress` in [0, 1] of the budget.
 
-        `self.update` collects and computes gradients. By torch it is `TorchUpdate`, whose loss is
-        `ppo_loss` below; for small networks on the CPU it is `FusedUpdate`, which computes the same
-        by kernels (`RolloutLearner._choose_update` says when).
+        `self.update` collects and computes gradients: `TorchUpdate` with the loss `ppo_loss` below,
+        or for small networks on the CPU `FusedUpdate`, which computes the same with kernels
+        (`RolloutLearner._choose_update` selects it).
 
         Returns:
             Means over the gradient steps: the losses, the entropy, the clipped share and so on.
@@ -72,9 +72,9 @@ class PPO(RolloutLearner):
             self.annealed(settings.entropy_coef, progress),
             kl_coef=self.kl_coef,
         )
-        frames = self.collect()  # with their advantages
+        frames = self.collect()  # with advantages
         rows = len(frames["advantage"])
-        # Idle agents of a team leave fewer frames than were collected.
+        # A team with idle agents gives fewer frames than were collected.
         size = min(max(settings.minibatch_size // self.frames_of_row, 1), rows)
         logged: list[Figures] = []
         for _ in range(settings.epochs):
@@ -90,7 +90,7 @@ class PPO(RolloutLearner):
     def loss(
         self, minibatch: Frames, coefficients: LossCoefficients
     ) -> tuple[torch.Tensor, Figures]:
-        """`ppo_loss`: what the torch update minimises, and the fused one computes by kernels."""
+        """`ppo_loss`, which the torch update minimises; the fused one has kernels for it."""
         return ppo_loss(self.network, minibatch, coefficients)
 
     def _adapt_kl_coef(self, found: torch.Tensor) -> None:
@@ -104,11 +104,11 @@ class PPO(RolloutLearner):
             self.kl_coef *= 0.5
 
     def state_dict(self) -> dict[str, Any]:
-        """Weights, Adam's moments, the frames and the weight of the divergence."""
+        """The state, with the weight of the KL penalty."""
         return {**super().state_dict(), "kl_coef": self.kl_coef}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Take them back."""
+        """Restore the state."""
         super().load_state_dict(state)
         self.kl_coef = state["kl_coef"]
 
@@ -118,21 +118,21 @@ def ppo_loss(
 ) -> tuple[torch.Tensor, Figures]:
     """The clipped surrogate objective with value loss and entropy bonus, to be minimised.
 
-    Equal to TorchRL's `ClipPPOLoss` with `normalize_advantage=True` and squared value errors, and
-    tested against it; its fixed cost held training of 128x128 networks to 0.7 of the speed. With
-    `kl_coef` the penalty of `KLPENPPOLoss` is added, as RLlib's PPO does.
+    Equal to TorchRL's `ClipPPOLoss` with `normalize_advantage=True` and squared value errors
+    (tested), whose fixed cost reduced training of 128x128 networks to 0.7 of the speed. With
+    `kl_coef` the penalty of `KLPENPPOLoss` is added, as in RLlib's PPO.
 
     Args:
         network: policy and value.
-        minibatch: what `ActorCritic.through` takes, with what was drawn ("action", or "drawn"
-            before tanh), "action_log_prob", "advantage" and "value_target"; with `kl_coef` the
-            "distribution" that it was drawn from; with masks "action_mask".
-        coefficients: of the parts of the loss.
+        minibatch: the columns that `ActorCritic.forward_sequence` takes, with "action" (continuous
+            actions: "drawn", before tanh), "action_log_prob", "advantage" and "value_target"; with
+            `kl_coef` the "distribution" of the collecting policy; with masks "action_mask".
+        coefficients: of the terms of the loss.
 
     Returns:
-        The loss, and its parts for the log, detached.
+        The loss, and its terms for the log, detached.
     """
-    hidden, value_hidden, minibatch = network.through(minibatch)
+    hidden, value_hidden, minibatch = network.forward_sequence(minibatch)
     output = network.policy_head(hidden)
     distribution = network.distribution(output, minibatch.get(ACTION_MASK, None))
     advantage = minibatch["advantage"]
@@ -160,7 +160,7 @@ def ppo_loss(
     return total, {name: value.detach() for name, value in parts.items()}
 
 
-def build(settings: PPOSettings, env: Games, how: Build) -> PPO:
-    """The learner over its games."""
+def build(settings: PPOSettings, env: VecEnv, how: Build) -> PPO:
+    """A PPO learner for an environment."""
     network = actor_critic_of(settings, env.player, how)
     return PPO(settings, env, network, how.device, how.fused)

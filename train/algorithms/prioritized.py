@@ -1,9 +1,9 @@
-"""Prioritised replay (Schaul et al., 2016): what is drawn how often, and by which weight it counts.
+"""Prioritised replay (Schaul et al., 2016): sampling probabilities and importance weights.
 
-A transition of the error e has the priority (|e| + EPSILON) ** alpha, is drawn in proportion to it,
-and counts in the loss by (priority / smallest priority) ** -beta. These are the formulas of
-TorchRL's `PrioritizedSampler`, and from the same random numbers the same is drawn. Its trees need a
-compiled extension that not every torch can load; ours are compiled by Numba.
+A transition with error e has the priority (|e| + EPSILON) ** alpha, is drawn in proportion to it,
+and has the weight (priority / smallest priority) ** -beta in the loss. These are the formulas of
+TorchRL's `PrioritizedSampler`, with the same draws for the same random numbers. Its trees need a
+compiled extension that does not load with every version of torch; ours are compiled by Numba.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ EPSILON = 1e-8
 
 @compiled
 def set_leaves(sums: Any, minima: Any, index: Any, values: Any) -> None:
-    """Write leaves of both trees, and all that depends on them.
+    """Write leaves of both trees, and update their ancestors.
 
     Node 1 is the root, node i has the children 2i and 2i + 1, and the leaves are the second half.
 
     Args:
         sums, minima: [2 * size] float64.
-        index: [n] int64, of the leaves; of one that is named twice the last value counts.
+        index: [n] int64, of the leaves; for repeated ones the last value is used.
         values: [n] float32.
     """
     size = sums.shape[0] // 2
@@ -42,7 +42,7 @@ def set_leaves(sums: Any, minima: Any, index: Any, values: Any) -> None:
 
 @compiled
 def find_leaves(sums: Any, masses: Any, index: Any) -> None:
-    """The first leaf up to which, itself included, the sum is above each mass.
+    """For each mass, the first leaf at which the cumulative sum exceeds it.
 
     Args:
         sums: [2 * size] float64.
@@ -54,7 +54,7 @@ def find_leaves(sums: Any, masses: Any, index: Any) -> None:
         left, node = float(masses[number]), 1
         while node < size:
             node *= 2
-            # A right half without any priority is never entered, whatever rounding did to `left`.
+            # A right half without any priority is never entered, whatever the rounding of `left`.
             if left >= sums[node] and sums[node + 1] > 0.0:
                 left -= sums[node]
                 node += 1
@@ -62,7 +62,7 @@ def find_leaves(sums: Any, masses: Any, index: Any) -> None:
 
 
 def priority(errors: torch.Tensor, alpha: float) -> torch.Tensor:
-    """[n] from the sizes of errors [n]."""
+    """[n] priorities of absolute errors [n]."""
     return (errors + EPSILON) ** alpha
 
 
@@ -71,11 +71,10 @@ class Priorities:
 
     Args:
         capacity: rows.
-        alpha: how much errors count; 0 draws uniformly.
+        alpha: exponent of the priorities; 0 draws uniformly.
 
     Attributes:
-        largest: error that was ever seen, which rows have before they are first drawn; None before
-            the first row.
+        largest: the largest |error| so far, which new rows start with; None before the first row.
     """
 
     def __init__(self, capacity: int, alpha: float) -> None:
@@ -86,13 +85,13 @@ class Priorities:
         self.largest: torch.Tensor | None = None
 
     def begin(self, index: torch.Tensor) -> None:
-        """New rows [n] int64: they count as much as the largest error."""
+        """Give new rows [n] int64 the priority of the largest error."""
         if self.largest is None:
             self.largest = torch.ones(())
         self._set(index, priority(self.largest, self.alpha).expand(len(index)))
 
     def update(self, index: torch.Tensor, errors: torch.Tensor) -> None:
-        """The sizes of errors [n] float32 that were found in rows [n] int64."""
+        """Set the absolute errors [n] float32 of rows [n] int64."""
         most = errors.max()
         self.largest = most if self.largest is None else torch.maximum(self.largest, most)
         self._set(index, priority(errors, self.alpha))
@@ -103,8 +102,8 @@ class Priorities:
         """Rows [count] int64 and their weights [count] float32.
 
         Args:
-            count: how many.
-            rows: that there are.
+            count: number of draws.
+            rows: number of rows in the buffer.
             beta: the exponent of the weights.
             generator: of random numbers.
         """
@@ -116,11 +115,11 @@ class Priorities:
         return index, (found / float(self.minima[1])) ** -beta
 
     def read(self, rows: int) -> torch.Tensor:
-        """[rows] float32."""
+        """[rows] float32 priorities."""
         return self.sums[self.size : self.size + rows].float()
 
     def write(self, values: torch.Tensor) -> None:
-        """Take the first of them [n] float32."""
+        """Set the priorities of the first rows, [n] float32."""
         self._set(torch.arange(len(values)), values)
 
     def _set(self, index: torch.Tensor, values: torch.Tensor) -> None:

@@ -1,4 +1,4 @@
-"""Tabular Q-learning over the exact states of a game, compiled."""
+"""Tabular Q-learning over the exact states of a game, with compiled kernels."""
 
 from __future__ import annotations
 
@@ -23,32 +23,32 @@ from train.settings.algorithms import QLearningSettings
 from train.settings.checks import check
 
 MAX_STATES = 20_000_000
-"""More make no table: with four actions these are 320 MB, and as much for the visits."""
+"""Limit of the table's size: with four actions 320 MB, and as much for the visits."""
 
 STEPS_PER_ITERATION = 64
 EXPLORATION_SEEDS = 2**63
-"""Seeds from here on are those of exploration; games have lower ones, whatever they are for."""
+"""Exploration uses seeds from here on; games have lower ones."""
 
 
 class StateNumbers:
-    """Numbers the states of a task's games.
+    """Enumerates the states of a task's games.
 
     Args:
-        task: one maze; any roles.
+        task: with one maze.
 
     Raises:
         ValueError: several mazes, or more than MAX_STATES states.
 
     Attributes:
-        count: states, those that no game reaches included.
-        goal_sets: number of sets with 0, 1, ... remaining goals, in the order of their numbers.
+        count: number of states, including unreachable ones.
+        goal_sets: number of sets with 0, 1, ... remaining goals, in the order of enumeration.
     """
 
     def __init__(self, task: Task) -> None:
         if len(task.mazes) != 1:
             raise ValueError(
-                f"q_learning has a table for one maze, and this task has {len(task.mazes)}; "
-                "take one maze, or a learner with a network"
+                f"q_learning needs a single maze, and this task has {len(task.mazes)}; use one "
+                "maze, or an algorithm with a network"
             )
         self.task, self.cells = task, task.mazes[0].num_cells
         goals, cells = task.num_goals, self.cells
@@ -56,8 +56,9 @@ class StateNumbers:
         self.count = base**task.num_agents * sum(comb(cells, g) for g in range(goals + 1))
         if self.count > MAX_STATES:
             raise ValueError(
-                f"q_learning would need a table of {self.count:,} states, and {MAX_STATES:,} are "
-                "the most; take a smaller maze, fewer agents or goals, or a learner with a network"
+                f"q_learning needs a table of {self.count:,} states, and the limit is "
+                f"{MAX_STATES:,}; use a smaller maze, fewer agents or goals, or an algorithm with "
+                "a network"
             )
         self.goal_sets = [comb(cells, k) for k in range(goals + 1)]
         binomials = np.array(
@@ -67,34 +68,34 @@ class StateNumbers:
         self.for_kernels = (cells, binomials)
 
     def __call__(self, games: Games) -> NDArray[np.int64]:
-        """[games] int64, the state of every game."""
+        """[games] int64, the state number of every game."""
         states = np.empty(len(games.steps), dtype=np.int64)
         self.renumber(games, np.ones(len(states), dtype=bool), states)
         return states
 
     def renumber(self, games: Games, chosen: NDArray[np.bool_], states: NDArray[np.int64]) -> None:
-        """Write the states of the `chosen` games into `states` [games]."""
+        """Write the state numbers of the `chosen` games into `states` [games]."""
         number_states(*games, *self.for_kernels, chosen, states)
 
 
 def check_player(settings: QLearningSettings, seat: Seat) -> None:
-    """ValueError for a task without a table, limited sight, or values that grow without bound."""
+    """ValueError for a task without a table, a limited view, or unbounded values."""
     if seat.task.hides_from(seat.agent):
         raise ValueError(
-            f"q_learning has a table over the states of the game, so it would see what the limited "
-            f"sight of {seat.agent} hides; take another algorithm, or leave its sight unlimited"
+            f"q_learning has a table over all states, which ignores the limited view of "
+            f"{seat.agent}; use another algorithm, or an unlimited view"
         )
     StateNumbers(seat.task)
-    paid = seat.task.role_rewards[seat.role]
-    if settings.gamma >= 1.0 and (paid.step > 0.0 or paid.distance > 0.0):
+    rewards = seat.task.role_rewards[seat.role]
+    if settings.gamma >= 1.0 and (rewards.step > 0.0 or rewards.distance > 0.0):
         raise ValueError(
-            f"gamma={settings.gamma}, and {seat.agent} is paid for every step: without a discount "
-            "its values grow without bound; lower it, to 0.95, say"
+            f"gamma={settings.gamma}, and {seat.agent} has a positive reward at every step, so its "
+            "values are unbounded; use a lower gamma, such as 0.95"
         )
 
 
 def initial_values(numbers: StateNumbers, optimism: float) -> NDArray[np.float64]:
-    """[states, actions] float64: `optimism` for every goal that is left; without goals, once."""
+    """[states, actions] float64: `optimism` for every remaining goal; without goals, once."""
     task = numbers.task
     if task.num_goals == 0:
         return np.full((numbers.count, task.num_actions), optimism)
@@ -104,19 +105,19 @@ def initial_values(numbers: StateNumbers, optimism: float) -> NDArray[np.float64
 
 
 def allowed_in(task: Task, mask_bumps: bool) -> NDArray[np.bool_]:
-    """[cells, actions]: what may be done in a cell of the one maze."""
+    """[cells, actions]: the allowed actions in each cell of the one maze."""
     masks = bump_masks(task.mazes[0], task.num_actions)
     return masks if mask_bumps else np.ones_like(masks)
 
 
 class QTablePolicy:
-    """The greedy policy of a table, live: it follows the table as that changes.
+    """The greedy policy of a table; it follows changes of the table.
 
     Args:
         task: the task that it was learned in.
-        agent: whose seat it fills, by name or role.
+        agent: name or role.
         q_values: [states, actions] float64.
-        mask_bumps: whether moves into walls are forbidden to it.
+        mask_bumps: whether moves into walls are masked.
     """
 
     def __init__(
@@ -126,7 +127,7 @@ class QTablePolicy:
         self.numbers, self.allowed = StateNumbers(task), allowed_in(task, mask_bumps)
 
     def _best(self, games: Games, number: int) -> NDArray[np.int64]:
-        """[games] the best action of what is allowed to the agent of that number."""
+        """[games] the best allowed action of the agent with index `number`."""
         values = self.q_values[self.numbers(games)]
         return np.where(self.allowed[games.position[:, number]], values, -np.inf).argmax(axis=1)
 
@@ -140,13 +141,13 @@ class QTablePolicy:
         same = ("num_chasers", "num_evaders", "num_runners", "num_goals", "stay_action")
         if own.mazes != other.mazes or any(getattr(own, n) != getattr(other, n) for n in same):
             raise ValueError(
-                f"a table learned in task {own.name!r} on {own.mazes[0].name} fits no other mazes, "
-                "agents, goals or actions"
+                f"a table learned in task {own.name!r} on {own.mazes[0].name} needs the same maze, "
+                "agents, goals and actions"
             )
         if other.hides_from(view.seat):
             raise ValueError(
-                f"a table over the states of task {own.name!r} sees everything, and "
-                f"{other.agent_names[view.seat]} does not here: leave its sight unlimited"
+                f"a table over the states of task {own.name!r} needs full observability, and the "
+                f"view of {other.agent_names[view.seat]} is limited; use an unlimited view"
             )
         return self._best(view.games, view.seat).astype(np.int32)
 
@@ -154,25 +155,25 @@ class QTablePolicy:
         """[self cell, other cell, action] float64: 1 for the greedy action.
 
         Raises:
-            ValueError: it was not learned one against one in this maze, or with other actions.
+            ValueError: not a duel in this maze with these actions.
         """
         task = self.task
         if not task.is_duel or task.mazes != (maze,) or task.stay_action != stay_action:
             raise ValueError(
                 f"a table learned in task {task.name!r} on {task.mazes[0].name} with "
-                f"{task.num_actions} actions is none over pairs of cells of this maze; only one "
-                "chaser against one evader is"
+                f"{task.num_actions} actions is not a table over pairs of cells of this maze; use "
+                "one of a chaser against an evader in it"
             )
         best = self._best(pairs_of_cells(task, maze, self.agent), task.seat(self.agent))
         return np.eye(task.num_actions)[best].reshape(maze.num_cells, maze.num_cells, -1)
 
 
 class QLearning:
-    """Watkins (1989), many games in step over one table.
+    """Watkins (1989), with parallel games that share one table.
 
     Args:
         settings: the hyperparameters.
-        env: the games; its simulator is stepped directly.
+        env: the training environment; its simulator is stepped directly.
         seed: of the exploration.
 
     Raises:
@@ -236,9 +237,9 @@ class QLearning:
         return {"epsilon": epsilon, "td_error": error / STEPS_PER_ITERATION}
 
     def policy(self, greedy: bool = True) -> QTablePolicy:
-        """The greedy policy; ValueError for another, as action values are no distribution."""
+        """The greedy policy; otherwise ValueError, as action values are not a distribution."""
         if not greedy:
-            raise ValueError("q_learning learns no distribution; take the greedy policy")
+            raise ValueError("q_learning learns no distribution; use the greedy policy")
         seat = self.env.player
         return QTablePolicy(seat.task, seat.agent, self.q_values, seat.mask_bumps)
 
@@ -252,25 +253,25 @@ class QLearning:
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Take them back; ValueError where the table has another shape."""
+        """Restore the state; ValueError where the table has another shape."""
         self.q_values[:] = state["q_values"].numpy()
         self.visits[:] = state["visits"].numpy().view(np.uint32)
         self._streams[:] = state["streams"].numpy().view(np.uint64)
         self.frames = state["frames"]
 
     def close(self) -> None:
-        """Nothing is held open."""
+        """There is nothing to release."""
 
 
 def build(settings: QLearningSettings, env: SimulatorEnv, how: Build) -> QLearning:
-    """The learner over its games."""
+    """A Q-learning learner for an environment."""
     return QLearning(settings, env, how.seed)
 
 
 def load(
     settings: QLearningSettings, seat: Seat, state: dict[str, Any], greedy: bool = True
 ) -> QTablePolicy:
-    """The policy in what `QLearning.state_dict` gave; ValueError for a table of another shape."""
+    """The policy in a `QLearning.state_dict`; ValueError for a table of another shape."""
     shape = (StateNumbers(seat.task).count, seat.num_actions)
     check(state["q_values"].shape == shape, "a table of another shape")
     return QTablePolicy(seat.task, seat.agent, state["q_values"].numpy(), seat.mask_bumps)

@@ -1,4 +1,4 @@
-"""Compiled kernels of tabular Q-learning: numbers of states, choices, and what is learned."""
+"""Compiled kernels of tabular Q-learning: state numbers, action choice, and updates."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def number_state(games: Games, game: int, cells: int, binomials: Any) -> Any:
     for goal in range(goals):
         cell = games.goal[game, goal]
         if cell >= 0:
-            # A goal's rank is counted instead of sorted for: no branch depends on the order.
+            # The rank of a goal is counted instead of sorting: no branch depends on the order.
             rank = 1
             for other in range(goals):
                 beside = games.goal[game, other]
@@ -52,14 +52,14 @@ def number_states(
 ) -> None:
     """The state number of every game that is `chosen`.
 
-    Agents are digits of base `cells` (+ 1 for a captured one, where there are several evaders); the
-    remaining goals are a set, numbered in the combinatorial number system: their order is nothing.
+    Agents are digits of base `cells` (+ 1 for a captured one, where there are several evaders). The
+    remaining goals are an unordered set, numbered in the combinatorial number system.
 
     Args:
         position, active, event, goal, steps, maze: the arrays of `pursuit.rules.Games`.
         cells: of the task's maze.
         binomials: [cells + 2, goals + 1] int64, n over k; in the last row the number of sets.
-        chosen: [games] bool; the states of others stay as they are.
+        chosen: [games] bool; the states of others are not written.
         states: [games] int64, out.
     """
     games = Games(position, active, event, goal, steps, maze)
@@ -75,7 +75,7 @@ def choose_actions(
 ) -> None:  # fmt: skip
     """Epsilon-greedy actions of all games, into column `seat`; the lowest of equal actions.
 
-    Only those that are `allowed` [cells, actions] in the cell of the seat.
+    Only actions that are `allowed` [cells, actions] in the agent's cell.
     """
     num_actions = q_values.shape[1]
     for game in range(states.shape[0]):
@@ -102,21 +102,21 @@ def learn(
     ended_by_rule: Any, ended_by_time: Any, done: Any, gamma: float, learning_rate: float,
     power: float,
 ) -> tuple[float, int]:  # fmt: skip
-    """One update for each game, one after the other (Watkins, 1989).
+    """One update for each game in sequence (Watkins, 1989).
 
     Args:
         q_values, visits: [states, actions].
         position, active, event, goal, steps, maze: the arrays of the games after the step.
         numbering: cells and binomials, as `number_states` takes them.
-        allowed: [cells, actions] bool, what may be done in a cell: the next action is one of those.
-        states: [games] int64, before the step; the ones after it are written in their place.
-        actions, seat, rewards: what the learner did and earned.
+        allowed: [cells, actions] bool, the allowed actions, also for the next action.
+        states: [games] int64 before the step; overwritten by those after it.
+        actions, seat, rewards: the learner's actions, agent index and rewards.
         ended_by_rule, ended_by_time: [games] bool; the truncated games are bootstrapped.
-        done: [games] bool, out: whose episode is over, for the game or for a captured learner.
+        done: [games] bool, out: whether the episode ended, for the game or for the learner.
         gamma, learning_rate, power: the step size is learning_rate / visits ** power.
 
     Returns:
-        The mean |error|, and the number of games that are done.
+        The mean |error|, and the number of ended episodes.
     """
     games = Games(position, active, event, goal, steps, maze)
     cells, binomials = numbering

@@ -1,8 +1,8 @@
-"""The algorithms by name: their settings, how each is built and loaded, and what it can do.
+"""The algorithms by name: settings, construction, loading and abilities.
 
-A new learner is a file with its settings, its class and its `build`, and one entry here; command
-line, run folders, sweeps and reports follow. A user's own is an `Algorithm` in a module of his, and
-is called `package.module:Name`.
+To add an algorithm, write a file with its settings, its class and its `build`, and one entry here;
+command line, run folders, sweeps and reports use the entry. A user-defined algorithm is an
+`Algorithm` in any module, named `package.module:Name`.
 """
 
 from __future__ import annotations
@@ -24,22 +24,22 @@ __all__ = ["ALGORITHMS", "Algorithm", "Build", "entry", "register"]
 
 @dataclass(frozen=True)
 class Algorithm:
-    """What is known of an algorithm before it is built.
+    """The description of an algorithm.
 
     Attributes:
         name: on the command line and in `config.json`.
         settings: the class of its hyperparameters.
-        build: (settings, env, Build) -> the learner over its games.
-        load: (settings, player, state, greedy) -> the policy in what the learner's `state_dict`
-            gave, on the CPU; KeyError or RuntimeError for a state of other settings.
-        learns_distribution: whether there is a policy other than the greedy one.
-        has_advantages: it tells them to the hook of its games.
-        self_play: it can learn against an opponent that learns.
-        teams: it can learn for several agents of a role at once.
-        tabular: it has a table over the states of one maze, and no network.
-        recurrent: its network can remember (`recurrent` of its settings).
-        actions: the kinds of actions that it can learn: "discrete", "continuous".
-        check_player: (settings, player) raises ValueError for a player that it cannot learn to be.
+        build: (settings, env, Build) -> the learner for an environment.
+        load: (settings, player, state, greedy) -> the policy in a learner's `state_dict`, on the
+            CPU; KeyError or RuntimeError for a state of other settings.
+        learns_distribution: whether it has a stochastic policy.
+        has_advantages: whether it reports advantages to the hook of its environment.
+        self_play: whether it can learn against a learning opponent.
+        teams: whether it can learn for several agents of a role.
+        tabular: whether it has a table over the states of one maze, and no network.
+        recurrent: whether its network can be recurrent.
+        actions: the kinds of actions that it supports: "discrete", "continuous".
+        check_player: (settings, player) raises ValueError for an unsupported player.
     """
 
     name: str
@@ -56,31 +56,31 @@ class Algorithm:
     check_player: Callable[[Any, Any], object] = lambda settings, player: None
 
     def check(self, settings: Hyperparameters, player: Player, device: str, greedy: bool) -> None:
-        """Raise ValueError for what it cannot do.
+        """ValueError for unsupported settings or players.
 
         Args:
-            settings: of its own.
-            player: who learns.
-            device: where its network is to be.
+            settings: its hyperparameters.
+            player: the learning agent.
+            device: of the network.
             greedy: whether the greedy policy is evaluated.
         """
         self.check_actions(player)
         check(
             greedy or self.learns_distribution,
-            f"evaluate='sampled'; {self.name} learns no distribution over actions",
+            f"evaluate='sampled', but {self.name} learns no distribution; use evaluate='greedy'",
         )
         if self.tabular and isinstance(player, Seat):
             plain = (device, player.encoding, player.frame_stack, player.features.network)
             check(
                 plain == ("cpu", "index", 1, ""),
-                f"{self.name} has a table over states, and no network; it runs on the cpu only: "
-                "leave out device, observation, frame_stack and network",
+                f"{self.name} has a table over states instead of a network, on the cpu: leave out "
+                "device, observation, frame_stack and network",
             )
         self.check_memory(settings, player)
         self.check_player(settings, player)
 
     def check_actions(self, player: Player) -> None:
-        """Raise ValueError where it cannot choose such actions as `player`'s."""
+        """ValueError for actions of an unsupported kind."""
         kind = "continuous" if player.continuous else "discrete"
         in_maze = isinstance(player, Seat)
         able = [
@@ -91,41 +91,41 @@ class Algorithm:
         turned = player.continuous and "discrete" in self.actions and not self.tabular
         check(
             kind in self.actions,
-            f"algorithm={self.name!r} cannot choose {kind} actions; take {' or '.join(able)}"
+            f"algorithm={self.name!r} does not support {kind} actions; use {' or '.join(able)}"
             + (", or discrete_actions=True" if turned else ""),
         )
         check(
             in_maze or not self.tabular,
-            f"algorithm={self.name!r} has a table over the cells of a maze, and there is none "
-            f"here; take {' or '.join(able)}",
+            f"algorithm={self.name!r} has a table over the cells of a maze, which this task does "
+            f"not have; use {' or '.join(able)}",
         )
 
     def check_memory(self, settings: Hyperparameters, player: Player) -> None:
-        """Raise ValueError where `settings` want a memory that it, or the player, cannot have."""
+        """ValueError where a recurrent network is configured but not supported."""
         able = [name for name, other in ALGORITHMS.items() if other.recurrent]
         check(
             settings.recurrent is None or self.recurrent,
-            f"recurrent={settings.recurrent!r}; {self.name} learns no memory: take "
+            f"recurrent={settings.recurrent!r} is not supported by {self.name}; use "
             f"{' or '.join(able)}",
         )
         check(
             settings.recurrent is None or isinstance(player, Seat),
-            f"recurrent={settings.recurrent!r} on an arm, which sees all that there is; leave it "
-            "out",
+            f"recurrent={settings.recurrent!r} is not supported for an arm, which is fully "
+            "observable; leave it out",
         )
 
     def check_self_play(self, role: str, agents: int) -> None:
-        """Raise ValueError unless it can learn for so many agents of `role` in self-play."""
+        """ValueError unless it can learn for this number of agents in self-play."""
         able = [name for name, other in ALGORITHMS.items() if other.self_play]
         check(
             self.self_play,
             f"{role}_algorithm={self.name!r}; of {', '.join(ALGORITHMS)} only "
-            f"{', '.join(able[:-1])} and {able[-1]} learn in self-play",
+            f"{', '.join(able[:-1])} and {able[-1]} support self-play",
         )
         check(
             self.teams or agents == 1,
-            f"{role}_algorithm={self.name!r} with {agents} {role}s; several agents of a role learn "
-            f"by {' or '.join(name for name in able if ALGORITHMS[name].teams)}",
+            f"{role}_algorithm={self.name!r} with {agents} {role}s; for several agents of a role "
+            f"use {' or '.join(name for name in able if ALGORITHMS[name].teams)}",
         )
 
 
@@ -133,21 +133,21 @@ ALGORITHMS: dict[str, Algorithm] = {}
 
 
 def register(algorithm: Algorithm) -> None:
-    """Take an algorithm in.
+    """Add an algorithm to `ALGORITHMS`.
 
     Raises:
-        ValueError: the name stands for other settings already.
+        ValueError: the name is used by another algorithm.
     """
     known = HYPERPARAMETERS.setdefault(algorithm.name, algorithm.settings)
     check(
         known is algorithm.settings and algorithm.name not in ALGORITHMS,
-        f"an algorithm called {algorithm.name!r} is there already; rename one",
+        f"an algorithm named {algorithm.name!r} exists already; use another name",
     )
     ALGORITHMS[algorithm.name] = algorithm
 
 
 def entry(name: str) -> Algorithm:
-    """An algorithm by its name, or a user's own; ValueError naming the known ones for another."""
+    """An algorithm by name, built-in or user-defined; ValueError for an unknown one."""
     if name in ALGORITHMS:
         return ALGORITHMS[name]
     found = LEARNERS.get(name)

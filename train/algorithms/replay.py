@@ -1,4 +1,4 @@
-"""The replay buffer: rows in one piece of memory, the oldest overwritten first."""
+"""The replay buffer: a ring of rows in one block of memory."""
 
 from __future__ import annotations
 
@@ -11,32 +11,31 @@ from train.algorithms.collector import NEXT_MASK, Columns
 from train.algorithms.prioritized import Priorities
 
 ALIGNED = 8
-"""Rows begin at multiples of as many bytes."""
+"""Alignment of rows, in bytes."""
 
 Batch = Mapping[str, torch.Tensor]
-"""Rows that were drawn, [batch, ...] by the names of their columns."""
+"""Drawn rows, [batch, ...] by column name."""
 
 
 def mean(values: torch.Tensor, batch: Batch) -> torch.Tensor:
-    """The mean of [batch] numbers; with prioritised replay by weight, as TorchRL reduces it."""
+    """The mean of [batch] values; with prioritised replay weighted, as in TorchRL."""
     weight = batch.get("priority_weight", None)
     return values.mean() if weight is None else (weight * values).sum() / weight.sum()
 
 
 class Replay:
-    """A ring of rows.
+    """A ring buffer of rows.
 
-    All columns of a row lie side by side, so that a row that is drawn is read at one place in
-    memory, not at one for every column.
+    The columns of a row are contiguous, so that drawing a row reads one block of memory.
 
     Args:
         capacity: rows.
-        generator: of what is drawn, on the CPU.
-        priorities: of the rows; None where all are drawn as often.
+        generator: of the draws, on the CPU.
+        priorities: of the rows; None for uniform sampling.
 
     Attributes:
         capacity, generator, priorities: the arguments.
-        cursor: the row that is written next.
+        cursor: the next row to be written.
     """
 
     def __init__(
@@ -58,7 +57,7 @@ class Replay:
         return self._split(self._memory[: self._filled])
 
     def extend(self, rows: Batch) -> None:
-        """Write rows [n, ...]; of more than there is room for the last ones."""
+        """Write rows [n, ...]; of more than `capacity` the last ones."""
         count = len(next(iter(rows.values())))
         if not self._places:
             self._lay_out(rows)
@@ -81,15 +80,15 @@ class Replay:
         """`count` rows, [count, ...], on the CPU.
 
         Args:
-            count: how many.
+            count: number of rows.
             beta: with priorities, the exponent of the weights.
 
         Returns:
-            The columns; with priorities "index" and "priority_weight" as well.
+            The columns; with priorities also "index" and "priority_weight".
         """
         more: Columns = {}
         if self.priorities is None:
-            # What TorchRL's uniform sampler draws.
+            # The same draws as TorchRL's uniform sampler.
             index = torch.randint(0, self._filled, (count,), generator=self.generator)
         else:
             index, weight = self.priorities.draw(count, self._filled, beta, self.generator)
@@ -97,7 +96,7 @@ class Replay:
         return {**self._split(self._memory.index_select(0, index)), **more}
 
     def update(self, index: torch.Tensor, errors: torch.Tensor) -> None:
-        """Set the priorities of rows [n], by the sizes of errors [n] that were found there."""
+        """Set the priorities of rows [n] by their absolute errors [n]."""
         assert self.priorities is not None
         self.priorities.update(index, errors.cpu())
 
@@ -110,7 +109,7 @@ class Replay:
         }
         if self.priorities is not None:
             values, largest = self.priorities.read(self._filled), self.priorities.largest
-            state["priorities"] = {  # of two trees once, which always had the same leaves
+            state["priorities"] = {  # two equal entries, for the format of checkpoints
                 "sum": values,
                 "min": values,
                 "largest": None if largest is None else float(largest),
@@ -118,7 +117,7 @@ class Replay:
         return state
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Take it back, before anything is written; whether it fits is asked before."""
+        """Restore the state of an empty buffer; the caller checks that it matches."""
         self.generator.set_state(state["generator"])
         if not len(state["replay"].get("action", ())):
             return
@@ -131,7 +130,7 @@ class Replay:
                 self.priorities.largest = torch.tensor(saved["largest"])
 
     def _lay_out(self, rows: Batch) -> None:
-        """Settle where in a row every column lies: the widest numbers first, for alignment."""
+        """Choose the position of every column in a row: widest types first, for alignment."""
         end = 0
         for name, column in sorted(rows.items(), key=lambda item: -item[1].element_size()):
             shape = tuple(column.shape[1:])
@@ -156,23 +155,23 @@ class Replay:
 
 
 def _copied(column: torch.Tensor) -> torch.Tensor:
-    """On the CPU, in memory of its own: torch saves no views of one memory as several types."""
+    """A copy on the CPU: torch cannot save views of one memory with several types."""
     return torch.empty(column.shape, dtype=column.dtype).copy_(column)
 
 
 def n_step_rows(rollout: Columns, gamma: float, n_steps: int) -> Columns:
-    """Transitions [games * steps] of up to `n_steps` rewards each, as a replay buffer holds them.
+    """N-step transitions [games * steps], as rows of a replay buffer.
 
-    A return ends with its episode, or with the rollout, where that is sooner.
+    A return ends with its episode or with the rollout.
 
     Args:
-        rollout: as `Collector` gives it with `keep_next`.
+        rollout: of a `Collector` with `keep_next`.
         gamma: discount of a step.
-        n_steps: rewards in one.
+        n_steps: largest number of rewards of a return.
 
     Returns:
         "observation" and "action" of the step; "reward", the discounted sum; "next_observation",
-        "terminated" and masks of the last step that was counted; "steps" int64, how many were.
+        "terminated" and masks of the last step of the return; "steps" int64, its length.
     """
     reward, done = rollout["reward"], rollout["done"]
     games, steps = reward.shape

@@ -1,4 +1,4 @@
-"""Rollouts of fixed length with their advantages: what PPO and A2C learn from."""
+"""Rollouts of fixed length with advantages, for PPO and A2C."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pursuit.observations.masks import ACTION_MASK
 from train.algorithms.advantages import advantages
 from train.algorithms.collector import Collector, Columns
 from train.algorithms.fused_rollouts import Frames, FusedUpdate, fused_update
-from train.algorithms.learner import Build, Games, NetworkLearner
+from train.algorithms.learner import Build, NetworkLearner, VecEnv
 from train.networks.actor_critic import ActorCritic
 from train.networks.distributions import DISTRIBUTION
 from train.networks.fused_actor_critic import LossCoefficients
@@ -23,7 +23,7 @@ Loss = Callable[[Frames, LossCoefficients], tuple[torch.Tensor, Figures]]
 
 
 def actor_critic_of(settings: ActorCriticSettings, player: Player, build: Build) -> ActorCritic:
-    """A policy and a value of what the player observes, with fresh weights."""
+    """A new actor-critic network for the player."""
     network = ActorCritic(
         player.features,
         player.num_actions,
@@ -35,23 +35,23 @@ def actor_critic_of(settings: ActorCriticSettings, player: Player, build: Build)
 
 
 class TorchUpdate:
-    """Plays rollouts, and differentiates a loss on them by autograd: for any network and games.
+    """Collects rollouts, and computes gradients by autograd, for any network and environment.
 
     Args:
-        env: the games.
+        env: the training environment.
         network: policy and value.
         steps: of every game in a rollout.
         loss: of a minibatch.
-        device: where the network lives.
-        critic: False takes every value as 0.
-        keep_distribution: keep the parameters of the distributions that actions are drawn from.
+        device: of the network.
+        critic: False sets all values to 0.
+        keep_distribution: keep the parameters of the action distributions.
     """
 
     name = "torch"
 
     def __init__(
         self,
-        env: Games,
+        env: VecEnv,
         network: ActorCritic,
         steps: int,
         loss: Loss,
@@ -66,7 +66,7 @@ class TorchUpdate:
         self.collector = Collector(env, self._act, steps, sum(network.sizes), device, value)
 
     def _act(self, seen: Columns, state: torch.Tensor) -> tuple[Columns, torch.Tensor]:
-        """Draws, with what learning needs of them, and the states after them."""
+        """Drawn actions with the columns that learning needs, and the next states."""
         output, value, state = self.network.step(seen["observation"], state)
         distribution = self.network.distribution(output, seen.get(ACTION_MASK, None))
         drawn = distribution.draw()
@@ -84,8 +84,8 @@ class TorchUpdate:
         return self.network.step(observation, state)[1].squeeze(-1)
 
     def collect(self, gamma: float, gae_lambda: float) -> Frames:
-        """A rollout with its advantages: its frames, or of a network that remembers a sequence for
-        every game, as `ActorCritic.through` takes them."""
+        """A rollout with its advantages: frames, or for a recurrent network one sequence for every
+        game, as the input of `ActorCritic.forward_sequence`."""
         rollout = self.collector.rollout()
         if not self.critic:
             rollout["value_after"] = torch.zeros_like(rollout["value"])
@@ -109,7 +109,7 @@ class TorchUpdate:
         return {name: column[~idle.flatten()] for name, column in frames.items()}
 
     def set_gradients(self, minibatch: Frames, coefficients: LossCoefficients) -> Figures:
-        """The gradients of the loss, into `grad` of all weights; figures for the log."""
+        """Writes the gradients of the loss to `grad` of all weights; returns values for the log."""
         for weight in self._weights:
             weight.grad = None
         loss, figures = self.loss(minibatch, coefficients)
@@ -118,22 +118,22 @@ class TorchUpdate:
 
 
 class RolloutLearner(NetworkLearner):
-    """Collects rollouts with their advantages, and differentiates a loss on them.
+    """Collects rollouts with advantages, and computes gradients of a loss on them.
 
     Args:
         settings: the hyperparameters.
-        env: the games.
+        env: the training environment.
         network: policy and value.
-        device: where the network lives.
-        gae_lambda: of the advantages; 1 makes them discounted returns less the value.
-        critic: False takes every value as 0.
-        keep_distribution: keep the parameters of the distributions that actions are drawn from.
-        fused: whether the fused update may stand in for `collect` and `loss`.
+        device: of the network.
+        gae_lambda: of the advantages; 1 makes them discounted returns minus the value.
+        critic: False sets all values to 0.
+        keep_distribution: keep the parameters of the action distributions.
+        fused: whether the fused update may replace `collect` and `loss`.
 
     Attributes:
-        update: plays and differentiates: a `FusedUpdate` where that is possible, else a
-            `TorchUpdate` of `loss`. Chosen once.
-        frames_of_row: in a row of what `collect` gives.
+        update: collects and computes gradients: a `FusedUpdate` where possible, else a
+            `TorchUpdate` of `loss`.
+        frames_of_row: number of frames in a row of `collect`.
     """
 
     network: ActorCritic
@@ -141,7 +141,7 @@ class RolloutLearner(NetworkLearner):
     def __init__(
         self,
         settings: RolloutSettings,
-        env: Games,
+        env: VecEnv,
         network: ActorCritic,
         device: str,
         gae_lambda: float,
@@ -155,17 +155,16 @@ class RolloutLearner(NetworkLearner):
             settings.rollout_steps, critic, keep_distribution,
         )  # fmt: skip
         self.frames_of_row = self.steps if network.policy_memory is not None else 1
-        own = type(self).collect is not RolloutLearner.collect  # a user's, which is to be called
+        own = type(self).collect is not RolloutLearner.collect  # a user-defined one is called
         self._fused = fused and critic and not keep_distribution and not own
         self.update = self._choose_update()
 
     def _choose_update(self) -> FusedUpdate | TorchUpdate:
-        """The fused update where everything has the form of its kernels, else the one by torch.
+        """The fused update where its kernels support everything, else the torch update.
 
-        That is: fused="auto" and `loss` and `collect` of our own (`__init__`), a critic and no
-        target of the divergence, the CPU, games in lockstep without masks (`fused_update`), and an
-        actor-critic on `index` with one trunk of two layers and ReLUs, and no memory
-        (`fused_actor_critic`).
+        They need fused="auto", our own `loss` and `collect`, a critic and no KL target, the CPU, a
+        `LockstepEnv` without masks (`fused_update`), and a non-recurrent actor-critic on `index`
+        with one shared trunk of two layers with ReLUs (`fused_actor_critic`).
         """
         sizes = (self.env, self.network, self.steps)
         found = fused_update(*sizes, self.device) if self._fused else None
@@ -175,38 +174,38 @@ class RolloutLearner(NetworkLearner):
     def loss(
         self, minibatch: Frames, coefficients: LossCoefficients
     ) -> tuple[torch.Tensor, Figures]:
-        """The loss of some frames, to be minimised, and its parts for the log, detached."""
+        """The loss of some frames, to be minimised, and its terms for the log, detached."""
         raise NotImplementedError
 
     @property
     def update_form(self) -> str:
-        """Which update runs: "fused" or "torch"."""
+        """The form of the update: "fused" or "torch"."""
         return self.update.name
 
     def set_schedules(self, progress: float) -> None:
-        """Also the discount."""
+        """Set also the discount."""
         super().set_schedules(progress)
         self.gamma = self.gamma_at(progress)
 
     def collect(self) -> Frames:
-        """A rollout with its advantages, as `ActorCritic.through` takes it."""
+        """A rollout with advantages, as the input of `ActorCritic.forward_sequence`."""
         self.frames += self.steps * self.env.action_spec.shape[0]
         return self.update.collect(self.gamma, self.gae_lambda)
 
     @property
     def _remembers(self) -> Collector | None:
-        """What keeps the states of a network that remembers."""
+        """The collector that holds the states of a recurrent network; None without one."""
         if self.network.policy_memory is None or not isinstance(self.update, TorchUpdate):
             return None
         return self.update.collector
 
     def state_dict(self) -> dict[str, Any]:
-        """As any learner's, and what is remembered of the games."""
+        """The state, with the recurrent states of the games."""
         state, collector = super().state_dict(), self._remembers
         return state if collector is None else {**state, "memory": collector.state_dict()}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Take them back."""
+        """Restore the state."""
         super().load_state_dict(state)
         collector = self._remembers
         if collector is not None:

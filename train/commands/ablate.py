@@ -16,11 +16,11 @@ from train.commands.sweep import SweepCommand, carry_out, check_options
 
 @dataclass(frozen=True)
 class AblateCommand(SweepCommand):
-    """Compare arms (curricula, say) with a control, over several seeds.
+    """Compare variants (such as curricula) with a control, over several seeds.
 
-    All arms get the same budget, and all are evaluated on the task itself, at its final difficulty,
-    throughout training. `pursuit ablate --list` names the shipped files; what is complete is
-    skipped, what was interrupted goes on.
+    All variants have the same budget and are evaluated on the task itself, at its final difficulty,
+    throughout training. `pursuit ablate --list` lists the shipped files. Complete runs are skipped,
+    interrupted runs are resumed.
     """
 
     file: Annotated[str | None, tyro.conf.Positional] = None
@@ -41,8 +41,8 @@ def ablate(arguments: Sequence[str]) -> None:
     if given.list:
         for name in shipped(ABLATIONS):
             plan = load_ablation(name)
-            arms = len({run.label["variant"] for run in plan.runs})
-            print(f"{name:<22}{arms} arms  {plan.title}")
+            variants = len({run.label["variant"] for run in plan.runs})
+            print(f"{name:<22}{variants} variants  {plan.title}")
         return
     plan = load_ablation(str(given.file), given.version)
     stem = Path(str(given.file)).stem

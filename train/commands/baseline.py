@@ -19,28 +19,28 @@ from train.evaluation.arm_contest import ArmContest
 from train.evaluation.contest import GameContest
 from train.evaluation.joint_contest import MAX_EVALUATED_WORK
 from train.evaluation.suite_contest import SuiteContest
-from train.runs.effects import check_task_effects
+from train.runs.unused_settings import check_unused_task_settings
 from train.settings.checks import Settings, at_least
 from train.settings.task import AnyTask, TaskSettings
 
 
 @dataclass(frozen=True)
 class BaselineCommand(Settings):
-    """Random, scripted and optimal agents on a task, exactly where that is possible; of an arm
-    (--task reacher) inverse kinematics and the least steps."""
+    """Evaluate random, scripted and optimal agents on a task, exactly if possible; for the arm
+    (--task reacher) inverse kinematics and the minimum steps."""
 
     task: AnyTask = field(default_factory=TaskSettings)
     episodes: Annotated[int, at_least(2)] = 10_000
-    """Episodes played where there is no exact answer."""
+    """Number of sampled episodes, if there is no exact solution."""
     seed: int = 0
-    """Of those episodes: 0 for those of every evaluation, or others; none is ever trained on."""
+    """Seed of these episodes; 0 as in all evaluations. Training never uses their starts."""
 
 
 def baseline(arguments: Sequence[str]) -> None:
     """`pursuit baseline`."""
     default = BaselineCommand(default_task(options_in(arguments)))
     given = parse(BaselineCommand, arguments, "baseline", default)
-    check_task_effects(given.task)
+    check_unused_task_settings(given.task)
     from train.runs.parts import contest_of  # torch is slow to import
 
     contest = contest_of(given.task, given.episodes, given.seed)

@@ -10,72 +10,71 @@ from typing import Annotated, Any
 import tyro
 
 from pursuit.replays.replay import with_suffix
-from train.commands.parse import heard, parse, warn
+from train.commands.parse import parse, print_warnings, warn
 from train.commands.scores import (
     certificate_of,
     print_bounds,
-    print_floor,
+    print_objective_gap,
     print_reference,
     print_scores,
 )
 from train.commands.suites import compared, exact_where_known, judged
 from train.evaluation.arm_contest import ArmContest
-from train.evaluation.closeups import recorded
 from train.evaluation.contest import GameContest
-from train.evaluation.floor import UNKNOWN, objective_floor
 from train.evaluation.joint_contest import MAX_EVALUATED_WORK
+from train.evaluation.objective_gap import UNKNOWN, objective_gap
+from train.evaluation.recordings import recorded
 from train.evaluation.suite_contest import SuiteContest
 from train.evaluation.suite_report import summary_of
 from train.files import check_folder, check_new_files, reserved, write_json
-from train.runs.effects import check_task_effects
 from train.runs.tasks import agent_of, task_of
+from train.runs.unused_settings import check_unused_task_settings
 from train.settings.checks import Settings, at_least, check
 from train.settings.task import AnyTask, ReacherSettings, TaskSettings, in_maze
 
 
 @dataclass(frozen=True)
 class Evaluated(Settings):
-    """What is evaluated, and what is written."""
+    """Options of all evaluations."""
 
     run: Annotated[Path, tyro.conf.Positional]
-    """The folder of the run, or a saved Stable-Baselines3 model (.zip), whose options are other
-    ones: pursuit evaluate model.zip --help."""
+    """The folder of the run, or a saved Stable-Baselines3 model (.zip) with other options: see
+    pursuit evaluate model.zip --help."""
     episodes: Annotated[int, at_least(2)] = 1000
     """Episodes to play."""
     seed: int = 0
-    """Of those episodes: 0 for those of every evaluation, or others; none is ever trained on."""
+    """Seed of these episodes; 0 as in all evaluations. Training never uses their starts."""
     table: Path | None = None
-    """Of a suite: write the figures of every maze to this new .csv file."""
+    """For a suite of mazes: write the results by maze to this new .csv file."""
     out: Path | None = None
-    """Write the figures to this new .json file as well."""
+    """Write the results to this new .json file."""
     replays: Path | None = None
-    """Write the first episodes, as the policy of the run plays them, to this new replay (.json)."""
+    """Write the first episodes of the policy to this new replay (.json)."""
     replay_episodes: Annotated[int, at_least(1)] = 10
-    """How many of them."""
+    """Number of episodes in the replay."""
     overwrite: bool = False
-    """Replace --out, --replays and --table where they exist."""
+    """Replace --out, --replays and --table if they exist."""
 
 
 @dataclass(frozen=True)
 class EvaluateCommand(Evaluated):
-    """Evaluate the policy of a run: exactly where the game allows it, by episodes elsewhere."""
+    """Evaluate the policy of a run, exactly if possible, otherwise by sampled episodes."""
 
     opponent_epsilon: float | None = None
-    """Share of random moves of the opponents; that of the training if left out."""
+    """Probability of random moves of the opponents; by default that of training."""
     maze: str | None = None
-    """Another maze than that of the training, or a suite of mazes: suite:7x7-test. In a suite every
-    score stands beside the exact optimum of that maze, and what is lost from the mazes of the
-    training beside both."""
+    """Another maze than in training, or a suite of mazes such as suite:7x7-test. In a suite results
+    are compared with the exact optimum of each maze, and with those in the training mazes."""
 
 
 @dataclass(frozen=True)
 class EvaluateModelCommand(Evaluated):
-    """Evaluate a saved Stable-Baselines3 model (.zip) in a task: exactly where the game allows it,
-    by episodes elsewhere."""
+    """Evaluate a saved Stable-Baselines3 model (.zip) in a task, exactly if possible, otherwise by
+    sampled episodes."""
 
     task: TaskSettings = field(default_factory=TaskSettings)
     observation: str = "one_hot"
-    """What the model observes. A description beside the model goes first."""
+    """The observation of the model. A description file of the model has precedence."""
 
 
 def evaluate(arguments: Sequence[str]) -> None:
@@ -91,7 +90,7 @@ def evaluate(arguments: Sequence[str]) -> None:
 
 
 def carry_out(given: Any, replays: Path | None) -> None:
-    """Evaluate as the options say, and write the files that they name."""
+    """Evaluate, print the scores and write the output files."""
     from train.runs.loop import machine, versions  # torch is slow to import
     from train.runs.parts import contest_of, suite_contest_of
     from train.runs.single import evaluation_of
@@ -115,17 +114,17 @@ def carry_out(given: Any, replays: Path | None) -> None:
             shown = next(each for each in found if each.name == evaluated)
             more["generalisation"] = compared(contest, shown, own, policies[evaluated])
     else:
-        check(given.table is None, "--table is of a suite of mazes; give --maze suite:7x7-test")
+        check(given.table is None, "--table needs a suite of mazes; give --maze suite:7x7-test")
         scores = [*contest.baselines(), *(contest.score(*each) for each in policies.items())]
         print_scores(scores, certificate_of(contest), contest.measure)
     if isinstance(contest, ArmContest):
         print_bounds(contest)
-    floor = UNKNOWN if judged_by.gamma is None else objective_floor(contest, judged_by.gamma)
+    floor = UNKNOWN if judged_by.gamma is None else objective_gap(contest, judged_by.gamma)
     chosen = "greedy" if judged_by.greedy else "sampled"
     held = evaluation_of(scores, chosen, floor, certificate_of(contest), contest)
     print_reference(held["reference"], contest)
     if judged_by.gamma is not None:
-        print_floor(held["evaluation"], judged_by.gamma)
+        print_objective_gap(held["evaluation"], judged_by.gamma)
     if replays is not None:
         shown = policies[evaluated]
         games = {f"episode {number + 1}": number for number in range(given.replay_episodes)}
@@ -145,14 +144,14 @@ def carry_out(given: Any, replays: Path | None) -> None:
 
 @dataclass(frozen=True)
 class Judged:
-    """What an evaluation needs of a run, or of a model.
+    """The policies and tasks of an evaluation.
 
     Attributes:
         task, training: of the evaluation, and of the training.
         policies: by the names of their scores.
-        greedy: whether the greedy policy is what counts.
-        gamma: the last discount of the training; None where it is not known.
-        named: what is written beside the figures.
+        greedy: whether the greedy policy is the evaluated one.
+        gamma: the last discount of training; None if it is not known.
+        named: further entries of the output file.
     """
 
     task: AnyTask
@@ -164,19 +163,19 @@ class Judged:
 
 
 def run_to_judge(given: EvaluateCommand) -> Judged:
-    """The policies of a run, and its task with what the options change."""
+    """The policies of a run, and its task with the changes of the options."""
     from train.algorithms.registry import entry  # torch is slow to import
     from train.networks.policy import NO_WALLS
     from train.runs.opponents import load_policy
     from train.runs.saved import load_settings
 
-    with heard():
+    with print_warnings():
         settings, policy = load_settings(given.run), load_policy(given.run)
     if given.opponent_epsilon is not None:
         if isinstance(settings.task, ReacherSettings):
             raise ValueError(f"--opponent-epsilon, and {given.run} moves an arm; leave it out")
         task = replace(settings.task, opponent_epsilon=given.opponent_epsilon)
-        check_task_effects(task)
+        check_unused_task_settings(task)
         settings = replace(settings, task=task)
     policies = {"learned": policy}
     if entry(settings.algorithm).learns_distribution:
@@ -195,7 +194,7 @@ def run_to_judge(given: EvaluateCommand) -> Judged:
 def model_to_judge(given: EvaluateModelCommand) -> Judged:
     """The policies of a saved model, in the task of the options."""
     from train.runs.opponents import check_fits  # torch is slow to import
-    from train.runs.third_party import load_stable_baselines
+    from train.runs.stable_baselines import load_stable_baselines
 
     built = task_of(given.task)
     agent = agent_of(given.task, built)

@@ -1,4 +1,4 @@
-"""`pursuit league`: runs and scripted agents against each other, with ratings and their doubts."""
+"""`pursuit league`: runs and scripted agents against each other, with ratings."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import tyro
 
 from pursuit.tasks.task import Task
 from scripted_agents.environments import is_agent
-from train.commands.parse import heard, parse
+from train.commands.parse import parse, print_warnings
 from train.files import check_output_folder, hold, write_json, write_text
 from train.reports.tables import ResultTable, print_table
 from train.runs.provenance import command_line
@@ -37,34 +37,34 @@ class LeagueCommand(Settings):
     entries: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
     """Folders of runs, and names of scripted agents."""
     maze: str = "5x5"
-    """Where scripted agents play if no run is given."""
+    """The maze, if no run is given."""
     opponent_epsilon: float = 0.0
     """Share of random moves of astar."""
     greedy: bool = False
-    """Learned policies take their most probable action instead of drawing."""
+    """Learned policies take their most probable action instead of sampling."""
     games: Annotated[int, at_least(2)] = 200
-    """Games of each pair, from the same starts for all: what the ratings are made of."""
+    """Games per pair for the ratings, from the same starts for all."""
     seed: int = 0
-    """Of those games; none is ever trained on, whatever the seed."""
+    """Seed of these games; training never uses their starts."""
     names: tuple[str, ...] = ()
-    """What the entries are called in tables and figures, in their order; if left out, the shortest
-    ends of their paths that tell them apart."""
+    """Names of the entries in tables and figures, in their order; by default the shortest unique
+    ends of their paths."""
     model_roles: tuple[str, ...] = ()
-    """Of Stable-Baselines3 models without a description beside them (as model.save() writes):
+    """Roles of Stable-Baselines3 models without a description file (as model.save() writes them):
     chaser or evader; one for all, or one for each in their order."""
     model_observations: tuple[str, ...] = ()
-    """Likewise, what they observe, such as one_hot."""
+    """Observations of these models, such as one_hot; one for all, or one for each."""
     out: Path = Path("league")
     """Folder for league.json, league.png, the tables (table.csv, chasers.csv and evaders.csv) and
     methods.md."""
     overwrite: bool = False
-    """Write into --out though it holds files of others, and replace those of the same names."""
+    """Write to --out although it has other files, and replace those with the same names."""
 
 
 def league(arguments: Sequence[str]) -> None:
     """`pursuit league`."""
     given = parse(LeagueCommand, arguments, "league")
-    check(len(given.entries) > 0, "nobody to play; give folders of runs, or astar, random, optimal")
+    check(len(given.entries) > 0, "no entries; give folders of runs, or astar, random, optimal")
     out = given.out
     check_output_folder(out, lambda folder: (folder / LEAGUE).exists(), given.overwrite)
     from train.experiments.methods import METHODS, league_methods  # torch is slow to import
@@ -72,7 +72,7 @@ def league(arguments: Sequence[str]) -> None:
     from train.self_play.league import enter, is_model, play_league, rate
     from train.self_play.payoffs import draw_league, league_table, ratings_table
 
-    with heard():
+    with print_warnings():
         how = (given.maze, given.opponent_epsilon, given.greedy)
         models = (given.model_roles, given.model_observations)
         task, entries = enter(given.entries, *how, given.names, *models)
@@ -107,7 +107,7 @@ def _print(task: Task, table: LeagueTable, tables: Mapping[str, ResultTable], co
     exact = "exact" if not table.ci95.any() else "± is the 95 % interval"
     print(
         f"steps until capture on maze {task.mazes[0].name}, at most {task.max_steps} ({exact}); "
-        "chasers down, evaders across"
+        "rows: chasers, columns: evaders"
     )
     for each in tables.values():
         print_table(each)
@@ -124,28 +124,28 @@ def _print(task: Task, table: LeagueTable, tables: Mapping[str, ResultTable], co
     if content["cycle"]:
         chain = " -> ".join([*content["cycle"], content["cycle"][0]])
         print(
-            "\nwarning: these results are not transitive, so no single order says who is better; "
-            f"each is the best answer to the one before: {chain}",
+            "\nwarning: these results are not transitive, so there is no single ranking; "
+            f"each is the best response to the previous one: {chain}",
             file=sys.stderr,
         )
 
 
 def survival_lines(task: Task, content: dict[str, Any]) -> list[str]:
-    """What is to be said where evaders live for ever."""
+    """Warnings on evaders that are never caught."""
     lines = []
     never, empty = content["never_caught"], content["never_catches"]
     if never:
         lines.append(
             f"never caught by any chaser here: {', '.join(never)}; the steps until capture are "
-            f"infinite, and {task.max_steps} is only where the games are cut"
+            f"infinite, and {task.max_steps} is only the time limit"
         )
     if "chaser" in content["ranks_mean_nothing"]:
         lines.append(
-            "against such an evader every chaser is as good as any other, so ranks of chasers "
-            "(above all an optimal one's, who plays for it) say only how they do against the rest"
+            "against such an evader all chasers are equal, so ranks of chasers only reflect the "
+            "other evaders"
         )
     if "evader" in content["ranks_mean_nothing"]:
-        lines.append(f"no rank tells {', '.join(never)} apart: they all live for ever")
+        lines.append(f"ranks of {', '.join(never)} are meaningless: they are never caught")
     if empty:
-        lines.append(f"never catch anybody here: {', '.join(empty)}")
+        lines.append(f"never catch an evader here: {', '.join(empty)}")
     return lines

@@ -20,64 +20,64 @@ from train.commands.parse import fail
 from train.files import check_utf8
 from train.runs.interruption import Diverged, Signals, Stopped
 
-# A text of our own rather than tyro's subcommands: those import the forms of all commands, and what
-# these import, before `pursuit --help` can answer. A new command is an entry here.
-USAGE = """usage: pursuit COMMAND [options]        (pursuit COMMAND --help tells the options)
+# Our own text rather than tyro's subcommands, which would import the modules of all commands before
+# `pursuit --help` can answer. To add a command, add an entry here.
+USAGE = """usage: pursuit COMMAND [options]        (pursuit COMMAND --help lists the options)
 
-Pursuit in mazes with reinforcement learning, beside the exact optimum.
+Pursuit in mazes with reinforcement learning and exact optima.
 
-New here? These three show what it is about, in a minute:
+New here? These three commands take a minute:
   pursuit maze 5x5
   pursuit baseline --maze 5x5
   pursuit train --maze 5x5 --seconds 30
 
-Train an agent, and see how far it is from the exact optimum:
+Train and evaluate an agent:
   train     train an agent, and compare it with the exact optimum
               pursuit train --task chase --role chaser --maze 5x5 --seconds 30 --out runs/first
-  evaluate  evaluate a trained run again, on as many episodes as you like
+  evaluate  evaluate a trained run again, on any number of episodes
               pursuit evaluate runs/first --episodes 10000
-  baseline  random, scripted and optimal agents on a task: what can be reached
+  baseline  random, scripted and optimal agents on a task
               pursuit baseline --task maze --maze 5x5 --num-goals 3
-  play      play a game by hand: any seat, the optimum beside your steps
+  play      play a game by hand as any agent, compared with the optimum
               pursuit play --maze 9x9 --role evader
-  view      a page that plays episodes, with the exact optimum laid over; reports
+  view      a page that plays episodes, with exact values; reports of runs
               pursuit view runs/first
-  render    a replay of a run, or of the scripted agents, as GIF or MP4
+  render    a replay of a run, or of scripted agents, as GIF or MP4
               pursuit render runs/first --out first.gif
 
-Let agents learn from each other:
-  self-play both sides learn against each other; exact exploitability
+Self-play:
+  self-play train both roles against each other, with exact exploitability
               pursuit self-play --maze 5x5 --seconds 60 --out runs/pair
   league    runs and scripted agents against each other: payoffs, ratings, cycles
               pursuit league runs/pair runs/first astar random --names pair first A-star chance
 
-Compare, with seeds and intervals:
-  reproduce the thesis' experiments again, claim by claim, with verdicts
+Studies with several seeds and confidence intervals:
+  reproduce repeat the experiments of the thesis, with a verdict for each claim
               pursuit reproduce all --dry-run
   sweep     all runs of a sweep file, on this machine or on a Ray cluster
               pursuit sweep maze_by_size --dry-run
-  ablate    curricula against each other: equal budgets, the same final difficulty
+  ablate    compare curricula at equal budgets and equal final difficulty
               pursuit ablate opponent-epsilon --dry-run
-  race      PPO of several libraries against each other, settings searched alike
+  race      compare PPO of several libraries, each with tuned settings
               pursuit race ppo --dry-run
-  report    figures and tables of a sweep; curves of runs laid over each other
+  report    figures and tables of a sweep; learning curves of several runs
               pursuit report runs/first runs/second --x seconds --log
 
-Look at the game itself:
+Mazes and exact solutions:
   maze      show, check or generate a maze
               pursuit maze --generate prim --height 9 --loops 0.1
-  solve     the exact game of a maze: value, mixed states, cop number, pictures
+  solve     the exact game of a maze: value, mixed states, cop number, figures
               pursuit solve --maze 5x5-tree
 """
 
 
 @dataclass(frozen=True)
 class Command:
-    """A subcommand, as `USAGE` has it.
+    """A subcommand, as listed in `USAGE`.
 
     Attributes:
-        does: what it does, in a line.
-        example: of its options, to be typed after its name.
+        does: its description, one line.
+        example: arguments of an example.
     """
 
     does: str
@@ -94,17 +94,17 @@ COMMANDS = {
 COMMAND_PARTS: Registry[Callable[[Sequence[str]], None]] = Registry(
     "command", "a function that takes the arguments after its name", callable, ours=tuple(COMMANDS)
 )
-"""Commands of users' own: by entry points, or as `pursuit package.module:Name`."""
+"""User-defined commands: from entry points, or as `pursuit package.module:Name`."""
 
 NARROWEST = 40
-"""Columns that help is laid out for at least: tyro does not end in terminals of a few."""
+"""Least number of columns of help texts: tyro does not terminate in very narrow terminals."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run a subcommand; errors are one line on stderr and exit status 2.
 
-    Other statuses: 1 where training diverged or runs of a sweep failed, 130 after Ctrl-C, 143 after
-    SIGTERM, and 141 where whoever read the output has seen enough.
+    Other statuses: 1 if training diverged or runs of a sweep failed, 130 after Ctrl-C, 143 after
+    SIGTERM, and 141 if the reader of the output closed the pipe.
     """
     open_streams()
     if shutil.get_terminal_size().columns < NARROWEST:
@@ -113,10 +113,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     with Signals() as signals:
         try:
             try:
-                obey(given)
+                run_command(given)
             finally:
-                sys.stdout.flush()  # a pipe that is closed shows here, not at Python's end
-        except BrokenPipeError:  # `head`, say
+                sys.stdout.flush()  # raises BrokenPipeError here instead of at exit
+        except BrokenPipeError:  # for example `head`
             with contextlib.suppress(OSError, ValueError):
                 os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             sys.exit(141)
@@ -125,7 +125,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         except (ValueError, OSError, ImportError) as error:
             fail(in_words(error))
         except MemoryError:
-            fail("this machine has not enough memory for that; take less of it")
+            fail("not enough memory on this machine; use smaller settings")
         except KeyboardInterrupt as stop:
             if sys.stderr.isatty():
                 print(file=sys.stderr)  # after the terminal's ^C
@@ -133,8 +133,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def open_streams() -> None:
-    """Have standard streams that are closed (`>&-`) take anything, and those that are open write
-    what their encoding has not as escapes."""
+    """Replace closed standard streams (`>&-`), and write characters that the encoding of stdout
+    does not have as escapes."""
     for name in ("stdin", "stdout", "stderr"):
         stream = getattr(sys, name)
         if stream is None:
@@ -144,8 +144,8 @@ def open_streams() -> None:
             stream.reconfigure(errors="backslashreplace")
 
 
-def obey(given: list[str]) -> None:
-    """Run the subcommand that the arguments name, or tell what there is."""
+def run_command(given: list[str]) -> None:
+    """Run the subcommand in the arguments, or print the usage."""
     for argument in given:
         check_utf8(argument)
     if not given or given[0] in ("-h", "--help"):
@@ -155,23 +155,25 @@ def obey(given: list[str]) -> None:
         print(f"pursuit {pursuit.__version__}")
         return
     name, rest = given[0], given[1:]
-    look_in(Path.cwd())  # where users keep parts of their own
+    look_in(Path.cwd())  # for user-defined parts
     command(name)(rest)
 
 
 def in_words(error: Exception) -> str:
-    """What to say of an error; one of the system without its number."""
+    """The message of an error; of system errors without their number."""
     if isinstance(error, OSError) and error.strerror and error.errno is not None:
         return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
     return str(error)
 
 
 def command(name: str) -> Callable[[Sequence[str]], None]:
-    """The function of a subcommand: that of its name in the file of its name, or a user's own.
+    """The function of a subcommand, built-in or user-defined.
 
-    Imported only when it is called, as some of what they need is slow to import. What imports torch
-    is imported by the subcommand itself, once its options are accepted.
+    It is imported on demand, as some imports are slow. Subcommands import torch only after they
+    have accepted their options.
     """
+    if name == "race":
+        raise ValueError("unknown command 'race' (a race is a task); it is `pursuit compare` now")
     if name not in COMMANDS:
         return COMMAND_PARTS.get(name)
     module = name.replace("-", "_")

@@ -24,30 +24,30 @@ from train.settings.checks import check, check_default
 class MazeCommand:
     """Show, check or generate a maze.
 
-    `pursuit maze 7x7` shows a shipped maze, `pursuit maze FILE` checks a file, and
-    `pursuit maze --generate prim --height 9` makes a new one.
+    `pursuit maze 7x7` shows a maze of the library, `pursuit maze FILE` checks a file, and
+    `pursuit maze --generate prim --height 9` generates a maze.
     """
 
     maze: Annotated[str | None, tyro.conf.Positional] = None
-    """A shipped maze (2x2 ... 9x9, 15x15, also -tree and -open) or a maze file."""
+    """A maze of the library (2x2 ... 9x9, 15x15, also with -tree and -open), or a maze file."""
     generate: str | None = None
-    """Generate by prim, backtracker, wilson (uniform spanning tree) or open."""
+    """Generator: prim, backtracker, wilson (uniform spanning tree) or open."""
     height: int = 9
-    """Rows of cells of the generated maze."""
+    """Number of rows of the generated maze."""
     width: int | None = None
-    """Columns of cells; as many as rows if left out."""
+    """Number of columns. None: as many as rows."""
     loops: float = 0.0
-    """Share of the remaining inner walls that is removed, in [0, 1]."""
+    """Fraction of the remaining inner walls that is removed, in [0, 1]."""
     no_dead_ends: bool = False
-    """Open walls until no dead end is left."""
+    """Remove walls until there are no dead ends."""
     seed: int = 0
-    """Of the generator."""
+    """Seed of the generator."""
     out: Path | None = None
     """Write the maze to this file."""
     picture: Path | None = None
-    """Draw the maze into this .png file, or as lines into this .svg file."""
+    """Draw the maze to this .png file, or as lines to this .svg file."""
     overwrite: bool = False
-    """Replace --out and --picture where they exist."""
+    """Replace existing files of --out and --picture."""
 
 
 def maze(arguments: Sequence[str]) -> None:
@@ -55,11 +55,11 @@ def maze(arguments: Sequence[str]) -> None:
     given = parse(MazeCommand, arguments, "maze")
     check(
         (given.maze is None) != (given.generate is None),
-        "give a maze (a name or a file), or --generate; not both",
+        "give either a maze (a name or a file) or --generate",
     )
     if given.generate is None:
         names = ("height", "width", "loops", "no_dead_ends", "seed")
-        check_default(given, MazeCommand, names, "it is of --generate")
+        check_default(given, MazeCommand, names, "it is an option of --generate")
         made = load_maze(str(given.maze))
     else:
         made = generate_maze(
@@ -82,13 +82,13 @@ def maze(arguments: Sequence[str]) -> None:
         draw_maze(made, picture)
 
 
-def in_lines(told: Mapping[str, str]) -> str:
-    """What is told of each name, a line each."""
-    return "\n".join(f"{name:<26}{text}" for name, text in told.items())
+def in_lines(facts: Mapping[str, str]) -> str:
+    """Names and their values, one per line."""
+    return "\n".join(f"{name:<26}{text}" for name, text in facts.items())
 
 
 def draw_maze(maze: Maze, path: Path) -> None:
-    """A maze as it is rendered (.png), or as lines (.svg), with the marks S and G."""
+    """Draw a rendered maze (.png), or its lines (.svg), with the marks S and G."""
     if path.suffix == ".png":
         picture = Image.fromarray(draw_scene(Scene(maze, (), maze.goal_marks, 0, 0)))
         write_beside(path, lambda beside: picture.save(beside, format="png"))
@@ -106,19 +106,19 @@ def draw_maze(maze: Maze, path: Path) -> None:
 
 
 def describe_maze(maze: Maze) -> str:
-    """What `pursuit maze` says of a maze, a line each."""
+    """The properties of a maze, one per line."""
     parts = maze.num_components
-    told = {
+    facts = {
         "cells": f"{maze.num_cells} of {maze.height} x {maze.width}",
         "connected": "yes" if parts == 1 else f"no: {parts} parts",
         "dead ends": str(len(maze.dead_ends)),
         "loops": str(maze.num_loops),
     }
     if maze.num_cells <= MAX_TABLE_CELLS:
-        told["longest shortest path"] = str(maze.longest_distance)
+        facts["longest shortest path"] = str(maze.longest_distance)
     if parts == 1 and maze.num_cells <= MAX_TABLE_CELLS:
         for goals in range(1, min(3, maze.num_cells - 1) + 1):
             mean = expected_tour_length(maze, goals)
             how = "" if mean.exact else f" (sampled, ± {mean.ci95:.2f})"
-            told[f"mean tour of {goals} goal(s)"] = f"{mean:.4f}{how}"
-    return in_lines(told)
+            facts[f"mean tour of {goals} goal(s)"] = f"{mean:.4f}{how}"
+    return in_lines(facts)

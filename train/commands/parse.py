@@ -1,34 +1,37 @@
-"""Options as dataclasses, by tyro, with errors that are one line."""
+"""Parsing of options into dataclasses with tyro, with one-line errors."""
 
 from __future__ import annotations
 
 import contextlib
 import io
 import re
+import shutil
 import sys
+import textwrap
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NoReturn, TypeVar
 
 import tyro
+from tyro import _strings as tyro_strings
 
 from pursuit.plugins import ALLOW, allow
 from train.settings.task import AnyTask, task_form
 
 Form = TypeVar("Form")
-OF_EVERYBODY = ("--line-of-sight", "--unknown-maze")
-"""Options that name agents, and without a name mean all."""
+AGENT_OPTIONS = ("--line-of-sight", "--unknown-maze")
+"""Options that name agents; without a value they mean all agents."""
 
 
 def fail(message: str, status: int = 2) -> NoReturn:
-    """One line on stderr, and this exit status."""
+    """Print one line on stderr, and exit with this status."""
     print(f"pursuit: error: {' '.join(message.split())}", file=sys.stderr)
     sys.exit(status)
 
 
 @contextlib.contextmanager
-def heard() -> Iterator[None]:
-    """Warnings inside are one line each on stderr, once."""
+def print_warnings() -> Iterator[None]:
+    """Print each different warning inside as one line on stderr."""
     with warnings.catch_warnings(record=True) as noted:
         warnings.simplefilter("always", UserWarning)
         yield
@@ -37,14 +40,14 @@ def heard() -> Iterator[None]:
 
 
 def warn(said: str) -> None:
-    """A warning as one line on stderr."""
+    """Print a warning as one line on stderr."""
     print(f"pursuit: warning: {said}", file=sys.stderr)
 
 
 def options_in(arguments: Sequence[str]) -> dict[str, str]:
-    """What each option among the arguments is given last, by its name in Python; "" for nothing.
+    """The last value of each option in the arguments, by its Python name; "" without a value.
 
-    For options that decide what the other options are, before `parse`, which reports errors.
+    For options that determine the other options, before `parse`, which reports errors.
     """
     found: dict[str, str] = {}
     name = ""
@@ -59,26 +62,27 @@ def options_in(arguments: Sequence[str]) -> dict[str, str]:
 
 
 def default_task(options: Mapping[str, str]) -> AnyTask:
-    """The settings of the task that --task names, as they stand by default; chase if left out."""
+    """The default settings of the task that --task names, chase by default."""
     return task_form(options.get("task"))()
 
 
 def default_budget(options: Mapping[str, str], seconds: float) -> dict[str, Any]:
-    """The default budget: `seconds`, or a place for the frames where these are given instead."""
+    """The default budget: `seconds`, or a placeholder for frames if --frames is given."""
     return {"frames": 1} if "frames" in options else {"seconds": seconds}
 
 
-ALLOW_HELP = f"""everywhere:
-  --allow MODULE          let files (of runs, sweeps, models) name parts of this module of yours;
-                          as often as you like; {ALLOW}=MODULE,OTHER does the same
+ALLOW_HELP = f"""all commands:
+  --allow MODULE    allow files (of runs, sweeps, models) to name user-defined
+                    parts of this module; can be repeated;
+                    {ALLOW}=MODULE,OTHER does the same
 """
 
 
-def taken_allowed(arguments: Sequence[str]) -> list[str]:
-    """The arguments without every --allow MODULE, whose modules files may name from now on.
+def take_allow_options(arguments: Sequence[str]) -> list[str]:
+    """The arguments without every --allow MODULE, whose modules are allowed from now on.
 
     Raises:
-        ValueError: no module's name after one.
+        ValueError: --allow without a module name.
     """
     rest, given = [], iter(arguments)
     for argument in given:
@@ -90,12 +94,12 @@ def taken_allowed(arguments: Sequence[str]) -> list[str]:
     return rest
 
 
-def meant_for_all(arguments: Sequence[str]) -> list[str]:
-    """The arguments, with "all" after options of `OF_EVERYBODY` that stand without a value."""
+def add_all(arguments: Sequence[str]) -> list[str]:
+    """The arguments, with "all" after options of `AGENT_OPTIONS` without a value."""
     found: list[str] = []
     for argument, after in zip(arguments, [*arguments[1:], "--"], strict=False):
         found.append(argument)
-        if argument.replace("_", "-") in OF_EVERYBODY and after.startswith("--"):
+        if argument.replace("_", "-") in AGENT_OPTIONS and after.startswith("--"):
             found.append("all")
     return found
 
@@ -104,35 +108,73 @@ CONFIG = (
     tyro.conf.OmitArgPrefixes,
     tyro.conf.FlagCreatePairsOff,
     tyro.conf.HelptextFromCommentsOff,
-    tyro.conf.AvoidSubcommands,  # the default says which of the tasks' forms
+    tyro.conf.AvoidSubcommands,  # the default determines the form of the task
 )
+
+
+def join_lines(text: str) -> str:
+    """The paragraphs of a docstring as single lines, without the indentation of the source.
+
+    tyro joins lines itself, but not those of an indented docstring, so that help texts would keep
+    the line breaks of the source.
+    """
+    return "\n\n".join(" ".join(part.split()) for part in re.split(r"\n\s*\n", text.strip()))
+
+
+tyro_strings.remove_single_line_breaks = join_lines
+
+
+def wrapped(text: str) -> str:
+    """tyro's help text with its description wrapped to the terminal, as its boxes are."""
+    width = shutil.get_terminal_size().columns
+    return "\n".join(
+        textwrap.fill(line, width) if len(line) > width and "│" not in line else line
+        for line in text.split("\n")
+    )
+
+
+class HelpText(io.StringIO):
+    """Captured output with the encoding and the colours of stdout, which tyro adapts to."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._stdout = sys.stdout
+
+    @property
+    def encoding(self) -> str:  # type: ignore[override]
+        """That of stdout."""
+        return self._stdout.encoding
+
+    def isatty(self) -> bool:
+        """Whether stdout is a terminal."""
+        return self._stdout.isatty()
 
 
 def parse(
     form: type[Form], arguments: Sequence[str], prog: str, default: Form | None = None
 ) -> Form:
-    """`arguments` as the dataclass `form`, by tyro; its error boxes are folded into one line.
+    """`arguments` as the dataclass `form`, parsed by tyro; its error boxes become one line.
 
     Raises:
-        ValueError: arguments that the form does not have, or values that it does not allow.
+        ValueError: options that the form does not have, or values that are not allowed.
     """
-    args = meant_for_all(taken_allowed(arguments))
-    boxed = io.StringIO()
+    args = add_all(take_allow_options(arguments))
+    boxed, shown = io.StringIO(), HelpText()
     extra: Any = {} if default is None else {"default": default}
     try:
-        with contextlib.redirect_stderr(boxed):
+        with contextlib.redirect_stderr(boxed), contextlib.redirect_stdout(shown):
             return tyro.cli(form, args=args, prog=f"pursuit {prog}", config=CONFIG, **extra)
     except SystemExit as exit_:
         if not exit_.code:
-            print(ALLOW_HELP)
+            print(wrapped(shown.getvalue()), ALLOW_HELP, sep="")
             raise
         raise ValueError(f"{in_words(boxed.getvalue())} (see pursuit {prog} --help)") from None
 
 
 def parse_known(default: Form, arguments: Sequence[str]) -> Form:
-    """Those of `arguments` that the dataclass of `default` has; `default` where one is wrong.
+    """Those of `arguments` that the dataclass of `default` has; `default` if one is wrong.
 
-    For options that decide what the other options are; errors are reported by `parse`.
+    For options that determine the other options; `parse` reports errors.
     """
     args = [argument for argument in arguments if argument not in ("-h", "--help")]
     with contextlib.suppress(SystemExit, ValueError), contextlib.redirect_stderr(io.StringIO()):
@@ -145,7 +187,7 @@ def parse_known(default: Form, arguments: Sequence[str]) -> Form:
 
 
 def in_words(boxed: str) -> str:
-    """tyro's box of an error as one line, without Python's types."""
+    """tyro's error box as one line, without Python types."""
     text = re.sub(r"\x1b\[[0-9;]*m|[─╭╮╰╯│]+|-{5,}", " ", boxed)
     text = " ".join(text.split("For full helptext")[0].split())
     text = re.sub(

@@ -9,10 +9,10 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated
 
-from train.commands.parse import fail, heard, options_in, parse, taken_allowed
+from train.commands.parse import fail, options_in, parse, print_warnings, take_allow_options
 from train.play.browser import open_page
-from train.play.kept import Keeper
 from train.play.outcome import total_line
+from train.play.replay_folder import ReplayFolder
 from train.play.server import PlayServer
 from train.play.session import Session
 from train.runs.folder import CONFIG
@@ -25,48 +25,50 @@ PORT = rule(lambda value: 0 <= value < 2**16, "0 for any that is free, to 65535"
 
 @dataclass(frozen=True)
 class PlayCommand(Settings):
-    """Play a game in mazes by hand: any seat, with the optimum from the same start after it.
+    """Play a game in mazes yourself, in any role, and compare with the optimum from the same start.
 
-    Opens a page that only this machine can reach. Ctrl-C ends it. Arrow keys or w, a, s, d move,
-    space stays where there is a stay action, n begins the next game; --role names your seat.
+    Opens a page that is served to this machine only. Ctrl-C ends it. Arrow keys or w, a, s, d move,
+    space stays (with the stay action), n starts the next game; --role selects your role.
     """
 
     task: TaskSettings = field(default_factory=TaskSettings)
     against: str | None = None
-    """Who plays the other side: astar (by default), optimal, random, searching, sweeping,
-    belief, package.module:Name, or the folder of a run, whose game is played then."""
+    """The opponent: astar (default), optimal, random, searching, sweeping, belief,
+    package.module:Name, or the folder of a run, whose task is played then."""
     beside: str | None = None
-    """Who plays the same starts in your seat, to compare: as --against; astar by default, the other
-    side of the same run against self-play."""
+    """The agent to compare with, which plays the same starts in your role: as --against; by default
+    astar, or against self-play the other side of that run."""
     seed: int | None = None
-    """Of the games; others every time if left out. None is ever trained on, whatever the seed."""
+    """Seed of the games; random by default. Training never uses their starts."""
     out: Path | None = None
-    """Keep the games that are finished in this folder, as replays: `pursuit view` shows them."""
+    """Save finished games as replays to this folder, for `pursuit view`."""
     name: str = "you"
-    """What such games call you."""
+    """Your name in these replays."""
     port: Annotated[int, PORT] = 0
-    """Of the page; any that is free if left out."""
+    """Port of the page; any free port by default."""
     no_browser: bool = False
     """Only print the address of the page."""
 
 
 def play(arguments: Sequence[str]) -> None:
     """`pursuit play`."""
-    arguments = taken_allowed(arguments)  # before the run is read, which may name their modules
+    arguments = take_allow_options(
+        arguments
+    )  # before the run is read, which may name their modules
     options = options_in(arguments)
     against, run = options.get("against"), None
     if against and (Path(against) / CONFIG).exists():
-        from train.play.seats import game_of_run  # torch is slow to import
+        from train.play.setup import game_of_run  # torch is slow to import
 
         run = game_of_run(against)
     given = parse(PlayCommand, arguments, "play", PlayCommand(run or TaskSettings()))
     task = settings_of(given, "opponent_epsilon" in options)
     session = session_for(given, task)
-    keeper = None if given.out is None else Keeper(given.out, given.name)
+    keeper = None if given.out is None else ReplayFolder(given.out, given.name)
     print(session.title())
     on_page(session, given.port, not given.no_browser, keeper)
     if keeper is not None and keeper.added:
-        print(f"kept: {keeper.folder}")
+        print(f"replays: {keeper.folder}")
     line = total_line(session.outcomes)
     if line:
         print(line)
@@ -74,13 +76,13 @@ def play(arguments: Sequence[str]) -> None:
         lost = len(session.outcomes) - keeper.added
         fail(
             f"{keeper.folder}: {lost} of {len(session.outcomes)} finished games could not be "
-            "written and are lost; make room, or give a folder that can be written",
+            "written and are lost; free disk space, or give a writable folder",
             1,
         )
 
 
 def settings_of(given: PlayCommand, epsilon_given: bool = False) -> TaskSettings:
-    """The game, and who plays the other side of it; optimal ones err only where that is asked for.
+    """The task with its opponent; an optimal one has no random moves unless epsilon is given.
 
     Raises:
         ValueError: two opponents for one side.
@@ -90,30 +92,29 @@ def settings_of(given: PlayCommand, epsilon_given: bool = False) -> TaskSettings
         return task
     check(
         task.opponent is None,
-        f"against={against!r} and opponent={task.opponent!r}; both say who plays the other side, "
-        "give one",
+        f"against={against!r} and opponent={task.opponent!r}; both set the opponent, give one",
     )
     if against == "optimal" and not epsilon_given:
         task = replace(task, opponent_epsilon=0.0)
-    from train.play.seats import of_side  # torch is slow to import
+    from train.play.setup import of_side  # torch is slow to import
 
     return of_side(replace(task, opponent=against))
 
 
 def session_for(given: PlayCommand, task: TaskSettings) -> Session:
-    """The games that the command asks for."""
-    from train.play.seats import session_of  # torch is slow to import
+    """The session for the options of the command."""
+    from train.play.setup import session_of  # torch is slow to import
     from train.runs.opponents import is_self_play
 
     beside = given.beside or "astar"
     if given.beside is None and given.against and is_self_play(Path(given.against)):
         beside = given.against
     seed = secrets.randbelow(2**32) if given.seed is None else given.seed
-    with heard():
+    with print_warnings():
         return session_of(task, beside, evaluation_seed(seed))
 
 
-def on_page(session: Session, port: int, browser: bool, keeper: Keeper | None) -> None:
+def on_page(session: Session, port: int, browser: bool, keeper: ReplayFolder | None) -> None:
     """Serve the page until Ctrl-C."""
 
     def over(session: Session) -> None:

@@ -1,4 +1,4 @@
-"""Training on the terminal: a live bar with lines above it, or lines alone elsewhere."""
+"""Training in the terminal: a progress bar and a line for every evaluation."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Self
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from train.commands.parse import heard
+from train.commands.parse import print_warnings
 from train.files import check_folder
 from train.runs.folder import CONFIG, check_new, load_final, load_results
 from train.runs.forms import Final
@@ -22,26 +22,26 @@ if TYPE_CHECKING:
     from train.runs.loop import Run
 
 QUIET = 2.0
-"""Seconds of work that need no report."""
+"""Seconds of work without a report."""
 
 
-class Alive:
-    """Says on stderr that long work goes on, and how far it is; nothing of what is done in seconds.
+class ProgressLine:
+    """Reports the progress of long work on stderr; nothing for work of a few seconds.
 
-    On a terminal one line is written over again, elsewhere there is a line now and then.
+    In a terminal one line is updated, elsewhere a line is printed every ten seconds.
     """
 
     def __init__(self) -> None:
-        self.began = self.told = perf_counter()
+        self.began = self.printed = perf_counter()
         self.what, self.open = "", False
 
     def __call__(self, what: str, share: float) -> None:
-        """Report what goes on, and its share that is done, in [0, 1]."""
+        """Report the current work, and its completed share in [0, 1]."""
         now, live = perf_counter(), sys.stderr.isatty()
         if what != self.what:
-            self.what, self.began, self.told = what, now, now
-        elif now - self.told >= (0.5 if live else 10.0) and now - self.began >= QUIET:
-            self.told, self.open = now, live
+            self.what, self.began, self.printed = what, now, now
+        elif now - self.printed >= (0.5 if live else 10.0) and now - self.began >= QUIET:
+            self.printed, self.open = now, live
             line = f"{what}: {100 * share:3.0f} %, {now - self.began:.0f} s"
             print(
                 f"\r{line}" if live else line, end="" if live else "\n", file=sys.stderr, flush=True
@@ -51,8 +51,8 @@ class Alive:
             print(file=sys.stderr)
 
 
-class Watch:
-    """Shows a run as it learns: a bar on a terminal, and a line for every evaluation."""
+class TrainingProgress:
+    """Shows the progress of a run: a bar in a terminal, and a line for every evaluation."""
 
     def __init__(self) -> None:
         console = Console()
@@ -83,35 +83,35 @@ class Watch:
             f"{run.seconds:6.1f} s",
             f"{run.trainee.frames / 1e6:7.2f} M frames",
             f"{row['frames_per_second'] / 1e3:5.1f} k/s",
-            *run.trainee.told(row),
+            *run.trainee.log_fields(row),
         ]
         self.progress.console.print("  ".join(parts), highlight=False, soft_wrap=True)
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunCommand:
-    """Where a run lies, and what its final results are made with."""
+    """Options of commands that train."""
 
     out: Path | None = None
-    """A new folder for the run; runs/NAME-TIME if left out."""
+    """New folder for the run. None: runs/NAME-TIME."""
     resume: Path | None = None
-    """Go on with the run in this folder instead; all other options are taken from there."""
+    """Resume the run in this folder. All other options are taken from it."""
     episodes: int | None = None
-    """Episodes of the final evaluation, where it is not exact; if left out 1000, or with --resume
-    those of the first command."""
+    """Episodes of the final evaluation, if it is not exact. None: 1000; with --resume that of
+    the first command."""
 
 
-def begun(kind: str, settings: Any, given: RunCommand, name: str) -> tuple[Run, Final]:
-    """The run that a command begins or goes on with, and what its final results are made with.
+def open_run(kind: str, settings: Any, given: RunCommand, name: str) -> tuple[Run, Final]:
+    """The run that a command starts or resumes, and the settings of its final results.
 
     Args:
         kind: of the run.
-        settings: of a new one.
+        settings: of a new run.
         given: the command.
-        name: of the folder of a new one, but for the time.
+        name: of a new run's folder, without the time.
 
     Raises:
-        ValueError: settings that cannot run, too few episodes, a folder that holds anything, or no
+        ValueError: settings that cannot run, too few episodes, a folder that is not empty, or no
             run to resume.
     """
     final, folder = Final(), given.resume
@@ -126,23 +126,23 @@ def begun(kind: str, settings: Any, given: RunCommand, name: str) -> tuple[Run, 
         check_folder(folder)
     from train.experiments.kinds import resume, start  # torch is slow to import
 
-    with heard():
+    with print_warnings():
         run = start(kind, settings, out, final) if folder is None else resume(folder, kind)
     return run, final
 
 
-def carry_out(
+def finish_run(
     run: Run, episodes: int, again: str, before: Callable[[], None] = lambda: None
 ) -> dict[str, Any]:
-    """Train as far as the budget goes, or Ctrl-C lets it; evaluate, and give the results.
+    """Train until the end of the budget or Ctrl-C; then evaluate, and return the results.
 
-    What was done before is not done again: a run that is complete has its results already.
+    For a complete run the existing results are returned.
 
     Args:
-        run: begun, or to go on with.
+        run: new or resumed.
         episodes: of the final evaluation.
-        again: the command that goes on with it.
-        before: is called when the results are about to be made.
+        again: the command that resumes it.
+        before: called before the final evaluation.
     """
     from train.experiments.kinds import is_complete  # torch is slow to import
 
@@ -150,21 +150,21 @@ def carry_out(
     if is_complete(run.folder):
         return load_results(run.folder)
     if run.progress < 1.0:
-        with Watch() as watch:
+        with TrainingProgress() as watch:
             run.train(watch)
     if run.stopped:
         again += allow_options(run.folder / CONFIG)
-        print(f"interrupted; go on with: {again} --resume {run.folder}", file=sys.stderr)
+        print(f"interrupted; resume with: {again} --resume {run.folder}", file=sys.stderr)
     try:
         before()
         return run.results(episodes)
     except KeyboardInterrupt:
-        hint = f"interrupted before its results were made; go on with: {again} --resume"
+        hint = f"interrupted before the final evaluation; resume with: {again} --resume"
         print(f"{hint} {run.folder}", file=sys.stderr)
         raise
 
 
-def leave(run: Run) -> None:
-    """End the command: after a signal, with the exit status that says so."""
+def exit_after_signal(run: Run) -> None:
+    """Exit with the status of the signal that stopped the run, if any."""
     if run.exit_status:
         sys.exit(run.exit_status)

@@ -17,11 +17,11 @@ from scripted_agents import (
     why_not_optimal,
 )
 from scripted_agents.environments import DEFAULTS
-from train.commands.parse import default_task, heard, options_in, parse
+from train.commands.parse import default_task, options_in, parse, print_warnings
 from train.evaluation.arm_contest import ArmContest
 from train.files import check_folder, check_new_files
-from train.runs.effects import check_task_effects
 from train.runs.pictures import save_replay
+from train.runs.unused_settings import check_unused_task_settings
 from train.settings.checks import Settings, at_least, check, passes
 from train.settings.reading import names_of
 from train.settings.task import AnyTask, TaskSettings
@@ -64,10 +64,10 @@ def render(arguments: Sequence[str]) -> None:
 
     policy: Any
     if given.run is not None:
-        with heard():
+        with print_warnings():
             policy, contest = load_policy(given.run), contest_of(load_settings(given.run).task, 2)
     else:
-        check_task_effects(given.task)
+        check_unused_task_settings(given.task)
         contest = contest_of(given.task, 2)
         policy = scripted_policy(contest)
     if given.optimal:

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import tyro
 
-from train.commands.parse import heard, parse
+from train.commands.parse import parse, print_warnings
 from train.files import check_folder, check_output_folder
 from train.reports.figures import UNITS
 from train.runs.folder import CONFIG
@@ -20,7 +20,7 @@ TIME_UNIT = rule(lambda value: value in (None, *UNITS), "frames or seconds")
 
 @dataclass(frozen=True)
 class ReportCommand(Settings):
-    """Figures and tables of a sweep or an ablation, or of several folders beside each other.
+    """Figures and tables of a sweep or an ablation, or of several folders in one figure.
 
     One sweep or ablation: its runs as Parquet tables, its figures and its report, in its folder.
     Several folders, of runs, sweeps and ablations: one report on all of them, in --out. Every
@@ -53,7 +53,7 @@ def report(arguments: Sequence[str]) -> None:
     )
 
     only = given.folders[0] if len(given.folders) == 1 else None
-    with heard():
+    with print_warnings():
         if only is not None and not (only / CONFIG).exists() and given.out is None:
             written = report_on(only, given.x, given.log)
         else:

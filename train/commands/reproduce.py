@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 class ReproduceCommand(Settings):
     """Run the thesis' experiments again, and decide its claims one by one.
 
-    Settings are searched first, as long for every algorithm; then come the studies, and a page with
-    every claim, the rule that decides it, the verdict and what it rests on. What is complete is not
-    done again: Ctrl-C loses nothing, and the same command goes on. The short version is made
+    Settings are searched first, equally long for every algorithm; then the studies run, and a page
+    with every claim, the rule that decides it, the verdict and what it rests on. What is complete
+    is not done again: Ctrl-C loses nothing, and the same command goes on. The short version is made
     for two hours of two cores, the full one for some 40 core hours.
     """
 

@@ -22,26 +22,24 @@ from train.evaluation.scores import (
 from train.reports.tables import print_table
 
 
-def print_floor(evaluation: Mapping[str, Any], discount: float) -> None:
-    """One line on the floor of the training objective, where it is known."""
-    floor, paid = evaluation.get("objective_floor"), evaluation.get("return_floor")
-    best = f"of the policy that is best by the rewards with discount {discount:g}"
-    if floor is not None and paid is None:
-        print(
-            f"floor of the objective: {100 * floor:+.2f} % (the gap {best}; exact, over all starts)"
-        )
-    if paid is not None:
-        print(f"floor of the objective: {paid:.4f} (what is missing {best}; exact, all starts)")
+def print_objective_gap(evaluation: Mapping[str, Any], discount: float) -> None:
+    """Print the gap of the policy that is optimal for the training objective, if it is known."""
+    gap, missing = evaluation.get("objective_gap"), evaluation.get("return_gap")
+    best = f"of the policy with the best return with discount {discount:g}"
+    if gap is not None and missing is None:
+        print(f"objective gap: {100 * gap:+.2f} % (the gap {best}; exact, over all starts)")
+    if missing is not None:
+        print(f"objective gap: {missing:.4f} (missing return {best}; exact, over all starts)")
 
 
 def print_reference(held: Mapping[str, Any], contest: Any) -> None:
-    """One line on what a result is held against where no exact optimum is known, and why not.
+    """Print the reference of a result if no exact optimum is known, and the reason.
 
     Args:
-        held: "reference" of `results.json`; {} where there is none.
-        contest: whose.
+        held: "reference" of `results.json`; {} if there is none.
+        contest: the evaluation.
     """
-    if not held or held["kind"] in ("exact", "certified"):  # said by the table, with its intervals
+    if not held or held["kind"] in ("exact", "certified"):  # shown in the table of scores
         return
     print(Reference(**held).line())
     if isinstance(contest, GameContest) and held["kind"] == "best known":
@@ -50,8 +48,8 @@ def print_reference(held: Mapping[str, Any], contest: Any) -> None:
             print(f"no exact optimum: {why}")
 
 
-def say_what_is_solved(contest: Any, interrupted: bool) -> None:
-    """One line on stderr where results wait for a whole game that takes more than moments."""
+def announce_solution(contest: Any, interrupted: bool) -> None:
+    """Print to stderr that a whole game is being solved, if this takes seconds or more."""
     if not isinstance(contest, GameContest) or contest.task.num_agents == 1 or interrupted:
         return
     judged = replace(contest.in_full_sight, most_work=MAX_EVALUATED_WORK)
@@ -62,14 +60,12 @@ def say_what_is_solved(contest: Any, interrupted: bool) -> None:
 
 
 def print_bounds(contest: ArmContest) -> None:
-    """One line on how well the least steps of an arm are known."""
+    """Print how tight the bounds of the minimum steps of an arm are."""
     bounds = contest.bounds()
     if contest.task.discrete_actions:
-        print(
-            "optimal: the least steps with continuous actions; discrete ones need as many or more"
-        )
+        print("optimal: minimum steps with continuous actions, a lower bound for discrete actions")
     elif bounds.share_exact == 1.0:
-        print("optimal: the least steps, exact from every start")
+        print("optimal: minimum steps, exact from every start")
     else:
         print(
             f"optimal: at least {bounds.lower.mean():.3f} steps and at most "
@@ -79,8 +75,8 @@ def print_bounds(contest: ArmContest) -> None:
 
 
 def print_whole_game(contest: GameContest) -> None:
-    """The states of a game of teams or rivals, and its optima over all starts, or why there are
-    none."""
+    """Print the number of states of a game of several agents, and its optima over all starts or
+    the reason why they are not computed."""
     states = count_joint_states(contest.task)
     print(f"distinct states: {states:,}")
     obstacle = contest.why_not_joint()
@@ -90,12 +86,8 @@ def print_whole_game(contest: GameContest) -> None:
     agent = contest.agent
     found = (
         ("mean optimum over all starts", " steps", contest.best_of_steps),
-        (f"most that {agent} can be paid, over all starts", "", contest.best_of_returns),
-        (
-            f"most goals that {contest.agent} can collect, over all starts",
-            "",
-            contest.best_of_goals,
-        ),
+        (f"highest return of {agent}, over all starts", "", contest.best_of_returns),
+        (f"most goals of {agent}, over all starts", "", contest.best_of_goals),
     )
     for text, unit, best in found:
         if best is not None:
@@ -103,17 +95,17 @@ def print_whole_game(contest: GameContest) -> None:
 
 
 def certificate_of(contest: Any) -> Certificate | None:
-    """What is proven of the optimum of a contest, of an agent with limited sight only."""
+    """The proven interval of the optimum, for an agent with limited view only."""
     return contest.certificate() if isinstance(contest, GameContest) else None
 
 
 def print_scores(
     scores: Sequence[Score], certificate: Certificate | None = None, measure: Measure = BY_STEPS
 ) -> None:
-    """A table of scores (`score_table`), and what is proven of the optimum."""
+    """Print a table of scores (`score_table`), and the proven interval of the optimum."""
     print_table(score_table(scores, certificate, measure), width=100)
     if certificate is not None:
         print(
-            certificate.line() + "; the gaps above are to its far end. Whoever sees everything, as "
-            "scripted references may, can lie below 0"
+            certificate.line() + "; gaps above are to its pessimistic end. Scripted references "
+            "with full view can have gaps below 0"
         )

@@ -15,7 +15,13 @@ from train.commands.parse import (
     parse,
     parse_known,
 )
-from train.commands.progress import Alive, RunCommand, begun, carry_out, leave
+from train.commands.progress import (
+    ProgressLine,
+    RunCommand,
+    exit_after_signal,
+    finish_run,
+    open_run,
+)
 from train.files import write_text
 from train.reports.tables import print_table
 from train.runs.folder import CURVE, REPORT, SELF_PLAY
@@ -27,7 +33,7 @@ from train.settings.task import TaskSettings
 
 @dataclass(frozen=True)
 class Options(SelfPlaySettings):
-    """The settings of self-play, but for those of other algorithms than PPO (`other_options`)."""
+    """The settings of self-play, without those of other algorithms than PPO (`other_options`)."""
 
     chaser_hyper: Annotated[Any, tyro.conf.Suppress] = None
     evader_hyper: Annotated[Any, tyro.conf.Suppress] = None
@@ -35,7 +41,7 @@ class Options(SelfPlaySettings):
 
 @dataclass(frozen=True)
 class _First:
-    """The options that decide what the other options are."""
+    """The options that determine which other options exist."""
 
     task: TaskSettings = field(default_factory=TaskSettings)
     chaser: str = LEARN
@@ -53,12 +59,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class SelfPlayCommand(RunCommand):
-    """Chasers and evaders learn against each other; every evaluation has the exact exploitability.
+    """Train chasers and evaders against each other, with exact exploitability at every evaluation.
 
-    Each role meets the latest policy of the other role, or with another --sampling its snapshots.
-    To compare settings over several seeds: `pursuit sweep self_play_sampling`. The options of PPO's
-    settings are for every role that learns by it. Those of another algorithm have the role before
-    their names: `pursuit self-play --chaser-algorithm dqn --help` shows --chaser-batch-size.
+    Each role plays against the latest policy of the other role, or with another --sampling against
+    its snapshots. To compare settings over several seeds: `pursuit sweep self_play_sampling`.
+    Options of PPO apply to every role that uses it. Those of other algorithms are prefixed with the
+    role: `pursuit self-play --chaser-algorithm dqn --help` shows --chaser-batch-size.
     """
 
     settings: Options
@@ -69,7 +75,7 @@ def self_play(arguments: Sequence[str]) -> None:
     """`pursuit self-play`."""
     given, settings = parsed(arguments)
     name = f"self-play-{Path(settings.task.maze).stem}"
-    run, final = begun(SELF_PLAY, settings, given, name)
+    run, final = open_run(SELF_PLAY, settings, given, name)
     from train.self_play.report import (  # torch is slow to import
         draw_self_play,
         write_self_play_report,
@@ -80,20 +86,20 @@ def self_play(arguments: Sequence[str]) -> None:
         f"self-play: {task.name} on maze {task.mazes[0].name}, {task.num_chasers} chaser(s), "
         f"{task.num_evaders} evader(s); opponents: {sampling}"
     )
-    run.trainee.tell = Alive()
-    content = carry_out(run, final.episodes, "pursuit self-play")
+    run.trainee.tell = ProgressLine()
+    content = finish_run(run, final.episodes, "pursuit self-play")
     title = f"Self-play on {task.mazes[0].name} ({sampling})"
     draw_self_play(run.folder / CURVE, run.metrics.rows, title)
     write_self_play_report(run.folder, run.trainee, title, content)
     show(run, content)
-    leave(run)
+    exit_after_signal(run)
 
 
 def parsed(arguments: Sequence[str]) -> tuple[SelfPlayCommand, SelfPlaySettings]:
     """The command in `arguments`, and its settings with those of every algorithm that learns.
 
     Raises:
-        ValueError: options that there are not, or values that are not allowed.
+        ValueError: unknown options or invalid values.
     """
     first = vars(parse_known(_First(), arguments))
     same = {name: first.pop(name) for name in ("gamma", "gamma_end", "recurrent")}
@@ -124,11 +130,11 @@ def other_options(others: Mapping[str, Hyperparameters]) -> Any:
     options = []
     for role, hyper in others.items():
         hints = get_type_hints(type(hyper))
-        told = tyro.conf.arg(help=f"Of the {role}s' algorithm: `pursuit train --help` explains it.")
+        help_text = tyro.conf.arg(help=f"See `pursuit train --help`; for the {role}s.")
         options += [
             (
                 f"{role}_{f.name}",
-                Annotated[hints[f.name], told],
+                Annotated[hints[f.name], help_text],
                 field(default=getattr(hyper, f.name)),
             )
             for f in fields(hyper)
@@ -137,10 +143,10 @@ def other_options(others: Mapping[str, Hyperparameters]) -> Any:
 
 
 def show(run: Run, content: dict[str, Any]) -> None:
-    """Print what was found."""
+    """Print the results."""
     from train.experiments.methods import METHODS, methods  # torch is slow to import
     from train.self_play.payoffs import matches_table
-    from train.self_play.report import told_exploitability
+    from train.self_play.report import describe_exploitability
 
     matches = content["matches"]
     table = matches_table(matches)
@@ -149,8 +155,8 @@ def show(run: Run, content: dict[str, Any]) -> None:
     exact = not any(row["games"] for row in matches)
     print(
         f"\nsteps until capture, at most {run.trainee.task.max_steps} "
-        f"({'exact' if exact else '± is the 95 % interval'}); chasers down, evaders across"
+        f"({'exact' if exact else '± is the 95 % interval'}); rows: chasers, columns: evaders"
     )
     print_table(table, 100)
-    print("", *told_exploitability(content), sep="\n")
+    print("", *describe_exploitability(content), sep="\n")
     print(f"results, curve, table, methods, pool and {REPORT}: {run.folder}")

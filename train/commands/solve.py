@@ -23,7 +23,7 @@ from scripted_agents import (
     solve_hidden_chase,
 )
 from train.commands.parse import parse
-from train.commands.progress import Alive
+from train.commands.progress import ProgressLine
 from train.files import check_new_files
 from train.reports.figures import BLUE, FORMATS, ORANGE, draw_cells, pyplot, save
 from train.settings.checks import RANDOM_MOVES, Settings, check, check_default, one_of, rule
@@ -42,7 +42,7 @@ class SolveCommand(Settings):
     horizon: int | None = None
     """Solve for this number of steps instead, without discount."""
     num_chasers: int = 1
-    """Chasers, who act as one player; 2 is for small mazes, and has no picture."""
+    """Number of chasers, which act as one player; 2 is for small mazes, and has no picture."""
     stay_action: bool = False
     """Whether a fifth action, stay, exists."""
     move_order: str = "simultaneous"
@@ -55,7 +55,7 @@ class SolveCommand(Settings):
     """Solve for one agent that sees so many path steps, against a scripted one, instead; an
     interval of its optimum is proven."""
     role: Annotated[str, one_of("chaser", "evader")] = "chaser"
-    """Who has the limited sight: chaser or evader."""
+    """The agent with the limited view: chaser or evader."""
     opponent_epsilon: Annotated[float, RANDOM_MOVES] = 0.2
     """Share of random moves of its A* opponent."""
     seconds: Annotated[float, SECONDS] = 20.0
@@ -72,7 +72,7 @@ def solve(arguments: Sequence[str]) -> None:
     check_options(given)
     maze = load_maze(given.maze)
     if given.view_radius is not None:
-        print(describe_limited_sight(maze, given))
+        print(describe_limited_view(maze, given))
         return
     cells = {"chaser_cell": given.chaser_cell, "evader_cell": given.evader_cell}
     for name, cell in cells.items():
@@ -90,7 +90,7 @@ def solve(arguments: Sequence[str]) -> None:
     check_new_files([out], given.overwrite)
     began = perf_counter()
     order: Any = given.move_order
-    alive, solving = Alive(), f"solving {maze.name}"
+    alive, solving = ProgressLine(), f"solving {maze.name}"
     solution = solve_chase(
         maze,
         given.discount,
@@ -106,10 +106,10 @@ def solve(arguments: Sequence[str]) -> None:
         number = cop_number(
             maze, report=lambda done, chasers: alive(f"{chasers} chaser(s) in turns", done)
         )
-        told = "more than 3" if number is None else str(number)
+        text = "more than 3" if number is None else str(number)
     except ValueError as error:
-        told = f"not known ({error})"
-    print(f"{'cop number (in turns)':<32}{told}")
+        text = f"not known ({error})"
+    print(f"{'cop number (in turns)':<32}{text}")
     if given.num_chasers == 1:
         shown = zip(cells.values(), telling_cells(solution), strict=True)
         chaser, evader = (own if cell is None else cell for cell, own in shown)
@@ -119,11 +119,11 @@ def solve(arguments: Sequence[str]) -> None:
 
 PICTURE = ("chaser_cell", "evader_cell", "out", "overwrite")
 OF_ONE_SIGHT = ("role", "opponent_epsilon", "seconds")
-"""Options of the picture, and of an agent with limited sight."""
+"""Options of the picture, and of an agent with a limited view."""
 
 
 def check_options(given: SolveCommand) -> None:
-    """ValueError for a value that is not allowed, or an option that has no effect beside others."""
+    """ValueError for invalid values, or options that have no effect with the others."""
     if given.view_radius is None:
         check_default(given, SolveCommand, OF_ONE_SIGHT, "it goes with --view-radius")
         if given.horizon is not None:
@@ -136,13 +136,13 @@ def check_options(given: SolveCommand) -> None:
         check_default(given, SolveCommand, PICTURE, "there is a picture of one chaser only")
 
 
-def describe_limited_sight(maze: Maze, given: SolveCommand) -> str:
-    """What is proven of the optimum of an agent with limited sight, a line each."""
+def describe_limited_view(maze: Maze, given: SolveCommand) -> str:
+    """The proven bounds of the optimum of an agent with a limited view, one per line."""
     own: Any = given.role
     form = AStarEvader if own == "chaser" else AStarChaser
     opponent = form(given.opponent_epsilon)
     table = opponent.action_probabilities(maze, given.stay_action)
-    alive, name = Alive(), f"radius {given.view_radius}"
+    alive, name = ProgressLine(), f"radius {given.view_radius}"
     how: Any = {
         "discount": given.discount,
         "seconds": given.seconds,
@@ -163,16 +163,16 @@ def describe_limited_sight(maze: Maze, given: SolveCommand) -> str:
             f"{opponent!r}, {given.move_order}, discount {given.discount:g}",
             "optimum (mean over starts)": f"{found.lower:.4f} to {found.upper:.4f} steps, "
             f"discounted, proven ({100 * found.width:.3f} % wide)",
-            "optimum in full sight": f"{full.upper:.4f} steps, discounted",
-            "more than in full sight": f"{low:+.2f} to {up:+.2f} %",
+            "optimum with full view": f"{full.upper:.4f} steps, discounted",
+            "above that with full view": f"{low:+.2f} to {up:+.2f} %",
             "solved in": f"{found.seconds:.1f} s",
         }
     )
 
 
-def in_lines(told: Mapping[str, str]) -> str:
-    """What is told of each name, a line each."""
-    return "\n".join(f"{name:<32}{text}" for name, text in told.items())
+def in_lines(rows: Mapping[str, str]) -> str:
+    """The entries, one per line."""
+    return "\n".join(f"{name:<32}{text}" for name, text in rows.items())
 
 
 def describe(solution: ChaseSolution, seconds: float) -> str:
@@ -189,7 +189,7 @@ def describe(solution: ChaseSolution, seconds: float) -> str:
     mean = float(values[np.logical_and.reduce(own)].mean())
     escapes = int((values[apart] >= most * (1.0 - 1e-9)).sum())
     places = int(apart.sum())
-    told = {
+    text = {
         "maze": f"{maze.name}: {maze.num_cells} cells, {maze.num_loops} loops",
         "game": f"{chasers} chaser{'s' if chasers > 1 else ''}, 1 evader, {solution.move_order}, "
         f"{'with' if solution.stay_action else 'no'} stay, {how}",
@@ -199,8 +199,8 @@ def describe(solution: ChaseSolution, seconds: float) -> str:
         "optimal play must be random at": f"{mixed:,} of {places:,} places "
         f"({places - mixed:,} have a pure saddle point)",
     }
-    told["solved in"] = f"{seconds:.2f} s, {solution.sweeps} sweeps"
-    return in_lines(told)
+    text["solved in"] = f"{seconds:.2f} s, {solution.sweeps} sweeps"
+    return in_lines(text)
 
 
 def telling_cells(solution: ChaseSolution) -> tuple[int, int]:
@@ -237,7 +237,7 @@ def draw_solution(path: Path, solution: ChaseSolution, chaser: int, evader: int)
 
 
 def _draw_arrows(axis: Any, maze: Maze, policy: NDArray[np.float64], other: int) -> None:
-    """An arrow for every action, as long as it is probable; a dot for standing still."""
+    """An arrow for every action, as long as it is probable; a dot for staying."""
     for cell in range(maze.num_cells):
         if cell == other:
             continue

@@ -34,8 +34,8 @@ def judged(contest: SuiteContest, policies: dict[str, Any], table: Path | None) 
     own = [contest.in_mazes(name, policy) for name, policy in policies.items()]
     found = [*contest.references(), *own]
     print_scores([each.score(contest.episodes) for each in found], measure=contest.measure)
-    told = [each for each in found if each is not contest.best]
-    rows = maze_rows(contest, told)
+    text = [each for each in found if each is not contest.best]
+    rows = maze_rows(contest, text)
     if rows[0]["kind"]:
         print_table(kind_table(rows))
     tell(summary_of(contest, own[0]))
@@ -47,14 +47,14 @@ def judged(contest: SuiteContest, policies: dict[str, Any], table: Path | None) 
 
 def tell(found: dict[str, Any]) -> None:
     """A summary in a line."""
-    told = f"{found['mazes']} mazes: {100 * found['success_rate']:.2f} % of the tasks solved, "
-    told += f"{100 * found['solved_mazes']:.1f} % of the mazes from everywhere"
+    text = f"{found['mazes']} mazes: {100 * found['success_rate']:.2f} % of the tasks solved, "
+    text += f"{100 * found['solved_mazes']:.1f} % of the mazes from everywhere"
     if "mean_gap" in found:
-        told += (
+        text += (
             f"; gap to the optimum {100 * found['optimality_gap']:+.2f} %, mean of the mazes' gaps "
             f"{100 * found['mean_gap']:+.2f} %, worst {100 * found['worst_gap']:+.1f} %"
         )
-    print(told)
+    print(text)
 
 
 def compared(contest: SuiteContest, found: InMazes, training: SuiteContest, policy: Any) -> Any:
@@ -64,15 +64,15 @@ def compared(contest: SuiteContest, found: InMazes, training: SuiteContest, poli
         mazes = tuple(training.task.mazes[int(n * step)] for n in range(SEEN_MAZES))
         training = replace(training, task=replace(training.task, maze=mazes))
     seen = summary_of(training, training.in_mazes(found.name, policy))
-    told = generalisation(seen, summary_of(contest, found))
+    result = generalisation(seen, summary_of(contest, found))
     print(f"in {seen['maze']}, of its training: ", end="")
     tell(seen)
-    lost = told["lost"]
+    lost = result["lost"]
     text = f"generalisation gap: {100 * lost['success_rate']:+.2f} points of success"
     if "optimality_gap" in lost:
         text += f", {100 * lost['optimality_gap']:+.2f} points of the gap to the optimum"
     print(text)
-    return told
+    return result
 
 
 def exact_where_known(contest: SuiteContest, policies: Sequence[Any]) -> SuiteContest:

@@ -68,7 +68,7 @@ def sweep(arguments: Sequence[str]) -> None:
 
 
 def check_options(given: SweepCommand) -> None:
-    """ValueError for options that no sweep takes, whatever its file."""
+    """ValueError for options that are invalid for every sweep file."""
     check(
         given.file is None or not given.list,
         f"{given.file!r} with --list, which names the shipped files; leave one of the two out",
@@ -81,13 +81,13 @@ def check_options(given: SweepCommand) -> None:
 
 
 def carry_out(plan: Study, given: SweepCommand, again: str) -> None:
-    """Do the runs of `plan` as the options say, watch them, and report.
+    """Execute the runs of `plan`, print the progress, and write the report.
 
-    Exits with 1 where runs failed; `again` says how to go on.
+    Exits with status 1 if runs failed; `again` is the command that continues.
 
     Raises:
-        ValueError: options that make no sense.
-        KeyboardInterrupt: it was interrupted; what was learned is saved.
+        ValueError: invalid options.
+        KeyboardInterrupt: on interruption; checkpoints are saved.
     """
     from train.experiments.executors import run_locally, run_on_ray  # torch is slow to import
     from train.experiments.report import report_on
@@ -113,7 +113,7 @@ def carry_out(plan: Study, given: SweepCommand, again: str) -> None:
     left = {name: status for name, status in statuses.items() if status != "complete"}
     for name, status in left.items():
         folder = out / "runs" / name
-        where = folder / "error.txt" if status == "failed" else f"{folder}; go on with: {again}"
+        where = folder / "error.txt" if status == "failed" else f"{folder}; continue with: {again}"
         print(f"{status}: {where}", file=sys.stderr)
     if left:
         sys.exit(1)
@@ -121,11 +121,13 @@ def carry_out(plan: Study, given: SweepCommand, again: str) -> None:
 
 @contextlib.contextmanager
 def resumable(again: str, now: Callable[[], str] = lambda: "") -> Iterator[None]:
-    """Says, where it is interrupted, how far it is (`now`) and by which command it goes on."""
+    """Print the progress (`now`) and the command that continues if interrupted."""
     try:
         yield
     except KeyboardInterrupt:
-        print(f"\ninterrupted; what is done is kept{now()}. Go on with: {again}", file=sys.stderr)
+        print(
+            f"\ninterrupted; completed work is kept{now()}. Continue with: {again}", file=sys.stderr
+        )
         raise
 
 
@@ -149,10 +151,10 @@ def list_runs(plan: Study, out: Path) -> None:
 
 
 class SweepWatch:
-    """Says how far a sweep is: a line whenever a run begins or ends, and every half minute."""
+    """Prints the progress of a sweep, when a run starts or ends and every 30 seconds."""
 
     def __init__(self) -> None:
-        self.began, self.told = time.monotonic(), 0.0
+        self.began, self.printed = time.monotonic(), 0.0
         self.before: dict[str, str] = {}
         self.done_before: set[str] | None = None
 
@@ -162,15 +164,15 @@ class SweepWatch:
             self.done_before = {name for name, s in statuses.items() if s == "complete"}
             if self.done_before:
                 print(f"{counts(statuses[name] for name in self.done_before)} already")
-        told = (*ENDED, "interrupted")
+        reported = (*ENDED, "interrupted")
         for name, status in statuses.items():
             new = status != self.before.get(name) and name not in self.done_before
-            if new and status in told:
+            if new and status in reported:
                 print(f"{status:<12}{name}", flush=True)
         ended = sum(status in ENDED for status in statuses.values())
         now = time.monotonic()
-        if statuses != self.before or now - self.told > 30:
-            self.told, self.before = now, dict(statuses)
+        if statuses != self.before or now - self.printed > 30:
+            self.printed, self.before = now, dict(statuses)
             left = self.seconds_left(statuses, progress)
             parts = [f"{ended} of {len(statuses)} done", f"{len(progress)} running"]
             if progress:

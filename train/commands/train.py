@@ -13,21 +13,21 @@ from train.commands.parse import (
     parse,
     parse_known,
 )
-from train.commands.progress import RunCommand, begun, carry_out, leave
+from train.commands.progress import RunCommand, exit_after_signal, finish_run, open_run
 from train.commands.scores import (
+    announce_solution,
     certificate_of,
     print_bounds,
-    print_floor,
+    print_objective_gap,
     print_reference,
     print_scores,
-    say_what_is_solved,
 )
 from train.evaluation.arm_contest import ArmContest
 from train.evaluation.scores import Score
 from train.files import write_text
 from train.runs.folder import CURVE, REPLAY, REPORT, RUN
 from train.runs.pictures import draw_learning_curve, save_replay
-from train.runs.report import headline, loops_told, of_solved, write_report
+from train.runs.report import describe_loops, headline, of_solved, write_report
 from train.runs.tasks import default_settings
 from train.settings.algorithms import Hyperparameters
 from train.settings.presets import TUNED
@@ -43,23 +43,22 @@ H = TypeVar("H", bound=Hyperparameters, covariant=True)
 
 @dataclass(frozen=True)
 class TrainCommand(RunCommand, Generic[H]):
-    """Train one agent against scripted ones, or an arm, and say how far it is from the exact
-    optimum.
+    """Train one agent against fixed opponents, or an arm, and compare it with the exact optimum.
 
-    The options of the task are those of --task (chase if left out), those of the algorithm's
-    settings those of --algorithm (ppo if left out), those of the curriculum's those of
-    --curriculum: `pursuit train --task reacher --algorithm td3 --help` shows an arm's and TD3's.
+    Options depend on --task (default: chase), --algorithm (default: ppo) and --curriculum (default:
+    none). For example `pursuit train --task reacher --algorithm td3 --help` lists the options of an
+    arm and of TD3.
     """
 
     settings: TrainSettings[H]
     preset: str = TUNED
-    """Where the algorithm's settings come from: tuned, or thesis-ppo, thesis-a2c, thesis-dqn; of an
-    arm thesis-ddpg, thesis-td3, thesis-reacher-ppo."""
+    """Hyperparameters: tuned, thesis-ppo, thesis-a2c or thesis-dqn; for the arm thesis-ddpg,
+    thesis-td3 or thesis-reacher-ppo."""
 
 
 @dataclass(frozen=True)
 class _First:
-    """What is looked for first among the arguments: it decides what the other options are."""
+    """Options that are parsed first, as they determine the other options."""
 
     task: AnyTask = field(default_factory=TaskSettings)
     algorithm: str | None = None
@@ -74,28 +73,28 @@ def train(arguments: Sequence[str]) -> None:
     default = _defaults(arguments)
     form: Any = TrainCommand[type(default.settings.hyper)]  # type: ignore[misc]
     given: TrainCommand[Any] = parse(form, arguments, "train", default)
-    run, final = begun(RUN, given.settings, given, given.settings.task.label)
+    run, final = open_run(RUN, given.settings, given, given.settings.task.label)
     trainee: SingleAgent = run.trainee
     print(trainee.contest.line())
     if (form := getattr(trainee.learner, "update_form", None)) is not None:
         print(f"update: {form}")
     if trainee.teacher is not None:
         print(f"curriculum: {trainee.teacher.name}, over {trainee.teacher.describes}")
-    content = carry_out(
+    content = finish_run(
         run,
         final.episodes,
         "pursuit train",
-        lambda: say_what_is_solved(trainee.contest, run.stopped),
+        lambda: announce_solution(trainee.contest, run.stopped),
     )
     show(run, content)
-    leave(run)
+    exit_after_signal(run)
 
 
 def _defaults(arguments: Sequence[str]) -> TrainCommand[Any]:
-    """The preset of the algorithm and task in the arguments, so that --help shows it as well.
+    """The command with the preset for the algorithm and task in the arguments, also for --help.
 
     Raises:
-        ValueError: an unknown algorithm or preset, or two that do not go together.
+        ValueError: an unknown algorithm or preset, or a preset of another algorithm.
     """
     options = options_in(arguments)
     task = default_task(options)
@@ -106,7 +105,7 @@ def _defaults(arguments: Sequence[str]) -> TrainCommand[Any]:
 
 
 def show(run: Run, content: dict[str, Any]) -> None:
-    """Print and draw what was found: what stands at the end of every run, interrupted or not."""
+    """Print the results of a run, and write its figures, report and replay."""
     from train.experiments.methods import METHODS, methods  # torch is slow to import
     from train.runs.saved import load_settings
 
@@ -142,11 +141,11 @@ def show(run: Run, content: dict[str, Any]) -> None:
             f"{evaluation['optimal_steps']:.3f} ({how}): gap "
             f"{100 * evaluation['optimality_gap']:+.2f} %{of_solved(evaluation)}"
         )
-    remembers = settings.frame_stack > 1 or settings.hyper.recurrent is not None
-    if settings.evaluate == "greedy" and not remembers and (told := loops_told(content)):
-        print(told)
+    has_memory = settings.frame_stack > 1 or settings.hyper.recurrent is not None
+    if settings.evaluate == "greedy" and not has_memory and (advice := describe_loops(content)):
+        print(advice)
     if column != "mean_steps":
         print(f"\n{headline(content)}")
     print_reference(content.get("reference", {}), judged)
-    print_floor(evaluation, trainee.parts.hyper.last_gamma)
+    print_objective_gap(evaluation, trainee.parts.hyper.last_gamma)
     print(f"results, curve, replay, methods and {REPORT}: {run.folder}")

@@ -12,7 +12,7 @@ import tyro
 
 from pursuit.replays.replay import Replay
 from pursuit.replays.viewer.data import Builder, Extras
-from train.commands.parse import heard, parse
+from train.commands.parse import parse, print_warnings
 from train.evaluation.closeups import recorded, sides_of
 from train.files import check_new_files
 from train.play.browser import open_page
@@ -30,13 +30,13 @@ class ViewCommand(Settings):
 
     Of one run, or of self-play, it is the report, RUN/report.html if --out is left out. Of several,
     and of replays, it has all their episodes, to be watched one by one or side by side: those of
-    runs of one task begin alike. The page is one file that asks nothing of anywhere.
+    runs of one task have the same starts. The page is one file without network requests.
     """
 
     paths: Annotated[tuple[Path, ...], tyro.conf.Positional]
     """Folders of runs, and replays (.json)."""
     out: Path | None = None
-    """The page; replay.html if left out and no run's report is asked for."""
+    """The output page; by default report.html of a run, otherwise replay.html."""
     episodes: Annotated[int, at_least(1)] = 4
     """Episodes of each run, where several things are shown."""
     overwrite: bool = False
@@ -52,7 +52,7 @@ def view(arguments: Sequence[str]) -> None:
     for path in given.paths:
         check(path.exists(), f"{path}: no such file or folder")
     check_new_files([given.out], given.overwrite)
-    with heard():
+    with print_warnings():
         alone = len(given.paths) == 1 and given.paths[0].is_dir()
         alone = alone and read_config(given.paths[0])[0] != SIDE
         page = report_again(given.paths[0], given.out) if alone else together(given)
@@ -72,7 +72,7 @@ def report_again(folder: Path, out: Path | None) -> Path:
     kind, _ = read_config(folder)
     check(
         (folder / RESULTS).exists(),
-        f"{folder}: no results yet; go on with it: {KINDS[kind].again} --resume {folder}",
+        f"{folder}: no results yet; continue with {KINDS[kind].again} --resume {folder}",
     )
     if kind == SELF_PLAY:
         results = read_results(folder / RESULTS, RUN)
@@ -96,8 +96,8 @@ def together(given: ViewCommand) -> Path:
     title = ", ".join(path.name for path in given.paths)
     for warning in builder.warnings:
         print(f"pursuit: warning: {warning}", file=sys.stderr)
-    told = [f"Warning: {in_markdown(warning)}" for warning in builder.warnings]
-    write_page(page, title, [*told, PLAYER_ROOM], builder.data(title))
+    text = [f"Warning: {in_markdown(warning)}" for warning in builder.warnings]
+    write_page(page, title, [*text, PLAYER_ROOM], builder.data(title))
     return page
 
 

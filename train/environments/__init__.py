@@ -1,1 +1,1 @@
-"""TorchRL environments over the simulators, and the hooks of whoever changes the next episode."""
+"""TorchRL environments over the simulators, and hooks that configure episodes."""

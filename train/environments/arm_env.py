@@ -1,4 +1,4 @@
-"""ArmEnv: a batch of arms of the ReacherSimulator as a native TorchRL environment."""
+"""A batch of arms of the ReacherSimulator as a native TorchRL environment."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from train.networks.arm_policy import ArmSeat
 
 
 class ArmEnv(LockstepEnv):
-    """The learner moves every arm; keys are those of `LockstepEnv`.
+    """An environment in which the learner moves every arm; keys are those of `LockstepEnv`.
 
-    "action" is [batch, joints] float32 in [-1, 1], or where the task's actions are discrete [batch]
-    int64, one of all combinations (see `ReacherTask.actions_of`).
+    "action" is [batch, joints] float32 in [-1, 1]; with discrete actions [batch] int64, the number
+    of a combination (see `ReacherTask.actions_of`).
 
     Args:
         simulator: made with `auto_restart=False`.
-        player: who learns; its encoding is observed.
-        hook: changes the next episodes.
+        player: the learning agent; its encoding is observed.
+        hook: configures the next episodes.
     """
 
     simulator: ReacherSimulator

@@ -1,4 +1,4 @@
-"""EpisodeHook: how whoever changes the next episode comes into an environment."""
+"""The interface of objects that configure the next episodes of an environment."""
 
 from __future__ import annotations
 
@@ -9,22 +9,22 @@ from numpy.typing import NDArray
 
 
 class EpisodeHook:
-    """The base of teachers and of whoever draws opponents; every method does nothing here.
+    """Base of teachers and opponent pools; every method does nothing here.
 
     Attributes:
-        wants_advantages: whether `note_advantages` is to be called.
+        wants_advantages: whether `note_advantages` is called.
     """
 
     wants_advantages: bool = False
 
     def before_restart(self, games: NDArray[np.intp]) -> None:
-        """Settle what the next episode of each of `games` [n] is; n is at least 1."""
+        """Configure the next episode of each of `games` [n], n >= 1."""
 
     def after_restart(self, games: NDArray[np.intp]) -> None:
-        """Look at how the episodes of `games` [n] have just begun."""
+        """Called after the new episodes of `games` [n] have started."""
 
     def episode_ended(self, games: NDArray[np.bool_]) -> None:
-        """Note the games of the mask [num_games], whose episodes have just ended."""
+        """Called with the mask [num_games] of the games whose episode has just ended."""
 
     def note_advantages(self, advantages: NDArray[Any], done: NDArray[np.bool_]) -> None:
-        """Note a rollout's advantages and ends of episodes, [num_games, steps] each."""
+        """Called with a rollout's advantages and ends of episodes, [num_games, steps] each."""

@@ -1,4 +1,4 @@
-"""LockstepEnv: what the TorchRL environments over all simulators share."""
+"""The base of the TorchRL environments over all simulators."""
 
 from __future__ import annotations
 
@@ -18,28 +18,28 @@ NOT_SEEN = {"reward", *FLAGS}
 
 
 class LockstepEnv(EnvBase):
-    """A batch of games in which the learner has k seats each; the batch goes game by game.
+    """A batch of games in which the learner controls k agents each; the batch is ordered by game.
 
     Keys: "observation" [batch, ...], "action" [batch, ...], "reward", "terminated", "truncated" and
-    "done" [batch, 1]. After a step, "next" holds the last observation of an episode that ended; the
-    partial reset that follows begins the next one, so that nothing is bootstrapped across episodes.
+    "done" [batch, 1]. After a step, "next" holds the last observation of an episode that ended. The
+    partial reset that follows starts the next episode, so nothing is bootstrapped across episodes.
 
-    A world's own environment says what is seen (`_seen`), what a step does (`_play`) and what an
-    episode brought (`_returns`), and makes its specs of observations and actions.
+    Subclasses implement the observation (`_seen`), the step (`_play`) and the episode return
+    (`_returns`), and define the specs of observations and actions.
 
     Args:
-        simulator: of the world, made with `auto_restart=False`.
-        hook: changes the next episodes.
+        simulator: made with `auto_restart=False`.
+        hook: configures the next episodes.
         members: k.
 
     Raises:
-        ValueError: a simulator that restarts games by itself: what an episode ended with is gone.
+        ValueError: a simulator with automatic restarts, which lose the end of an episode.
 
     Attributes:
         simulator, hook, members: the arguments.
         num_games: in the batch.
         finished_returns, finished_lengths: of the episodes that ended since they were last cleared.
-        resume: set it to have the next full reset go on with the games as they stand.
+        resume: if set, the next full reset continues the current episodes.
         begun: whether `begin` was called.
     """
 
@@ -49,8 +49,8 @@ class LockstepEnv(EnvBase):
     def __init__(self, simulator: Any, hook: EpisodeHook | None = None, members: int = 1) -> None:
         if simulator.auto_restart:
             raise ValueError(
-                "this simulator restarts games by itself, so that nobody sees how they ended; make "
-                f"it with {type(simulator).__name__}(..., auto_restart=False)"
+                "this simulator restarts games automatically, which loses the end of episodes; "
+                f"use {type(simulator).__name__}(..., auto_restart=False)"
             )
         batch = simulator.num_games * members
         super().__init__(device="cpu", batch_size=[batch])
@@ -63,36 +63,36 @@ class LockstepEnv(EnvBase):
         flag = Binary(n=1, shape=(batch, 1), dtype=torch.bool)
         self.full_done_spec = Composite({key: flag.clone() for key in FLAGS}, shape=(batch,))
 
-    # -- what a world says -----------------------------------------------------------------------
+    # -- implemented by subclasses ---------------------------------------------------------------
 
     def _seen(self) -> dict[str, torch.Tensor]:
-        """What the learner's seats see: "observation" [batch, ...] and the like."""
+        """The observations of the learner's agents, "observation" [batch, ...], and masks."""
         raise NotImplementedError
 
     def _play(
         self, actions: torch.Tensor, alive: NDArray[np.bool_] | None = None
     ) -> tuple[dict[str, torch.Tensor], NDArray[np.bool_]]:
-        """One step with the learner's actions: all after it, and whose episode is over [num_games].
+        """One step with the learner's actions: all results, and the games that ended [num_games].
 
         Args:
             actions: [batch, ...].
-            alive: [num_games]; an episode that is over elsewhere was so before.
+            alive: [num_games], the games whose episode was running before the step; None for all.
         """
         raise NotImplementedError
 
     def _returns(self, games: NDArray[np.bool_]) -> NDArray[Any]:
-        """[n] the return of the episode in each game of the mask [num_games]."""
+        """[n] the episode return in each game of the mask [num_games]."""
         raise NotImplementedError
 
     def _restarted(self, games: NDArray[np.intp]) -> None:
-        """Called when new episodes have begun in `games` [n]."""
+        """Called after new episodes have started in `games` [n]."""
 
-    # -- what follows ----------------------------------------------------------------------------
+    # -- episodes and steps ----------------------------------------------------------------------
 
     def begin(self) -> None:
-        """New episodes in all games; the first time those of the simulator's seed, with lessons.
+        """Reset all games; the first time to the episodes of the simulator's seed.
 
-        The simulator has begun them already, but without the hook.
+        The simulator has started these already, but without the hook.
         """
         if not self.begun and self.simulator.last_seed is not None:
             self.simulator.seed(self.simulator.last_seed)
@@ -100,7 +100,7 @@ class LockstepEnv(EnvBase):
         self.restart()
 
     def restart(self, games: NDArray[np.bool_] | None = None) -> None:
-        """Begin new episodes in the games of the mask [num_games], or in all, as the hook says."""
+        """Start new episodes in the games of the mask [num_games], or in all, through the hook."""
         chosen = np.arange(self.num_games) if games is None else np.flatnonzero(games)
         if len(chosen):
             self.hook.before_restart(chosen)
@@ -109,7 +109,7 @@ class LockstepEnv(EnvBase):
             self.hook.after_restart(chosen)
 
     def finish(self, games: NDArray[np.bool_]) -> None:
-        """Note the games of the mask [num_games], whose episodes have just ended."""
+        """Record the games of the mask [num_games], whose episodes have just ended."""
         self.finished_returns.append(self._returns(games))
         self.finished_lengths.append(self.simulator.steps[games].copy())
         self.hook.episode_ended(games)
@@ -123,7 +123,7 @@ class LockstepEnv(EnvBase):
         terminated: NDArray[np.bool_],
         truncated: NDArray[np.bool_],
     ) -> dict[str, torch.Tensor]:
-        """What stands after a step, of arrays of batch numbers each."""
+        """The results of a step, from arrays of batch numbers each."""
         done = terminated | truncated
         flags = dict(zip(FLAGS, (terminated, truncated, done), strict=True))
         return {
@@ -144,14 +144,14 @@ class LockstepEnv(EnvBase):
         return self._batch(self._play(tensordict["action"])[0])
 
     def step_episodes(self, actions: torch.Tensor, running: torch.Tensor) -> TensorDictBase:
-        """A step without restarts, for learning from whole episodes; one seat a game.
+        """A step without restarts, for learning from whole episodes; one agent per game.
 
         Args:
             actions: [num_games, ...]; those of games that have ended are ignored.
-            running: [n] int64, the games whose episode is not over yet.
+            running: [n] int64, the games whose episode is running.
 
         Returns:
-            Everything after the step, for all games.
+            The results of the step for all games.
         """
         alive = np.zeros(self.num_games, dtype=bool)
         alive[running.numpy()] = True
@@ -160,10 +160,9 @@ class LockstepEnv(EnvBase):
     def step_and_maybe_reset(
         self, tensordict: TensorDictBase
     ) -> tuple[TensorDictBase, TensorDictBase]:
-        """What `EnvBase.step_and_maybe_reset` does, in a quarter of its time.
+        """As `EnvBase.step_and_maybe_reset`, in a quarter of its time.
 
-        The games that are over begin anew without the checks and copies of the general partial
-        reset; a test holds the two against each other.
+        It omits the checks and copies of the general partial reset; a test compares the two.
         """
         after, seen = self.step_tensors(tensordict["action"])
         running = torch.zeros_like(after["done"])
@@ -173,14 +172,14 @@ class LockstepEnv(EnvBase):
     def step_tensors(
         self, actions: torch.Tensor
     ) -> tuple[dict[str, torch.Tensor], dict[str, torch.Tensor]]:
-        """The same without TensorDicts, which take as long as a step of five hundred games.
+        """As `step_and_maybe_reset`, without TensorDicts, which cost as much as 500 games.
 
         Args:
             actions: [batch, ...].
 
         Returns:
-            All that stands after the step, and what is seen by whoever plays on: where an episode
-            ended, the first of the next one. They may share tensors.
+            The results of the step, and the observations for the next step: where an episode ended,
+            the first one of the next episode. They may share tensors.
         """
         after, over = self._play(actions)
         if over.any():

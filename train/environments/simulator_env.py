@@ -1,4 +1,4 @@
-"""SimulatorEnv: a batch of games of the Simulator as a native TorchRL environment."""
+"""A batch of games of the Simulator as a native TorchRL environment."""
 
 from __future__ import annotations
 
@@ -21,31 +21,31 @@ from train.networks.policy import Seat
 
 
 class SimulatorEnv(LockstepEnv):
-    """The learner's seats of every game; policies fill the others.
+    """The learner controls k agents of every game, and policies control the others.
 
-    The learner has k seats of each game, one after the other: one, or all of a role, whose agents
-    then learn with shared parameters (independent PPO; de Witt et al., 2020).
-    Keys are those of `LockstepEnv`; "action" is [batch] int64. An episode is over with its game, or
-    when none of the learner's agents is left in it. Where k > 1, an agent that has been caught
-    while others run on is "idle" ([batch, 1] bool): what it records counts for nothing.
+    The learner's agents have consecutive indices: a single agent, or all of a role, which then
+    learn with shared parameters (independent PPO; de Witt et al., 2020).
+    Keys are those of `LockstepEnv`; "action" is [batch] int64. An episode ends with its game, or
+    when none of the learner's agents is active. With k > 1, a captured agent is "idle" ([batch, 1]
+    bool) while others continue; its data is excluded from learning.
 
-    Where the player has `mask_bumps`, "action_mask" ([batch, actions] bool, beside each
-    "observation") says what it may do, and the action spec draws from that alone. (Without the stay
-    action it forbids waiting, with a warning.)
+    If the player has `mask_bumps`, "action_mask" ([batch, actions] bool, beside each "observation")
+    marks the allowed actions, and the action spec draws from these only. (Without the stay action
+    it forbids waiting, with a warning.)
 
     Args:
         simulator: made with `auto_restart=False`.
-        player: who learns; its encoding is observed.
-        policies: whoever fills each seat; None in the learner's.
-        hook: changes the next episodes.
+        player: the learning agent; its encoding is observed.
+        policies: the policy of each agent; None for the learner's.
+        hook: configures the next episodes.
         members: k.
-        scale: rewards are multiplied by it.
+        scale: factor of the rewards.
 
     Attributes:
-        seat, seats: the learner's first seat, and all of them.
+        seat, seats: the learner's first agent index, and all of them.
         idle: [num_games, k] bool.
-        frames: [batch, frame_stack, ...], the last observations of every agent of the learner's,
-            where it is given more than one at once.
+        frames: [batch, frame_stack, ...], the stacked observations of the learner's agents, if
+            there is stacking.
     """
 
     simulator: Simulator
@@ -102,7 +102,7 @@ class SimulatorEnv(LockstepEnv):
             self.stack.forget(rows, games)
 
     def _stacked(self, seen: NDArray[Any]) -> NDArray[Any]:
-        """[games, k, *shape]: what is seen now with what was seen before it."""
+        """[games, k, *shape]: the current observations, stacked with earlier ones."""
         if self.stack is None:
             return seen
         flat = self.stack.seen(self.frames, seen.reshape(-1, *seen.shape[2:]))
@@ -113,7 +113,7 @@ class SimulatorEnv(LockstepEnv):
         return returns.mean(axis=1) if self.members > 1 else returns[:, 0]
 
     def _seen(self) -> dict[str, torch.Tensor]:
-        """The observations [batch, ...] of the learner's seats, who is idle, and the masks."""
+        """The observations [batch, ...] of the learner's agents, their idle flags and masks."""
         simulator = self.simulator
         encoder = simulator.encoder(self.encoding)
         seen = torch.from_numpy(self._stacked(encoder.encode(simulator.games, self.seats)))
@@ -130,11 +130,11 @@ class SimulatorEnv(LockstepEnv):
     def _play(
         self, actions: torch.Tensor, alive: NDArray[np.bool_] | None = None
     ) -> tuple[dict[str, torch.Tensor], NDArray[np.bool_]]:
-        """One step with the learner's actions [batch]: all after it, and whose episode is over.
+        """One step with the learner's actions [batch]: all results, and the games that ended.
 
         Args:
             actions: int64.
-            alive: [num_games]; an episode that is over elsewhere was so before.
+            alive: [num_games], the games whose episode was running before the step; None for all.
         """
         simulator = self.simulator
         simulator.act(self.policies, self._actions)

@@ -1,4 +1,4 @@
-"""How well a policy plays, beside the exact references."""
+"""Evaluation of policies against exact references."""
 
 from train.evaluation.exploitability import (
     Exploitability,

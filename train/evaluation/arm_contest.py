@@ -1,4 +1,4 @@
-"""The contest of an arm: how many steps a policy needs, beside the least that it could."""
+"""Evaluation of policies of the arm by steps, with the minimum steps as reference."""
 
 from __future__ import annotations
 
@@ -27,16 +27,16 @@ from train.evaluation.scores import BY_STEPS, Contest, Measure, Reference, Score
 from train.settings.checks import EVALUATION_SEED
 
 EPISODES = 1000
-"""Starts that are solved at once, at least."""
+"""Minimum number of starts that are solved together."""
 
 
 @dataclass(frozen=True)
 class Bounds:
-    """The least lengths of the episodes from given starts.
+    """Bounds of the minimum episode lengths from given starts.
 
     Attributes:
-        lower, upper: [episodes] int64; equal where the least length is known.
-        possible: [episodes] whether `max_steps` may be enough.
+        lower, upper: [episodes] int64; equal if the minimum is known.
+        possible: [episodes] whether `max_steps` can be enough.
     """
 
     lower: NDArray[np.int64]
@@ -45,19 +45,18 @@ class Bounds:
 
     @property
     def share_exact(self) -> float:
-        """Of the starts."""
+        """The share of starts with a known minimum."""
         return float((self.lower == self.upper).mean())
 
 
 @lru_cache(maxsize=16)
 def bounds_of(task: ReacherTask, episodes: int, seed: int) -> Bounds:
-    """The least lengths of the episodes that an evaluation plays.
+    """Bounds of the minimum episode lengths of an evaluation.
 
-    A tip that begins in reach needs a step all the same, and one that is to be held stays for the
-    rest of `hold`; nothing takes longer than `max_steps`. Discrete actions reach no more poses than
-    continuous ones, so of those only the lower bounds hold.
+    Every episode has at least `hold` steps and at most `max_steps`. Discrete actions reach fewer
+    poses than continuous ones, so only the lower bounds hold for them.
 
-    The first starts of a larger evaluation are those of a smaller one, so both are solved at once.
+    A smaller evaluation has the first starts of a larger one, so both are solved together.
     """
     if episodes < EPISODES:
         first = bounds_of(task, EPISODES, seed)
@@ -71,10 +70,10 @@ def bounds_of(task: ReacherTask, episodes: int, seed: int) -> Bounds:
 
 @dataclass(frozen=True)
 class ArmContest(Contest):
-    """An arm alone with its targets; a `Contest`.
+    """Evaluation of the arm; a `Contest`.
 
-    Poses begin at random, or fixed where the task says so: those of a kept pose would depend on
-    who moved the arm before.
+    Starting poses are random, or fixed by the task. A pose kept from the previous episode would
+    depend on the policy.
     """
 
     task: ReacherTask
@@ -87,7 +86,7 @@ class ArmContest(Contest):
         return BY_STEPS
 
     def describe(self) -> dict[str, Any]:
-        """The task, how many joints, and between which bounds the least steps lie."""
+        """The task, the number of joints, and the bounds of the minimum steps."""
         bounds = self.bounds()
         least = {
             "lower": float(bounds.lower.mean()),
@@ -109,11 +108,11 @@ class ArmContest(Contest):
         )
 
     def starts(self) -> ReacherSimulator:
-        """The arms of the evaluation at their starts."""
+        """A simulator of all episodes at their starts."""
         return ReacherSimulator(self.task, self.episodes, self.seed, auto_restart=False)
 
     def play(self, policy: ArmPolicy) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-        """Play every start to its end: episode lengths [episodes], and which succeeded."""
+        """Play all episodes: lengths [episodes], and whether they succeeded [episodes]."""
         arms = self.starts()
         lengths = np.full(self.episodes, self.task.max_steps, dtype=np.int64)
         running, reached = np.ones(self.episodes, dtype=bool), np.zeros(self.episodes, dtype=bool)
@@ -134,18 +133,18 @@ class ArmContest(Contest):
         return Score(name, mean, half_width(lengths), share, len(lengths), False)
 
     def bounds(self) -> Bounds:
-        """The least lengths of these episodes."""
+        """Bounds of the minimum lengths of these episodes."""
         return bounds_of(self.task, self.episodes, self.seed)
 
     @property
     def is_exact(self) -> bool:
-        """Whether the least steps are known from every start: their bounds are equal."""
+        """Whether the minimum steps are known from every start."""
         return not self.task.discrete_actions and self.bounds().share_exact == 1.0
 
     def optimal(self) -> Score | None:
-        """The least steps from the same starts: of intervals their lower ends.
+        """The lower bounds of the minimum steps from the same starts.
 
-        None where `max_steps` cuts every episode off: then everybody takes as long.
+        None if `max_steps` truncates every episode: then all policies take equally long.
         """
         bounds = self.bounds()
         if not bounds.possible.any():
@@ -155,10 +154,10 @@ class ArmContest(Contest):
         return Score("optimal", mean, half_width(bounds.lower), share, self.episodes, False)
 
     def baselines(self) -> list[Score]:
-        """Random, every kinematic method, the thesis' baseline, and the least steps.
+        """Random, the inverse kinematics methods, the thesis' baseline, and the minimum steps.
 
-        The moves that achieve the upper ends of their intervals are played as well, where these are
-        intervals; discrete actions can play neither these nor the kinematic ones.
+        If the bounds differ, the policy that achieves the upper bounds is included. With discrete
+        actions only the random policy and the bounds are.
         """
         optimum = self.optimal()
         known = [] if optimum is None else [optimum]
@@ -173,7 +172,7 @@ class ArmContest(Contest):
         return scores
 
     def reference(self, scores: Sequence[Score], learned: Score) -> Reference | None:
-        """As `Contest`: a bound where the least steps are not known exactly from every start."""
+        """As `Contest`; a bound if the minimum steps are not known exactly from every start."""
         found = reference_of(scores, learned)
         if found is None or found.kind != "exact" or self.is_exact:
             return found

@@ -1,8 +1,7 @@
-"""The contest of one agent in the games of a task: how well a policy does, beside references.
+"""Evaluation of one agent of a task in one maze, with exact references.
 
-A chase of one evader in one maze is evaluated exactly, by backward induction over the cells of all
-agents, while it is small; everything else is played out from seeded starts that are the same for
-everybody.
+Small chases of one evader are evaluated exactly, by backward induction over the cells of all
+agents. Other games are sampled from seeded starts that are the same for all policies.
 """
 
 from __future__ import annotations
@@ -66,9 +65,8 @@ from train.evaluation.scores import (
 class GameContest(MazeContest):
     """One agent of a task, with fixed policies in all other seats; a `Contest`.
 
-    The optimum is that of all actions; with `mask_bumps`, that of an agent that is forbidden moves
-    into walls stands beside it. Whole games (teams, races, heists) are solved up to `most_work`, in
-    the units of `joint_work`.
+    The optimum allows all actions. With `mask_bumps` the optimum without moves into walls is given
+    too. Whole games (teams, races, heists) are solved up to the size `most_work` (`joint_work`).
     """
 
     mask_bumps: bool = False
@@ -80,13 +78,13 @@ class GameContest(MazeContest):
         return is_exact(self.task, *self.opponents.values())
 
     def _means(self, simulator: Simulator) -> dict[str, float | None]:
-        """What the agent was paid, and the goals that it collected, in games that were played."""
+        """Mean return and number of goals of the agent in finished games."""
         seat = self.seat
         goals = float(simulator.collected[:, seat].mean()) if self.task.num_goals else None
         return {"mean_return": float(simulator.returns[:, seat].mean()), "mean_goals": goals}
 
     def _with(self, policy: Policy) -> dict[str, Policy]:
-        """Who fills which seat when `policy` fills this one."""
+        """The policies of all agents, with `policy` for the evaluated one."""
         return {**self.opponents, self.task.agent_names[self.seat]: policy}
 
     def opponent_table(self) -> NDArray[np.float64]:
@@ -95,7 +93,7 @@ class GameContest(MazeContest):
         return table_in(self.task, self.opponent)
 
     def score(self, name: str, policy: Policy) -> Score:
-        """Play, and solve where it can be solved."""
+        """Play all episodes; the mean is exact if it can be computed."""
         simulator = self.starts()
         lengths, won = self.play_from(simulator, policy)
         mean, ci95, exact = float(lengths.mean()), half_width(lengths), False
@@ -115,16 +113,16 @@ class GameContest(MazeContest):
         return replace(score, solved_gap=of_solved, **means)
 
     def _gap_of(self, lengths: NDArray[np.int64], won: NDArray[np.bool_]) -> float | None:
-        """The gap of these starts to their shortest tours, where those are known."""
+        """The gap to the shortest tours over the solved starts, if these are known."""
         if self.is_limited or self.tours is None or not won.any():
             return None
         return float(lengths[won].sum() / self.tours[won].sum()) - 1.0
 
     @cached_property
     def in_full_sight(self) -> GameContest:
-        """The same contest of an agent that sees everything: what it can do is a bound.
+        """The same contest for an agent with full view, whose optimum is a bound.
 
-        All others see what they saw, and so play as they did.
+        The views of the other agents stay the same.
         """
         task, own = self.task, self.seat
         others = [
@@ -142,13 +140,13 @@ class GameContest(MazeContest):
         return replace(self, task=replace(task, **sight))
 
     def solution(self) -> HiddenChaseSolution | None:
-        """What is proven of the agent's optimum under its limited sight; None where nothing is."""
+        """The proven bounds of the optimum under a limited view; None if there are none."""
         if not self.is_limited or not self.is_exact:
             return None
         return solution_of(self.task, self.agent, self.opponent_table())
 
     def certificate(self) -> Certificate | None:
-        """The proven interval alone."""
+        """The proven interval of the optimum; None if there is none."""
         proven = self.solution()
         if proven is None:
             return None
@@ -167,27 +165,26 @@ class GameContest(MazeContest):
         return best_reply(self.task, self.role, table, horizon, mask_bumps=mask_bumps)
 
     def _score_of(self, name: str, best: BestResponse) -> Score:
-        """What a best response achieves."""
+        """The score of a best response."""
         maze = self.task.mazes[0]
         mean = mean_over_starts(best.values, maze, self.task.min_start_distance)
         _, won = self.play(TablePolicy(maze, best.policy))
         return Score(name, mean, 0.0, float(won.mean()), self.episodes, True)
 
     def best_team_response(self) -> TeamResponse | None:
-        """What this agent does best among the others, in a team's chase; None where not solved."""
+        """The best response of this agent in a chase by a team; None if it is not solved."""
         if not is_exact_team(self.task, self._with(RandomAgent())):
             return None
         name = self.task.agent_names[self.seat]
         return best_team_response(self.task, name, self.opponents, self.task.max_steps)
 
     def optimal(self) -> Score | None:
-        """The exact optimum on the same starts; None where it is not known.
+        """The exact optimum on the same starts; None if it is not known.
 
         Known for one agent of a chase of one evader (the best response to all others), for one
-        runner (the shortest tours, up to MAX_EXACT_GOALS goals), while
-        `max_steps` is enough for one start at least, and for one agent among teams or rivals while
-        the game is small (`why_not_joint`). Not under limited sight: see `certificate`. Nor where
-        evaders collect goals: see `optimal_return`.
+        runner with up to MAX_EXACT_GOALS goals (the shortest tours), and for one agent in a small
+        game of several (`why_not_joint`). Not known if `max_steps` truncates every episode, under a
+        limited view (see `certificate`), or if evaders collect goals (see `optimal_return`).
         """
         if self.is_limited:
             return None
@@ -204,17 +201,17 @@ class GameContest(MazeContest):
         if self.tours is None:
             return None
         share = float((self.tours <= task.max_steps).mean())
-        if share == 0.0:  # every episode is cut off: everybody takes as long
+        if share == 0.0:  # every episode is truncated: all policies take equally long
             return None
         lengths = np.minimum(self.tours, task.max_steps)
         mean = float(lengths.mean())
         return Score("optimal", mean, half_width(lengths), share, self.episodes, False)
 
     def why_not_joint(self) -> str | None:
-        """What is in the way of solving the whole game; None for nothing, or where other solvers
-        know the optimum."""
+        """The reason why the whole game is not solved; None if it is, or if another solver gives
+        the optimum."""
         if self.is_limited:
-            return "limited sight"
+            return "limited view"
         task = self.task
         if (task.num_agents, task.num_runners) == (1, 1) and task.num_goals > MAX_EXACT_GOALS:
             return f"{task.num_goals} goals; shortest tours are known of up to {MAX_EXACT_GOALS}"
@@ -229,8 +226,8 @@ class GameContest(MazeContest):
 
     @cached_property
     def best_of_steps(self) -> JointResponse | None:
-        """The best response in steps in games that only `solve_joint` solves; None where steps are
-        no aim."""
+        """The best response in steps in games that only `solve_joint` solves; None if steps are not
+        the measure."""
         task = self.task
         heist = task.num_goals and task.num_evaders
         if (task.num_agents, task.num_runners) == (1, 1) or heist or self.why_not_joint():
@@ -239,8 +236,8 @@ class GameContest(MazeContest):
 
     @cached_property
     def best_of_returns(self) -> JointResponse | None:
-        """The best response in what the agent is paid, among rivals for goals; None where a user's
-        function pays."""
+        """The best response in returns, if other agents compete for goals; None with a user-defined
+        reward function."""
         task = self.task
         rivals = task.num_goals and task.num_agents > 1
         if not rivals or task.reward_function is not None or self.why_not_joint() is not None:
@@ -249,15 +246,15 @@ class GameContest(MazeContest):
 
     @cached_property
     def best_of_goals(self) -> JointResponse | None:
-        """The best response in goals, of a runner among rivals, whatever it is paid."""
+        """The best response in goals, of a runner among others, for any rewards."""
         if self.measure != BY_GOALS or self.why_not_joint() is not None:
             return None
         by_goals = replace(self.task, rewards={self.role: Rewards(goal=1.0)})
         return self._alone_best(by_goals, "return")
 
     def _joint_score(self, best: JointResponse, measure: Measure) -> Score:
-        """What a best response in this measure achieves on the starts of the evaluation: expected
-        from each, not sampled; the other figures are of its games."""
+        """The score of a best response in this measure: exact expectations from the starts of the
+        evaluation; the other columns are from sampled games."""
         name = measure.optimum
         simulator = self.starts()
         expected = best.values_of(simulator.games)
@@ -271,23 +268,23 @@ class GameContest(MazeContest):
         return Score(name, mean, ci95, float(won.mean()), self.episodes, False, **means)
 
     def optimal_return(self) -> Score | None:
-        """Who is paid most, among rivals for goals: `mean_return` is expected from the same starts,
-        exactly. None where it is not known, or nobody competes for goals."""
+        """The best response in returns: `mean_return` is its exact expectation from the same
+        starts. None if it is not known, or if no other agent competes for goals."""
         best = self.best_of_returns
         return None if best is None else self._joint_score(best, BY_RETURN)
 
     def optimal_goals(self) -> Score | None:
-        """As `optimal_return`, of a runner that collects as many goals as it can among rivals."""
+        """As `optimal_return`, in goals of a runner among others."""
         best = self.best_of_goals
         return None if best is None else self._joint_score(best, BY_GOALS)
 
     def _optima(self) -> list[Score]:
-        """The exact optima that are known: in steps, goals and returns."""
+        """The known exact optima in steps, goals and returns."""
         found = (self.optimal(), self.optimal_goals(), self.optimal_return())
         return [score for score in found if score is not None]
 
     def baselines(self) -> list[Score]:
-        """Random, scripted (A* or nearest goal) and, where they are known, the optima."""
+        """Random, scripted (A* or nearest goal) and the known optima."""
         scores = [
             self.score("random", RandomAgent()),
             self.score(SCRIPTED[self.role], DEFAULTS[self.role](0.0)),
@@ -304,22 +301,22 @@ class GameContest(MazeContest):
         return scores if best is None else [*scores, self._score_of("optimal with masks", best)]
 
     def reference(self, scores: Sequence[Score], learned: Score) -> Reference | None:
-        """As `Contest`: what is proven, the optimum or a bound of it, or the best that is known."""
+        """As `Contest`: the certified bound, the optimum, another bound, or the best known."""
         proven, steps = self.certificate(), learned.discounted_steps
         if proven is not None and steps is not None:
-            name = "optimum under limited sight, far end"
+            name = "optimum under limited view, pessimistic bound"
             return Reference("certified", name, DISCOUNTED, proven.far, proven.gap(steps))
         return super().reference(scores, learned)
 
     def lengths(self, policy: Policy) -> NDArray[np.float64]:
-        """As `Contest`: expected ones in a duel of tables."""
+        """As `Contest`; expectations in a duel of tables."""
         if self.is_exact and is_table_in(self.task, policy):
             values = self._pair_values(policy)
             return np.asarray(values)[tuple(self.starts().positions.T)]
         return super().lengths(policy)
 
     def optimal_lengths(self) -> NDArray[np.float64] | None:
-        """As `Contest`; for a duel, a runner alone, and whole games in which steps count."""
+        """As `Contest`; for a duel, a single runner, and whole games measured in steps."""
         if self.is_limited:
             return None
         best = self.best_response()

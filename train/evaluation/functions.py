@@ -1,4 +1,4 @@
-"""Any function from observations to actions as a policy, and how far it is from the optimum."""
+"""Evaluation of any function from observations to actions against the optimum."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ from train.settings.checks import check, evaluation_seed
 
 
 class FunctionPolicy:
-    """A function of observations [games, ...] in a seat, or of arms."""
+    """A function of observations [games, ...] as a policy of an agent or of the arm."""
 
     def __init__(self, function: Callable[[Any], Any], observation: str) -> None:
         self.function, self.observation = function, observation
 
     def act(self, view: Any) -> NDArray[Any]:
-        """Its actions as the simulators take them.
+        """The actions in the form of the simulators.
 
         Raises:
-            ValueError: actions of another shape or type, or outside.
+            ValueError: actions of a wrong shape, type or range.
         """
         task, actions = view.task, np.asarray(self.function(view.observe(self.observation)))
         arm = isinstance(task, ReacherTask)
@@ -62,10 +62,12 @@ def evaluate(
     seed: int,
     settings: Mapping[str, Any],
 ) -> Evaluation:
-    """`pursuit.evaluate`, where it is described; `settings` are opponents and those of a task."""
+    """See `pursuit.evaluate`; `settings` are those of the opponents and of the task."""
     whole("episodes", episodes, 2)
     own = {key: value for key, value in settings.items() if not key.startswith("opponent")}
-    check(isinstance(task, str) or not own, f"{', '.join(own)}: the task is made already")
+    check(
+        isinstance(task, str) or not own, f"{', '.join(own)}: the task exists already; leave it out"
+    )
     if isinstance(task, str):
         task = make_reacher_task(**own) if task == "reacher" else make_task(task, **own)
     contest: Any
@@ -91,7 +93,7 @@ def evaluate(
 
 
 def _compared(contest: Any, policy: Any) -> Evaluation:
-    """The scores of a policy in a contest, beside its optimum."""
+    """The score of a policy in a contest, compared with the optimum."""
     game = isinstance(contest, GameContest)
     if game and contest.is_exact and is_table_in(contest.task, policy):
         score, best = contest.score("policy", policy), contest.optimal()
@@ -112,8 +114,8 @@ def _compared(contest: Any, policy: Any) -> Evaluation:
     measure, value, reached = "steps", mean, optimum
     if game and contest.measure.name != "steps":
         measure, value = contest.measure.name, float(contest.values(policy).mean())
-        paid = contest.measure != BY_GOALS
-        best = contest.optimal_return() if paid else contest.optimal_goals()
+        goals = contest.measure == BY_GOALS
+        best = contest.optimal_goals() if goals else contest.optimal_return()
         reached = None if best is None else contest.measure.of(best)
     figures = (half_width(lengths), float(won.mean()), optimum, gap, interval)
     return Evaluation(len(lengths), mean, *figures, measure, value, reached)

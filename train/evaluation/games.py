@@ -1,4 +1,4 @@
-"""Games played to their end, and which games are solved instead."""
+"""Playing games to their end, and checks whether a game is solved exactly instead."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ from scripted_agents import (
 )
 
 MAX_EXACT_CELLS = 1024
-"""Above this number of cells a duel is played out rather than solved (seconds, gigabytes)."""
+"""Above this number of cells a duel is sampled, not solved (seconds, gigabytes)."""
 
 
 MAX_EXACT_WORK, MAX_FINAL_WORK = 2_000_000, 40_000_000
-"""Above this size (`work_of`) a team's chase is played out rather than solved, while it learns (5x5
-with two chasers is half of it: a second) and at the end (9x9 with two: half a minute)."""
+"""Above this size (`work_of`) a chase by a team is sampled, not solved, during training (5x5 with
+two chasers is half of it: a second) and at the end (9x9 with two: half a minute)."""
 
 Mask = NDArray[np.bool_]
 
@@ -40,13 +40,13 @@ def play_out(
     over: Callable[[Simulator], Mask],
     won: Callable[[Simulator], Mask],
 ) -> tuple[NDArray[np.int64], Mask]:
-    """Play every game until it is over: lengths [games], and the games that were won [games].
+    """Play every game until it is over: lengths [games], and whether it was won [games].
 
     Args:
         simulator: games at their starts, made with `auto_restart=False`.
-        policies: whoever fills each seat.
-        over: [games] whether a game is over now; asked after every step.
-        won: [games] whether it is won; asked in the step in which it is over.
+        policies: the policy of each agent.
+        over: [games] whether a game is over; called after every step.
+        won: [games] whether a game is won; called in the step in which it is over.
     """
     games, task = simulator.num_games, simulator.task
     lengths = np.full(games, task.max_steps, dtype=np.int64)
@@ -75,8 +75,8 @@ def won_by(simulator: Simulator, seat: int) -> Mask:
     """[num_games] bool: whether the agent in `seat` has won, of games that have just ended.
 
     Chasers win when no evader is left; evaders when they are not caught and, where there are goals,
-    none is left. A runner alone wins when no goal is left; a runner among other agents that collect
-    goals when it has collected more than each of them (so of a draw nobody is the winner).
+    none is left. A single runner wins when no goal is left; a runner among other agents that
+    collect goals when it has collected more than each of them (a draw has no winner).
     """
     task = simulator.task
     role, own = task.seat_roles[seat], simulator.active[:, seat] != 0
@@ -109,8 +109,7 @@ def is_exact(task: Task, *policies: Policy) -> bool:
 def is_table_in(task: Task, policy: Any) -> bool:
     """Whether a policy plays a table in the games of `task`.
 
-    A learned one only where it sees as much as in the games that it learned in: its table is that
-    of those.
+    A learned policy only if its view limits are those of its training, to which its table belongs.
     """
     own = getattr(policy, "task", None)
     if not isinstance(policy, TabularPolicy) or not isinstance(own, Task):
@@ -125,9 +124,9 @@ def is_exact_team(task: Task, policies: Mapping[str, Policy], most: int = MAX_EX
     """Whether a chase of one evader by a team is small enough to be solved with these policies.
 
     Args:
-        task: the game; a duel is none of a team.
+        task: the game; duels are not included.
         policies: by agent name or role.
-        most: the size that is solved, in the units of `work_of`.
+        most: maximum size that is solved (`work_of`).
     """
     return (
         not task.is_duel
@@ -156,7 +155,7 @@ def best_reply(
     """The exact best response of a role to an opponent's table, by the rules of a duel.
 
     Args:
-        task: whose rules.
+        task: the rules.
         role: "chaser" or "evader"; a runner with one goal is solved as a chaser of it.
         table: of the opponent, [its cell, other cell, action].
         horizon, discount: as in `best_response`.
@@ -193,5 +192,5 @@ def values_between(
 
 
 def other_role(role: str) -> str:
-    """Of the chasers and the evaders the other one."""
+    """ "evader" for "chaser", else "chaser"."""
     return "evader" if role == "chaser" else "chaser"

@@ -1,8 +1,8 @@
-"""What is certain of the optimum of an agent with limited sight, beside every score of its contest.
+"""Certified bounds of the optimum of an agent with a limited view.
 
-The best response to an opponent is the optimum of an agent that sees everything. Of one that does
-not only an interval is proven, in discounted steps (`solve_hidden_chase`), so scores are given in
-those as well.
+The best response to an opponent is the optimum of an agent with full view. For a limited view only
+an interval of the optimum is proven, in discounted steps (`solve_hidden_chase`), so scores are
+given in discounted steps as well.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ from train.evaluation.games import is_table_in, table_in, values_between
 DISCOUNT = 0.95
 
 SECONDS, WIDTH = 20.0, 1e-3
-"""The search for the interval ends after so many seconds, or when upper / lower - 1 is so small."""
+"""Limits of the search for the interval: seconds, and upper / lower - 1."""
 
 MAX_CELLS = 100
-"""Above this number of cells nothing is certified: the interval would be too wide to say much."""
+"""Above this number of cells nothing is certified, as the interval would be too wide."""
 
 
 @dataclass(frozen=True)
@@ -43,35 +43,32 @@ class Certificate:
     upper: float
 
     def gap(self, discounted_steps: float) -> float:
-        """Achieved / optimal - 1 at the end of the interval that is worse for the achiever.
+        """Achieved / optimal - 1 at the pessimistic end of the interval.
 
-        A chaser's true gap is at most this; an evader's (negative ones fall short) at least.
+        The true gap of a chaser is at most this; that of an evader (at most 0) is at least this.
         """
         return discounted_steps / self.far - 1.0
 
     @property
     def far(self) -> float:
-        """The end of the interval that is worse for the achiever."""
+        """The pessimistic end of the interval, with the larger gap."""
         return self.lower if self.role == "chaser" else self.upper
 
     @property
     def head(self) -> str:
-        """What a column of such gaps is called."""
+        """The header of a column of such gaps."""
         return "gap at most" if self.role == "chaser" else "gap at least"
 
     def line(self) -> str:
-        """One line on what is proven."""
+        """The interval as one line of text."""
         return (
-            f"optimum under limited sight, proven: {self.lower:.4f} to {self.upper:.4f} discounted "
+            f"optimum under limited view, proven: {self.lower:.4f} to {self.upper:.4f} discounted "
             f"steps (discount {self.discount:g}; {100 * (self.upper / self.lower - 1):.2f} % wide)"
         )
 
 
 def solution_of(task: Task, agent: str, table: NDArray[np.float64]) -> HiddenChaseSolution | None:
-    """What is proven of a duel in one maze against a table; None where the maze is too large.
-
-    Found once for all that ask.
-    """
+    """The bounds of a duel in one maze against a table, cached; None if the maze is too large."""
     if task.max_cells > MAX_CELLS:
         return None
     limit = task.sight.limits[task.seat(agent)]
@@ -109,9 +106,9 @@ def discounted(
 ) -> tuple[float, float]:
     """The mean discounted steps of a policy, and half the width of its 95 % confidence interval.
 
-    Exact over all starts, and without a last step, of a policy that is a table itself. Else from
-    games that were played, `lengths` [games]: those that were cut off count as what is worst for
-    the agent in `role`, as never ended for a chaser, as ended there for an evader.
+    Exact over all starts, without time limit, for a policy that is a table. Otherwise from sampled
+    games with `lengths` [games]: truncated games count as the worst case for `role`, as infinite
+    for a chaser, and as ended there for an evader.
     """
     if is_table_in(task, policy):
         values = values_between(task, role, (table_in(task, policy), table), None, DISCOUNT)

@@ -1,8 +1,8 @@
-"""The exact references of games that only a solver of whole games knows: teams, races, heists.
+"""Exact references of games that need a solver of whole games: teams, races, heists.
 
-A game in which evaders collect goals ends by a capture as by the last goal, so steps say little of
-it: its reference is what its agents are paid. A race is compared by goals: known are the goals that
-a runner can collect, what it can be paid, and the steps until all goals are collected.
+A game in which evaders collect goals ends with a capture or with the last goal, so it is measured
+by returns, not by steps. A race is measured by goals; its optima in goals, returns and steps are
+known.
 """
 
 from __future__ import annotations
@@ -18,9 +18,10 @@ from scripted_agents import (
 )
 
 MAX_WORK, MAX_EVALUATED_WORK = 5_000_000, 200_000_000
-"""Above this size (`joint_work`) a whole game is not solved: as a run begins (4x4, two agents and
-three goals: two seconds); and as it ends, by `pursuit evaluate` and by `pursuit baseline` (5x5, two
-agents and three goals or two against two: a quarter of a minute; up to some 10 million states)."""
+"""Maximum size (`joint_work`) of a whole game that is solved: at the start of a run (4x4, two
+agents and three goals: two seconds); and at its end, by `pursuit evaluate` and by `pursuit
+baseline` (5x5, two agents and three goals or two against two: 15 seconds; up to some 10 million
+states)."""
 
 
 def joint_work(task: Task) -> int:
@@ -29,13 +30,13 @@ def joint_work(task: Task) -> int:
 
 
 def why_not_joint(task: Task, agent: str, opponents: Mapping[str, Policy], most: int) -> str | None:
-    """What is in the way of an agent's exact best response in a whole game; None for nothing.
+    """The reason why the exact best response in a whole game is not computed; None if it is.
 
     Args:
         task: the game.
-        agent: who responds, by name or role (the first agent of it).
-        opponents: who plays the other seats, by agent name or role.
-        most: the size that is solved, in the units of `joint_work`.
+        agent: the responding agent, by name or role (its first agent).
+        opponents: the policies of the other agents, by agent name or role.
+        most: maximum size that is solved (`joint_work`).
     """
     if len(task.mazes) > 1:
         return f"{len(task.mazes)} mazes; whole games are solved in one"

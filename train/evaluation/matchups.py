@@ -1,4 +1,4 @@
-"""One policy for all chasers against one for all evaders: exactly, or by episodes."""
+"""Evaluation of a policy for all chasers against one for all evaders, exact or sampled."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ from train.settings.checks import EVALUATION_SEED
 
 @dataclass(frozen=True)
 class Matchup:
-    """How long the chasers need.
+    """The result of a match.
 
     Attributes:
-        steps: expected steps until the last capture, cut at the task's `max_steps`.
-        ci95: half width of its 95 % confidence interval; 0 where it is exact.
+        steps: expected steps until the last capture, truncated at `max_steps`.
+        ci95: half width of its 95 % confidence interval; 0 if exact.
         caught: share of games in which all evaders were caught in time.
-        games: played; 0 where it is exact.
+        games: number of sampled games; 0 if exact.
     """
 
     steps: float
@@ -64,7 +64,7 @@ def play_pair(
 
 
 NEGLIGIBLE = 1e-3
-"""What all steps beyond the last one that is played may count, as a share of the largest value."""
+"""Discounted weight of all steps after the last played one, as a share of the largest value."""
 
 
 def discounted_steps(
@@ -77,15 +77,15 @@ def discounted_steps(
 ) -> float:
     """The expected sum of discount**t over the steps until the game ends: the payoff of the game.
 
-    That is of the game without an end in time, as it is trained in (truncated episodes are
-    bootstrapped) and as exploitability is defined. Exact where `is_exact`; else the mean over
-    `episodes` games, played for as long as a step counts.
+    The game has no time limit, as in training (truncated episodes are bootstrapped) and in
+    exploitability. Exact where `is_exact`; otherwise the mean over `episodes` games, played until
+    further steps are negligible.
 
     Args:
-        task: the game; its `max_steps` does not matter.
-        chaser, evader: who plays all seats of either role.
+        task: the game; its `max_steps` is ignored.
+        chaser, evader: the policies of all agents of each role.
         discount: of each step, in (0, 1).
-        episodes, seed: of the games, where they are played.
+        episodes, seed: of the sampled games.
     """
     if is_exact(task, chaser, evader):
         tables = table_in(task, chaser), table_in(task, evader)
@@ -104,13 +104,13 @@ def match(
     seed: int = EVALUATION_SEED,
     most: int = MAX_FINAL_WORK,
 ) -> Matchup:
-    """Exact where it can be solved; else the mean over `episodes` games.
+    """Exact if it can be solved; otherwise the mean over `episodes` games.
 
     Args:
         task: the game.
-        chaser, evader: who plays all seats of each role.
+        chaser, evader: the policies of all agents of each role.
         episodes, seed: of the games.
-        most: the size up to which a team's chase is solved (`is_exact_team`); 0 for never.
+        most: maximum size of a chase by a team that is solved (`is_exact_team`); 0 for none.
     """
     if most and is_exact_team(task, {"chaser": chaser, "evader": evader}, most):
         team, alive = team_survival(task, {"chaser": chaser, "evader": evader}, task.max_steps)

@@ -1,4 +1,4 @@
-"""What the contests in mazes have in common: the agent, its opponents, and episodes played out."""
+"""The base of the contests in mazes: the agent, its opponents, and sampled episodes."""
 
 from __future__ import annotations
 
@@ -26,20 +26,20 @@ from train.evaluation.scores import (
     Measure,
     Reference,
     Score,
+    label_of,
     measure_of,
     reference_of,
-    told,
 )
 from train.settings.checks import EVALUATION_SEED
 
 SCRIPTED = {"chaser": "A* chaser", "evader": "A* evader", "runner": "nearest goal"}
-"""What the scripted agent of a role is called."""
+"""The names of the scripted agents by role."""
 
 
 @dataclass(frozen=True)
 class MazeContest(Contest):
-    """One agent of a task, with fixed policies in all other seats, played from seeded starts that
-    are the same for all policies; the base of the contests in one maze and in many."""
+    """Evaluation of one agent of a task against fixed policies, from seeded starts that are the
+    same for all policies; the base of the contests in one maze and in several."""
 
     task: Task
     agent: str
@@ -59,25 +59,24 @@ class MazeContest(Contest):
 
     @property
     def measure(self) -> Measure:
-        """As `Contest`: steps in a chase, and of a runner alone; goals of a runner among rivals;
-        the return of chasers and evaders where evaders collect goals, as a capture ends that game
-        as the last goal does, and steps say little."""
+        """As `Contest`: steps in a chase and for a single runner; goals for a runner among others;
+        returns if evaders collect goals, as that game ends with a capture or the last goal."""
         return measure_of(self.task, self.role)
 
     @property
     def opponent(self) -> Policy | None:
-        """Whoever plays the other side of a duel; None where there is none."""
+        """The policy of the other side of a duel; None if there is none."""
         other = other_role(self.role)
         return self.opponents.get(f"{other}_0", self.opponents.get(other))
 
     @cached_property
     def is_limited(self) -> bool:
-        """Whether anything is hidden from the agent: then a best response is not its optimum."""
+        """Whether the agent has a limited view: then a best response is not its optimum."""
         return self.task.hides_from(self.agent)
 
     @property
     def limited(self) -> dict[str, Policy]:
-        """The scripted agents that see no more than this one, of limited sight."""
+        """The scripted agents with the same limited view."""
         return limited_references(self.task, self.agent, self.opponents)
 
     def describe(self) -> dict[str, Any]:
@@ -91,7 +90,7 @@ class MazeContest(Contest):
         parts = [f"{n} {name}{'s' if n > 1 else ''}" for name, n in counts.items() if n]
         others = sorted(
             {
-                told(policy)
+                label_of(policy)
                 for role, policy in self.opponents.items()
                 if role in task.seat_roles and (role != self.role or task.count(role) > 1)
             }
@@ -111,13 +110,13 @@ class MazeContest(Contest):
         return Simulator(self.task, 1, self.seed, first_game=number, auto_restart=False)
 
     def play(self, policy: Policy) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-        """Play every start to its end: episode lengths [episodes], and who won [episodes]."""
+        """Play all episodes: lengths [episodes], and whether they were won [episodes]."""
         return self.play_from(self.starts(), policy)
 
     def play_from(
         self, simulator: Simulator, policy: Policy
     ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-        """The same of given starts."""
+        """Play all episodes of a simulator at its starts; returns as `play`."""
         seat, policies = fill_seats(self.task, self.agent, self.opponents)
         policies[seat] = policy
         return play_out(
@@ -129,7 +128,7 @@ class MazeContest(Contest):
 
     @cached_property
     def tours(self) -> NDArray[np.int64] | None:
-        """[starts], the shortest tour of each; None where it is not known."""
+        """[starts] the shortest tour of each; None if it is not known."""
         task = self.task
         if (task.num_agents, task.num_runners) != (1, 1) or task.num_goals > MAX_EXACT_GOALS:
             return None
@@ -142,7 +141,7 @@ class MazeContest(Contest):
         return lengths
 
     def values(self, policy: Policy) -> NDArray[np.float64]:
-        """[episodes], the goals or the return from every start, whichever is the measure."""
+        """[episodes] the goals or the return from every start, depending on the measure."""
         simulator = self.starts()
         self.play_from(simulator, policy)
         found = simulator.collected if self.measure == BY_GOALS else simulator.returns

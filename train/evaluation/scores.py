@@ -1,4 +1,4 @@
-"""What a run knows of what it is judged by: contests, and the scores that they give."""
+"""Contests (evaluations of one agent), their measures, scores and references."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from train.evaluation.hidden_contest import Certificate
 from train.reports.tables import Column, ResultTable, Row, numeric, words
 
 BEST_PAID, MOST_GOALS = "optimal return", "optimal goals"
-"""The names of the policies that are paid most, and that collect most, where these are known."""
-FULL_SIGHT = ", full sight"
-"""Behind the name of an optimum of who sees everything: a bound for an agent that does not."""
+"""Names of the policies with the highest return and the most goals."""
+FULL_SIGHT = ", full view"
+"""Suffix of an optimum with full view, which is a bound for an agent with a limited view."""
 
 
 MeasureName = Literal["steps", "goals", "return"]
@@ -25,12 +25,11 @@ MeasureName = Literal["steps", "goals", "return"]
 
 @dataclass(frozen=True)
 class Measure:
-    """What the policies of a contest are compared by: the one place that says which is better.
+    """The measure by which policies of a contest are compared, and its direction.
 
     Attributes:
-        name: "steps" of an episode, "goals" that the agent collects in it, or its "return"; means
-            over episodes.
-        less_is_better: whether the smaller value is the better one.
+        name: "steps", "goals" of the agent, or its "return"; means over episodes.
+        less_is_better: whether smaller values are better.
     """
 
     name: MeasureName = "steps"
@@ -38,30 +37,30 @@ class Measure:
 
     @property
     def column(self) -> str:
-        """The attribute of `Score`, and the column of `metrics.csv`, that holds it."""
+        """Its attribute of `Score` and column of `metrics.csv`."""
         return f"mean_{self.name}"
 
     @property
     def optimum(self) -> str:
-        """The name of the score that is the exact optimum in this measure."""
+        """The name of the exact optimum in this measure."""
         return "optimal" if self.name == "steps" else f"optimal {self.name}"
 
     def of(self, score: Score) -> float | None:
-        """The value of a score; None where it was not measured."""
+        """The value of a score; None if it was not measured."""
         value: float | None = getattr(score, self.column)
         return value
 
     def best(self, scores: Sequence[Score]) -> Score | None:
-        """The best of those scores that have a value; None where none has."""
+        """The best score with a value; None if there is none."""
         known = [score for score in scores if self.of(score) is not None]
         choose: Any = min if self.less_is_better else max
         return choose(known, key=self.of) if known else None
 
     def distance(self, achieved: Score, best: Score | None) -> float | None:
-        """How far from the best: of steps the ratio less 1, else the difference; None if unknown.
+        """The distance to the best: for steps the ratio - 1, else the difference; None if unknown.
 
-        Of steps it is below 0 for evaders that live less long; of goals and returns it is above 0
-        for agents that get less.
+        In steps it is at most 0 for evaders, which maximise episode length. In goals and returns it
+        is at least 0.
         """
         value, most = self.of(achieved), None if best is None else self.of(best)
         if value is None or most is None:
@@ -71,23 +70,22 @@ class Measure:
 
 @dataclass(frozen=True)
 class Score:
-    """What one policy achieves.
+    """The score of one policy.
 
     Attributes:
         name: of the policy.
-        mean_steps: mean episode length; an episode that runs out of time counts with all its steps.
-        ci95: half width of the 95 % confidence interval of the mean; 0 where it is exact.
-        success_rate: share of episodes won: the chasers caught all, the evader lived to the last
-            step, all goals were collected; of a race, the runner collected more goals than each of
-            the others.
-        episodes: played for this score (or, where exact, for the success rate alone).
+        mean_steps: mean episode length, including truncated episodes.
+        ci95: half width of the 95 % confidence interval of the mean; 0 if it is exact.
+        success_rate: share of episodes won: all evaders caught, the evader not caught, all goals
+            collected; in a race, more goals than each other runner.
+        episodes: number of sampled episodes (if exact, for the success rate alone).
         exact: whether `mean_steps` is an exact mean over all starts.
-        discounted_steps, discounted_ci95: the same of discounted steps, for agents with limited
-            sight, whose optimum is certified in these; None elsewhere.
-        solved_gap: achieved / optimal - 1 over the starts that were solved alone, of one runner:
-            what is left of the gap without those that ran out of time. None elsewhere.
-        mean_return: the mean of what the agent is paid in an episode; None where none was played.
-        mean_goals: the mean number of goals that it collects, likewise; None without goals.
+        discounted_steps, discounted_ci95: mean discounted steps and half width of the interval, for
+            agents with a limited view, whose optimum is certified in these; None otherwise.
+        solved_gap: achieved / optimal - 1 over the solved starts, for a single runner; None
+            otherwise.
+        mean_return: mean return of the agent; None if no episodes were sampled.
+        mean_goals: mean number of goals of the agent; None without goals.
     """
 
     name: str
@@ -104,7 +102,7 @@ class Score:
 
 
 def optimality_gap(achieved: Score, optimum: Score | None) -> float | None:
-    """Achieved / optimal - 1 in steps, on the same starts; negative for evaders that fall short."""
+    """Achieved / optimal - 1 in steps on the same starts; at most 0 for evaders."""
     return None if optimum is None else achieved.mean_steps / optimum.mean_steps - 1.0
 
 
@@ -114,7 +112,7 @@ DISCOUNTED = "discounted steps"
 
 
 def measure_of(task: Task, role: str) -> Measure:
-    """What an agent of a role is judged by in a task; see `GameContest.measure`."""
+    """The measure of an agent of a role in a task; see `GameContest.measure`."""
     if task.num_goals == 0:
         return BY_LONG_LIFE if role == "evader" else BY_STEPS
     if role != "runner":
@@ -124,17 +122,16 @@ def measure_of(task: Task, role: str) -> Measure:
 
 @dataclass(frozen=True)
 class Reference:
-    """What a learned policy is held against.
+    """The reference of a learned policy.
 
     Attributes:
-        kind: "exact"; "certified", the far end of what is proven of an optimum; "bound", that which
-            nobody can pass, such as the optimum of an agent that sees everything; "best known", the
-            best of the scripted agents, random play among them.
-        name: of the score that it is.
+        kind: "exact"; "certified", the pessimistic end of a proven interval of the optimum;
+            "bound", a bound of the optimum, such as the optimum with full view; "best known", the
+            best of the scripted agents and random play.
+        name: of the reference score.
         unit: the name of the measure, or `DISCOUNTED`.
         value: in that unit.
-        distance: of steps the gap to it, achieved / reference - 1; of goals and returns what is
-            missing.
+        distance: in steps the gap achieved / reference - 1, in goals and returns the difference.
     """
 
     kind: str
@@ -144,7 +141,7 @@ class Reference:
     distance: float
 
     def line(self) -> str:
-        """In words."""
+        """The reference as one line of text."""
         missing = self.unit not in ("steps", DISCOUNTED)
         less = "less" if self.distance >= 0 else "more"
         far = f"{abs(self.distance):.3f} {less}" if missing else f"gap {100 * self.distance:+.2f} %"
@@ -163,13 +160,13 @@ def reference_of(
 
     Args:
         scores: of the references and of what was learned.
-        learned: what is held against it.
-        measure: what policies are compared by.
-        fair: names of the scripted agents that see no more than the learner, for one of limited
-            sight: the others are no reference. None for all of them.
+        learned: the score to compare.
+        measure: of the comparison.
+        fair: for a learner with a limited view, names of the scripted agents with the same view,
+            the only ones that are references. None for all.
 
     Returns:
-        None where nobody but the learner has been scored.
+        None if there are no other scores than the learner's.
     """
     by_name = {score.name: score for score in scores}
     for kind, name in (("exact", measure.optimum), ("bound", measure.optimum + FULL_SIGHT)):
@@ -192,10 +189,10 @@ def _held_against(kind: str, best: Score, learned: Score, measure: Measure) -> R
 def score_table(
     scores: Sequence[Score], certificate: Certificate | None = None, measure: Measure = BY_STEPS
 ) -> ResultTable:
-    """Scores with the gap to the optimal one, or to what is proven of it.
+    """Scores with the gap to the optimum, or to its proven interval.
 
-    Where they are compared by goals or returns, these stand first, with what is missing to the
-    best where that is known.
+    If the measure is goals or returns, it is the first column, followed by the difference to the
+    best, if that is known.
     """
     by_steps = measure.name == "steps"
     optimum = next((score for score in scores if score.name == "optimal"), None)
@@ -236,45 +233,45 @@ def score_table(
     return ResultTable(rows, columns)
 
 
-def told(policy: Policy) -> str:
-    """A policy in words: its own, or else the name of its class."""
+def label_of(policy: Policy) -> str:
+    """The label of a policy: its `repr`, or the name of its class if it has none."""
     plain = type(policy).__repr__ is object.__repr__
     return type(policy).__name__ if plain else repr(policy)
 
 
 class Contest(Protocol):
-    """What a run is judged by; the base of all contests.
+    """Evaluation of one agent; the base of all contests.
 
     Attributes:
-        measure: what policies are compared by, and which is better.
+        measure: the measure by which policies are compared.
     """
 
     @property
     def measure(self) -> Measure: ...  # noqa: D102 -- see the class
 
     def describe(self) -> dict[str, Any]:
-        """What is played, by whom and where, as plain values: "task", "role", "maze"."""
+        """The evaluation as plain values: "task", "role", "maze"."""
 
     def line(self) -> str:
-        """The same in one line, with whoever else plays."""
+        """The evaluation in one line of text, including the other agents."""
 
     def score(self, name: str, policy: Any) -> Score:
-        """How well a policy does."""
+        """The score of a policy."""
 
     def optimal(self) -> Score | None:
-        """The exact optimum; None where it is not known."""
+        """The exact optimum; None if it is not known."""
 
     def baselines(self) -> list[Score]:
-        """The references: random, scripted and, where it is known, optimal."""
+        """The references: random, scripted and, if known, optimal."""
 
     def reference(self, scores: Sequence[Score], learned: Score) -> Reference | None:
-        """What `learned` is held against, of these scores; None where there is nothing."""
+        """The reference of `learned` among these scores; None if there is none."""
 
     def scene(self, simulator: Any, caption: str) -> Any:
-        """What a person sees of one of its simulators now, for `save_animation`."""
+        """A frame of one of its simulators, for `save_animation`."""
 
     def scenes(self, policy: Any, episodes: int = 3) -> list[Any]:
-        """The scenes of some episodes, one after the other."""
+        """The frames of some episodes."""
         scenes: list[Any] = []
         for episode in range(episodes):
             caption = f"episode {episode + 1} of {episodes}"
@@ -285,14 +282,14 @@ class Contest(Protocol):
         return scenes
 
     def game(self, policy: Any, number: int) -> tuple[Any, Iterator[None]]:
-        """The episode of that number: a simulator at its start, and what steps it to its end."""
+        """One episode by number: a simulator at its start, and an iterator that plays it."""
 
     def play(self, policy: Any) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-        """Play every start to its end: episode lengths [episodes], and who won [episodes]."""
+        """Play all episodes: lengths [episodes], and whether they were won [episodes]."""
 
     def lengths(self, policy: Any) -> NDArray[np.float64]:
-        """[episodes], how long each takes this policy; expected ones where they are known."""
+        """[episodes] lengths with this policy; expectations where these are known."""
         return self.play(policy)[0].astype(np.float64)
 
     def optimal_lengths(self) -> NDArray[np.float64] | None:
-        """[episodes], the optimum of each start; None where it is not known."""
+        """[episodes] optimum from each start; None if it is not known."""

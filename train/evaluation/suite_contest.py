@@ -1,4 +1,4 @@
-"""Contests over many mazes: every score beside the exact optimum of that maze."""
+"""Evaluation in several mazes, each compared with the exact optimum of that maze."""
 
 from __future__ import annotations
 
@@ -27,21 +27,20 @@ from train.evaluation.suite_tables import (
 )
 
 SOLVED_MAZES = 100
-"""Of a chase at most so many mazes are solved where starts are played: they are spread evenly."""
+"""Maximum number of mazes of a sampled chase that are solved, evenly spaced."""
 
 
 @dataclass(frozen=True, eq=False)
 class InMazes:
-    """What one policy achieves in each maze.
+    """The results of one policy in each maze.
 
     Attributes:
         name: of the policy.
         steps: [mazes] mean episode length.
         success: [mazes] share of episodes won.
-        exact: whether these are means over all starts and all chance, computed.
-        lengths: [games] of the starts that were played; None where they are exact.
-        returns, goals: [games] what the agent was paid in them, and the goals that it collected;
-            None where they are exact, or not played.
+        exact: whether these are exact expectations over all starts.
+        lengths: [games] of the sampled episodes; None if exact.
+        returns, goals: [games] returns and goals of the agent; None if exact or not sampled.
     """
 
     name: str
@@ -53,7 +52,7 @@ class InMazes:
     goals: NDArray[np.float64] | None = None
 
     def score(self, episodes: int) -> Score:
-        """The mean over the mazes, each of which counts as much."""
+        """The mean over the mazes, with equal weights."""
         mean, won = float(self.steps.mean()), float(self.success.mean())
         ci95 = 0.0 if self.lengths is None else half_width(self.lengths)
         paid, goals = (
@@ -63,7 +62,7 @@ class InMazes:
         return Score(self.name, mean, ci95, won, episodes, self.exact, **rest)
 
     def values(self, measure: Measure) -> NDArray[np.float64] | None:
-        """[mazes] the mean of a measure in each maze; None where it was not played."""
+        """[mazes] the mean of a measure in each maze; None if it was not sampled."""
         if measure.name == "steps":
             return self.steps
         found = self.goals if measure.name == "goals" else self.returns
@@ -72,28 +71,27 @@ class InMazes:
 
 @dataclass(frozen=True)
 class SuiteContest(MazeContest):
-    """One agent of a task in many mazes, with fixed policies in all other seats; a `Contest`.
+    """Evaluation of one agent in several mazes against fixed policies; a `Contest`.
 
-    Where it is exact, every mean is over all starts of a maze and all chance in them: a duel, or
-    a runner with one goal. Elsewhere seeded starts are played, the same for everybody, as many in
-    each maze.
+    Duels and runners with one goal can be exact: means are expectations over all starts of a maze.
+    Other tasks are sampled from seeded starts, the same for all policies, equally many per maze.
 
     Attributes:
         task: with several mazes.
         agent, opponents, episodes, seed: as in `GameContest`.
-        exact: whether to solve what can be solved, rather than to play.
+        exact: whether to solve if possible, instead of sampling.
     """
 
     exact: bool = False
 
     @property
     def solvable(self) -> bool:
-        """Whether it is a runner with one goal, or a duel with an opponent that is known."""
+        """Whether it is a runner with one goal, or a duel with a tabular opponent."""
         return is_solvable(self.task, self.opponent)
 
     @property
     def is_exact(self) -> bool:
-        """Whether policies are solved, not played."""
+        """Whether policies are solved, not sampled."""
         return self.exact and self.solvable
 
     def describe(self) -> dict[str, Any]:
@@ -103,14 +101,14 @@ class SuiteContest(MazeContest):
     def line(self) -> str:
         """As `Contest`."""
         first, called = self.task.mazes[0], suite_called(self.task)
-        told = f"maze {first.name} ({first.num_cells} cells; "
-        return super().line().replace(told, f"{len(self.task.mazes)} mazes of {called} (")
+        text = f"maze {first.name} ({first.num_cells} cells; "
+        return super().line().replace(text, f"{len(self.task.mazes)} mazes of {called} (")
 
     # -- starts that are played ----------------------------------------------------------------
 
     @cached_property
     def numbers(self) -> NDArray[np.intp]:
-        """[games] the maze of each start, in order; as many of each maze that is played in."""
+        """[games] the maze of each start, in order, equally many per played maze."""
         mazes = len(self.task.mazes)
         most = min(self.episodes, SOLVED_MAZES) if self.task.is_duel else self.episodes
         played = np.linspace(0, mazes - 1, min(most, mazes)).round().astype(np.intp)
@@ -118,7 +116,7 @@ class SuiteContest(MazeContest):
 
     @cached_property
     def played(self) -> NDArray[np.intp]:
-        """[mazes] those that are played in."""
+        """[mazes] the indices of the played mazes."""
         return np.arange(len(self.task.mazes)) if self.is_exact else np.unique(self.numbers)
 
     def starts(self) -> Simulator:
@@ -139,10 +137,10 @@ class SuiteContest(MazeContest):
     # -- scores --------------------------------------------------------------------------------
 
     def in_mazes(self, name: str, policy: Policy) -> InMazes:
-        """What a policy achieves in each of the mazes `played`.
+        """The results of a policy in each of the mazes `played`.
 
         Raises:
-            ValueError: the contest is exact, and the policy is none that is known at all cells.
+            ValueError: the contest is exact, and the policy is not a table.
         """
         if not self.is_exact:
             simulator = self.starts()
@@ -160,7 +158,7 @@ class SuiteContest(MazeContest):
         return InMazes(name, steps, 1.0 - caught if self.role == "evader" else caught, True)
 
     def _over_mazes(self, name: str, lengths: NDArray[Any], won: NDArray[np.bool_]) -> InMazes:
-        """Means maze by maze of the starts that were played."""
+        """Means by maze of the sampled episodes."""
         mazes = len(self.played)
         steps, success = (found.reshape(mazes, -1).mean(axis=1) for found in (lengths, won))
         return InMazes(name, steps, success, False, lengths)
@@ -173,13 +171,13 @@ class SuiteContest(MazeContest):
     def best(self) -> InMazes | None:
         """The exact optimum in each of the mazes `played`, on the same starts; None if unknown.
 
-        Unknown under limited sight, too: `best_in_full_sight` is a bound then.
+        Unknown under a limited view; `best_in_full_sight` is a bound then.
         """
         return None if self.is_limited else self.best_in_full_sight
 
     @cached_property
     def best_in_full_sight(self) -> InMazes | None:
-        """The same of an agent that sees everything."""
+        """The optimum of an agent with full view."""
         task = self.task
         if self.solvable and task.is_duel:
             return self._best_responses()
@@ -195,7 +193,7 @@ class SuiteContest(MazeContest):
         return self._over_mazes("optimal", np.minimum(lengths, task.max_steps), within)
 
     def _best_responses(self) -> InMazes:
-        """The optimum of a duel; what is won is what the best first steps win, played for ever."""
+        """The optimum of a duel; the success rate is that of the stationary first-step policy."""
         solved = list(self._solutions.values())
         success = self._exactly("optimal", (found.policy for found in solved)).success
         if not self.is_exact and (found := self._best_lengths()) is not None:
@@ -231,12 +229,12 @@ class SuiteContest(MazeContest):
         return None if self.best is None else self.best.score(self.episodes)
 
     def optimal_lengths(self) -> NDArray[np.float64] | None:
-        """As `Contest`: of the starts that are played; of a duel the expected ones."""
+        """As `Contest`, for the sampled starts; expectations in a duel."""
         lengths = None if self.is_limited else self._best_lengths()
         return None if lengths is None else np.minimum(lengths, self.task.max_steps)
 
     def _best_lengths(self) -> NDArray[np.float64] | None:
-        """The same, however long."""
+        """Optimal lengths without time limit."""
         if not (self.solvable and self.task.is_duel):
             return None if self.tours is None else self.tours.astype(np.float64)
         cells, lengths = self.starts().positions, np.zeros(len(self.numbers))
@@ -250,8 +248,8 @@ class SuiteContest(MazeContest):
         return [found.score(self.episodes) for found in self.references()]
 
     def references(self) -> list[InMazes]:
-        """Random, scripted (A* or nearest goal; under limited sight those of as little, too, where
-        starts are played) and, where it is known, the optimum."""
+        """Random, scripted (A* or nearest goal; in sampled contests also those with the same
+        limited view) and, if known, the optimum."""
         others = {} if self.is_exact else self.limited
         found = [
             self.in_mazes("random", RandomAgent()),
@@ -260,12 +258,12 @@ class SuiteContest(MazeContest):
         ]
         best = self.best_in_full_sight
         if best is not None and self.is_limited:
-            best = replace(best, name="optimal, full sight")
+            best = replace(best, name="optimal, full view")
         return found if best is None else [*found, best]
 
 
 def suite_called(task: Task) -> str:
-    """What several mazes are called: the suite that they are all of, or the first and how many."""
+    """The name of several mazes: that of their suite, or the first name and the number."""
     names = [maze.name for maze in task.mazes]
     suite, _, first = names[0].partition("/")
     if not all(name.startswith(f"{suite}/") for name in names):

@@ -1,4 +1,4 @@
-"""What a policy achieves in many mazes: maze by maze, by kind, and seen against unseen mazes."""
+"""Results in several mazes: by maze, by kind of maze, and generalisation to unseen mazes."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from train.evaluation.suite_contest import InMazes, SuiteContest
 from train.reports.tables import ResultTable, numeric, words
 
 SOLVED = 1.0 - 1e-9
-"""A maze whose share of successes is at least this is solved from everywhere."""
+"""Success rate from which a maze counts as solved from all starts."""
 
 
 def measures_of(maze: Maze) -> dict[str, Any]:
-    """How a maze was made, where it is of a suite, its size and its paths."""
+    """Kind of a maze of a suite, its size and its path lengths."""
     suite, _, number = maze.name.partition("/")
     of_suite = suite in suite_names() and number.isdigit()
     kind = rows_of(maze.name)[0].kind if of_suite else ""
@@ -30,17 +30,17 @@ def measures_of(maze: Maze) -> dict[str, Any]:
 
 
 def gaps_of(found: InMazes, best: InMazes) -> NDArray[np.float64]:
-    """[mazes] steps over the optimum of that maze, less 1."""
+    """[mazes] steps / optimum of that maze - 1."""
     return found.steps / best.steps - 1.0
 
 
 def maze_rows(contest: SuiteContest, policies: Sequence[InMazes]) -> list[dict[str, Any]]:
-    """A row for each of the mazes `played`: its measures, and steps, success and gap of policies;
-    where the contest is compared by goals or returns, these too.
+    """A row for each of the mazes `played`: properties of the maze, and steps, success and gap of
+    the policies; goals or returns too if these are the measure.
 
     Args:
-        contest: in which they played.
-        policies: what they achieve; columns are called after them.
+        contest: the evaluation.
+        policies: their results; columns have their names as prefixes.
     """
     rows = []
     for number, maze in enumerate(contest.part.mazes):
@@ -63,10 +63,10 @@ def maze_rows(contest: SuiteContest, policies: Sequence[InMazes]) -> list[dict[s
 def summary_of(contest: SuiteContest, found: InMazes) -> dict[str, Any]:
     """The figures of a policy over all mazes, as plain values.
 
-    "optimality_gap" is that of the mean steps; "mean_gap" the mean of the gaps of the mazes, each
-    of which counts as much; "solved_mazes" the share of mazes won from everywhere.
+    "optimality_gap" is that of the mean steps, "mean_gap" the mean of the gaps of the mazes, and
+    "solved_mazes" the share of mazes solved from all starts.
     """
-    told: dict[str, Any] = {
+    summary: dict[str, Any] = {
         **{name: contest.describe()[name] for name in ("task", "maze")},
         "mazes": len(contest.played),
         "exact": found.exact,
@@ -76,20 +76,20 @@ def summary_of(contest: SuiteContest, found: InMazes) -> dict[str, Any]:
     }
     measured = found.values(contest.measure)
     if contest.measure.name != "steps" and measured is not None:
-        told[contest.measure.column] = float(measured.mean())
+        summary[contest.measure.column] = float(measured.mean())
     if contest.best is not None:
         gaps = gaps_of(found, contest.best)
-        told |= {
+        summary |= {
             "optimal_steps": float(contest.best.steps.mean()),
             "optimality_gap": float(found.steps.mean() / contest.best.steps.mean() - 1.0),
             "mean_gap": float(gaps.mean()),
             "worst_gap": float(gaps.max() if contest.measure.less_is_better else gaps.min()),
         }
-    return told
+    return summary
 
 
 def generalisation(seen: dict[str, Any], unseen: dict[str, Any]) -> dict[str, Any]:
-    """What a policy loses from the mazes of its training to others: both `summary_of`."""
+    """The generalisation gap from the training mazes to others, each given as `summary_of`."""
     lost = {"success_rate": seen["success_rate"] - unseen["success_rate"]}
     if "optimality_gap" in seen and "optimality_gap" in unseen:
         lost["optimality_gap"] = unseen["optimality_gap"] - seen["optimality_gap"]

@@ -1,8 +1,7 @@
-"""What a policy plays in each of many mazes, as tables, and their exact values maze by maze.
+"""Policies as tables in each of several mazes, and their exact values by maze.
 
-A runner with one goal is solved as a chaser of an evader that stays where it is. A policy that
-remembers nothing is a table over (own cell, other cell); a network is asked about the pairs of
-cells of some mazes at once.
+A runner with one goal is solved as a chaser of an evader that never moves. A policy without memory
+is a table over (own cell, other cell); networks are evaluated in batches of mazes.
 """
 
 from __future__ import annotations
@@ -27,15 +26,15 @@ from scripted_agents import (
 from train.evaluation.games import MAX_EXACT_CELLS, values_between
 
 PAIRS_AT_ONCE = 200_000
-"""Games that a network is asked about together: of some mazes."""
+"""Pairs of cells in one batch of a network."""
 
 
 class Value(NamedTuple):
-    """What a policy achieves in one maze.
+    """The value of a policy in one maze.
 
     Attributes:
         steps: mean over starts.
-        caught: share of the starts, and of the chance in them, that ends within the time.
+        caught: probability that an episode ends within the time limit.
     """
 
     steps: float
@@ -43,40 +42,40 @@ class Value(NamedTuple):
 
 
 def is_one_goal(task: Task) -> bool:
-    """Whether a runner alone looks for one goal, both anywhere."""
+    """Whether the task is a single runner with one goal and random starts."""
     teams = (task.num_chasers, task.num_evaders, task.num_runners, task.num_goals)
     return teams == (0, 0, 1, 1) and task.start == "random"
 
 
 def is_known(policy: Any) -> bool:
-    """Whether `tables_of` can say what a policy plays: scripted ones, and networks that remember
-    nothing and see cells and goals only."""
+    """Whether `tables_of` supports a policy: scripted ones, and networks without memory that
+    observe only cells and goals."""
     scripted = isinstance(policy, (NearestGoalRunner, TourRunner, TabularPolicy))
     return scripted or isinstance(policy, DistributionPolicy)
 
 
 def is_solvable(task: Task, opponent: Policy | None) -> bool:
-    """Whether what policies achieve can be solved: of a runner with one goal, or of a small duel
-    with an opponent that is known."""
+    """Whether values can be computed exactly: for a runner with one goal, or a small duel with a
+    tabular opponent."""
     small = task.is_duel and task.start == "random" and task.max_cells <= MAX_EXACT_CELLS
     return is_one_goal(task) or (small and is_known(opponent))
 
 
 def tables_of(policy: Policy, task: Task, seat: int) -> Iterator[NDArray[np.float64]]:
-    """[self cell, other cell, action] of a policy in each maze of a task, one after the other.
+    """[self cell, other cell, action] of a policy in each maze of a task.
 
-    "Other" is the other agent of a duel, or the goal of a runner alone.
+    "Other" is the other agent of a duel, or the goal of a single runner.
 
     Raises:
-        ValueError: the policy is not known to be such a table in these mazes.
+        ValueError: the policy is not such a table in these mazes.
     """
     if hasattr(policy, "task") and isinstance(policy, DistributionPolicy):  # a learned one
         yield from _learned_tables(policy, task, seat)
         return
-    if isinstance(policy, (NearestGoalRunner, TourRunner)):  # one goal: both go straight to it
+    if isinstance(policy, (NearestGoalRunner, TourRunner)):  # one goal: a shortest path
         policy = AStarChaser(policy.epsilon)
     if not isinstance(policy, TabularPolicy):
-        raise ValueError(f"{policy!r}: what it plays at each pair of cells is not known")
+        raise ValueError(f"{policy!r}: not a table over pairs of cells; use sampled evaluation")
     for maze in task.mazes:
         yield table_of(policy, maze, task.stay_action, task.move_order)
 

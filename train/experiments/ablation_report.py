@@ -1,4 +1,4 @@
-"""The table and figures of an ablation: every arm against the control, whatever the outcome."""
+"""The table and figures of an ablation: every variant against the control."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from train.experiments.arms import NAN, Arms, Curve, arms_of, strata
 from train.experiments.forms import THRESHOLDS, Hints
+from train.experiments.learning_curves import NAN, Curve, VariantCurves, curves_by_variant, strata
 from train.experiments.statistics import (
     Interval,
     difference_interval,
@@ -29,8 +29,8 @@ from train.reports.tables import Column, ResultTable, Row, in_markdown
 
 LEVEL = 0.05
 SPENT = 0.8
-"""An arm with a smaller share of its frames on the hardest lesson is pointed out."""
-ARM_COLORS = tuple(color for color in PALETTE if color != GREY)
+"""Variants with a smaller share of frames on the hardest stage are marked."""
+COLORS = tuple(color for color in PALETTE if color != GREY)
 
 
 def ablation_report(
@@ -39,22 +39,24 @@ def ablation_report(
     """Draw the figures of an ablation; arguments and results are those of `sweep_report`.
 
     Raises:
-        ValueError: hints that are not those of an ablation.
+        ValueError: the folder is not that of an ablation.
     """
-    hints, arms = study.hints, arms_of(study)
-    control = arms.get(str(hints.control), [])
-    rows = [summary(name, curves, control) for name, curves in arms.items()]
+    hints, variants = study.hints, curves_by_variant(study)
+    control = variants.get(str(hints.control), [])
+    rows = [summary(name, curves, control) for name, curves in variants.items()]
     correct(rows, hints)
     if unit is None:  # without a budget in frames all runs have the same seconds
         in_frames = all(row.get("budget_frames") for row in study.rows)
         unit = "frames" if in_frames else "seconds"
-    draw_final(folder / "final.png", rows, arms, hints)
+    draw_final(folder / "final.png", rows, variants, hints)
     figures = ["final.png"]
-    for task in dict.fromkeys(curve.task for curves in arms.values() for curve in curves):
-        name = re.sub(r"[^A-Za-z0-9_.+-]+", "_", f"arms{'-' + task if task else ''}.png")
-        here = {arm: [c for c in curves if c.task == task] for arm, curves in arms.items()}
+    for task in dict.fromkeys(curve.task for curves in variants.values() for curve in curves):
+        name = re.sub(r"[^A-Za-z0-9_.+-]+", "_", f"variants{'-' + task if task else ''}.png")
+        here = {
+            variant: [c for c in curves if c.task == task] for variant, curves in variants.items()
+        }
         title = hints.title + (f" ({task})" if task else "")
-        shown = {arm: curves for arm, curves in here.items() if curves}
+        shown = {variant: curves for variant, curves in here.items() if curves}
         grid = panels_of(shown, str(hints.control), unit)
         draw_panels(folder / name, grid, unit, title, beside=True, log=log)
         figures.append(name)
@@ -65,17 +67,17 @@ def ablation_report(
 # -- figures ---------------------------------------------------------------------------------------
 
 
-def draw_final(path: Path, rows: list[Row], arms: Arms, hints: Hints) -> None:
-    """Final gaps and probabilities of improvement with their intervals, one line an arm."""
+def draw_final(path: Path, rows: list[Row], variants: VariantCurves, hints: Hints) -> None:
+    """Final gaps and probabilities of improvement with their intervals, one line per variant."""
     gaps, better = [], []
     for place, row in enumerate(rows):
-        arm, own = row["arm"], row["arm"] == hints.control
-        color = GREY if own else ARM_COLORS[place % len(ARM_COLORS)]
-        finals = [curve.final for curve in arms[arm]]
-        gaps.append(Estimate(arm, row["gap"], row["gap_low"], row["gap_high"], finals, color))
+        variant, own = row["variant"], row["variant"] == hints.control
+        color = GREY if own else COLORS[place % len(COLORS)]
+        finals = [curve.final for curve in variants[variant]]
+        gaps.append(Estimate(variant, row["gap"], row["gap_low"], row["gap_high"], finals, color))
         ends = row["improvement"], row["improvement_low"], row["improvement_high"]
         value, low, high = (NAN, NAN, NAN) if own else ends
-        better.append(Estimate(arm, value, low, high, color=color))
+        better.append(Estimate(variant, value, low, high, color=color))
     panels = {
         "final gap to the optimum (%)": ("gap", gaps),
         f"P(better than {hints.control})": ("share", better),
@@ -83,32 +85,32 @@ def draw_final(path: Path, rows: list[Row], arms: Arms, hints: Hints) -> None:
     draw_intervals(path, panels, hints.title)
 
 
-def panels_of(arms: Arms, control: str, unit: str) -> list[list[Panel]]:
-    """Two panels for each arm: the gaps, the control's in grey, and what was trained on.
+def panels_of(variants: VariantCurves, control: str, unit: str) -> list[list[Panel]]:
+    """Two panels per variant: the gaps, with the control in grey, and the stage of the curriculum.
 
-    A dotted line stands where a run's last lesson began.
+    A dotted line marks the start of the last stage of a run.
     """
-    names = [name for name in arms if name != control] or [control]
+    names = [name for name in variants if name != control] or [control]
     grid: list[list[Panel]] = []
     for first in range(0, len(names), 4):
         upper: list[Panel] = []
         lower: list[Panel] = []
         for name in names[first : first + 4]:
-            color = ARM_COLORS[list(arms).index(name) % len(ARM_COLORS)]
+            color = COLORS[list(variants).index(name) % len(COLORS)]
             series = [
                 Series(
-                    [(c.time(unit), c.shortfall) for c in arms.get(arm, [])],
-                    arm if arm == control else None, shade,
+                    [(c.time(unit), c.shortfall) for c in variants.get(variant, [])],
+                    variant if variant == control else None, shade,
                     interval=lambda values: distance_interval([values]),
                 )
-                for arm, shade in ((control, GREY), (name, color))
+                for variant, shade in ((control, GREY), (name, color))
             ]  # fmt: skip
-            marks = [(c.time(unit)[c.settled_at - 1], color) for c in arms[name]
+            marks = [(c.time(unit)[c.settled_at - 1], color) for c in variants[name]
                      if c.settled_at > 0]  # fmt: skip
             label = "" if upper else "gap to the optimum (%)"
             upper.append(Panel(series, label, name, "gap", marks=marks))
-            taught = [Series([(c.time(unit), c.lesson)], None, color, width=1.0)
-                      for c in arms[name] if not np.isnan(c.lesson).all()]  # fmt: skip
+            taught = [Series([(c.time(unit), c.stage)], None, color, width=1.0)
+                      for c in arms[name] if not np.isnan(c.stage).all()]  # fmt: skip
             said = "as the task" if name == control else "levels, chosen one by one"
             label = "" if lower else "trained on"
             note = "" if taught else said
@@ -126,12 +128,12 @@ def finals_of(curves: Sequence[Curve]) -> list[list[float]]:
 
 
 def summary(name: str, curves: list[Curve], control: list[Curve]) -> Row:
-    """One arm as a flat row; times are medians over seeds, inf where at least half never got there.
+    """One variant as a flat row, with gaps in per cent, and times in seconds and frames.
 
-    Shortfalls in per cent, times in seconds and frames.
+    Times are medians over seeds; inf if at least half of the runs do not reach the gap.
     """
     finals = finals_of(curves)
-    row: Row = {"arm": name, "runs": len(curves)}
+    row: Row = {"variant": name, "runs": len(curves)}
 
     def put(name: str, value: float, interval: Interval) -> None:
         row.update({name: value, f"{name}_low": interval[0], f"{name}_high": interval[1]})
@@ -164,7 +166,7 @@ def summary(name: str, curves: list[Curve], control: list[Curve]) -> Row:
 
 
 def _p_of_times(curves: list[Curve], control: list[Curve], threshold: float) -> float:
-    """Of the log-rank test of frames to a gap, stratified by task; nan without a control."""
+    """p of the log-rank test of frames to a gap, stratified by task; nan without a control."""
     tasks = {c.task for c in [*curves, *control]}
     times, ends = [], []
     for side in (strata(curves, tasks), strata(control, tasks)):
@@ -174,44 +176,45 @@ def _p_of_times(curves: list[Curve], control: list[Curve], threshold: float) -> 
 
 
 def _median(times: Sequence[float]) -> float:
-    """The median where runs that never got there count as infinitely late."""
+    """The median, with inf for runs that do not reach the gap."""
     ordered = sorted(times)
     return (ordered[(len(ordered) - 1) // 2] + ordered[len(ordered) // 2]) / 2
 
 
 def correct(rows: list[Row], hints: Hints) -> None:
-    """Correct what p there is for how many arms are compared: `p_holm`, `p_time`.
+    """Add `p_holm` and `p_time`: p corrected for the number of variants.
 
-    The primary arm, which was named before, stands alone.
+    The p of the primary variant is not corrected.
     """
-    others = [row for row in rows if row["arm"] not in (hints.control, hints.primary)]
+    others = [row for row in rows if row["variant"] not in (hints.control, hints.primary)]
     for name, source in (("p_holm", "p"), ("p_time", f"p_to_{hints.threshold:g}")):
         for row in rows:
-            row[name] = NAN if row["arm"] == hints.control else row[source]
+            row[name] = NAN if row["variant"] == hints.control else row[source]
         for row, p in zip(others, holm([row[source] for row in others]), strict=True):
             row[name] = p
 
 
 def verdict(row: Row, hints: Hints) -> str:
-    """What an arm shows against the control, in words."""
-    if row["arm"] == hints.control:
+    """The verdict on a variant against the control."""
+    if row["variant"] == hints.control:
         return "control"
     p, margin = row["p_holm"], hints.margin
     if np.isnan(row["improvement_low"]):
-        return "nothing can be said"
-    told = f"p = {_p(p)}" + (", primary" if row["arm"] == hints.primary else "")
+        return "too few runs"
+    note = f"p = {_p(p)}" + (", primary" if row["variant"] == hints.primary else "")
     if p < LEVEL:
-        return f"{'better' if row['improvement'] > 0.5 else 'worse'} ({told})"
+        return f"{'better' if row['improvement'] > 0.5 else 'worse'} ({note})"
     if margin is not None and -margin < row["apart_low"] <= row["apart_high"] < margin:
-        return f"equal within {margin:g} points ({told})"
-    return f"no difference shown ({told})"
+        return f"equal within {margin:g} points ({note})"
+    return f"no difference shown ({note})"
 
 
 def table_of(rows: list[Row], hints: Hints) -> ResultTable:
-    """`summary` of every arm as people read it; `correct` has been there."""
+    """The table of all variants, from rows of `summary` after `correct`."""
     control = hints.control
     columns = [
-        Column("arm", lambda row: str(row["arm"]), left=True),
+        Column("variant", lambda row: str(row["variant"]), left=True),
+        Column("verdict", lambda row: verdict(row, hints), left=True),
         Column("runs", lambda row: str(row["runs"])),
         Column("final gap, mean, % [95 %]", partial(_with_interval, "gap")),
         Column(
@@ -223,12 +226,11 @@ def table_of(rows: list[Row], hints: Hints) -> ResultTable:
         ),
         Column(f"log-rank p, to {hints.threshold:g} %", lambda row: _p(row["p_time"])),
         Column("optimality over training [95 %]", partial(_with_interval, "area")),
-        Column("frames on the hardest lesson", lambda row: _settled(row["settled"])),
+        Column("frames on the hardest stage", lambda row: _settled(row["settled"])),
         Column(
             f"P(better than {control}) [95 %]",
-            lambda row: "" if row["arm"] == control else _with_interval("improvement", row),
+            lambda row: "" if row["variant"] == control else _with_interval("improvement", row),
         ),
-        Column("verdict", lambda row: verdict(row, hints), left=True),
     ]  # fmt: skip
     return ResultTable(rows, columns)
 
@@ -265,31 +267,32 @@ def _number(value: float) -> str:
 
 
 def sentences(study: FinishedStudy, hints: Hints) -> list[str]:
-    """What the table shows."""
+    """The explanation of the table."""
     budgets = {(row["budget_seconds"], row["budget_frames"]) for row in study.rows}
     budget = "; ".join(f"{s:g} s" if s is not None else f"{f:,} frames" for s, f in budgets)
     kinds = " or ".join(sorted({str(row["evaluate"]) for row in study.rows}))
     lines = [
-        f"Budget of a run: {budget}.",
-        "Every arm is evaluated on the same task at its final difficulty, throughout training. "
-        f"Gap: per cent by which the {kinds} policy is worse than the exact optimum, the mean over "
-        "runs with Student's interval; where some runs solve their task and some do not, count "
-        "those that reached a gap instead. Times: first evaluation at or below the gap, medians "
-        "over runs; a run that never got there counts as infinitely late, and is censored in the "
-        "log-rank test (of frames, stratified by task). Optimality: optimum / steps (evaders: "
-        "steps / optimum), averaged over the frames of training. P: the probability that a run of "
-        "the arm ends nearer to the optimum than one of the control (Mann and Whitney; Newcombe's "
-        "interval). p: two-sided permutation test of P against 0.5, corrected for the number of "
-        f"arms (Holm), but that of a primary one. Verdicts need p < {LEVEL:g}.",
+        f"Budget per run: {budget}.",
+        "Every variant is evaluated on the same task at its final difficulty, throughout training. "
+        f"The verdict compares its final gaps with those of the control and needs p < {LEVEL:g}. "
+        "p: two-sided permutation test of P against 0.5, corrected for the number of variants "
+        "(Holm), except for a primary variant. P: probability that a run of the variant ends "
+        "closer to the optimum than a run of the control (Mann-Whitney, with Newcombe's interval).",
+        f"Gap: per cent by which the {kinds} policy is worse than the exact optimum, mean over "
+        "runs with Student's interval. If only some runs solve the task, the mean says little: "
+        "compare the numbers of runs that reached each gap instead. Times: the first evaluation "
+        "at or below the gap, medians over runs; runs that did not reach it count as infinite, and "
+        "are censored in the log-rank test (of frames, stratified by task). Optimality: optimum / "
+        "steps (evaders: steps / optimum), averaged over the frames of training.",
     ]
     if hints.primary is None:
-        lines.append("No arm was named as the primary one before the runs, so all p are corrected.")
+        lines.append("The ablation file names no primary variant, so all p are corrected.")
     else:
         pair = in_markdown(f"{hints.primary} against {hints.control}")
-        lines.append(f"Asked for before the runs: {pair}.")
+        lines.append(f"Primary comparison, named before the runs: {pair}.")
     if hints.margin is not None:
         lines.append(
-            "Equal is said where the 90 % interval of the difference of the means (Welch) lies "
-            f"within {hints.margin:g} points, a margin named before the runs."
+            "Variants are called equal if the 90 % interval of the difference of means (Welch) "
+            f"lies within {hints.margin:g} points, a margin named before the runs."
         )
     return lines

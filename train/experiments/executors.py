@@ -1,4 +1,4 @@
-"""The jobs of a study in processes of this machine, or as tasks of a Ray cluster."""
+"""Execution of the jobs of a study, in local processes or as tasks of a Ray cluster."""
 
 from __future__ import annotations
 
@@ -13,41 +13,53 @@ from threading import current_thread, main_thread
 from typing import Any, Protocol
 
 from pursuit.plugins import environment
-from train.experiments.study import ERROR, Study, Told, prepare, status_of, statuses_of, to_do
+from train.experiments.study import (
+    ERROR,
+    Study,
+    Watch,
+    prepare,
+    status_of,
+    statuses_of,
+    to_do,
+)
 from train.experiments.worker import perform_here, progress_of, record_end, start_worker
 from train.files import only_one
 from train.settings.checks import check
 
 POLL = 0.2
-"""Seconds between two looks at the running jobs."""
+"""Polling interval of running jobs in seconds."""
 SECONDS_TO_ANSWER = 5.0
-"""How long the answer of a cluster is waited for."""
+"""Timeout for the connection to a cluster."""
 OF_WORKERS = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
-"""Environment variables: one core a job; libraries' threads would get in each other's way."""
-OF_WORKERS["PYTHONSAFEPATH"] = "1"  # a train.py in the current folder does not stand in for ours
+"""Environment variables: one thread per job, as jobs run on one core each."""
+OF_WORKERS["PYTHONSAFEPATH"] = "1"  # a train.py in the current folder is not imported
 
 
 class Job(Protocol):
-    """A job that was started."""
+    """A running job."""
 
     def poll(self) -> int | None:
-        """Its exit status, negative where a signal ended it; None while it runs."""
+        """Its exit status, negative if a signal ended it; None while it runs."""
 
     def stop(self) -> None:
-        """Have it save and end."""
+        """Make it save and exit."""
 
 
 def run_study(
-    study: Study, out: Path, slots: int, start: Callable[[Path, int], Job], told: Told
+    study: Study,
+    out: Path,
+    slots: int,
+    start: Callable[[Path, int], Job],
+    watch: Watch,
 ) -> dict[str, str]:
-    """Do all jobs that are not complete, and return the status of every job by name.
+    """Execute all jobs that are not complete, and return the status of every job by name.
 
     Args:
         study: the jobs.
         out: the folder of the study.
-        slots: jobs at a time.
-        start: starts the job in a folder, given the number of its slot.
-        told: is told how far it is.
+        slots: number of parallel jobs.
+        start: starts the job in a folder; the second argument is the index of its slot.
+        watch: called with the status and progress of all runs.
 
     Raises:
         KeyboardInterrupt: once the jobs have saved.
@@ -55,10 +67,10 @@ def run_study(
     with only_one(out, "sweep"):
         folders = {run.name: folder for run, folder in prepare(study, out)}
         waiting = to_do(folders)
-        for name in waiting:  # what goes on has not failed
+        for name in waiting:  # retried
             (folders[name] / ERROR).unlink(missing_ok=True)
         statuses = statuses_of(study, out)
-        told(statuses, {})
+        watch(statuses, {})
         running: dict[int, tuple[str, Job]] = {}
         try:
             while waiting or running:
@@ -73,7 +85,7 @@ def run_study(
                         del running[slot]
                         record_end(folders[name], code)
                         statuses[name] = status_of(folders[name])
-                told(statuses, {name: progress_of(folders[name]) for name, _ in running.values()})
+                watch(statuses, {name: progress_of(folders[name]) for name, _ in running.values()})
                 if running:
                     time.sleep(POLL)
         except KeyboardInterrupt:
@@ -89,7 +101,7 @@ def run_study(
 
 
 class LocalJob:
-    """A job in a process of this machine, kept on `core` unless that is None."""
+    """A job in a local process, pinned to `core` unless that is None."""
 
     def __init__(self, folder: Path, core: int | None) -> None:
         self.process = start_worker(folder)
@@ -108,7 +120,7 @@ class LocalJob:
 
 
 class JobHere:
-    """A job that was done in this process."""
+    """A job that is executed in this process."""
 
     def __init__(self, folder: Path) -> None:
         self.code = perform_here(str(folder), {})
@@ -121,7 +133,7 @@ class JobHere:
         """As `Job`."""
 
 
-def run_locally(study: Study, out: Path | str, workers: int, told: Told) -> dict[str, str]:
+def run_locally(study: Study, out: Path | str, workers: int, watch: Watch) -> dict[str, str]:
     """Do all jobs that are not complete in `workers` processes.
 
     A job that failed before is tried again. Ctrl-C lets the running ones save their checkpoints.
@@ -132,7 +144,7 @@ def run_locally(study: Study, out: Path | str, workers: int, told: Told) -> dict
         study: the jobs.
         out: the folder of the study.
         workers: processes at a time; 0 does one job after the other in this process.
-        told: is told how far it is.
+        watch: called with the status and progress of all runs.
 
     Returns:
         The status of every job by name.
@@ -141,14 +153,14 @@ def run_locally(study: Study, out: Path | str, workers: int, told: Told) -> dict
         KeyboardInterrupt: once the jobs have saved.
     """
     if not workers:
-        return run_study(study, Path(out), 1, lambda folder, slot: JobHere(folder), told)
+        return run_study(study, Path(out), 1, lambda folder, slot: JobHere(folder), watch)
     os.environ.update(OF_WORKERS)  # libraries of this process have read theirs
     cores = sorted(os.sched_getaffinity(0), reverse=True) if study.pinned else []
 
     def start(folder: Path, slot: int) -> LocalJob:
         return LocalJob(folder, cores[slot % len(cores)] if cores else None)
 
-    return run_study(study, Path(out), workers, start, told)
+    return run_study(study, Path(out), workers, start, watch)
 
 
 # -- Ray -------------------------------------------------------------------------------------------
@@ -210,7 +222,7 @@ class RayJob:
         self.ray.cancel(self.task)
 
 
-def run_on_ray(study: Study, out: Path | str, address: str | None, told: Told) -> dict[str, str]:
+def run_on_ray(study: Study, out: Path | str, address: str | None, watch: Watch) -> dict[str, str]:
     """Do all jobs that are not complete as tasks of a Ray cluster, one core each.
 
     All machines of the cluster read and write the folder `out`: it lies on a disk that they share.
@@ -220,7 +232,7 @@ def run_on_ray(study: Study, out: Path | str, address: str | None, told: Told) -
         study: the jobs.
         out: the folder of the study.
         address: of the cluster, "auto" for the one of this machine; None starts one here.
-        told, returned: as `run_locally`.
+        watch, returned: as `run_locally`.
 
     Raises:
         KeyboardInterrupt: once the jobs have saved.
@@ -235,7 +247,7 @@ def run_on_ray(study: Study, out: Path | str, address: str | None, told: Told) -
             signal.signal(signal.SIGTERM, before)
     try:
         slots = max(int(ray.cluster_resources().get("CPU", 1)), 1)
-        return run_study(study, Path(out), slots, lambda folder, _: RayJob(ray, folder), told)
+        return run_study(study, Path(out), slots, lambda folder, _: RayJob(ray, folder), watch)
     finally:
         if started_here:
             ray.shutdown()

@@ -1,4 +1,4 @@
-"""The forms of the files of sweeps: what a person writes, and what a sweep keeps in its folder."""
+"""Schemas of sweep files, and of the files that a sweep writes to its folder."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ from train.settings.checks import check, check_seed
 HINTS, LABEL = "sweep.json", "run.json"
 VERSIONS = ("short", "full")
 THRESHOLDS = (20.0, 10.0, 5.0, 2.0)
-"""Gaps in per cent that an ablation waits for."""
-REMEDY = "mend that line; the README's section on sweeps shows the form"
-ANEW = "remove that file; the next `pursuit sweep` writes it anew"
+"""Gaps in per cent, whose time an ablation reports."""
+REMEDY = "correct that line; the README's section on sweeps shows the form"
+ANEW = "remove that file; the next `pursuit sweep` writes it again"
 
 Table = dict[str, Any]
-"""Settings by name: which there are depends on the kind of run, and is checked with the values."""
+"""Settings by name; names and values are checked by the kind of run."""
 
 
 class ReportHints(msgspec.Struct, forbid_unknown_fields=True):
-    """[report]: what is on the axis, and what makes a curve of its own."""
+    """[report]: the setting on the axis, and the settings that distinguish curves."""
 
     x: str | None = None
     group: list[str] | None = None
 
 
 class Version(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
-    """[short] or [full]: what it has lies over the rest of the file."""
+    """[short] or [full]: values that override the rest of the file."""
 
     settings: Table | None = None
     grid: Table | None = None
@@ -42,7 +42,7 @@ class Version(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
 
 
 class SweepFile(Version, forbid_unknown_fields=True, omit_defaults=True):
-    """A sweep file as it is written."""
+    """The contents of a sweep file."""
 
     title: str | None = None
     kind: str | None = None
@@ -53,17 +53,16 @@ class SweepFile(Version, forbid_unknown_fields=True, omit_defaults=True):
 
 
 class AblationFile(SweepFile, forbid_unknown_fields=True, omit_defaults=True):
-    """An ablation file: a sweep's, with arms instead of variants, and a control.
+    """An ablation file: a sweep file with a control.
 
     Attributes:
-        arms: the variants; those of a sweep stay empty.
-        primary: the one arm whose difference from the control is asked for: its p stands alone,
-            those of the others are corrected for how many they are.
-        margin: points of the gap within which an arm is to count as equal to the control.
+        control: the variant that the others are compared with.
+        primary: the variant of the primary comparison. Its p is not corrected; those of the others
+            are corrected for multiple comparisons.
+        margin: equivalence margin in percentage points of the gap.
         threshold: the gap in per cent whose time to reach is tested.
     """
 
-    arms: list[Table] | None = None
     control: str | None = None
     primary: str | None = None
     margin: float | None = None
@@ -71,7 +70,7 @@ class AblationFile(SweepFile, forbid_unknown_fields=True, omit_defaults=True):
 
 
 class Range(msgspec.Struct, forbid_unknown_fields=True):
-    """A setting that is searched between two ends, even on this scale."""
+    """A setting that is drawn uniformly from an interval, on a linear or logarithmic scale."""
 
     low: float
     high: float
@@ -98,14 +97,15 @@ class Choices(msgspec.Struct, forbid_unknown_fields=True):
 
 
 class Hints(msgspec.Struct):
-    """`sweep.json`: what the report is to show, and which runs the plan has.
+    """`sweep.json`: the layout of the report, and the runs of the sweep.
 
     Attributes:
         title: of the report.
-        format: of the folder.
-        runs: the names of the runs; None where nobody has said (all that are there).
+        format: version of the folder layout.
+        runs: the names of the runs; None for all runs in the folder.
         x, group: columns of the table of runs.
-        control, arms, primary, margin, threshold: of an ablation (`AblationFile`).
+        control, variants, primary, margin, threshold: of an ablation (`AblationFile`); `variants`
+            are names.
     """
 
     title: str
@@ -114,54 +114,54 @@ class Hints(msgspec.Struct):
     x: str | None = None
     group: list[str] = msgspec.field(default_factory=list)
     control: str | None = None
-    arms: list[str] = msgspec.field(default_factory=list)
+    variants: list[str] = msgspec.field(default_factory=list)
     primary: str | None = None
     margin: float | None = None
     threshold: float = 5.0
 
 
 Label = dict[str, bool | int | float | str | list[str] | None]
-"""`run.json`: what the sweep file says of a run."""
+"""`run.json`: the values of the sweep file for one run."""
 
 
 def check_table(table: Any, where: str, values: bool = False) -> None:
-    """ValueError unless `table` has plain values (or lists of them, if `values`) by name."""
+    """ValueError unless the values of `table` are plain (or lists of plain values, if `values`)."""
     for name, value in table.items():
         if values:
             check(isinstance(value, list), f"{name}={value!r} in {where}; give a list of values")
             check(bool(value), f"{name} is an empty list in {where}; give at least one value")
         check(
             name != "seed",
-            f"seed in {where} would be set by seeds; give seeds = [...] at the top of the file",
+            f"seed in {where} is not allowed; give seeds = [...] at the top of the file",
         )
         for item in value if values else [value]:
             check_plain(name, item, where)
 
 
 def check_plain(name: str, value: Any, where: str) -> None:
-    """ValueError unless a setting is a number, a text, true or false, or a list of texts."""
+    """ValueError unless a setting is a number, a string, a boolean, or a list of strings."""
     plain = isinstance(value, bool | int | float | str)
     texts = isinstance(value, list) and all(isinstance(item, str) for item in value)
-    named = name in ("task", "algorithm", "curriculum", "preset")  # others are read by these
+    named = name in ("task", "algorithm", "curriculum", "preset")  # they select other settings
     check(
         isinstance(value, str) if named else plain or texts,
         f"{name}={value!r} in {where}; give "
-        + ("a name" if named else "a number, a text, true or false"),
+        + ("a name" if named else "a number, a string, true or false"),
     )
 
 
 def check_seeds(seeds: Iterable[int]) -> None:
-    """ValueError for no seeds, or for one that not every generator takes."""
+    """ValueError for no seeds, or for one that is out of range."""
     check(bool(seeds), "seeds is an empty list; give at least one value")
     for seed in seeds:
         check_seed(seed)
 
 
-# -- what a sweep keeps ----------------------------------------------------------------------------
+# -- files in the folder of a sweep ----------------------------------------------------------------
 
 
 def read_hints(out: Path) -> Hints:
-    """`sweep.json` of a folder, or what stands for it where there is none."""
+    """`sweep.json` of a folder, or a default if there is none."""
     path = out / HINTS
     if not path.exists():
         return Hints(title=out.name)
@@ -169,6 +169,6 @@ def read_hints(out: Path) -> Hints:
 
 
 def read_label(folder: Path) -> Label:
-    """`run.json` of a run; empty where there is none."""
+    """`run.json` of a run; empty if there is none."""
     path = folder / LABEL
     return read_as(Label, read_json(path), path, ANEW) if path.exists() else {}

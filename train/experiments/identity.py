@@ -19,8 +19,8 @@ from train.experiments.kinds import with_mazes
 from train.files import write_bytes
 from train.runs.folder import CHECKPOINT, CONFIG
 from train.runs.provenance import provenance
+from train.runs.stable_baselines import description_of
 from train.runs.tasks import maze_text_of
-from train.runs.third_party import description_of
 from train.settings.checks import check
 from train.settings.self_play import LEARN, ROLES
 from train.teaching.mazes import named_maze, names_in

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from train.files import hold, remove_leftovers
-from train.runs.effects import check_effects
 from train.runs.folder import (
     CHECKPOINT,
     CONFIG,
@@ -32,6 +31,7 @@ from train.runs.saved import from_plain
 from train.runs.single import make_run
 from train.runs.tasks import maze_text_of
 from train.runs.threads import check_device
+from train.runs.unused_settings import check_unused_settings
 from train.self_play.learners import complete
 from train.self_play.parts import (
     self_play_from_plain,
@@ -109,7 +109,7 @@ def start(kind: str, settings: Any, path: Path | str, final: Final | None = None
     check_new(path)
     check_device(settings.device)
     KINDS[kind].check(settings)
-    check_effects(settings)
+    check_unused_settings(settings)
     settings = KINDS[kind].complete(settings)
     lock = hold(path, "run", shared=True)
     check_new(path)

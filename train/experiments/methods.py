@@ -13,7 +13,7 @@ from train.files import read_json
 from train.reports.tables import plain_table
 from train.runs.folder import CONFIG, RESULTS, RUN, SIDE, load_results, read_config
 from train.runs.provenance import COMMAND, recorded_parts
-from train.settings.task import who_learns
+from train.settings.task import learning_agent
 
 METHODS = "methods.md"
 METHODS_LINE = f"How these runs were made: [{METHODS}]({METHODS})."
@@ -56,7 +56,7 @@ def facts_of(folder: Path) -> dict[str, Any]:
     names = ("curriculum_mazes", "opponent", "chaser", "evader", "variant")
     found |= {"kind": kind} | {name: label[name] for name in names if name in label}
     if kind == RUN and "role" in found:
-        found["role"] = who_learns(found["task"], found["role"])
+        found["role"] = learning_agent(found["task"], found["role"])
     for setting, part in recorded_parts(folder / CONFIG).items():
         found[f"SHA-256 of the source of {setting}"] = part["sha256"] or "no source"
     if results:

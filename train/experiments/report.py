@@ -68,9 +68,9 @@ def write_study(study: FinishedStudy, folder: Path, unit: str | None, log: bool)
         parts = [table.markdown(), ran_on(study.rows), *paragraphs, METHODS_LINE]
         missing = [row for row in study.everything if row["status"] != "complete"]
         if missing:
-            told = (f"{row['run']}: {row['status']} {row['error'] or ''}" for row in missing)
+            text = (f"{row['run']}: {row['status']} {row['error'] or ''}" for row in missing)
             parts.append(f"Not complete: {len(missing)} runs.")
-            parts.append("\n".join(f"- {in_markdown(line)}" for line in told))
+            parts.append("\n".join(f"- {in_markdown(line)}" for line in text))
         parts += [f"![{name}]({name})" for name in figures]
         table.write(folder)
         write_text(folder / METHODS, methods(study.folders))

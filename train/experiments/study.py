@@ -1,8 +1,8 @@
-"""Studies: jobs with a folder each, done by processes here or on a Ray cluster, each of them once.
+"""Studies: sets of jobs with a folder each, executed locally or on a Ray cluster.
 
-A sweep, an ablation, a comparison of libraries and a replication are descriptions that make
-studies. `train.experiments.executors` does the jobs of one: those that are complete are skipped,
-those that were interrupted go on. What they leave in their folders is reported.
+Sweeps, ablations, comparisons of libraries and replications are expanded to studies.
+`train.experiments.executors` executes their jobs: complete ones are skipped, interrupted ones are
+resumed. Reports read the folders.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ from train.settings.checks import check
 
 ERROR, PROGRESS = "error.txt", "progress.txt"
 FORMAT = 2
-"""Of the folder of a study: raised whenever its jobs get other names."""
+"""Version of the folder layout; increased when the names of jobs change."""
 CALL, OUTCOME = "call.json", "outcome.json"
-"""Of a job that is a function: its name and arguments, and what it returned."""
+"""Files of a `Call`: its function and arguments, and its return value."""
 
-Told = Callable[[dict[str, str], dict[str, float]], None]
-"""Called now and then with the status of every job by name, and the progress of those running."""
+Watch = Callable[[dict[str, str], dict[str, float]], None]
+"""Called repeatedly with the status of every job by name, and the progress of running jobs."""
 
 
 @dataclass(frozen=True)
@@ -44,13 +44,13 @@ class TrainingRun:
     """A run of a learner.
 
     Attributes:
-        name: of its folder: readable, and at its end a fingerprint of all that decides the outcome.
+        name: of its folder: readable, with a fingerprint of everything that affects the result.
         kind: of run, one of `KINDS`.
-        settings: all of them; mazes that were files are texts.
+        settings: all settings; maze files are replaced by their text.
         episodes: of the final evaluation.
-        label: what the sweep file says of this run: the names that vary, and `variant`.
-        given: what reports call mazes and opponents that were files: as the sweep file does.
-        inputs: the policies that it reads, by the setting's name.
+        label: the varying settings of this run, and `variant`.
+        given: names in reports of mazes and opponents given as files.
+        inputs: the policies that it loads, by name of the setting.
     """
 
     name: str
@@ -63,17 +63,17 @@ class TrainingRun:
 
     @property
     def seed(self) -> int:
-        """That of the settings."""
+        """The seed of the settings."""
         return int(self.settings.seed)
 
     @property
     def seconds(self) -> float | None:
-        """How long it takes, where that is known before."""
+        """The budget in seconds; None for a budget in frames."""
         seconds: float | None = self.settings.seconds
         return seconds
 
     def write(self, folder: Path, study: Path) -> None:
-        """Write `config.json` and `run.json`; the policies that it reads are copied.
+        """Write `config.json` and `run.json`, and copy the policies that it loads.
 
         Args:
             folder: of the job.
@@ -87,7 +87,7 @@ class TrainingRun:
             kind, before = read_settings(folder)
             check(
                 self.name.endswith(fingerprint(kind, before, self.episodes, self.inputs)),
-                f"{folder}: holds a run of other settings than its name says; remove that folder",
+                f"{folder}: contains a run with other settings than its name; remove that folder",
             )
         folder.mkdir(parents=True, exist_ok=True)
         copies = {name: str(copy_of(given, study)) for name, given in self.inputs.items()}
@@ -99,14 +99,14 @@ class TrainingRun:
 
 @dataclass(frozen=True)
 class Call:
-    """A function of plain values; what it returns, plain values too, is kept in `outcome.json`.
+    """A job that calls a function of plain values; the result is written to `outcome.json`.
 
     Attributes:
         function: "module:name".
         given: its arguments.
-        label: what tells it from the other jobs of the study.
+        label: distinguishes it from the other jobs of the study.
         seed: its seed.
-        seconds: how long it takes, where that is known before.
+        seconds: its duration, if known.
     """
 
     function: str
@@ -117,7 +117,7 @@ class Call:
 
     @property
     def name(self) -> str:
-        """As of a `TrainingRun`; another version of Pursuit does it anew."""
+        """As in `TrainingRun`; includes the version of Pursuit."""
         print_ = digest_of_plain([pursuit.__version__, self.function, self.given])
         return job_name(self.label, self.seed, print_)
 
@@ -129,13 +129,13 @@ class Call:
 
 @dataclass(frozen=True)
 class Study:
-    """Jobs, and what a report is to make of them.
+    """A set of jobs, and the layout of their report.
 
     Attributes:
         title: of the report.
-        runs: the jobs, each a `TrainingRun` or a `Call`, in the order in which they are done.
-        report: hints for the report: "x", "group"; of an ablation "control" and more.
-        pinned: whether every process stays on a core of its own, for jobs whose speed is compared.
+        runs: the jobs, each a `TrainingRun` or a `Call`, in order of execution.
+        report: layout of the report: "x", "group"; of an ablation "control" and more.
+        pinned: whether every process is pinned to one core, for jobs whose speed is compared.
     """
 
     title: str
@@ -145,7 +145,7 @@ class Study:
 
 
 def job_name(label: Mapping[str, Any], seed: int, print_: str, without: str = "job") -> str:
-    """A readable folder name that no other job has; `without` stands for an empty label."""
+    """A readable and unique folder name; `without` replaces an empty label."""
     parts = [str(value) for value in label.values()] or [without]
     text = "-".join([*parts, f"seed{seed}"])
     return re.sub(r"[^A-Za-z0-9_.+-]+", "_", text)[:80] + "-" + print_
@@ -157,19 +157,19 @@ def folder_of(study_folder: Path, name: str) -> Path:
 
 
 def prepare(study: Study, out: Path | str) -> list[tuple[Any, Path]]:
-    """Make the folders of all jobs with what they need; those there already are checked.
+    """Create the folders of all jobs with their files, and check existing ones.
 
     Returns:
         Every job with its folder.
 
     Raises:
-        ValueError: `out` is something else, or holds a run of other settings or another version.
+        ValueError: `out` is not a study, or has runs of other settings or of another version.
     """
     out = Path(out)
     check(not out.is_file(), f"{out}: a file; give a folder")
     there = {path.name for path in out.iterdir()} if out.is_dir() else set[str]()
     if there - {LOCK, INPUTS} and "runs" not in there:
-        raise ValueError(f"{out}: not empty, and no sweep; give a new folder")
+        raise ValueError(f"{out}: not empty, and not a sweep; give a new folder")
     check_format(out)
     out.mkdir(parents=True, exist_ok=True)
     names = [run.name for run in study.runs]
@@ -182,29 +182,29 @@ def prepare(study: Study, out: Path | str) -> list[tuple[Any, Path]]:
 
 
 def check_format(out: Path) -> None:
-    """ValueError where the study in a folder was begun by another version; a damaged plan is not:
-    it is written anew."""
+    """ValueError if the study in a folder has another format; a damaged `sweep.json` is ignored, as
+    it is written again."""
     try:
         found = read_hints(out).format if (out / HINTS).exists() else FORMAT
     except ValueError:
         return
     check(
         found == FORMAT,
-        f"{out}: begun by another version of pursuit (format {FORMAT} needed); use that version, "
+        f"{out}: created by another version of pursuit (format {FORMAT} needed); use that version, "
         "or a new folder",
     )
 
 
 def is_folder_of(study: Study, out: Path) -> bool:
-    """Whether `out` was begun for this study, or for one of the same title."""
-    if not (out / HINTS).exists():  # begun, and interrupted before any job
+    """Whether `out` is the folder of this study, or of one with the same title."""
+    if not (out / HINTS).exists():  # interrupted before the first job
         return {path.name for path in out.iterdir()} <= {LOCK, INPUTS}
     hints = read_hints(out)
     return (hints.title, hints.control) == (study.title, study.report.get("control"))
 
 
 def status_of(folder: Path) -> str:
-    """complete, failed, interrupted or new."""
+    """The status of a job: complete, failed, interrupted or new."""
     if (folder / OUTCOME).exists() or is_complete(folder):
         return "complete"
     if (folder / ERROR).exists():

@@ -1,4 +1,4 @@
-"""Sweeps: a small TOML file of settings, lists of values and seeds becomes a study."""
+"""Sweeps: TOML files of settings, lists of values and seeds, expanded to studies."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ from train.settings.self_play import ROLES
 
 EXPERIMENTS = Path(__file__).with_name("files")
 MAX_RUNS = 100_000
-"""Of one sweep: beyond, a typing error is likelier than a machine to run them on."""
+"""Maximum number of runs of a sweep, to catch typing errors."""
 MEASURED = {"seconds": "budget_seconds", "frames": "budget_frames"}
-"""Settings whose names mean what was measured in the table of runs, and what they are there."""
+"""New names of settings whose names are those of measurements in the table of runs."""
 
 Change = Callable[[SweepFile], SweepFile]
-"""What makes another sweep file of one."""
+"""Modifies the contents of a sweep file."""
 
 
 def shipped(folder: Path = EXPERIMENTS) -> list[str]:
@@ -47,16 +47,16 @@ def shipped(folder: Path = EXPERIMENTS) -> list[str]:
 
 
 def load_sweep(name: str, version: str | None = None, change: Change = lambda file: file) -> Study:
-    """Read a sweep file and multiply it out; nothing is run.
+    """Read a sweep file and expand it, without running it.
 
     Args:
         name: the path of a file, or the name of a shipped one.
-        version: "short" or "full", where the file has both; short if left out.
-        change: what is to be another in the file than what it says.
+        version: "short" or "full" of a file that has both; short by default.
+        change: modifies the contents of the file.
 
     Raises:
-        ValueError: no such file, no TOML, an unknown key, a value of another type, an empty list, a
-            version that the file does not have, or a combination that cannot run.
+        ValueError: no such file, invalid TOML, an unknown key, a value of a wrong type, an empty
+            list, a version that the file does not have, or a combination that cannot run.
     """
     path, content = read_file(name, EXPERIMENTS, "sweep")
     file = read_as(SweepFile, content, path, REMEDY)
@@ -70,7 +70,7 @@ def read_file(name: str, folder: Path, kind: str) -> tuple[Path, dict[str, Any]]
     """The path and the content of a TOML file, or of the one of that name in `folder`.
 
     Raises:
-        ValueError: no such file, no TOML, or parts named that are neither ours nor allowed.
+        ValueError: no such file, invalid TOML, or user-defined parts that are not trusted.
     """
     path, names = Path(name), shipped(folder)
     if not path.exists() and name in names:
@@ -85,7 +85,7 @@ def read_file(name: str, folder: Path, kind: str) -> tuple[Path, dict[str, Any]]
 
 
 def choose_version(file: SweepFile, version: str | None) -> SweepFile:
-    """The file with the chosen version laid over it."""
+    """The file overridden by the chosen version."""
     check(version in (None, *VERSIONS), f"unknown version {version!r}; short or full")
     has = [name for name in VERSIONS if getattr(file, name) is not None]
     check(version is None or version in has, f"no version {version!r}; it has {has or 'none'}")
@@ -100,7 +100,7 @@ def choose_version(file: SweepFile, version: str | None) -> SweepFile:
 
 
 def multiply_out(file: SweepFile, stem: str) -> Study:
-    """All combinations as checked settings."""
+    """All combinations as validated settings."""
     kind = RUN if file.kind is None else file.kind
     check(kind in KINDS, f"unknown kind {kind!r}; one of {', '.join(KINDS)}")
     common, grid = file.settings or {}, file.grid or {}
@@ -125,21 +125,21 @@ def multiply_out(file: SweepFile, stem: str) -> Study:
             label = dict(zip(grid, values, strict=True)) | variant | sample
             for run in runs_of(kind, common, label, seeds, episodes_of(file)):
                 same = runs.setdefault(run.name.rsplit("-", 1)[1], run)
-                check(  # a combination named twice runs once
+                check(  # equal combinations run once
                     same.label == run.label,
-                    f"{told(same.label)} and {told(run.label)} have equal settings: they are one "
-                    "run; change one of them, or leave it out",
+                    f"{run_label(same.label)} and {run_label(run.label)} have equal "
+                    "settings; change one of them, or leave it out",
                 )
     return Study(
         stem if file.title is None else file.title,
-        # Seeds outside: whatever changes on the machine meanwhile meets all that is compared alike.
+        # Seeds are the outer loop, so that changes of the machine's speed affect all settings.
         tuple(sorted(runs.values(), key=lambda run: seeds.index(run.seed))),
         report_hints(file, tuple(runs.values()), [*grid, *drawn[0]]),
     )
 
 
 def episodes_of(file: SweepFile) -> int:
-    """Of each final evaluation; ValueError for too few to tell an interval."""
+    """Episodes of the final evaluation; ValueError if too few for an interval."""
     episodes = 1000 if file.episodes is None else file.episodes
     check(episodes >= 2, f"episodes={episodes!r}; at least 2")
     return episodes
@@ -166,14 +166,14 @@ def runs_of(
     seeds: Sequence[int],
     episodes: int,
 ) -> Iterator[TrainingRun]:
-    """One combination with every seed, checked once: seeds do not decide whether it can run."""
+    """One combination with every seed, validated once, as validity does not depend on the seed."""
     varying = {name: value for name, value in label.items() if name != "name"}
     try:
         asked = KINDS[kind].settings_of(**{"threads": 1, **common, **varying, "seed": seeds[0]})
         settings, given = frozen_mazes(asked)
         inputs = inputs_of(settings)
     except ValueError as error:
-        which = told(label | {"seed": seeds[0]})
+        which = run_label(label | {"seed": seeds[0]})
         raise ValueError(f"the combination {which} cannot run: {error}") from None
     if "name" in label:
         varying["variant"] = label["name"]
@@ -183,18 +183,18 @@ def runs_of(
         yield TrainingRun(name, kind, own, episodes, varying, given, inputs)
 
 
-def told(label: Mapping[str, Any]) -> str:
-    """What varies, in one line."""
+def run_label(label: Mapping[str, Any]) -> str:
+    """The varying settings in one line of text."""
     return ", ".join(f"{name}={value!r}" for name, value in label.items())
 
 
 def flat_settings(settings: Any) -> dict[str, Any]:
-    """Settings by their names, without the levels that they lie in; budgets as `MEASURED` says."""
+    """Settings by name as a flat dictionary; budgets are renamed by `MEASURED`."""
     return flat_plain(asdict(settings))
 
 
 def flat_plain(nested: Mapping[str, Any]) -> dict[str, Any]:
-    """The same of plain values."""
+    """`flat_settings` of plain values."""
     plain = dict(nested)
     flat = {"variant": None, "kind": None} | plain.pop("task")
     for name in ("hyper", "lessons"):
@@ -209,10 +209,11 @@ def flat_plain(nested: Mapping[str, Any]) -> dict[str, Any]:
 def report_hints(
     file: SweepFile, runs: tuple[TrainingRun, ...], varying: list[str]
 ) -> dict[str, Any]:
-    """What goes on the axis and what is a curve of its own; `variant` where there are variants.
+    """The setting on the axis, and the settings that distinguish curves (`variant` if there are
+    any).
 
     Raises:
-        ValueError: a name that no run has.
+        ValueError: an unknown name.
     """
     hints = file.report or ReportHints()
     within = {name for variant in file.variants or () for name in variant} - {"name"}

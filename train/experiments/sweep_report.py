@@ -1,4 +1,4 @@
-"""The table and the figures of a sweep, or of several folders of runs beside each other."""
+"""The table and the figures of a sweep, or of several folders of runs."""
 
 from __future__ import annotations
 
@@ -30,25 +30,25 @@ REFERENCES = {
     "chaser vs A*": "chaser_vs_astar",
     "evader vs A*": "evader_vs_astar",
 }
-"""What stands beside the measure in tables, where the runs have it: means over seeds."""
+"""Further columns of tables, if the runs have them: means over seeds."""
 HEADS = {
-    "floor": "floor of the objective, %",
+    "floor": "objective gap, %",
     "success": "success, %",
     "less": "less than at the start, %",
     "least": "of the worst seed, %",
 }
 COLUMNS = 4
-"""Panels side by side, at most."""
+"""Maximum number of panels per row."""
 
 
 @dataclass(frozen=True)
 class Measure:
-    """What runs are compared by.
+    """The measure by which runs are compared.
 
     Attributes:
         name: in tables.
         column: in the tables of runs and of their evaluations, to be multiplied by `factor`.
-        label: what tables and figures call it.
+        label: in figures and headers.
         scale: of its axis (`Panel.scale`).
     """
 
@@ -59,7 +59,7 @@ class Measure:
     factor: float = 1.0
 
     def interval(self, values: Sequence[float]) -> Interval:
-        """The 95 % interval of the mean over runs; only returns may lie on either side of 0."""
+        """The 95 % interval of the mean over runs; other measures than returns are not negative."""
         signed = self.column == "mean_return"
         return mean_interval([values]) if signed else distance_interval([values])
 
@@ -69,11 +69,11 @@ STEPS = Measure("steps", "mean_steps", "steps", "log")
 
 
 def measure_of(rows: list[Row]) -> Measure:
-    """The gap where every run knows its optimum, steps where not; of self-play its own objective.
+    """The gap if the optimum of every run is known, otherwise steps; the objective for self-play.
 
     Args:
-        rows: complete runs of one kind. Where only some games of self-play are exact, all are
-            judged by their steps.
+        rows: complete runs of one kind. If only some games of self-play are exact, the measure is
+            steps.
     """
     objectives = {(row["objective"], row["unit"]) for row in rows}
     column, unit = objectives.pop() if len(objectives) == 1 else ("steps", "steps")
@@ -115,7 +115,7 @@ def sweep_report(
 
 
 def size_of(value: Any) -> tuple[Any, ...]:
-    """Orders 3x3 before 10x10, and numbers as numbers."""
+    """A sort key that orders 3x3 before 10x10, and numbers by value."""
     text = str(value)
     digits = "".join(c if c.isdigit() or c == "." else " " for c in text).split()
     return (float(digits[0]) if digits else 0.0, text)
@@ -127,7 +127,7 @@ def size_of(value: Any) -> tuple[Any, ...]:
 def draw_curves(
     path: Path, study: FinishedStudy, unit: str, colors: Mapping[str, str], log: bool
 ) -> None:
-    """The measure over seconds or frames: a panel for each x, a colour for each group."""
+    """The measure over seconds or frames: one panel per x, one colour per group."""
     measure = measure_of(study.rows)
     panels: list[Panel] = []
     for value in sorted({row["_x"] for row in study.rows}, key=size_of):
@@ -174,7 +174,7 @@ def draw_final(path: Path, study: FinishedStudy, colors: Mapping[str, str]) -> N
 
 
 def reduction(before: float, after: float) -> float:
-    """By how many per cent it became less; nothing where it was 0."""
+    """The reduction in per cent; 0 if it was 0."""
     return 100.0 * (1.0 - after / before) if before else 0.0
 
 
@@ -201,8 +201,8 @@ def summary(rows: list[Row], x: str | None) -> list[Row]:
         if before in known:
             less = [reduction(row[before], row[measure.column]) for row in chosen]
             line |= {"less": float(np.mean(less)), "least": min(less)}
-        if measure is GAP and "objective_floor" in known:
-            line["floor"] = 100.0 * mean("objective_floor")
+        if measure is GAP and "objective_gap" in known:
+            line["floor"] = 100.0 * mean("objective_gap")
         if "success_rate" in known:
             line["success"] = 100.0 * mean("success_rate")
         table.append(line | {"seconds": mean("seconds"), "frames": mean("frames")})
@@ -210,7 +210,7 @@ def summary(rows: list[Row], x: str | None) -> list[Row]:
 
 
 def table_of(rows: list[Row], x: str | None) -> ResultTable:
-    """The summary of runs as people read it."""
+    """The summary of runs as a table."""
     table, measure = summary(rows, x), measure_of(rows)
     unit = measure.name
     heads = HEADS | {unit: f"{measure.label} [95 %]", f"{unit}_iqm": "interquartile mean"}
@@ -237,29 +237,26 @@ def _with_interval(name: str, row: Row) -> str:
 
 
 def sentences(rows: list[Row]) -> list[str]:
-    """What the table and the figures show."""
+    """The explanation of the table and the figures."""
     measure = measure_of(rows)
     single = all(row["kind"] == RUN for row in rows)
     lines = [
-        "Intervals: 95 %, Student's, of the mean over seeds. Nothing is tested here: whether "
-        "intervals overlap is no test of a difference"
+        "Intervals: 95 %, Student's, of the mean over seeds. Overlap of intervals is not a test of "
+        "a difference"
         + (" (`pursuit ablate` makes one)." if single else ".")
-        + " Mean curves end where the shortest of their runs ends."
+        + " Mean curves end with their shortest run."
     ]
     if measure in (GAP, STEPS):
         kinds = " or ".join(sorted({str(row["evaluate"]) for row in rows}))
-        lines.append(
-            f"Steps are those of the {kinds} policy; an episode that runs out of time counts with "
-            "all its steps."
-        )
+        lines.append(f"Steps are those of the {kinds} policy and include truncated episodes.")
     elif measure.name == "nash_conv":
         lines.append(
-            "NashConv is exact, of the two policies as they are at that moment; 0 is an "
-            "equilibrium. Against A*: expected steps until capture."
+            "NashConv is exact, of the current policies; 0 is an equilibrium. Against A*: expected "
+            "steps until capture."
         )
-    if measure is GAP and all(row.get("objective_floor") is not None for row in rows):
+    if measure is GAP and all(row.get("objective_gap") is not None for row in rows):
         lines.append(
-            "The floor of the objective is the gap of the policy that is best by the discounted "
-            "rewards: exact, over all starts."
+            "The objective gap is the gap of the policy with the best discounted return: exact, "
+            "over all starts."
         )
     return lines

@@ -1,4 +1,4 @@
-"""The results of a sweep as tidy tables: one row a run, and one row an evaluation."""
+"""The results of a sweep as tidy tables: one row per run, and one row per evaluation."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from train.runs.tasks import maze_called
 from train.self_play.names import entry_names
 from train.settings.checks import check
 from train.settings.self_play import ROLES
-from train.settings.task import who_learns
+from train.settings.task import learning_agent
 
 if TYPE_CHECKING:
     import polars
@@ -30,24 +30,24 @@ RUNS, CURVES = "results.parquet", "curves.parquet"
 
 
 def collect(out: Path | str) -> tuple[polars.DataFrame, polars.DataFrame]:
-    """Read every run of a sweep's folder, whatever its state, and write both Parquet files.
+    """Read all runs in the folder of a sweep, complete or not, and write both Parquet files.
 
     Returns:
-        Runs: "run", "status", "variant" where there is one, all settings, "frames", "seconds",
+        Runs: "run", "status", "variant" if there are variants, all settings, "frames", "seconds",
         "frames_per_second", the evaluation ("mean_steps", "ci95", "success_rate", "optimal_steps",
         "optimality_gap", "exact", "episodes"), "greedy_steps", "sampled_steps",
         the baselines ("random_steps", "scripted_steps"), versions, "commit", "machine" and "error".
         Curves: "run" and the columns of `metrics.csv`.
 
     Raises:
-        ValueError: no sweep in this folder, or a run that another version wrote.
+        ValueError: no sweep in this folder, or a run of an incompatible version.
     """
     out = Path(out)
     import polars
 
     folders = sorted(path.parent for path in out.glob(f"runs/*/{CONFIG}"))
     named = read_hints(out).runs
-    if named is not None:  # not those of a plan before this one
+    if named is not None:  # leave out runs of an earlier version of the sweep file
         folders = [folder for folder in folders if folder.name in named]
     check(bool(folders), f"{out}: no runs of a sweep here; `pursuit sweep FILE --out {out}` first")
     runs = polars.DataFrame([row_of(folder) for folder in folders], infer_schema_length=None)
@@ -65,12 +65,12 @@ def collect(out: Path | str) -> tuple[polars.DataFrame, polars.DataFrame]:
 
 @dataclass
 class FinishedStudy:
-    """The runs of a sweep, of an ablation or of several folders, as a report reads them.
+    """The runs of a sweep, of an ablation or of several folders, for a report.
 
     Attributes:
-        hints: what the report is to show.
-        rows: of the complete runs; `everything` of all. "_group" says to which curve a run
-            belongs, "_x" where it is on the axis.
+        hints: layout of the report.
+        rows: of the complete runs. "_group" is the label of the curve, "_x" the value on the axis.
+        everything: rows of all runs.
         x: the column on the axis; None for none.
         by_run: the evaluations of each run.
         folders: of the complete runs.
@@ -85,11 +85,11 @@ class FinishedStudy:
 
 
 def read_study(out: Path) -> FinishedStudy:
-    """The runs in a folder, collected; ValueError where none is complete."""
+    """The runs in a folder; ValueError if none is complete."""
     runs, evaluations = collect(out)
     everything, hints = runs.to_dicts(), read_hints(out)
     rows = [row for row in everything if row["status"] == "complete"]
-    check(bool(rows), f"{out}: no run is complete yet; the command that began it goes on with it")
+    check(bool(rows), f"{out}: no run is complete yet; repeat the command to continue them")
     by_run: dict[str, list[dict[str, Any]]] = {}
     for row in evaluations.to_dicts():
         by_run.setdefault(row["run"], []).append(row)
@@ -104,35 +104,35 @@ def read_study(out: Path) -> FinishedStudy:
 
 
 def in_words(name: str, value: Any) -> str:
-    """The value of a setting, with its name where the value does not say what it is."""
+    """The value of a setting as text, with its name if it is a boolean or a number."""
     if isinstance(value, bool):
         return name if value else f"no {name}"
     return f"{name} {value:g}" if isinstance(value, int | float) else str(value)
 
 
 def read_several(folders: Sequence[Path]) -> FinishedStudy:
-    """Runs, sweeps and ablations as one study: a group for each run and for each setting of a
-    sweep.
+    """Runs, sweeps and ablations as one study, with a group per run and per setting of a sweep.
 
     Raises:
-        ValueError: a folder without anything that is complete, or runs that are judged by different
-            measures.
+        ValueError: a folder without complete runs, or runs with different objectives.
     """
     names = entry_names([str(folder) for folder in folders], lambda entry: False)
     whole = FinishedStudy(Hints(", ".join(names)), [], [], None, {}, [])
     for name, folder in zip(names, folders, strict=True):
         if (folder / CONFIG).exists():
             complete = (folder / RESULTS).exists()
-            check(complete, f"{folder}: no results yet; go on with this run by --resume {folder}")
+            check(complete, f"{folder}: no results yet; continue this run with --resume {folder}")
             run = str(folder)
             whole.rows.append(row_of(folder) | {"run": run, "_group": name, "_x": ""})
             whole.by_run[run] = read_metrics(folder)
             whole.folders.append(folder)
             continue
         study = read_study(folder)
-        arms = study.hints.arms
-        for row in sorted(study.rows, key=lambda row: arms.index(row["variant"]) if arms else 0):
-            parts = [row["variant"] if arms else row["_group"]]
+        variants = study.hints.variants
+        for row in sorted(
+            study.rows, key=lambda row: variants.index(row["variant"]) if variants else 0
+        ):
+            parts = [row["variant"] if variants else row["_group"]]
             parts += [in_words(str(study.x), row["_x"])] if study.x else []
             run = str(folder / row["run"])
             whole.by_run[run] = study.by_run.get(row["run"], [])
@@ -142,16 +142,16 @@ def read_several(folders: Sequence[Path]) -> FinishedStudy:
     judged = sorted({str(row["objective"]) for row in whole.rows})
     check(
         len(judged) == 1,
-        f"these runs are judged by {' and '.join(judged)}, which no axis has both of; give runs of "
-        "one kind",
+        f"these runs are scored by {' and '.join(judged)}, which cannot share an axis; give runs "
+        "with the same objective",
     )
     whole.everything = whole.rows
     return whole
 
 
 def write_parquet(path: Path, frame: polars.DataFrame) -> None:
-    """`frame` as a Parquet file, atomically; OSError naming `path` where it cannot be written."""
-    data = io.BytesIO()  # given a path, polars raises an error of its own on a full disk
+    """Write `frame` as a Parquet file, atomically; OSError naming `path` if that fails."""
+    data = io.BytesIO()  # with a path, polars raises its own exception on a full disk
     frame.write_parquet(data)
 
     def write(beside: Path) -> None:
@@ -164,7 +164,7 @@ def row_of(folder: Path) -> dict[str, Any]:
     """One run as a flat row."""
     kind, plain = read_config(folder)
     check_sources(folder / CONFIG, plain)
-    if not any(references(plain)):  # else it is read as it stands: no user's part is imported
+    if not any(references(plain)):  # user-defined parts are not imported to read their settings
         kind, settings = read_settings(folder)
         plain = asdict(settings)
     task, label = plain["task"], read_label(folder)
@@ -174,11 +174,11 @@ def row_of(folder: Path) -> dict[str, Any]:
     row["variant"] = label.get("variant")
     if "maze" in task:
         row["maze"] = maze_called(task["maze"])
-        row["role"] = who_learns(task["task"], task["role"]) if kind == RUN else "both"
+        row["role"] = learning_agent(task["task"], task["role"]) if kind == RUN else "both"
     if "members" in row:
         row["members"] = " ".join(row["members"])
-    # What a sweep names is kept as it says it, so that reports can group by `preset`, say; and
-    # files by the names that they were given.
+    # Labels keep values and file names as the sweep file gives them, so that reports can group by
+    # `preset`, for example.
     files = ("maze", "curriculum_mazes", "opponent", *ROLES)
     measured = {MEASURED.get(name, name): value for name, value in label.items()}
     row |= {n: value for n, value in measured.items() if n not in row or n in files}
@@ -203,7 +203,7 @@ def row_of(folder: Path) -> dict[str, Any]:
 
 
 def error_of(folder: Path) -> str | None:
-    """The first line of `error.txt`, where there is one."""
+    """The first line of `error.txt`; None if there is none."""
     path = folder / ERROR
     if not path.is_file():
         return None

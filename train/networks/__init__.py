@@ -1,1 +1,1 @@
-"""From an observation to a policy and a value; a trained network in any seat."""
+"""Networks, and policies that play with a trained network."""

@@ -1,4 +1,4 @@
-"""A policy and a value: one shared trunk, or one each."""
+"""Actor-critic networks: policy and value function with one shared trunk, or one each."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ from train.networks.recurrent import Cell, cell_of, flattened
 
 
 class ActorCritic(nn.Module):
-    """A policy and a value: one shared trunk, or one each.
+    """A policy and a value function, with one shared trunk or one each.
 
     Args:
-        features: of what is observed.
-        num_actions: to choose from; with `action_std` numbers of an action.
+        features: of the observation.
+        num_actions: number of actions; with `action_std` the dimensions of an action.
         hidden: the hidden layers.
-        shared: whether policy and value share them.
-        action_std: makes actions continuous; the standard deviation of every number of an action,
-            before tanh, at first.
+        shared: whether policy and value share the trunk.
+        action_std: for continuous actions, the initial standard deviation of every dimension,
+            before tanh; None for discrete actions.
 
     Attributes:
         policy_trunk, value_trunk: the trunks; the same object where they are shared.
         policy_head: [width] -> [actions] logits, or [numbers] means before tanh.
         value_head: [width] -> [1].
-        log_std: [numbers], the logarithms of the standard deviations, whatever is observed; None
-            where actions are choices.
-        form: what actions are drawn from.
-        policy_memory, value_memory: the cells between trunks and heads; the same object where the
-            trunks are shared, and None where nothing is remembered.
+        log_std: [numbers], logarithms of the state-independent standard deviations; None for
+            discrete actions.
+        form: the class of the action distribution.
+        policy_memory, value_memory: recurrent cells between trunks and heads; the same object where
+            the trunks are shared, and None without recurrence.
     """
 
     log_std: nn.Parameter | None
@@ -80,11 +80,11 @@ class ActorCritic(nn.Module):
     def distribution(
         self, output: torch.Tensor, allowed: torch.Tensor | None = None
     ) -> Categorical | SquashedNormal:
-        """What actions are drawn from.
+        """The action distribution.
 
         Args:
             output: of the policy head.
-            allowed: [..., actions] bool, what may be done; None for anything.
+            allowed: [..., actions] bool, the action mask; None allows all.
         """
         if self.log_std is None:
             return Categorical(output, allowed)
@@ -97,23 +97,23 @@ class ActorCritic(nn.Module):
             observation: [..., *shape].
             noise: [..., numbers], standard normal draws; None for the greedy action.
         """
-        assert self.log_std is not None, "actions are choices; take `logits`"
+        assert self.log_std is not None, "actions are discrete; use `logits`"
         mean = self.logits(observation)
         return (mean if noise is None else mean + self.log_std.exp() * noise).tanh()
 
     def hidden(self, prepared: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """What the trunks give for the two heads, [..., width] each.
+        """The outputs of the trunks for the two heads, [..., width] each, before recurrent cells.
 
-        `policy_trunk.prepare` serves both. Where something is remembered, the cells come between.
+        `policy_trunk.prepare` serves both.
         """
         hidden = self.policy_trunk(prepared)
         return hidden, hidden if self.shared else self.value_trunk(prepared)
 
-    # -- with a memory ---------------------------------------------------------------------------
+    # -- recurrence ------------------------------------------------------------------------------
 
     @property
     def sizes(self) -> tuple[int, int]:
-        """Numbers that policy and value remember of a game; 0 of a value that shares them."""
+        """Sizes of the recurrent states of policy and value; the latter is 0 where shared."""
         own = self.policy_memory.size if self.policy_memory else 0
         other = self.value_memory.size if self.value_memory and not self.shared else 0
         return own, other
@@ -121,11 +121,11 @@ class ActorCritic(nn.Module):
     def remember(
         self, observation: torch.Tensor, state: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        """`logits` of a step [games, actions], and the policy's state after it.
+        """`logits` of a step [games, actions], and the policy's next state.
 
         Args:
             observation: [games, *shape].
-            state: [games, numbers] of the policy alone.
+            state: [games, numbers], the policy's state only.
         """
         assert self.policy_memory is not None
         trunk = self.policy_trunk
@@ -135,12 +135,12 @@ class ActorCritic(nn.Module):
     def step(
         self, observation: torch.Tensor, state: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """As `forward`, and the state [games, sum of `sizes`] after this step; 0 numbers where
-        nothing is remembered.
+        """As `forward`, and the next state [games, sum of `sizes`], which has 0 columns without
+        recurrence.
 
         Args:
             observation: [games, *shape].
-            state: [games, sum of `sizes`] before it.
+            state: [games, sum of `sizes`], the state before the step.
         """
         if self.policy_memory is None:
             return *self(observation), state
@@ -154,17 +154,16 @@ class ActorCritic(nn.Module):
         state = torch.cat([own, other], dim=-1)
         return self.policy_head(hidden), self.value_head(value_hidden), state
 
-    def through(
+    def forward_sequence(
         self, frames: Mapping[str, torch.Tensor]
     ) -> tuple[torch.Tensor, torch.Tensor, Mapping[str, torch.Tensor]]:
-        """What the heads work on, [frames, width] each, and the other columns of these frames.
+        """The inputs of the two heads, [frames, width] each, and the other columns of the frames.
 
         Args:
-            frames: [frames] with "observation", or "prepared" by `Trunk.prepare`; of a network that
-                remembers [games], each of which has a sequence: columns are [games, steps, ...],
-                "episode_start" says where episodes begin, "state" [games, sum of `sizes`] what is
-                remembered before the first step, and "loss_mask", where there is one, which frames
-                are to be learned from.
+            frames: columns [frames, ...] with "observation", or "prepared" by `Trunk.prepare`. For
+                a recurrent network, columns [games, steps, ...] of sequences: "episode_start" marks
+                the first steps of episodes, "state" [games, sum of `sizes`] is the state before the
+                first step, and the optional "loss_mask" selects the frames of the loss.
         """
         prepared = frames.get("prepared", None)
         if prepared is None:

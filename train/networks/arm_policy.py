@@ -1,4 +1,4 @@
-"""Who learns to move an arm, and a trained network that does."""
+"""The learning agent of an arm, and policies that move the arm by a trained network."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from numpy.typing import NDArray
 from pursuit.reacher.observations import space_of
 from pursuit.reacher.policy import ArmView
 from pursuit.reacher.task import ReacherTask
-from train.networks.features import Features, seen_by
+from train.networks.features import Features, features_for
 from train.networks.policy import ActionNetwork, PolicyNetwork
-from train.networks.remembering import chosen_from, probabilities_of
+from train.networks.recurrent_policy import chosen_from, probabilities_of
 
 
 @dataclass(frozen=True)
 class ArmSeat:
-    """Whoever moves an arm: the `Player` of the reacher.
+    """The agent that moves an arm: the `Player` of the reacher.
 
     Attributes:
         task: the rules and settings.
-        encoding: what it observes.
-        network: what sees it, by its name in the settings.
+        encoding: its observation.
+        network: its network, by the name in the settings.
     """
 
     task: ReacherTask
@@ -34,12 +34,12 @@ class ArmSeat:
 
     @property
     def continuous(self) -> bool:
-        """Unless the task's actions are discrete."""
+        """Whether the task has continuous actions."""
         return not self.task.discrete_actions
 
     @property
     def num_actions(self) -> int:
-        """One number for each joint; where discrete, all combinations."""
+        """One number for each joint; with discrete actions, the number of combinations."""
         return self.task.joints if self.continuous else self.task.num_choices
 
     @property
@@ -49,26 +49,26 @@ class ArmSeat:
 
     @cached_property
     def features(self) -> Features:
-        """Of its encoding, in lengths of links and radians as they are.
+        """The features of its encoding, unscaled, in link lengths and radians.
 
-        Scaled down to [-1, 1], what counts near the target is too small to learn from: in 40 s of
-        PPO (one core) an arm of 8 joints reached 87 % of its targets, and 57 % so scaled in 60 s.
+        Scaled to [-1, 1], differences near the target are too small to learn from: in 40 s of PPO
+        (one core) an arm of 8 joints reached 87 % of its targets; scaled, in 60 s, 57 %.
         """
         shape = space_of(self.task, self.encoding).shape
-        return seen_by(Features("flat", shape, np.ones(shape)), self.network)
+        return features_for(Features("flat", shape, np.ones(shape)), self.network)
 
     def policy(self, network: Any, greedy: bool = True) -> ArmNetworkPolicy:
-        """A network that moves the arm: an `ActionNetwork`, or a `PolicyNetwork` of choices."""
+        """A policy from an `ActionNetwork`, or with discrete actions from a `PolicyNetwork`."""
         return ArmNetworkPolicy(network, self, greedy)
 
 
 class ArmNetworkPolicy:
-    """A network that moves an arm.
+    """A policy that moves an arm by a network.
 
     Args:
-        network: acts, or where the task's actions are discrete gives their logits.
-        seat: in which it was trained.
-        greedy: no draws.
+        network: gives actions, or logits if the task's actions are discrete.
+        seat: the one that it was trained in.
+        greedy: deterministic actions; False draws them.
     """
 
     def __init__(
@@ -81,14 +81,14 @@ class ArmNetworkPolicy:
         """[num_games, joints] float64 in [-1, 1]; random numbers from the view.
 
         Raises:
-            ValueError: an arm of another number of joints than that of its training.
+            ValueError: the arm is not that of the training.
         """
         own, task = self.task, view.task
         if (task.joints, task.discrete_actions) != (own.joints, own.discrete_actions):
             raise ValueError(
-                f"a policy for an arm of {own.joints} joint(s), discrete_actions="
-                f"{own.discrete_actions}; this one has {task.joints}, discrete_actions="
-                f"{task.discrete_actions}"
+                f"this policy is for an arm of {own.joints} joint(s), discrete_actions="
+                f"{own.discrete_actions}; the arm has {task.joints} joint(s), discrete_actions="
+                f"{task.discrete_actions}; use the arm of the training"
             )
         observed = torch.from_numpy(view.observe(self.seat.encoding))
         device = next(self.network.parameters()).device

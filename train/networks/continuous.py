@@ -1,4 +1,4 @@
-"""Networks for continuous actions: two kinds of actors, and critics of what they do."""
+"""Networks for continuous actions: deterministic and Gaussian actors, and critics."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from train.networks.features import Features
 from train.networks.layers import Flat, Hidden, Trunk, head
 
 LOG_STD = (-20.0, 2.0)
-"""Where logarithms of standard deviations are kept (Haarnoja et al., 2018, their code)."""
+"""Bounds of the logarithms of standard deviations (Haarnoja et al., 2018, their code)."""
 
 
 class DeterministicActor(nn.Module):
-    """One action for every observation, squashed by tanh.
+    """A deterministic policy, squashed by tanh.
 
     Attributes:
         trunk: the hidden layers.
@@ -28,17 +28,17 @@ class DeterministicActor(nn.Module):
         self.head = head(hidden.width, num_actions, 0.01)
 
     def forward(self, prepared: torch.Tensor) -> torch.Tensor:
-        """[..., actions] in [-1, 1], from what `trunk.prepare` made of observations."""
+        """[..., actions] in [-1, 1], from `trunk.prepare(observation)`."""
         action: torch.Tensor = self.head(self.trunk(prepared)).tanh()
         return action
 
     def act(self, observation: torch.Tensor, noise: torch.Tensor | None = None) -> torch.Tensor:
-        """[..., actions] in [-1, 1]; there is no distribution, so `noise` means nothing."""
+        """[..., actions] in [-1, 1]; `noise` is ignored, as the policy is deterministic."""
         return self(self.trunk.prepare(observation))
 
 
 class GaussianActor(nn.Module):
-    """A normal distribution for every observation, squashed by tanh.
+    """A Gaussian policy, squashed by tanh.
 
     Attributes:
         trunk: the hidden layers.
@@ -53,7 +53,7 @@ class GaussianActor(nn.Module):
     def forward(self, prepared: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Means and logarithms of standard deviations, [..., actions] each, before tanh.
 
-        From what `trunk.prepare` made of observations.
+        Takes `trunk.prepare(observation)`.
         """
         mean, log_std = self.head(self.trunk(prepared)).chunk(2, dim=-1)
         return mean, log_std.clamp(*LOG_STD)
@@ -76,7 +76,7 @@ class GaussianActor(nn.Module):
 
         Args:
             observation: [..., *shape].
-            noise: [..., actions], standard normal draws; None for the middle of the distribution.
+            noise: [..., actions], standard normal draws; None for the mean before tanh.
         """
         mean, log_std = self(self.trunk.prepare(observation))
         before = mean if noise is None else mean + log_std.exp() * noise
@@ -84,15 +84,15 @@ class GaussianActor(nn.Module):
 
 
 class Critics(nn.Module):
-    """The values of an action, by several networks of the same form run as one.
+    """Several action value networks of the same form, evaluated as one.
 
-    Their weights are stacked, so that each layer of all of them is one batched product.
+    Their weights are stacked, so that each layer is one batched product.
 
     Args:
         features: of flat observations.
-        num_actions: numbers of an action.
+        num_actions: dimensions of an action.
         hidden: two layers.
-        count: networks.
+        count: number of networks.
 
     Raises:
         ValueError: observations that are not flat.
@@ -106,10 +106,10 @@ class Critics(nn.Module):
         super().__init__()
         if features.kind != "flat":
             raise ValueError(
-                f"observations of the kind {features.kind!r}; critics of continuous actions take "
-                "flat ones"
+                f"observations of kind {features.kind!r}; critics of continuous actions need flat "
+                "ones"
             )
-        # Layers as in `Trunk`, so that a network is the same whoever holds it.
+        # Initialised as the layers of `Trunk`.
         layers: list[list[nn.Linear]] = []
         for _ in range(count):
             second = nn.Linear(hidden.width, hidden.width)
@@ -129,13 +129,15 @@ class Critics(nn.Module):
         """[count, batch] float32.
 
         Args:
-            prepared: [batch, numbers of an observation], by an actor's `trunk.prepare`.
+            prepared: [batch, observation size], from an actor's `trunk.prepare`.
             action: [batch, actions].
         """
         return self._values(prepared, action, list(self.weights), list(self.biases))
 
-    def judge(self, prepared: torch.Tensor, action: torch.Tensor, count: int) -> torch.Tensor:
-        """[count, batch]: the values by the first networks, whose weights get no gradient."""
+    def frozen_values(
+        self, prepared: torch.Tensor, action: torch.Tensor, count: int
+    ) -> torch.Tensor:
+        """[count, batch]: values of the first `count` networks, without gradients of weights."""
         weights, biases = ([part.detach()[:count] for part in kind] for kind in
                            (self.weights, self.biases))  # fmt: skip
         return self._values(prepared, action, weights, biases)
@@ -153,14 +155,14 @@ class Critics(nn.Module):
         with torch.autocast(prepared.device.type, torch.bfloat16, enabled=bfloat16):
             for weight, bias in zip(weights[:2], biases[:2], strict=True):
                 hidden = activate(torch.bmm(hidden, weight).add_(bias))
-        # One output: a batched product of a matrix and a vector is several times slower.
+        # One output: a batched matrix-vector product is several times slower.
         columns = zip(hidden.float(), weights[2], strict=True)
         values = [torch.mv(each, weight[:, 0]) for each, weight in columns]
         return torch.stack(values).add_(biases[2].squeeze(-1))
 
 
-def follow(targets: nn.Module, networks: nn.Module, tau: float) -> None:
-    """Move the weights of `targets` the share `tau` of their way to those of `networks`.
+def polyak_update(targets: nn.Module, networks: nn.Module, tau: float) -> None:
+    """Polyak averaging: move the weights of `targets` by the share `tau` towards `networks`.
 
     Equal to TorchRL's `SoftUpdate`, and tested against it; one operation for all weights.
     """

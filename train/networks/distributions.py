@@ -1,7 +1,7 @@
-"""What a policy draws actions from: one of several choices, or a row of numbers in [-1, 1].
+"""Action distributions: categorical, and squashed normal for continuous actions in [-1, 1].
 
-Both have the same verbs, so that no learner asks which it has. What is drawn is kept for learning;
-`action` makes of it what the environment takes.
+Both have the same methods. Learners keep the drawn value; `action` converts it to the action of the
+environment.
 """
 
 from __future__ import annotations
@@ -12,30 +12,30 @@ from typing import ClassVar
 import torch
 
 DISTRIBUTION = "distribution"
-"""Where frames keep the `parameters` of the distributions that their actions were drawn from."""
+"""Column of the `parameters` of the distributions that the actions were drawn from."""
 
 LOG_ROOT_TWO_PI = 0.5 * math.log(2.0 * math.pi)
 FORBIDDEN = -1e9
-"""Of a masked action: its probability is 0, and unlike -inf it makes no NaN of 0 * log 0."""
+"""Logit of a masked action: its probability is 0, and unlike -inf it gives no NaN in 0 * log 0."""
 
 
 def masked(logits: torch.Tensor, allowed: torch.Tensor | None) -> torch.Tensor:
     """[..., actions]: `logits` where `allowed` [..., actions] bool, FORBIDDEN elsewhere.
 
-    Without masks (None) they are as they were.
+    Without a mask (None) they are unchanged.
     """
     return logits if allowed is None else logits.masked_fill(~allowed, FORBIDDEN)
 
 
 class Categorical:
-    """One of several choices.
+    """A categorical distribution over discrete actions.
 
     Args:
         logits: [..., actions].
-        allowed: [..., actions] bool, what may be done; None for anything.
+        allowed: [..., actions] bool, the action mask; None allows all.
 
     Attributes:
-        DRAWN: where frames keep what was drawn.
+        DRAWN: column of the drawn values.
         parameters: [..., actions], log-probabilities.
     """
 
@@ -53,41 +53,41 @@ class Categorical:
         return (logarithms - torch.empty_like(logarithms).exponential_().log()).argmax(dim=-1)
 
     def greedy(self) -> torch.Tensor:
-        """[...] int64: the most probable one."""
+        """[...] int64: the most probable action."""
         return self.parameters.argmax(dim=-1)
 
     @staticmethod
     def action(drawn: torch.Tensor) -> torch.Tensor:
-        """The same."""
+        """The drawn value is the action."""
         return drawn
 
     def log_prob(self, drawn: torch.Tensor) -> torch.Tensor:
-        """[...] of what was drawn."""
+        """[...]: the log-probability of the drawn value."""
         return self.parameters.gather(-1, drawn[..., None]).squeeze(-1)
 
     def entropy(self) -> torch.Tensor:
-        """[...], in nats."""
+        """[...]: the entropy in nats."""
         return -(self.parameters.exp() * self.parameters).sum(dim=-1)
 
     def divergence(self, before: torch.Tensor) -> torch.Tensor:
-        """[...]: KL(before, this), of the `parameters` of another one."""
+        """[...]: KL(before, self), with the `parameters` of another distribution."""
         return (before.exp() * (before - self.parameters)).sum(dim=-1)
 
 
 class SquashedNormal:
     """Numbers in [-1, 1]: tanh of independent normal draws.
 
-    What is drawn, and kept, is the number before tanh, x. The density of tanh(x) is that of x over
-    1 - tanh(x)^2, a factor in which mean and standard deviation do not occur. So ratios of
-    probabilities, gradients of their logarithms and divergences between two such distributions are
-    those of the normals alone, and exact where tanh(x) has come as near to ±1 as to be rounded.
+    The drawn value is x, before tanh. The density of tanh(x) is that of x divided by 1 - tanh(x)^2,
+    which does not depend on mean and standard deviation. So probability ratios, gradients of
+    log-probabilities and divergences equal those of the normal distributions, and are exact even
+    where tanh(x) rounds to ±1.
 
     Args:
         mean: [..., numbers], before tanh.
         log_std: [numbers], logarithms of the standard deviations before tanh.
 
     Attributes:
-        DRAWN: where frames keep what was drawn.
+        DRAWN: column of the drawn values.
     """
 
     DRAWN: ClassVar[str] = "drawn"
@@ -114,20 +114,20 @@ class SquashedNormal:
         return drawn.tanh()
 
     def log_prob(self, drawn: torch.Tensor) -> torch.Tensor:
-        """[...]: of what was drawn, before tanh."""
+        """[...]: the log-density of the drawn value, before tanh."""
         scaled = (drawn - self.mean) * (-self.log_std).exp()
         return (-0.5 * scaled.square() - self.log_std - LOG_ROOT_TWO_PI).sum(dim=-1)
 
     def entropy(self) -> torch.Tensor:
-        """[...], in nats: of the normal, before tanh.
+        """[...]: the entropy in nats of the normal distribution, before tanh.
 
-        That of tanh(x) has no closed form. It is less where the mean is far from 0, so a bonus on
-        it would hold the mean back from ±1, where the best actions often are; this one does not.
+        The entropy of tanh(x) has no closed form, and a bonus on it would keep the mean away from
+        ±1, where the best actions often are.
         """
         return (self.log_std + (0.5 + LOG_ROOT_TWO_PI)).sum(dim=-1).expand(self.mean.shape[:-1])
 
     def divergence(self, before: torch.Tensor) -> torch.Tensor:
-        """[...]: KL(before, this), of the `parameters` of another one; tanh does not change it."""
+        """[...]: KL(before, self), with the `parameters` of another one, equal before tanh."""
         mean, log_std = before.chunk(2, dim=-1)
         spread = (log_std - self.log_std).mul(2.0).exp()
         shift = ((mean - self.mean) * (-self.log_std).exp()).square()

@@ -1,4 +1,4 @@
-"""Features: what a network needs to know of the observations that it is given."""
+"""The properties of an observation that a network is built from."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ SEEN_AS: dict[str, Literal["planes", "grid", "flat"]] = {
     "mlp": "flat",
     "flat": "flat",
 }
-"""What planes are to our networks, by their names in the settings."""
+"""The kind of features that built-in networks make of planes, by network name."""
 
 
 @dataclass(frozen=True, eq=False)
 class Features:
-    """One agent's observation, as numbers.
+    """The form of one agent's observation.
 
     Attributes:
-        kind: "index" (each number names a row of the first layer), "planes" (for convolutions),
-            "grid" (planes to plan in) or "flat" (anything else).
+        kind: "index" (numbers select rows of the first layer), "planes" (for convolutions), "grid"
+            (planes for planning) or "flat" (anything else).
         shape: of one observation.
         high: [*shape], the largest values.
-        rows: [numbers] int64, of "index": the row that each number of an observation names; the
-            last one is `num_rows`, which is no row. Empty for other kinds.
-        num_rows: of the first layer on "index".
-        network: a user's own that sees them, by its name; "" for ours.
+        rows: [numbers] int64, for "index": the row that each number of an observation selects;
+            `num_rows` selects none. Empty for other kinds.
+        num_rows: rows of the first layer for "index".
+        network: name of a user-defined network; "" for built-in ones.
     """
 
     kind: Literal["index", "planes", "grid", "flat"]
@@ -47,15 +47,14 @@ class Features:
 def features_of(encoder: Encoder, num_agents: int) -> Features:
     """The features of an encoding.
 
-    Which goal is which means nothing, so on "index" all goals name the same rows: no network can
-    tell one order of the goals from another.
+    Goals are interchangeable, so for "index" all goals share the same rows.
 
     Args:
         encoder: of any encoding.
-        num_agents: entities before the goals.
+        num_agents: number of agents, which precede the goals.
     """
     shape, high = tuple(encoder.shape), np.asarray(encoder.space.high)
-    if not is_builtin(encoder.encoding):  # a user's own, whose bounds may be anything
+    if not is_ours(encoder.encoding):  # user-defined: its bounds may be infinite
         largest = np.maximum(np.abs(encoder.space.low.astype(np.float64)), np.abs(high))
         bounds = np.where(np.isfinite(largest), largest, 1.0)
         return Features("planes" if len(shape) == 3 else "flat", shape, bounds)
@@ -63,14 +62,14 @@ def features_of(encoder: Encoder, num_agents: int) -> Features:
         return Features("planes" if len(shape) == 3 else "flat", shape, high)
     cells, entities = encoder.num_cells, encoder.num_entities
     blocks = [min(entity, num_agents) for entity in range(entities)]
-    blocks.append(num_agents + (entities > num_agents))  # of the goal that was just collected
+    blocks.append(num_agents + (entities > num_agents))  # the goal collected last
     num_rows = (blocks[-1] + 1) * cells
     rows = (np.array(blocks)[:, None] * cells + np.arange(cells)).ravel()
     return Features("index", shape, high, np.append(rows, num_rows), num_rows)
 
 
-def seen_by(features: Features, network: str) -> Features:
-    """The features as a network is given them, by its name in the settings."""
+def features_for(features: Features, network: str) -> Features:
+    """The features for a network, by its name in the settings."""
     if network not in SEEN_AS:
         return replace(features, network=network)
     return replace(features, kind=SEEN_AS[network]) if features.kind == "planes" else features

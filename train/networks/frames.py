@@ -1,4 +1,4 @@
-"""The last observations of an episode as one: the plain alternative to a memory that is learned."""
+"""Frame stacking: the latest observations of an episode as one."""
 
 from __future__ import annotations
 
@@ -12,10 +12,9 @@ from train.networks.features import Features
 
 
 def stacked(features: Features, count: int) -> Features:
-    """The features of `count` observations as one, the newest first.
+    """The features of `count` stacked observations, the newest first.
 
-    They lie one after the other along the first axis: planes beside planes, numbers behind numbers.
-    On "index" those of each name rows of their own.
+    They are concatenated along the first axis. For "index" each one has its own rows.
     """
     if count == 1:
         return features
@@ -35,17 +34,17 @@ def stacked(features: Features, count: int) -> Features:
 
 
 class FrameStack:
-    """The last observations of games; older ones than an episode has are empty.
+    """The latest observations of games. Before the first step of an episode they are empty.
 
-    Empty is 0 everywhere, and on "index" what names no row.
+    Empty is 0, and for "index" the number that selects no row.
 
     Args:
         features: of one observation.
-        count: observations.
+        count: number of stacked observations.
 
     Attributes:
         count: the argument.
-        shape: of what `joined` gives of a game.
+        shape: of one stacked observation.
     """
 
     def __init__(self, features: Features, count: int) -> None:
@@ -56,32 +55,32 @@ class FrameStack:
         self._empty = len(features.rows) - 1 if self._index else 0
 
     def begun(self, games: int, dtype: Any) -> NDArray[Any]:
-        """[games, count, *shape of one]: nothing seen yet."""
+        """[games, count, *shape of one], all empty."""
         return np.full((games, self.count, *self._one), self._empty, dtype=dtype)
 
     def forget(self, frames: NDArray[Any], games: Any) -> None:
-        """Empty those of some games: new episodes begin there."""
+        """Empty those of the given games, at the start of an episode."""
         frames[games] = self._empty
 
-    def joined(self, frames: NDArray[Any]) -> NDArray[Any]:
-        """[games, *shape], a fresh array, from [games, count, ...] with the newest first."""
+    def concatenate(self, frames: NDArray[Any]) -> NDArray[Any]:
+        """[games, *shape], a new array, from [games, count, ...] with the newest first."""
         if self._offsets is not None:
             added = frames + self._offsets.astype(frames.dtype)[:, None]
             return added.reshape(len(frames), *self.shape)
         return frames.reshape(len(frames), *self.shape).copy()
 
     def seen(self, frames: NDArray[Any], observed: NDArray[Any]) -> NDArray[Any]:
-        """`joined` of what is seen now [games, *shape of one] and the older ones in `frames`, which
-        takes it in."""
+        """Writes the current observation [games, *shape of one] into `frames`, and returns
+        `concatenate(frames)`."""
         frames[:, 0] = observed
-        return self.joined(frames)
+        return self.concatenate(frames)
 
 
 def shift(frames: NDArray[Any]) -> None:
-    """Make room for the next observation: the oldest goes, and the newest stands twice."""
+    """Shift by one observation: the oldest is dropped, the newest is there twice."""
     frames[:, 1:] = frames[:, :-1].copy()
 
 
 def _offsets(features: Features, count: int) -> NDArray[np.int64]:
-    """[count]: what is added to the numbers of each observation on "index"."""
+    """[count]: the offset of the numbers of each observation for "index"."""
     return np.arange(count) * len(features.rows)

@@ -1,9 +1,8 @@
-"""The hidden layers on "index" as one operation, with its gradient written out; on the CPU.
+"""Fused hidden layers for "index" observations on the CPU, with an explicit gradient.
 
-A small network spends as long on casts, copies and the bookkeeping of a dozen small operations as
-on its matrix products. Here a kernel sums the rows of the first layer, which a product with
-one-hots would, and does all else that is done there. The same function as `Trunk.forward`, whose
-sums are taken in another order; where products are in bfloat16, the first layer is not.
+A small network spends as much time in casts, copies and small operations as in its matrix products.
+A kernel sums the rows of the first layer, and does the rest of that layer. The function equals
+`Trunk.forward` up to the order of summation; with bfloat16 the first layer stays float32.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from train.networks.layers import IndexLayer, Trunk
 
 
 class FusedLayers(NamedTuple):
-    """The layers of a trunk that can be fused, found once: a module takes long to look one up."""
+    """The layers of a trunk that can be fused, looked up once, as module lookups are slow."""
 
     first: IndexLayer
     second: nn.Linear
@@ -26,9 +25,9 @@ class FusedLayers(NamedTuple):
 
 
 def fused_layers(trunk: Trunk) -> FusedLayers | None:
-    """The layers of a trunk of the form that is written out here: an `IndexLayer`, and ReLUs.
+    """The layers of a trunk with an `IndexLayer` and ReLUs; None for all others.
 
-    None for any other, and for subclasses, which may do something else.
+    Subclasses are not fused, as they may compute something else.
     """
     first, rest = trunk.first, [*trunk.rest]
     if type(first) is not IndexLayer or type(trunk) is not Trunk:
@@ -51,12 +50,12 @@ def fused_hidden(layers: FusedLayers, observation: torch.Tensor) -> torch.Tensor
 
 
 class Passed(NamedTuple):
-    """What a pass gave, [batch, width] each; all but the first in what products are in.
+    """Results of a forward pass, [batch, width] each.
 
     Attributes:
         first: float32, the first hidden layer.
-        given: the same, as the second layer took it.
-        second: the second hidden layer.
+        given: the same, in the type of the matrix products.
+        second: the second hidden layer, in the type of the matrix products.
     """
 
     first: torch.Tensor
@@ -65,7 +64,7 @@ class Passed(NamedTuple):
 
 
 def hidden_layers(layers: FusedLayers, observation: torch.Tensor) -> Passed:
-    """Both hidden layers of observations [batch, numbers], without their history."""
+    """Both hidden layers of observations [batch, numbers], without autograd."""
     layer, second, bfloat16 = layers
     first = torch.empty(len(observation), len(layer.bias))
     given = (observation, layer.rows, layer.weight.detach(), layer.bias.detach(), first)
@@ -78,13 +77,13 @@ def hidden_layers(layers: FusedLayers, observation: torch.Tensor) -> Passed:
 def gradients_of(
     layers: FusedLayers, observation: torch.Tensor, passed: Passed, behind: torch.Tensor
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
-    """The gradients of both layers' weights and biases: table, bias, second weight, second bias.
+    """The gradients of both layers: first weight, first bias, second weight, second bias.
 
     Args:
         layers: the hidden layers.
         observation: [batch, numbers].
-        passed: what `hidden_layers` gave.
-        behind: [batch, width], the gradient before the second ReLU, in what products are in.
+        passed: the result of `hidden_layers`.
+        behind: [batch, width], the gradient before the second ReLU, in the type of the products.
     """
     layer, second, _ = layers
     of_weight = (behind.T @ passed.given).float()
@@ -96,7 +95,7 @@ def gradients_of(
 
 
 class HiddenLayers(torch.autograd.Function):
-    """`hidden_layers` with its gradient, for all weights."""
+    """`hidden_layers` with its explicit gradient for all weights."""
 
     @staticmethod
     def forward(
@@ -105,8 +104,8 @@ class HiddenLayers(torch.autograd.Function):
         """[batch, width] float32.
 
         Args:
-            ctx: keeps what the gradient needs.
-            layers: whose weights the rest are, for autograd to know of them.
+            ctx: stores tensors for the backward pass.
+            layers: the layers of the weights, which are passed as further arguments for autograd.
             observation: [batch, numbers].
         """
         passed = hidden_layers(layers, observation)
@@ -116,7 +115,7 @@ class HiddenLayers(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, grad: torch.Tensor) -> tuple[torch.Tensor | None, ...]:
-        """The gradients of the four weights, from that of the result [batch, width]."""
+        """The gradients of the four weights, from the gradient of the result [batch, width]."""
         observation, *kept = ctx.saved_tensors
         passed = Passed(*kept)
         behind = torch.ops.aten.threshold_backward(grad.to(passed.second.dtype), passed.second, 0)

@@ -1,9 +1,8 @@
-"""A policy and a value on fused hidden layers, with draws and gradients written out; on the CPU.
+"""Fused actor-critic networks on the CPU, with explicit sampling and gradients.
 
-What PPO and A2C do most: they ask a small network about all games, and descend on minibatches. Of
-that time half went into dozens of small operations and into products with four columns, which
-kernels do at once (`fused_kernels`). The same functions as `ActorCritic`, `ppo_loss` and
-`a2c_loss`, up to the last bits; where products are in bfloat16, the first layer is not.
+For small networks, half the time of PPO and A2C goes into small operations and products with few
+columns, which the kernels of `fused_kernels` replace. The functions equal `ActorCritic`, `ppo_loss`
+and `a2c_loss` up to rounding; with bfloat16 the first layer stays float32.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from train.networks.fused_kernels import below_heads, clipped_loss, draw_actions
 
 
 class Drawn(NamedTuple):
-    """What was drawn for every observation.
+    """The actions drawn for a batch of observations.
 
     Attributes:
         action: [batch] int64.
@@ -35,14 +34,14 @@ class Drawn(NamedTuple):
 
 
 class LossCoefficients(NamedTuple):
-    """How the parts of the losses of PPO and A2C are weighed.
+    """The coefficients of the losses of PPO and A2C.
 
     Attributes:
-        clip: of the probability ratio; infinity for none.
-        value_coef: of squared errors of the value; None where no value is learned.
-        entropy_coef: of the entropy bonus.
+        clip: clipping range of the probability ratio; infinity for none.
+        value_coef: weight of the value loss; None without a value function.
+        entropy_coef: weight of the entropy bonus.
         standardize: whether advantages are scaled to mean 0 and standard deviation 1 first.
-        kl_coef: of KL(collecting policy, policy), in the torch form alone; 0 for none.
+        kl_coef: weight of KL(collecting policy, policy); only `TorchUpdate` supports it.
     """
 
     clip: float
@@ -53,11 +52,11 @@ class LossCoefficients(NamedTuple):
 
 
 class FusedActorCritic:
-    """The network of an `ActorCritic`, which keeps the weights.
+    """The fused form of an `ActorCritic`, which owns the weights.
 
     Args:
-        network: one that `fused_actor_critic` takes.
-        layers: its hidden ones.
+        network: one that `fused_actor_critic` supports.
+        layers: its hidden layers.
     """
 
     def __init__(self, network: ActorCritic, layers: FusedLayers) -> None:
@@ -65,14 +64,14 @@ class FusedActorCritic:
         self._scratch = torch.empty(self.policy.out_features)
 
     def _heads(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """[actions + 1, width] and [actions + 1]: the two heads in one."""
+        """[actions + 1, width] and [actions + 1]: weight and bias of both heads."""
         heads = (self.policy, self.value_head)
         weight = torch.cat([head.weight.detach() for head in heads])
         return weight, torch.cat([head.bias.detach() for head in heads])
 
     @torch.no_grad()
     def draw(self, observation: torch.Tensor) -> Drawn:
-        """Actions by torch's generator, of observations [batch, numbers]."""
+        """Actions for observations [batch, numbers], drawn with torch's generator."""
         hidden = hidden_layers(self.layers, observation).second.float()
         weight, bias = self._heads()
         batch = len(observation)
@@ -85,7 +84,7 @@ class FusedActorCritic:
 
     @torch.no_grad()
     def value(self, observation: torch.Tensor) -> torch.Tensor:
-        """[batch] of observations [batch, numbers]."""
+        """[batch]: values of observations [batch, numbers]."""
         hidden = hidden_layers(self.layers, observation).second.float()
         return torch.addmv(
             self.value_head.bias.expand(len(hidden)), hidden, self.value_head.weight[0]
@@ -95,15 +94,15 @@ class FusedActorCritic:
     def set_gradients(
         self, frames: Mapping[str, torch.Tensor], coefficients: LossCoefficients
     ) -> dict[str, torch.Tensor]:
-        """The gradients of the loss, into `grad` of all parameters.
+        """Writes the gradients of the loss to `grad` of all parameters.
 
         Args:
             frames: [batch] "observation", "action", "action_log_prob", "advantage", "value_target".
-            coefficients: of the loss; without clipping it is that of A2C, whose policy is the one
-                that played: ratios are 1, and PPO's gradient is A2C's.
+            coefficients: of the loss. Without clipping it is the loss of A2C: on the data of the
+                current policy the ratios are 1, so PPO's gradient is A2C's.
 
         Returns:
-            Means over the frames for the log: those of `ppo_loss`, or of `a2c_loss`.
+            Means over the frames for the log, as of `ppo_loss` or `a2c_loss`.
         """
         value_coef, observation = coefficients.value_coef, frames["observation"]
         assert value_coef is not None
@@ -147,10 +146,10 @@ def _arrays(tensors: tuple[torch.Tensor, ...]) -> list[Any]:
 
 
 def fused_actor_critic(network: ActorCritic, device: str) -> FusedActorCritic | None:
-    """The fused form of a network; None where there is none.
+    """The fused form of a network; None where it has none.
 
-    It is there for choices of actions, with one trunk for policy and value that has `fused_layers`,
-    nothing remembered, on the CPU; and not for subclasses, which may do something else.
+    Supported are discrete actions and one trunk for policy and value that has `fused_layers`,
+    without recurrence, on the CPU. Subclasses are not, as they may compute something else.
     """
     plain = network.form is Categorical and network.policy_memory is None
     if device != "cpu" or not plain or type(network) is not ActorCritic:

@@ -1,6 +1,6 @@
-"""Compiled kernels of small networks: first layer on "index", heads, and the loss of PPO.
+"""Compiled kernels of small networks: first layer for "index", heads, and the loss of PPO.
 
-Draws and gradients are written out; `fused.py` and `fused_actor_critic.py` call them.
+`fused.py` and `fused_actor_critic.py` call them.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from pursuit.compilation.compiled import compiled, merged_sums, summing
 
 @compiled
 def first_layer(observation: Any, rows: Any, table: Any, bias: Any, out: Any) -> None:
-    """The bias and the rows that every observation names, summed; then ReLU.
+    """ReLU of the bias plus the rows that each observation selects.
 
     Args:
         observation: [batch, numbers] of any whole numbers.
-        rows: [numbers] int64, the row that each number names; the table's last one is none.
+        rows: [numbers] int64, the row that each number selects; the last row selects none.
         table: [rows + 1, width] float32.
         bias: [width] float32.
         out: [batch, width] float32.
@@ -26,7 +26,7 @@ def first_layer(observation: Any, rows: Any, table: Any, bias: Any, out: Any) ->
     for place in range(out.shape[0]):
         for unit in range(width):
             out[place, unit] = bias[unit]
-        left = -1  # two rows at a time: half as many loads and stores
+        left = -1  # adds two rows at a time: half as many loads and stores
         for number in range(observation.shape[1]):
             row = rows[observation[place, number]]
             if row == none:
@@ -41,7 +41,7 @@ def first_layer(observation: Any, rows: Any, table: Any, bias: Any, out: Any) ->
             for unit in range(width):
                 out[place, unit] += table[left, unit]
         for unit in range(width):
-            if out[place, unit] < 0.0:  # and what is not a number stays so
+            if out[place, unit] < 0.0:  # NaN stays NaN
                 out[place, unit] = 0.0
 
 
@@ -52,9 +52,9 @@ def first_layer_gradient(
     """The gradients of table and bias.
 
     Args:
-        observation, rows: as `first_layer` took them.
-        first: [batch, width] float32, what it gave.
-        gradient: [batch, width] float32, of that; overwritten by what is left before the ReLU.
+        observation, rows: as in `first_layer`.
+        first: [batch, width] float32, the result of `first_layer`.
+        gradient: [batch, width] float32, of that result; overwritten by the gradient before ReLU.
         of_table: [rows + 1, width] float32, out; zeros at first.
         of_bias: [width] float32, out; zeros at first.
     """
@@ -73,7 +73,7 @@ def first_layer_gradient(
 
 @merged_sums
 def heads(hidden: Any, weight: Any, bias: Any, place: Any, out: Any) -> None:
-    """Logits and value of one row, into out[place]; four at a time, which read a row once."""
+    """Logits and value of one row, written to out[place]; four outputs per read of the row."""
     outputs, width = weight.shape
     fours = outputs - outputs % 4
     for output in range(0, fours, 4):
@@ -96,7 +96,7 @@ def heads(hidden: Any, weight: Any, bias: Any, place: Any, out: Any) -> None:
 
 @merged_sums
 def powers(logits: Any, place: Any, room: Any) -> tuple[Any, Any]:
-    """e to the power of each logit less the largest, into `room`; that largest, and their sum."""
+    """exp(logit - maximum) of each action, written to `room`; returns the maximum and the sum."""
     most, whole = logits[place, 0], 0.0
     for output in range(1, room.shape[0]):
         most = max(most, logits[place, output])
@@ -117,7 +117,7 @@ def draw_actions(
     log_prob: Any,
     room: Any,
 ) -> None:
-    """An action of every row, drawn from the softmax of the logits; and the value.
+    """An action for every row, drawn from the softmax of the logits; and the value.
 
     Args:
         hidden: [batch, width] float32.
@@ -127,7 +127,7 @@ def draw_actions(
         logits: [batch, actions + 1] float32, out; the last is the value.
         action: [batch] int64, out.
         log_prob: [batch] float32, out, of the action.
-        room: [actions] float32, to work in.
+        room: [actions] float32, scratch memory.
     """
     actions = weight.shape[0] - 1
     for place in range(hidden.shape[0]):
@@ -160,18 +160,18 @@ def clipped_loss(
     """The loss of `train.algorithms.ppo.ppo_loss`, and its gradients for logits and value.
 
     Args:
-        hidden, weight, bias: as `draw_actions`.
-        action: [batch] int64, what was drawn.
-        before: [batch] float32, its log-probability then.
+        hidden, weight, bias: as in `draw_actions`.
+        action: [batch] int64, the drawn actions.
+        before: [batch] float32, their log-probability in the collecting policy.
         advantage: [batch] float32.
         target: [batch] float32, of the values.
-        coefficients: [4] float64: of clipping, the value loss and the entropy bonus; and 1 where
-            advantages are to be standardised, or 0.
+        coefficients: [4] float64: clipping range, value and entropy coefficients, and 1 if
+            advantages are standardised, else 0.
         slopes: [batch, actions + 1] float32, out; the last column is the value's.
-        sums: [6] float64, out; zeros at first. Over the batch: the objective, squared errors of the
-            value, entropies, rows that are clipped, log-probabilities less those of before, and
+        sums: [6] float64, out; zeros at first. Sums over the batch: objective, squared errors of
+            the value, entropy, clipped rows, differences of log-probabilities, and
             log-probabilities times advantages.
-        room: [actions] float32, to work in.
+        room: [actions] float32, scratch memory.
     """
     batch, actions = slopes.shape[0], slopes.shape[1] - 1
     clip, value_coef, entropy_coef = coefficients[0], coefficients[1], coefficients[2]
@@ -214,11 +214,11 @@ def clipped_loss(
 
 @summing
 def below_heads(hidden: Any, weight: Any, slopes: Any, out: Any) -> None:
-    """The gradient before the ReLU that gave `hidden`.
+    """The gradient before the ReLU with result `hidden`.
 
     Args:
-        hidden, weight: as `draw_actions`.
-        slopes: [batch, actions + 1] float32, the gradient of what the heads give.
+        hidden, weight: as in `draw_actions`.
+        slopes: [batch, actions + 1] float32, the gradient of the outputs of the heads.
         out: [batch, width] float32.
     """
     for place in range(out.shape[0]):

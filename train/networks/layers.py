@@ -1,8 +1,8 @@
-"""The hidden layers that all networks share, on every kind of features.
+"""The hidden layers of all networks, for every kind of features.
 
-On "index" the first layer has two forms that are the same function: an embedding bag that sums the
-rows named by the observation, and a matrix product with the one-hot vector that those rows stand
-for. Neither is always faster; `first_layer_form` decides.
+For "index" the first layer has two equivalent forms: an embedding bag that sums the rows selected
+by the observation, and a matrix product with the one-hot vector of these rows. `first_layer_form`
+selects the faster one.
 """
 
 from __future__ import annotations
@@ -23,25 +23,25 @@ FirstLayerForm = Literal["bag", "dense"]
 
 
 def first_layer_form(num_rows: int) -> FirstLayerForm:
-    """The faster form of the first layer, as `tests/benchmarks/bench_learning.py` measures it.
+    """The faster form of the first layer, as measured by `tests/benchmarks/bench_learning.py`.
 
-    The matrix product grows with the rows of the weight matrix, the bag does not; on two cores
-    without bfloat16 in hardware they met at about 300 rows, at widths of 128 and 256 alike.
+    The cost of the matrix product grows with the rows of the weight matrix. On two cores without
+    hardware bfloat16 both forms are equally fast at about 300 rows, at widths of 128 and 256.
     """
     return "bag" if num_rows > 300 else "dense"
 
 
 @dataclass(frozen=True)
 class Hidden:
-    """Two hidden layers.
+    """The configuration of two hidden layers.
 
     Attributes:
         width: units of each.
         activation: "relu" or "tanh".
-        std: of the first layer's weights on "index" at the start.
-        form: of the first layer on "index"; None for the faster.
+        std: initial standard deviation of the first layer's weights for "index".
+        form: of the first layer for "index"; None for the faster one.
         bfloat16: matrix products run under autocast; parameters and outputs stay float32.
-        recurrent: the kind of cell that follows them, "gru"; None for none.
+        recurrent: the recurrent cell after them, "gru"; None for none.
     """
 
     width: int = 128
@@ -53,13 +53,13 @@ class Hidden:
 
 
 class IndexLayer(nn.Module):
-    """A linear layer on "index": the sum of the rows that an observation names, and a bias.
+    """A linear layer for "index": the sum of the rows that an observation selects, and a bias.
 
     Args:
-        features: of the kind "index".
+        features: of kind "index".
         width: outputs.
         form: "bag" or "dense"; the same function of the same parameters.
-        std: standard deviation of the weights at first.
+        std: initial standard deviation of the weights.
     """
 
     rows: torch.Tensor
@@ -77,9 +77,9 @@ class IndexLayer(nn.Module):
             self.weight[self.num_rows] = 0.0
 
     def prepare(self, observation: torch.Tensor, learning: bool = True) -> torch.Tensor:
-        """[..., numbers] rows to sum; or [..., num_rows] what they are.
+        """[..., numbers] the rows to sum; in the dense form [..., num_rows] their one-hot sum.
 
-        Unless something is to be learned of it, always the rows.
+        Without `learning` always the rows.
         """
         rows = self.rows[observation.long()]
         if self.form == "bag" or not learning:
@@ -94,8 +94,8 @@ class IndexLayer(nn.Module):
             return nn.functional.linear(prepared, self.weight[: self.num_rows].T, self.bias)
         rows = prepared.reshape(-1, prepared.shape[-1])
         if self.form == "dense":
-            # A copy of the few rows with nothing in the last takes a sixth of the time of a sum
-            # that looks out for that row.
+            # A copy of the few rows with zeros in the last row takes a sixth of the time of
+            # `padding_idx`.
             table = nn.functional.pad(self.weight[: self.num_rows], (0, 0, 0, 1))
             found = nn.functional.embedding_bag(rows, table, mode="sum").add_(self.bias)
             return found.reshape(*prepared.shape[:-1], -1)
@@ -107,7 +107,7 @@ class IndexLayer(nn.Module):
 
 
 class Flat(nn.Module):
-    """Any other observation as a flat vector, scaled to about [0, 1]."""
+    """A linear layer for any other observation, flattened and scaled to about [0, 1]."""
 
     scale: torch.Tensor
 
@@ -132,9 +132,9 @@ class Flat(nn.Module):
 class Convolutions(nn.Module):
     """Two 3×3 convolutions over "planes", scaled to about [0, 1], then a linear layer.
 
-    Each looks at every second place (from 5 × 5 on), which the 3 × 3 around it covers: 3 times as
-    many frames in a second on 5 × 5, 4 times on 7 × 7 and 7 times on 13 × 13 as at every place
-    (12 planes, one core, forth and back). Planes lie innermost ("channels last").
+    They have stride 2 from 5 × 5 on. Compared with stride 1 that gives 3 times as many frames per
+    second on 5 × 5, 4 times on 7 × 7 and 7 times on 13 × 13 (12 planes, one core, forward and
+    backward). Planes are the innermost dimension ("channels last").
     """
 
     def __init__(self, features: Features, width: int) -> None:
@@ -154,26 +154,26 @@ class Convolutions(nn.Module):
         )
 
     def prepare(self, observation: torch.Tensor) -> torch.Tensor:
-        """The observation itself, where it is float32 up to 1."""
+        """The observation as float32, scaled to at most 1."""
         return observation.float() * self.scale if self.scale < 1.0 else observation.float()
 
     def forward(self, prepared: torch.Tensor) -> torch.Tensor:
         """[..., width] from [..., planes, height, width]."""
         planes = prepared.reshape(-1, *prepared.shape[-3:])
-        # `contiguous(memory_format=...)` is not to be had under `vmap`.
+        # `contiguous(memory_format=...)` is not available under `vmap`.
         planes = planes.movedim(-3, -1).contiguous().movedim(-1, -3)
         hidden: torch.Tensor = self.layers(planes)
         return hidden.reshape(*prepared.shape[:-3], -1)
 
 
 class Own(nn.Module):
-    """A user's network of `NETWORKS`, from observations to `width` numbers.
+    """A user-defined network from `NETWORKS`, from observations to `width` numbers.
 
-    Of "index" it is given the numbers (int64), of all else float32 scaled to about [-1, 1]:
-    [batch, *shape] each.
+    For "index" its input is int64 numbers, otherwise float32 scaled to about [-1, 1]:
+    [batch, *shape].
 
     Raises:
-        ValueError: it is no module, or does not give [batch, width].
+        ValueError: not a module, or its output is not [batch, width].
     """
 
     def __init__(self, features: Features, width: int) -> None:
@@ -184,13 +184,13 @@ class Own(nn.Module):
         if features.kind == "index":
             self.form, self.scale = torch.int64, torch.ones((), dtype=torch.int64)
         made = NETWORKS.get(features.network)(features, width)
-        check(isinstance(made, nn.Module), f"network {features.network!r} made no torch.nn.Module")
-        with torch.no_grad():  # also what a lazy layer needs to know its inputs
+        check(isinstance(made, nn.Module), f"network {features.network!r} is not a torch.nn.Module")
+        with torch.no_grad():  # also initialises lazy layers
             given = made.eval()(torch.zeros(2, *self.shape, dtype=self.form))
         found = tuple(given.shape)
         check(
             found == (2, width),
-            f"network {features.network!r} made {found} of 2 observations; it must give "
+            f"network {features.network!r} gave {found} for 2 observations; it must give "
             f"[batch, width], here {(2, width)}",
         )
         self.network = made.train()
@@ -206,7 +206,7 @@ class Own(nn.Module):
 
 
 class Trunk(nn.Module):
-    """Two hidden layers on any features, or a user's network; outputs are float32."""
+    """Two hidden layers on any features, or a user-defined network; outputs are float32."""
 
     first: IndexLayer | Flat | Convolutions | Planning | Own
 
@@ -233,29 +233,29 @@ class Trunk(nn.Module):
         self.casts = hidden.bfloat16 and isinstance(first, IndexLayer) and first.form == "dense"
 
     def prepare(self, observation: torch.Tensor) -> torch.Tensor:
-        """What the first layer works on: without parameters, so once is enough for many epochs."""
+        """The input of the first layer; without parameters, so computed once per rollout."""
         prepared = self.first.prepare(observation)
-        # Zeros and ones are exact in bfloat16, and need no cast in every pass then.
+        # Zeros and ones are exact in bfloat16, which saves a cast in every pass.
         return prepared.bfloat16() if self.casts else prepared
 
-    def glance(self, observation: torch.Tensor) -> torch.Tensor:
-        """As `prepare`, for passes without gradients: the quicker form of the first layer.
+    def prepare_inference(self, observation: torch.Tensor) -> torch.Tensor:
+        """As `prepare`, for passes without gradients: for the faster form of the first layer.
 
-        The same function, whose sums are taken in another order.
+        The result is the same up to the order of summation.
         """
         if self.autocast_bfloat16 or not isinstance(self.first, IndexLayer):
             return self.prepare(observation)
         return self.first.prepare(observation, learning=False)
 
     def forward(self, prepared: torch.Tensor) -> torch.Tensor:
-        """[..., width] float32, from what `prepare` or `glance` made of observations."""
+        """[..., width] float32, from `prepare` or `prepare_inference`."""
         with torch.autocast(prepared.device.type, torch.bfloat16, enabled=self.autocast_bfloat16):
             hidden: torch.Tensor = self.rest(self.first(prepared))
         return hidden.float()
 
 
 def head(width: int, outputs: int, gain: float) -> nn.Linear:
-    """A linear output layer with orthogonal weights of the given gain and no bias at first."""
+    """A linear output layer with orthogonal weights of the given gain and zero bias."""
     layer = nn.Linear(width, outputs)
     nn.init.orthogonal_(layer.weight, gain)
     nn.init.zeros_(layer.bias)

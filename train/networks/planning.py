@@ -1,10 +1,10 @@
-"""A first layer that plans: shortest paths in what is seen, with costs and ends that are learned.
+"""A planning layer: shortest paths in the observed maze, with learned costs and sources.
 
-A value iteration network (Tamar et al., 2016) in its smallest form: every place has a value of its
-own, leaving it costs something, both are linear in the planes there, and values spread by
-v(s) = max(source(s), max_a v(s + a) - cost(s, a)) until nothing changes. With high costs of walls
-and one source at the goal, -v is the length of the shortest path. Nothing of that is given: which
-planes are walls and which are goals is learned from rewards, by gradients along the best paths.
+A small value iteration network (Tamar et al., 2016): every cell has a source value, and leaving it
+has a cost. Both are linear in the planes at the cell. Values propagate by
+v(s) = max(source(s), max_a v(s + a) - cost(s, a)) until convergence. With high costs at walls and
+one source at the goal, -v is the length of the shortest path. Which planes are walls and which are
+goals is learned from rewards, by gradients along the best paths.
 """
 
 from __future__ import annotations
@@ -20,20 +20,22 @@ from train.networks.planning_kernels import CHANNELS, NOWHERE, plan, trace
 
 
 class Paths(torch.autograd.Function):
-    """What each way from where the agent is, is worth."""
+    """The value of each direction from the agent's cell."""
 
     @staticmethod
     def forward(
         ctx: Any, planes: torch.Tensor, sources: torch.Tensor, costs: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        """[games, 5, channels] of the four ways and of staying, and [games, 9, planes] around.
+        """[games, 5, channels] of the four directions and the source of the cell; and the planes
+        around the agent [games, 9, planes].
 
         Args:
-            ctx: torch's.
-            planes: [games, planes, rows, columns] float32; the first has 1 where the agent is.
-            sources: [planes + 1, channels], what each plane adds to the value of a place by
-                itself; the last row is always added.
-            costs: [planes + 1, 4 * channels], the same for leaving it northwards and so on; >= 0.
+            ctx: stores tensors for the backward pass.
+            planes: [games, planes, rows, columns] float32; the first has 1 at the agent's cell.
+            sources: [planes + 1, channels], what each plane adds to the source of a cell; the last
+                row is a bias.
+            costs: [planes + 1, 4 * channels], likewise for the cost of leaving a cell to the north
+                and so on; >= 0.
         """
         columns = planes.shape[-1]
         arrays = planes.flatten(2).numpy(), sources.detach().numpy(), costs.detach().numpy()
@@ -49,7 +51,7 @@ class Paths(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, gradient: torch.Tensor, _: Any) -> Any:
-        """Those of sources and costs."""
+        """The gradients of sources and costs."""
         of_weights = [torch.zeros_like(weights) for weights in ctx.saved_tensors]
         given = gradient.contiguous().numpy()
         planes, columns, ways, at, worth = ctx.seen
@@ -60,21 +62,21 @@ class Paths(torch.autograd.Function):
 def paths(
     planes: torch.Tensor, sources: torch.Tensor, costs: torch.Tensor
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """`Paths.forward`, with gradients of sources and costs."""
+    """`Paths.forward` with autograd for sources and costs."""
     found: tuple[torch.Tensor, torch.Tensor] = Paths.apply(planes, sources, costs)  # type: ignore[no-untyped-call]
     return found
 
 
 class Planning(nn.Module):
-    """What each way is worth on learned shortest paths, and what lies right around, to `width`.
+    """Values of the directions on learned shortest paths, and the nearby planes, to `width`.
 
     Args:
-        features: of the kind "grid": planes of which the first is where the agent itself is.
+        features: of kind "grid": planes, the first of which marks the agent.
         width: outputs.
 
     Attributes:
-        sources: [planes + 1, channels], a tenth of those of `paths`.
-        costs: [planes + 1, 4 * channels], those of `paths` before softplus, a fifth of them.
+        sources: [planes + 1, channels], a tenth of the sources of `paths`.
+        costs: [planes + 1, 4 * channels], a fifth of the costs of `paths` before softplus.
     """
 
     def __init__(self, features: Features, width: int) -> None:
@@ -88,7 +90,7 @@ class Planning(nn.Module):
         self.linear = nn.Linear(5 * CHANNELS + 9 * planes, width)
 
     def prepare(self, observation: torch.Tensor) -> torch.Tensor:
-        """The observation itself, where it is float32 up to 1."""
+        """The observation as float32, scaled to at most 1."""
         return observation.float() * self.scale if self.scale < 1.0 else observation.float()
 
     def forward(self, prepared: torch.Tensor) -> torch.Tensor:

@@ -1,8 +1,8 @@
-"""The kernels of `train.networks.planning`: shortest paths in a grid, and the way of gradients.
+"""Kernels of `train.networks.planning`: shortest paths in a grid, and their gradients.
 
-Each channel has paths of its own. A *known* place is one with anything in any plane; nobody goes
-elsewhere. `ways` [games, channels, places] int8 says where the best path from each known place
-goes: north, south, east, west, or HERE, where it ends.
+Each channel has its own paths. A *known* cell has a non-zero value in some plane; paths contain
+known cells only. `ways` [games, channels, places] int8 is the direction of the best path from each
+known cell: north, south, east, west, or HERE, where it ends.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from pursuit.compilation.compiled import allocating
 
 HERE = 4
 CHANNELS = 8
-"""Kinds of paths beside each other: a constant, for the compiler to take all of them at once."""
+"""Number of path channels: a constant, so that the compiler can vectorise over them."""
 NOWHERE = np.float32(-100.0)
-"""What a way that leads out of the known is worth."""
+"""Value of a direction that leads to an unknown cell."""
 
 
 @allocating
@@ -34,20 +34,20 @@ def plan(
 ) -> None:
     """Value iteration in each game; see `train.networks.planning` for the weights.
 
-    In place, forth and back (Gauss and Seidel's order), so that a sweep carries a value as far as
-    a path goes its way; until nothing changes, or twice as often as there are known places.
+    Gauss-Seidel sweeps in alternating directions, until convergence or for at most twice as many
+    sweeps as there are known cells.
 
     Args:
-        planes: [games, planes, places] float32; the first has 1 where the agent is.
+        planes: [games, planes, places] float32; the first has 1 at the agent's cell.
         sources: [planes + 1, channels] float32.
         costs: [planes + 1, 4 * CHANNELS] float32, at least 0.
         columns: of the grid.
-        traced: whether `ways` is wanted.
-        ways: filled.
-        at: [games], filled with the agent's place.
-        out: [games, 5, channels], filled: what the four ways from there are worth, and its own
-            source.
-        around: [games, 9, planes], filled with the planes of the places around it.
+        traced: whether `ways` is filled.
+        ways: out.
+        at: [games], out: the agent's cell.
+        out: [games, 5, channels], out: the values of the four directions, and the source of the
+            agent's cell.
+        around: [games, 9, planes], out: the planes of the cells around it.
     """
     num_planes, places = planes.shape[1], planes.shape[2]
     rows = places // columns
@@ -131,7 +131,7 @@ def plan(
                             if offer > most:
                                 most, way = offer, action
                     ways[game, channel, place_of[number]] = way
-        if known == 0:  # of an agent that is out of the game, say
+        if known == 0:  # for example an agent that has left the game
             place_of[0], source[0] = 0, sources[num_planes]
             neighbors[0] = -1
         own = 0
@@ -169,9 +169,9 @@ def trace(
     of_sources: Any,
     of_costs: Any,
 ) -> None:
-    """Add to the gradients of `plan`'s weights, from that of its `out`.
+    """Add to the gradients of `plan`'s weights, from the gradient of its `out`.
 
-    That of a way goes along its path alone, to the source from which its value comes.
+    The gradient of a direction flows along its best path to the source that its value comes from.
     """
     num_planes, places = planes.shape[1], planes.shape[2]
     step_of = np.array([-columns, columns, 1, -1])

@@ -1,4 +1,4 @@
-"""A trained network in any seat, and where it sees cells only as a table for the exact solvers."""
+"""Policies that play with a trained network, and their tables for the exact solvers."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from pursuit.rules.layout import Games
 from pursuit.simulator.policy import GameView, pairs_of_cells
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task
-from train.networks.features import Features, features_of, seen_by
+from train.networks.features import Features, features_for, features_of
 from train.networks.frames import stacked
-from train.networks.remembering import (
-    RememberingPolicy,
+from train.networks.recurrent_policy import (
+    RecurrentPolicy,
     check_looks,
     chosen_from,
     numbers_fit,
@@ -32,15 +32,14 @@ from train.networks.remembering import (
 )
 
 GAMES_AT_ONCE, NUMBERS_AT_ONCE = 65_536, 2**23
-"""Games that a network is asked about in one pass, and numbers of their observations: all at once
-are too many."""
+"""Largest number of games, and of numbers in their observations, in one forward pass."""
 
 NO_WALLS = ("index", "one_hot", "positions", "cells")
-"""Encodings that say nothing of the walls between cells."""
+"""Encodings that do not contain the walls between cells."""
 
 
 class Network(Protocol):
-    """Whatever learns: weights."""
+    """A module with weights."""
 
     def parameters(self) -> Iterator[torch.nn.Parameter]:
         """All weights."""
@@ -49,62 +48,62 @@ class Network(Protocol):
         """All weights by name."""
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> Any:
-        """Take them."""
+        """Load all weights."""
 
 
 class PolicyNetwork(Network, Protocol):
-    """What makes a policy of choices: `ActorCritic`, `QNetwork`."""
+    """A network for discrete actions: `ActorCritic`, `QNetwork`."""
 
     def logits(self, observation: torch.Tensor) -> torch.Tensor:
-        """[..., actions] from observations; the greedy action has the largest."""
+        """[..., actions] from observations; the greedy action has the largest logit."""
 
 
 class ActionNetwork(Network, Protocol):
-    """What makes a policy of continuous actions."""
+    """A network for continuous actions."""
 
     def act(self, observation: torch.Tensor, noise: torch.Tensor | None) -> torch.Tensor:
         """[..., numbers] in [-1, 1] from observations [..., k].
 
         Args:
             observation: float32.
-            noise: [..., numbers] standard normal, of a policy that draws; None for the greedy one.
+            noise: [..., numbers] standard normal draws; None for the greedy action.
         """
 
 
 class Player(Protocol):
-    """Whoever a learner learns to play: all that it knows of the game is this and its specs."""
+    """The learning agent as a learner knows it, beside the specs of the environment."""
 
     @property
     def features(self) -> Features:
-        """What it observes."""
+        """The features of its observation."""
 
     @property
     def continuous(self) -> bool:
-        """Whether an action is a row of numbers in [-1, 1], and no choice of one of several."""
+        """Whether actions are continuous: numbers in [-1, 1]."""
 
     @property
     def num_actions(self) -> int:
-        """How many actions it chooses from; where they are continuous, numbers of an action."""
+        """The number of discrete actions, or the dimensions of a continuous action."""
 
     @property
     def members(self) -> int:
-        """How many agents have its role, itself included."""
+        """The number of agents that have its role, itself included."""
 
     def policy(self, network: Any, greedy: bool = True) -> Any:
-        """A network as this player."""
+        """A policy of this agent with the given network."""
 
 
 @dataclass(frozen=True)
 class Seat:
-    """An agent of a task, or with a role's name any of that role: the `Player` of grid games.
+    """An agent of a task, or any agent of a role: the `Player` of grid games.
 
     Attributes:
         task: the game.
-        agent: by name or role.
-        encoding: what it observes.
-        mask_bumps: whether moves into walls are forbidden to it, as it learns and as it plays.
-        frame_stack: how many observations its network is given at once, the last of the episode.
-        network: what sees it, by its name in the settings.
+        agent: name or role.
+        encoding: its observation.
+        mask_bumps: whether moves into walls are masked, in training and evaluation.
+        frame_stack: number of stacked observations.
+        network: its network, by the name in the settings.
     """
 
     task: Task
@@ -117,26 +116,26 @@ class Seat:
 
     @property
     def number(self) -> int:
-        """Of the seat; for a role that of its first agent."""
+        """The agent index; for a role that of its first agent."""
         return self.task.seat(self.agent)
 
     @property
     def role(self) -> str:
-        """Its role."""
+        """The role of the agent."""
         return self.task.seat_roles[self.number]
 
     @property
     def members(self) -> int:
-        """Agents of that role."""
+        """The number of agents of that role."""
         return self.task.count(self.role)
 
     @property
     def num_actions(self) -> int:
-        """4, or 5 where one may stay."""
+        """4, or 5 with the stay action."""
         return self.task.num_actions
 
     def masks(self, view: GameView) -> NDArray[np.bool_] | None:
-        """[games, actions]: what it may do, sitting where the view is from; None for anything."""
+        """[games, actions]: the action mask of the agent of the view; None allows all."""
         if not self.mask_bumps:
             return None
         own = slice(view.seat, view.seat + 1)
@@ -144,34 +143,34 @@ class Seat:
 
     @cached_property
     def seen(self) -> Features:
-        """Of one observation."""
+        """The features of a single observation."""
         return features_of(Encoder(self.task, self.encoding), self.task.num_agents)
 
     @cached_property
     def features(self) -> Features:
-        """Of what its network is given."""
-        return seen_by(stacked(self.seen, self.frame_stack), self.network)
+        """The features of the network's input."""
+        return features_for(stacked(self.seen, self.frame_stack), self.network)
 
     def policy(self, network: PolicyNetwork, greedy: bool = True) -> Any:
-        """A network in this seat; one that sees cells only is known as a distribution over them,
-        one that remembers is not."""
+        """A policy with this network: a `LearnedPolicy` where it observes cells only, a
+        `RecurrentPolicy` with memory or stacked observations, else a `NetworkPolicy`."""
         if self.frame_stack > 1 or getattr(network, "policy_memory", None) is not None:
-            return RememberingPolicy(network, self, greedy)
-        sees_more = not is_builtin(self.encoding) and not sees_cells_only(self.task, self.encoding)
+            return RecurrentPolicy(network, self, greedy)
+        sees_more = not is_ours(self.encoding) and not sees_cells_only(self.task, self.encoding)
         return (NetworkPolicy if sees_more else LearnedPolicy)(network, self, greedy)
 
 
 @lru_cache(maxsize=64)
 def sees_cells_only(task: Task, encoding: Any) -> bool:
-    """Whether what is observed is a function of the cells (and goals): not of time as well.
+    """Whether the observation is a function of cells and goals only, not of time.
 
-    Tried on all pairs of cells of a duel, and on a thousand starts of other tasks.
+    Tested on all pairs of cells of a duel, and on a thousand starts of other tasks.
     """
     encoder, samples = Encoder(task, encoding), [Simulator(task, 1000).games]
     if task.is_duel:
         samples = [pairs_of_cells(task, maze, 0) for maze in task.mazes]
     for sample in samples:
-        step = 1 + len(sample.steps) // 100_000  # a part of them will do in large mazes
+        step = 1 + len(sample.steps) // 100_000  # a subset suffices in large mazes
         games = Games(*(array[::step].copy() for array in sample))
         games.steps[:] = 0
         at_first = encoder.encode(games)
@@ -183,12 +182,12 @@ def sees_cells_only(task: Task, encoding: Any) -> bool:
 
 
 class NetworkPolicy:
-    """A network that fills a seat, whatever it observes.
+    """A policy that plays with a network, for any observation.
 
     Args:
         network: gives the logits.
-        seat: in which it was trained.
-        greedy: take the most probable action; False draws from the distribution.
+        seat: the one that it was trained in.
+        greedy: the most probable action; False draws from the distribution.
 
     Attributes:
         network, seat, greedy: the arguments.
@@ -203,11 +202,11 @@ class NetworkPolicy:
     def probabilities(
         self, observations: NDArray[Any], allowed: NDArray[np.bool_] | None = None
     ) -> NDArray[np.float64]:
-        """[..., actions] float64: the distribution played.
+        """[..., actions] float64: the action probabilities.
 
         Args:
             observations: [..., *shape].
-            allowed: [..., actions], what may be done; None for anything.
+            allowed: [..., actions], the action mask; None allows all.
         """
         device = next(self.network.parameters()).device
         with torch.no_grad():
@@ -215,10 +214,10 @@ class NetworkPolicy:
         return probabilities_of(logits, allowed, self.greedy)
 
     def act(self, view: GameView) -> NDArray[np.int32]:
-        """[num_games] int32, an action for every game; random numbers from the seat's stream.
+        """[num_games] int32: actions; draws use the random stream of the view.
 
         Raises:
-            ValueError: the games look different from those that it was trained in.
+            ValueError: observations other than in training.
         """
         observations = view.observe(self.encoding)
         draws = None if self.greedy else view.uniform()
@@ -234,10 +233,10 @@ class NetworkPolicy:
         """[games] int32 for these observations.
 
         Args:
-            view: of games like these.
+            view: of these games, or of games of the same task.
             observations: [games, *shape].
-            draws: [games] in [0, 1); None where greedy.
-            allowed: [games, actions]; None for anything.
+            draws: [games] in [0, 1); None for greedy actions.
+            allowed: [games, actions]; None allows all.
 
         Raises:
             ValueError: as `act`.
@@ -247,14 +246,13 @@ class NetworkPolicy:
 
 
 class LearnedPolicy(NetworkPolicy):
-    """A network in a seat that observes cells and goals: a known distribution for any of them."""
+    """A policy that observes cells and goals only, so that its distribution is known exactly."""
 
     def distribution(self, task: Task, games: Games, seat: int) -> NDArray[np.float64]:
-        """[games, actions] float64: the network run on what `seat` observes in these games.
+        """[games, actions] float64: the action probabilities of agent `seat` in these games.
 
         Raises:
-            ValueError: another role's seat, or games that look different from those of its
-                training.
+            ValueError: an agent of another role, or observations other than in training.
         """
         encoder = Encoder(task, self.encoding)
         role = task.seat_roles[seat]
@@ -265,17 +263,17 @@ class LearnedPolicy(NetworkPolicy):
             or not numbers_fit(self.encoding, self.task, task)
         ):
             raise ValueError(
-                f"a policy of the {self.seat.role} of task {self.task.name!r}, for observations of "
-                f"shape {self._shape} in mazes of {self.task.max_cells} cells; the {role} of task "
-                f"{task.name!r} observes {encoder.shape} in {task.max_cells}. A policy that "
-                "observes window:R plays in mazes of any size"
+                f"this policy is for the {self.seat.role} of task {self.task.name!r}, observations "
+                f"{self._shape} and mazes of {self.task.max_cells} cells; the {role} of task "
+                f"{task.name!r} observes {encoder.shape} in {task.max_cells} cells; train with "
+                "observation window:R to play in mazes of any size"
             )
         return self._in_parts(encoder, task, games, seat)
 
     def _in_parts(
         self, encoder: Encoder, task: Task, games: Games, seat: int
     ) -> NDArray[np.float64]:
-        """[games, actions] float64, of some games after the other."""
+        """[games, actions] float64, computed in batches of limited size."""
         found = np.empty((len(games.steps), task.num_actions))
         at_once = max(min(GAMES_AT_ONCE, NUMBERS_AT_ONCE // math.prod(self._shape)), 1)
         for first in range(0, len(found), at_once):
@@ -294,23 +292,22 @@ class LearnedPolicy(NetworkPolicy):
         return self.probabilities(observed, allowed)
 
     def action_probabilities(self, maze: Maze, stay_action: bool = False) -> NDArray[np.float64]:
-        """[self cell, other cell, action] float64: the network run once on all pairs of cells.
+        """[self cell, other cell, action] float64: one forward pass for all pairs of cells.
 
-        In other mazes than those of its training where its observation shows the walls, and is of
-        the same shape there.
+        Also in mazes other than those of the training, if the observation contains the walls and
+        has the same shape.
 
         Raises:
-            ValueError: it was not trained one against one, or in such a maze, or with other
-                actions.
+            ValueError: the task is not a duel, or the maze or the actions do not match.
         """
         task = self.task
         if not task.is_duel or not self.plays_in(maze) or task.stay_action != stay_action:
             names = [each.name for each in task.mazes]
-            told = ", ".join(names[:3]) + (f" and {len(names) - 3} more" if names[3:] else "")
+            listed = ", ".join(names[:3]) + (f" and {len(names) - 3} more" if names[3:] else "")
             raise ValueError(
-                f"a policy trained in task {task.name!r} on {told} with {task.num_actions} actions "
-                "is no table over pairs of cells of this maze; only one chaser against one evader "
-                "is, in mazes of its training, or that look like them to it"
+                f"a policy trained in task {task.name!r} on {listed} with {task.num_actions} "
+                "actions has no table over pairs of cells of this maze; use a policy of one chaser "
+                "against one evader, trained in this maze or with an observation that fits it"
             )
         task = self._in_maze(maze)
         size, seat = maze.num_cells, task.seat(self.agent)
@@ -319,8 +316,8 @@ class LearnedPolicy(NetworkPolicy):
         return found.reshape(size, size, task.num_actions)
 
     def plays_in(self, maze: Maze) -> bool:
-        """Whether it can play in a maze: one of its training, or where what it observes shows the
-        walls and is of the same shape."""
+        """Whether it can play in a maze: one of its training, or one where an observation with
+        walls has the same shape."""
         if maze in self.task.mazes:
             return True
         if self.encoding in NO_WALLS:
@@ -328,5 +325,5 @@ class LearnedPolicy(NetworkPolicy):
         return tuple(Encoder(self._in_maze(maze), self.encoding).shape) == self._shape
 
     def _in_maze(self, maze: Maze) -> Task:
-        """The task of its training in this maze alone, if it is not one of its own."""
+        """The task of its training, in this maze alone where it is another maze."""
         return self.task if maze in self.task.mazes else replace(self.task, maze=maze)

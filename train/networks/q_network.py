@@ -1,4 +1,4 @@
-"""Action values."""
+"""Action value networks."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from train.networks.layers import Hidden, Trunk, head
 
 
 class DuelingHead(nn.Module):
-    """A value and the actions' advantages over their mean (Wang et al., 2016, equation 9)."""
+    """A value and the actions' centred advantages (Wang et al., 2016, equation 9)."""
 
     def __init__(self, width: int, num_actions: int) -> None:
         super().__init__()
@@ -27,14 +27,14 @@ class DuelingHead(nn.Module):
 
 
 class QNetwork(nn.Module):
-    """Action values.
+    """A network of action values.
 
     Args:
-        features: of what is observed.
-        num_actions: to choose from.
+        features: of the observation.
+        num_actions: number of actions.
         hidden: the hidden layers.
-        dueling: whether values and advantages have heads of their own.
-        fused: whether hidden layers that have a fused form are computed so, on the CPU.
+        dueling: whether values and advantages have separate heads.
+        fused: whether to use fused hidden layers where possible, on the CPU.
 
     Attributes:
         policy_trunk: the hidden layers.
@@ -67,20 +67,20 @@ class QNetwork(nn.Module):
 
     @property
     def update_form(self) -> str:
-        """Which form of the hidden layers runs: "fused" or "torch"."""
+        """The form of the hidden layers in use: "fused" or "torch"."""
         fused = self._fused
         return "fused" if fused and fused.second.weight.device.type == "cpu" else "torch"
 
-    def quick(self, observation: torch.Tensor) -> torch.Tensor:
-        """The same for observations [batch, *shape], quicker, up to the last bits."""
+    def forward_inference(self, observation: torch.Tensor) -> torch.Tensor:
+        """As `forward` for observations [batch, *shape], faster, and equal up to rounding."""
         trunk, layers = self.policy_trunk, self._fused
         if layers is not None and observation.is_cpu:
             q_values: torch.Tensor = self.policy_head(fused_hidden(layers, observation))
             return q_values
-        prepare = trunk.prepare if torch.is_grad_enabled() else trunk.glance
+        prepare = trunk.prepare if torch.is_grad_enabled() else trunk.prepare_inference
         q_values = self.policy_head(trunk(prepare(observation)))
         return q_values
 
     def logits(self, observation: torch.Tensor) -> torch.Tensor:
-        """The same: the greedy action has the largest."""
+        """The action values: the greedy action has the largest."""
         return self(observation)

@@ -1,8 +1,7 @@
-"""What a network remembers from step to step: a GRU between its trunk and its heads.
+"""A GRU between the trunk and the heads of a network.
 
-Learning runs through whole sequences at once, with the gradient written out: torch's cell takes an
-array for every gate, step and product by themselves, and a layer of torch's (`nn.GRU`) cannot begin
-anew in the middle of a sequence.
+Training processes whole sequences with an explicit gradient. torch's GRU cell allocates an array
+for every gate, step and product, and `nn.GRU` cannot reset its state within a sequence.
 """
 
 from __future__ import annotations
@@ -21,15 +20,13 @@ aten: Any = torch.ops.aten
 
 
 class Cell(nn.Module):
-    """A GRU (Cho et al., 2014) in torch's form.
+    """A GRU (Cho et al., 2014) in torch's form, with a residual connection.
 
-    What comes in is added to what comes out: without a memory the heads would see that alone, and
-    what can be done without one is learned as fast so.
-
-    Its state is its output, one row of numbers for every game. Nothing is remembered where it is 0.
+    The input is added to the output, so that without use of the state a policy is learned as fast
+    as by a network without a GRU. The state is one row of numbers per game, and starts at 0.
 
     Args:
-        width: numbers that come in, that come out, and of a state.
+        width: size of input, output and state.
     """
 
     def __init__(self, width: int) -> None:
@@ -44,7 +41,7 @@ class Cell(nn.Module):
                 nn.init.orthogonal_(gate)
 
     def step(self, inputs: torch.Tensor, state: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """What comes out [games, width], and the state [games, width] after it.
+        """The output [games, width] and the next state [games, width].
 
         Args:
             inputs: [games, width].
@@ -57,16 +54,16 @@ class Cell(nn.Module):
     def forward(
         self, inputs: torch.Tensor, state: torch.Tensor, episode_start: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        """A step after the other, with gradients through all of them.
+        """A whole sequence, with gradients through all steps.
 
         Args:
             inputs: [games, steps, width].
             state: [games, width] before the first step.
-            episode_start: [games, steps] bool: an episode begins here, so nothing is remembered.
+            episode_start: [games, steps] bool, the first steps of episodes, where the state is 0.
 
         Returns:
-            What comes out [games, steps, width], and the states [games, steps, width] after every
-            step, which have no gradient.
+            The outputs [games, steps, width], and the states [games, steps, width] after every
+            step, without gradient.
         """
         gates = nn.functional.linear(inputs.transpose(0, 1), self.weight_ih, self.bias_ih)
         keep = (~episode_start.T).to(gates.dtype)[:, :, None]
@@ -76,16 +73,16 @@ class Cell(nn.Module):
 
 
 def cell_of(hidden: Hidden) -> Cell | None:
-    """What follows the hidden layers, where something is to be remembered."""
+    """The recurrent cell after the hidden layers; None where there is none."""
     return Cell(hidden.width) if hidden.recurrent else None
 
 
 def flattened(frames: Mapping[str, torch.Tensor]) -> dict[str, torch.Tensor]:
-    """Sequences as frames in a row.
+    """Sequences flattened to single frames.
 
     Args:
-        frames: columns [games, steps, ...]; "loss_mask" [games, steps] bool leaves out those that
-            are not to be learned from. What only a sequence has is left out.
+        frames: columns [games, steps, ...]; "loss_mask" [games, steps] bool selects the frames of
+            the loss. Columns that only sequences have are dropped.
     """
     spent = {"observation", "prepared", "state", "episode_start", "loss_mask"}
     flat = {name: column.flatten(0, 1) for name, column in frames.items() if name not in spent}
@@ -96,7 +93,7 @@ def flattened(frames: Mapping[str, torch.Tensor]) -> dict[str, torch.Tensor]:
 
 
 class GRUSteps(torch.autograd.Function):
-    """All steps of a GRU: equal to `torch.gru_cell` in a loop, and tested against it."""
+    """All steps of a GRU; equal to `torch.gru_cell` in a loop (tested)."""
 
     @staticmethod
     def forward(
@@ -107,13 +104,14 @@ class GRUSteps(torch.autograd.Function):
         weight: torch.Tensor,
         bias: torch.Tensor,
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        """Outputs [steps, games, width], twice: as they are, and as states.
+        """Outputs [steps, games, width], twice: with gradient, and as states without.
 
         Args:
-            ctx: torch's.
-            gates: [steps, games, 3 * width], what the inputs add to the gates: reset, update, new.
+            ctx: stores tensors for the backward pass.
+            gates: [steps, games, 3 * width], contribution of the inputs to the gates: reset,
+                update, new.
             state: [games, width].
-            keep: [steps, games, 1], 0 where an episode begins.
+            keep: [steps, games, 1], 0 at the first step of an episode.
             weight: [3 * width, width] of the state.
             bias: [3 * width].
         """
@@ -137,7 +135,7 @@ class GRUSteps(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, gradient: torch.Tensor, _: Any) -> Any:
-        """Those of gates, state, weight and bias."""
+        """The gradients of gates, state, weight and bias."""
         keep, weight, before, opened, new, recalled = ctx.saved_tensors
         steps, games, width = before.shape
         of_inputs = gradient.new_empty(steps, games, 3 * width)

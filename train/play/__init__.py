@@ -1,1 +1,1 @@
-"""Games by hand: the session, its page, and the replays that are kept."""
+"""Games played by a user: the session, its web page, and saved replays."""

@@ -1,4 +1,4 @@
-"""What a game by hand brought, beside the optimum and an agent from the same start."""
+"""The result of a game played by the user, compared with the optimum and an agent."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ NOT_KNOWN = "not known"
 
 @dataclass(frozen=True)
 class Outcome:
-    """What one game brought.
+    """The result of one game.
 
     Attributes:
-        won: as in evaluations: the chasers caught all, the evader lived to the last step, all goals
-            were collected (by a runner among rivals more than by each other agent).
-        steps: that the person played.
-        reward: what these steps paid.
-        optimal_steps: the optimum from the same start: steps of the best response in expectation,
-            or of a shortest tour; None where it is not known.
-        expected: whether that is an expectation, which luck may beat.
-        agent: who played the same start in the person's seat.
-        agent_steps, agent_won, agent_goals: what came of it, in one game with the same luck of the
-            others.
-        collected: goals that each agent got, the person's first; empty where nobody competes.
+        won: as in evaluations: all evaders caught, the evader not caught, all goals collected (in a
+            race, more goals than each other runner).
+        steps: number of steps of the user.
+        reward: return of the user.
+        optimal_steps: the optimum from the same start: expected steps of the best response, or the
+            length of a shortest tour; None if it is not known.
+        expected: whether that is an expectation, which single games can beat.
+        agent: name of the agent that played the same start in the user's place.
+        agent_steps, agent_won, agent_goals: its result, in one game with the same random numbers of
+            the other agents.
+        collected: goals of each agent, the user first; empty if no other agent collects goals.
     """
 
     won: bool
@@ -39,17 +39,17 @@ class Outcome:
 
     @property
     def optimum(self) -> str:
-        """The optimum in words."""
+        """The optimum as text."""
         if self.optimal_steps is None:
             return NOT_KNOWN
-        # Two digits after the point, or as many as there are.
+        # At most two decimals.
         text = f"{self.optimal_steps:.2f}".rstrip("0").rstrip(".")
         return f"{text} steps" + (" in expectation" if self.expected else "")
 
     def rows(self) -> list[tuple[str, str]]:
-        """Who, and what they did: the person, the optimum, the agent, and goals where many compete.
+        """Names and results: the user, the optimum, the agent, and the goals of all agents.
 
-        Among several who collect, nobody is said to win: the goals tell.
+        If several agents collect goals, goals are shown in place of won or lost.
         """
         own, other = (", won" if won else ", lost" for won in (self.won, self.agent_won))
         if len(self.collected) > 1:
@@ -65,12 +65,12 @@ class Outcome:
 
     def lines(self) -> list[str]:
         """The rows as text."""
-        width = 2 + max(len(who) for who, _ in self.rows())
-        return [f"{who:<{width}}{what}" for who, what in self.rows()]
+        width = 2 + max(len(name) for name, _ in self.rows())
+        return [f"{name:<{width}}{result}" for name, result in self.rows()]
 
 
 def total_line(outcomes: Sequence[Outcome]) -> str:
-    """All games so far in one line; nothing before the second."""
+    """All games so far in one line; empty before the second."""
     if len(outcomes) < 2:
         return ""
     count = len(outcomes)

@@ -1,8 +1,7 @@
-"""The server of a game by hand: one session, one page, on the loopback address alone.
+"""HTTP server for a game of the user: one session and one page on the loopback address.
 
-Whoever has the address may play, and nobody else: the address holds a token that cannot be guessed,
-every request without it is refused, and so is one that was sent under another host's name (DNS
-rebinding) or by a page of another origin. A request can do nothing but move, or begin a game.
+The address contains a random token. Requests without it are refused, as are requests with another
+host name (DNS rebinding) and from pages of another origin. Requests can only move, or start a game.
 """
 
 from __future__ import annotations
@@ -26,13 +25,13 @@ from train.play.session import Session
 
 HOST = "127.0.0.1"
 MAX_BODY = 4096
-"""Bytes of a request, at most; a move takes some fifty."""
+"""Maximum bytes of a request; a move needs about fifty."""
 PATIENCE = 10.0
-"""Seconds that a connection may be silent; browsers open some that they never use."""
+"""Timeout of idle connections in seconds; browsers open some that they never use."""
 SCRIPTS = ("board.js", "maze_board.js", "arm_board.js", "play.js")
 HEADERS = {
     "Cache-Control": "no-store",
-    "Referrer-Policy": "no-referrer",  # the address is the key
+    "Referrer-Policy": "no-referrer",  # the address contains the token
     "X-Content-Type-Options": "nosniff",
     "X-Frame-Options": "DENY",
     "Cross-Origin-Resource-Policy": "same-origin",
@@ -43,16 +42,16 @@ HEADERS = {
 
 
 class PlayServer:
-    """Serves one session from the moment it is made until it is closed.
+    """Serves one session from construction until it is closed.
 
     Args:
-        session: what is played; nobody else may touch it meanwhile.
-        port: 0 for any that is free.
-        after: called with the session whenever a game is over; a ValueError or OSError of it is
-            told to the person, and the game goes on.
+        session: the session; not to be used by other code meanwhile.
+        port: 0 for any free port.
+        after: called with the session when a game is over; its ValueError or OSError is shown to
+            the user as a warning.
 
     Attributes:
-        token: without which every request is refused.
+        token: required in every request.
         address: of the page, with the token.
 
     Raises:
@@ -98,7 +97,7 @@ class PlayServer:
         self._server.shutdown()
 
     def close(self) -> None:
-        """Let go of the port."""
+        """Close the port."""
         self._server.server_close()
 
     # -- requests ----------------------------------------------------------------------------------
@@ -111,11 +110,11 @@ class PlayServer:
         app.route("/<token>/state", "GET", self._state)
         app.route("/<token>/move", "POST", self._move)
         app.route("/<token>/next", "POST", self._next)
-        app.default_error_handler = _told
+        app.default_error_handler = _error_text
         return app
 
     def _admit(self) -> None:
-        """Refuse whoever has not the token, came by another name, or was sent by another page."""
+        """Refuse requests without the token, with another host name or from another origin."""
         request = bottle.request
         given = request.environ.get("PATH_INFO", "/").split("/", 2)[1:2]
         token = given[0].encode("utf-8", "replace") if given else b""
@@ -170,7 +169,7 @@ class PlayServer:
             self.warning = str(error)
 
     def state(self, whole: bool) -> dict[str, Any]:
-        """The session at this moment, as the page takes it; with the board where it is `whole`."""
+        """The state of the session for the page; including the board if `whole`."""
         session = self.session
         over = session.over
         outcome = session.outcome if over else None
@@ -198,11 +197,11 @@ def _body(names: tuple[str, ...]) -> dict[str, Any]:
     """The object of exactly these names that a request holds as JSON.
 
     Raises:
-        bottle.HTTPResponse: of status 400, 411, 413 or 415, saying why there is none.
+        bottle.HTTPResponse: of status 400, 411, 413 or 415, with the reason.
     """
     request = bottle.request
     kind = request.get_header("Content-Type", "").partition(";")[0].strip().lower()
-    if kind != "application/json":  # which no form of another page can send
+    if kind != "application/json":  # forms of other pages cannot send it
         raise _answer(415, {"error": "a request has the type application/json"})
     length = request.get_header("Content-Length", "")
     if not (length.isascii() and length.isdecimal()):
@@ -224,7 +223,7 @@ def _guard() -> None:
         bottle.response.set_header(name, value)
 
 
-def _told(error: bottle.HTTPError) -> str:
+def _error_text(error: bottle.HTTPError) -> str:
     """What stands in an answer to what is not there, or went wrong."""
     bottle.response.content_type = "application/json"
     return json.dumps({"error": error.status_line})

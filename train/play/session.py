@@ -18,7 +18,7 @@ from scripted_agents import tour_lengths
 from scripted_agents.tours.tour import MAX_EXACT_GOALS
 from train.evaluation.contest import GameContest
 from train.evaluation.games import won_by
-from train.evaluation.scores import told
+from train.evaluation.scores import label_of
 from train.play.outcome import Outcome
 
 ACTIONS = ("north", "south", "east", "west", "stay")
@@ -212,4 +212,6 @@ class Session:
     def players(self) -> dict[str, str]:
         """The names of the policies of the other agents, by agent."""
         named = zip(self.task.agent_names, self.policies, strict=True)
-        return {name: self.opponent or told(policy) for name, policy in named if policy is not None}
+        return {
+            name: self.opponent or label_of(policy) for name, policy in named if policy is not None
+        }

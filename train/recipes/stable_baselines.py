@@ -16,7 +16,7 @@ from train.commands.scores import print_scores
 from train.experiments.comparison.contestants import vector_env
 from train.recipes.common import LibraryRecipe, main_of
 from train.runs.parts import contest_of
-from train.runs.third_party import load_stable_baselines, save_stable_baselines
+from train.runs.stable_baselines import load_stable_baselines, save_stable_baselines
 from train.settings.checks import check, check_choice
 from train.settings.task import TaskSettings
 

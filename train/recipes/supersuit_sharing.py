@@ -21,8 +21,8 @@ from pursuit.simulator.policy import Policy
 from pursuit.simulator.simulator import Simulator
 from scripted_agents import NearestGoalRunner, RandomAgent
 from train.recipes.common import LibraryRecipe, main_of
+from train.runs.stable_baselines import load_stable_baselines, save_stable_baselines
 from train.runs.tasks import task_of
-from train.runs.third_party import load_stable_baselines, save_stable_baselines
 from train.settings.checks import EVALUATION_SEED, check
 from train.settings.task import TaskSettings
 

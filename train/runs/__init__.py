@@ -1,1 +1,1 @@
-"""One training loop, its folders, and the parts that settings become."""
+"""The training loop, run folders, and the objects that are built from settings."""

@@ -1,19 +1,15 @@
-"""A second process that learns the same policy, from its own half of the games.
+"""Data parallel training in two processes, each with half of the games.
 
-Both begin with the same weights, play half of the games each, and take their gradient steps
-together: each puts the gradient of its own minibatch into shared memory, waits for that of the
-other, and takes the mean of the two, which is the same in both to the last bit. So are the steps of
-Adam that follow, and the weights, which are never sent. The process of the run decides: it asks its
-partner to iterate, or for what a checkpoint needs of it; a partner that is asked nothing sleeps.
+Both processes start with the same weights and average their gradients before each step of Adam, so
+that the weights stay equal without being sent. Gradients are exchanged in shared memory; all other
+messages go through two connected sockets. So a waiting process notices at once if the other one has
+ended, and the shared memory, which has no name, is freed with both. The second process only acts on
+messages of the first one.
 
-What they say to each other, that a gradient is there included, goes through a pair of connected
-sockets. So whoever waits hears at once when the other has ended, however that happened, and the
-shared memory, which has no name, goes with them.
-
-It is no `torch.distributed`: on the 27,013 weights of PPO's default network an all_reduce by gloo
-took 1.2 to 1.4 ms of each processor and this exchange 0.23 to 0.31 (2,000 each, in turns, three
-times; 4 times as long by the clock as well, on two busy cores). A gradient step with its share of
-playing takes 10 ms, so a run would be more than a tenth slower.
+`torch.distributed` is slower: on the 27,013 weights of PPO's default network an all_reduce by gloo
+took 1.2 to 1.4 ms of each processor, and this exchange 0.23 to 0.31 (2,000 each, alternating, three
+times). A gradient step with its share of the rollout takes 10 ms, so a run would be more than a
+tenth slower.
 """
 
 from __future__ import annotations
@@ -36,84 +32,84 @@ from numpy.typing import NDArray
 
 from pursuit.plugins import environment
 from train.runs.folder import CHECKPOINT
-from train.runs.in_play import begin, state_in_play
 from train.runs.parts import parts_of
 from train.runs.threads import can_fork, prepare_torch
+from train.runs.training_state import build_env_and_learner, training_state
 from train.settings.checks import check
 from train.settings.run import TrainSettings
 
-AT_ONCE = 1.0
-"""Seconds that a process gets to end by itself when it has heard that it is over."""
+END_TIMEOUT = 1.0
+"""Seconds that a process has to end by itself after the connection is closed."""
 
 
-class Gone(ChildProcessError):
-    """The other process has ended, or failed."""
+class ProcessEnded(ChildProcessError):
+    """The other process has ended or failed."""
 
 
-class Pair:
-    """One of two processes that learn together, as it meets the other.
+class Replica:
+    """One of the two processes, with its connection to the other one.
 
     Args:
-        connection: to the other, both ways.
+        connection: to the other process.
         shared: four times as many float32 as there are weights.
-        rank: 0 in the process of the run, 1 in its partner.
+        rank: 0 in the process of the run, 1 in the second one.
     """
 
     def __init__(self, connection: Any, shared: Any, rank: int) -> None:
         self.connection, self.rank = connection, rank
-        # Two slots each, in turns: whoever is ahead must not write where the other may still read.
-        # Two turns later it may: the other has spoken since, and so has read.
+        # Two slots each, used alternately: the faster process must not overwrite a slot that the
+        # other one still reads. Two turns later the other has sent a message, and so has read it.
         self.slots = torch.frombuffer(shared, dtype=torch.float32).view(2, 2, -1)
         self.turn = 0
 
-    def say(self, content: Any) -> None:
-        """Tell the other; where it has ended, `hear` says so."""
+    def send(self, content: Any) -> None:
+        """Send a message; if the other process has ended, `receive` reports it."""
         with contextlib.suppress(OSError):
-            # torch has multiprocessing's own pickling put tensors into shared memory with names
+            # pickled here, as multiprocessing would put tensors into named shared memory
             self.connection.send_bytes(pickle.dumps(content))
 
-    def hear(self) -> Any:
-        """What the other says next; Gone where it has ended, its error where it has failed."""
+    def receive(self) -> Any:
+        """The next message; ProcessEnded if the other process ended, its exception if it failed."""
         try:
             content = pickle.loads(self.connection.recv_bytes())
         except (EOFError, OSError):
-            raise Gone(self.how_it_ended()) from None
+            raise ProcessEnded(self.end_reason()) from None
         if isinstance(content, Exception):
             raise content
         return content
 
     def average(self, tensors: list[torch.Tensor]) -> None:
-        """Make every tensor its mean over both processes; as many of the same shapes in both."""
+        """Replace every tensor by its mean over both processes, which must have equal shapes."""
         sizes = [tensor.numel() for tensor in tensors]
         slots = self.slots[self.turn, :, : sum(sizes)]
         self.turn = 1 - self.turn
         torch.cat([tensor.reshape(-1) for tensor in tensors], out=slots[self.rank])
-        self.say(None)
-        self.hear()
+        self.send(None)
+        self.receive()
         mean: Any = slots.sum(dim=0).mul_(0.5)
         for tensor, part in zip(tensors, mean.split(sizes), strict=True):
             tensor.copy_(part.view_as(tensor))
 
-    def how_it_ended(self) -> str:
-        """What is known of the end of the other."""
+    def end_reason(self) -> str:
+        """The reason why the other process has ended."""
         return "the process of the run has ended"
 
 
-class Partner(Pair):
-    """The second process, as that of the run sees it.
+class SecondProcess(Replica):
+    """The second process, as seen from the first one.
 
-    It is forked where this process has one thread, which takes no time, and started anew elsewhere,
-    where it imports torch first, which takes seconds.
+    It is forked if this process has a single thread, which takes no time. Otherwise it is spawned,
+    which takes seconds, as it imports torch.
 
     Args:
         settings: of the run.
-        learner: here; it learns with the partner from now on.
+        learner: of this process; its gradients are averaged from now on.
         folder: of the run.
-        state: of the trainee in a checkpoint; None begins.
+        state: of the trainee in a checkpoint; None for a new run.
 
     Raises:
-        Gone: it could not be started.
-        ValueError: a checkpoint of one process.
+        ProcessEnded: it could not be started.
+        ValueError: a checkpoint of a run of one process.
     """
 
     def __init__(
@@ -130,13 +126,13 @@ class Partner(Pair):
         super().__init__(ours, shared, 0)
         self.folder, self.learner = folder, learner
         given = (ours, theirs, shared, settings, environment())
-        self.process = context.Process(target=serve, args=given, name="partner", daemon=True)
+        self.process = context.Process(target=serve, args=given, name="second process", daemon=True)
         self.process.start()
         theirs.close()
         self.close = Finalize(self, end, (ours, self.process), exitpriority=0)
-        self.say(state)
+        self.send(state)
         try:
-            self.check_same(self.hear())
+            self.check_equal_weights(self.receive())
         except Exception:
             self.close()
             raise
@@ -145,49 +141,49 @@ class Partner(Pair):
     def iterate(
         self, progress: float, seconds: float
     ) -> tuple[dict[str, float], list[NDArray[Any]], list[NDArray[Any]]]:
-        """An iteration of both: the figures, and the returns and lengths of the episodes that
-        ended in the games of the partner."""
-        self.say((progress, seconds))
+        """An iteration of both processes: the values for the log, and the returns and lengths of
+        the episodes that ended in the second one."""
+        self.send((progress, seconds))
         figures = self.learner.iterate(progress)
-        others, returns, lengths = self.hear()
+        others, returns, lengths = self.receive()
         both = {name: 0.5 * (value + others[name]) for name, value in figures.items()}
         return both, returns, lengths
 
     def state(self) -> dict[str, Any]:
-        """What a checkpoint needs of it; its weights are those of the learner here.
+        """The state of the second process for a checkpoint, without the weights, which are equal.
 
         Raises:
-            RuntimeError: they are not.
+            RuntimeError: the weights differ.
         """
-        self.say(None)
-        state, digest = self.hear()
-        self.check_same(digest)
+        self.send(None)
+        state, digest = self.receive()
+        self.check_equal_weights(digest)
         found: dict[str, Any] = state
         return found
 
-    def check_same(self, digest: bytes) -> None:
-        """RuntimeError for other weights than those here."""
+    def check_equal_weights(self, digest: bytes) -> None:
+        """RuntimeError if the weights of the second process differ."""
         if digest != digest_of(self.learner):
-            raise RuntimeError("the two processes of this run have come to different weights")
+            raise RuntimeError("the two processes of this run have different weights")
 
-    def how_it_ended(self) -> str:
-        """How, and what can be done."""
-        told = "the second process of this run has ended"
-        self.process.join(AT_ONCE)
+    def end_reason(self) -> str:
+        """The reason, and what the user can do."""
+        text = "the second process of this run has ended"
+        self.process.join(END_TIMEOUT)
         code = self.process.exitcode
-        if code == 1:  # multiprocessing has printed why
-            return f"{told}: see above. A script that starts it needs `if __name__ == '__main__':`"
+        if code == 1:  # multiprocessing has printed the error
+            return f"{text}: see above. A script that starts it needs `if __name__ == '__main__':`"
         if code is not None and code < 0:
-            told += f", killed by signal {-code} ({signal.Signals(-code).name})"
+            text += f", killed by signal {-code} ({signal.Signals(-code).name})"
         if not (self.folder / CHECKPOINT).exists():
-            return f"{told}; it has no checkpoint yet: begin it anew"
-        return f"{told}; its last checkpoint is kept: go on from there by --resume"
+            return f"{text}; it has no checkpoint yet: start the run again"
+        return f"{text}; its last checkpoint is kept: resume it by --resume"
 
 
 def end(connection: Any, process: Any) -> None:
-    """End the partner, which has nothing to save; Python does so, too, when nobody has it."""
+    """End the second process; also called at garbage collection."""
     connection.close()
-    process.join(AT_ONCE)
+    process.join(END_TIMEOUT)
     process.kill()
     process.join()
 
@@ -195,57 +191,59 @@ def end(connection: Any, process: Any) -> None:
 def serve(
     ours: Any, theirs: Any, shared: Any, settings: TrainSettings[Any], variables: dict[str, str]
 ) -> None:
-    """The partner: all that it does until the process of the run is gone."""
-    # They go to all processes of a terminal or a job; the process of the run says what follows.
+    """The main function of the second process, until that of the run ends."""
+    # A terminal sends signals to all its processes; the process of the run handles them.
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)
     ours.close()
     os.environ.update(variables)
-    warnings.simplefilter("ignore")  # the other has been warned
-    pair = Pair(theirs, shared, 1)
+    warnings.simplefilter("ignore")  # the first process prints them
+    replica = Replica(theirs, shared, 1)
     try:
-        learn_beside(pair, settings)
-    except Gone:
+        serve_messages(replica, settings)
+    except ProcessEnded:
         return
     except ValueError as error:
-        pair.say(ValueError(str(error)))
+        replica.send(ValueError(str(error)))
     except Exception:
-        pair.say(Gone(f"the second process of this run failed:\n{traceback.format_exc()}"))
+        replica.send(
+            ProcessEnded(f"the second process of this run failed:\n{traceback.format_exc()}")
+        )
 
 
-def learn_beside(pair: Pair, settings: TrainSettings[Any]) -> None:
-    """Begin as the run does, with the other half of the games, and do what is asked."""
+def serve_messages(replica: Replica, settings: TrainSettings[Any]) -> None:
+    """Build the learner for the other half of the games, and handle messages."""
     prepare_torch(1, settings.seed)
-    parts, state = parts_of(settings, pair.rank), pair.hear()
+    parts, state = parts_of(settings, replica.rank), replica.receive()
     if state is None:
-        env, teacher, learner = begin(parts, None)
-        apart = np.random.SeedSequence([settings.seed, pair.rank])
-        torch.manual_seed(int(apart.generate_state(1, np.uint64)[0]))  # of the actions
+        env, teacher, learner = build_env_and_learner(parts, None)
+        apart = np.random.SeedSequence([settings.seed, replica.rank])
+        torch.manual_seed(int(apart.generate_state(1, np.uint64)[0]))  # for the actions
     else:
-        check("partner" in state, "of a run of one process")
-        env, teacher, learner = begin(parts, {**state, **state["partner"]})
+        check("partner" in state, "checkpoint of a run of one process")
+        env, teacher, learner = build_env_and_learner(parts, {**state, **state["partner"]})
         torch.set_rng_state(state["partner"]["torch_rng"])
-    learner.average = pair.average
-    pair.say(digest_of(learner))
+    learner.average = replica.average
+    replica.send(digest_of(learner))
     while True:
-        asked = pair.hear()
+        asked = replica.receive()
         if asked is None:
             if teacher is not None:
-                teacher.figures()  # the log has those of the other; these must not pile up
-            own = {**state_in_play(env, teacher, learner), "torch_rng": torch.get_rng_state()}
+                teacher.figures()  # clears values that only the first process logs
+            own = {**training_state(env, teacher, learner), "torch_rng": torch.get_rng_state()}
             del own["learner"]
-            pair.say((own, digest_of(learner)))
+            replica.send((own, digest_of(learner)))
             continue
         progress, seconds = asked
         if teacher is not None:
             teacher.update(progress, learner.frames * settings.processes, seconds)
-        pair.say((learner.iterate(progress), env.finished_returns, env.finished_lengths))
+        replica.send((learner.iterate(progress), env.finished_returns, env.finished_lengths))
         env.finished_returns.clear()
         env.finished_lengths.clear()
 
 
 def digest_of(learner: Any) -> bytes:
-    """Tells weights apart by their bits."""
+    """A digest of the bits of the weights."""
     digest = hashlib.sha256()
     for weight in learner.network.parameters():
         digest.update(weight.detach().numpy().tobytes())

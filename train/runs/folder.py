@@ -1,4 +1,4 @@
-"""The folder of a run, of whatever kind.
+"""The folder of a run of any kind.
 
 `config.json`, `metrics.csv`, `results.json`, `checkpoint.pt`, `learning_curve.png`, `replay.gif`,
 `replays.json`, `report.html`, TensorBoard events; `.lock` while a process works on it.
@@ -30,30 +30,30 @@ CURVE, REPLAY = "learning_curve.png", "replay.gif"
 FINAL = "final"
 REPORT, REPLAYS = "report.html", "replays.json"
 FORMAT = 5
-"""Of `config.json` and `checkpoint.pt`; raised whenever older ones can no longer be read."""
+"""Version of `config.json` and `checkpoint.pt`; raised when older ones can no longer be read."""
 
 RUN, SIDE, SELF_PLAY = "single", "side", "self-play"
-"""Kinds: a run of a single agent; one side of self-play, saved as a policy; both sides together."""
+"""Kinds of runs: a single agent; one role of self-play, saved as a policy; self-play."""
 
 
 def check_new(path: Path) -> None:
-    """ValueError where a run cannot begin in a folder: a file, or one that holds anything.
+    """ValueError unless a run can start in a folder: it must be new or empty.
 
-    What a process left that ended before it wrote `config.json` is nothing.
+    Temporary files of a process that ended before it wrote `config.json` are ignored.
     """
     check_utf8(path)
     if path.is_file():
-        raise ValueError(f"{path}: a file; give a new folder")
+        raise ValueError(f"{path}: is a file; give a new folder")
     if (path / CONFIG).exists():
         raise ValueError(
-            f"{path}: holds a run already; give another folder, or go on with it by --resume {path}"
+            f"{path}: contains a run already; give another folder, or resume it by --resume {path}"
         )
     if path.exists() and any(p.name != LOCK and not is_leftover(p) for p in path.iterdir()):
-        raise ValueError(f"{path}: not empty; give a new folder")
+        raise ValueError(f"{path}: is not empty; give a new folder")
 
 
 def new_folder(path: Path) -> Path:
-    """An empty folder for a run; ValueError as `check_new`."""
+    """Make an empty folder for a run; ValueError as `check_new`."""
     check_new(path)
     path.mkdir(parents=True, exist_ok=True)
     return path
@@ -66,9 +66,9 @@ def save_config(
     maze_text: str | None,
     final: forms.Final | None = None,
 ) -> None:
-    """Write `config.json`: the kind of run, its settings, the maze as text where there is one, what
-    its final results are made with, users' own parts with the hashes of their source, and the
-    command that runs."""
+    """Write `config.json`: the kind of run, its settings, the maze as text if there is one, the
+    settings of the final results, user-defined parts with hashes of their source, and the
+    command."""
     plain = {"format": FORMAT, "kind": kind, **asdict(settings), "maze_text": maze_text}
     if final is not None:
         plain[FINAL] = {"episodes": final.episodes}
@@ -76,11 +76,11 @@ def save_config(
 
 
 def load_config(folder: Path | str) -> tuple[str, dict[str, Any]]:
-    """The kind of run in a folder, and its settings; a maze that was a file is its text.
+    """The kind of a run, and its settings; a maze file is replaced by its text.
 
     Raises:
-        ValueError: no run in this folder, a damaged one, or one that names parts which are neither
-            ours nor allowed.
+        ValueError: no run in this folder, a damaged one, or one with user-defined parts from
+            modules that are not allowed.
     """
     folder = Path(folder)
     kind, plain = read_config(folder)
@@ -89,12 +89,12 @@ def load_config(folder: Path | str) -> tuple[str, dict[str, Any]]:
 
 
 def read_config(folder: Path) -> tuple[str, dict[str, Any]]:
-    """`load_config` for whoever makes nothing of the settings, and so need not trust them."""
+    """As `load_config`, for uses that never load user-defined parts, without checking them."""
     path = folder / CONFIG
     if not path.exists():
         raise ValueError(f"{folder}: no run here ({CONFIG} is missing)")
     plain = read_json(path)
-    check(isinstance(plain, dict), f"{path}: damaged, not the settings of a run; {forms.RESTORE}")
+    check(isinstance(plain, dict), f"{path}: damaged, not settings of a run; {forms.RESTORE}")
     check(
         plain.pop("format", None) == FORMAT,
         f"{folder}: written by another version of pursuit (format {FORMAT} needed); use that "
@@ -110,13 +110,13 @@ def read_config(folder: Path) -> tuple[str, dict[str, Any]]:
 
 
 def load_final(folder: Path) -> forms.Final:
-    """What the final results of a run are made with; the defaults where nothing is recorded."""
+    """The settings of the final results of a run; the defaults if none are recorded."""
     path = folder / CONFIG
     return read_as(forms.Config, read_json(path), path, forms.RESTORE).final
 
 
 def load_results(folder: Path | str) -> dict[str, Any]:
-    """What `results.json` holds; ValueError where it is missing or damaged."""
+    """The content of `results.json`; ValueError if it is missing or damaged."""
     return forms.read_results(Path(folder) / RESULTS, RUN)
 
 
@@ -128,11 +128,10 @@ def save_checkpoint(folder: Path, state: dict[str, Any]) -> None:
 
 
 def load_checkpoint(folder: Path | str) -> dict[str, Any]:
-    """Read `checkpoint.pt` without running any code that it may hold.
+    """Read `checkpoint.pt` without running code from the file.
 
     Raises:
-        ValueError: missing, damaged, holding more than tensors and plain values, or of another
-            version.
+        ValueError: missing, damaged, of another version, or not only tensors and plain values.
     """
     from train.tensors import read_tensors  # torch is slow to import
 
@@ -140,7 +139,7 @@ def load_checkpoint(folder: Path | str) -> dict[str, Any]:
     path = folder / CHECKPOINT
     if not path.exists():
         raise ValueError(
-            f"{path}: no checkpoint; the run was stopped before its first one. Begin it with "
+            f"{path}: no checkpoint; the run was stopped before the first one. Start it again with "
             f"--resume {folder}"
         )
     state = read_tensors(path)
@@ -150,37 +149,37 @@ def load_checkpoint(folder: Path | str) -> dict[str, Any]:
 
 
 def check_learned(algorithm: str, trainee: Mapping[str, Any]) -> None:
-    """ValueError unless the learner saved in a checkpoint is of this algorithm, and all its tensors
-    are finite; `trainee` has "learner", and "algorithm" unless an older version wrote it."""
+    """ValueError unless a saved learner is of this algorithm and all its tensors are finite;
+    `trainee` has "learner", and "algorithm" unless an older version wrote it."""
     from train.tensors import first_not_finite  # torch is slow to import
 
     own = trainee.get("algorithm", algorithm)
-    check(own == algorithm, f"of algorithm {own!r}, and the settings say {algorithm!r}")
+    check(own == algorithm, f"algorithm {own!r} instead of {algorithm!r}")
     where = first_not_finite(trainee["learner"])
     check(where is None, f"{where} is not finite")
 
 
 MISFITS = (ValueError, KeyError, IndexError, RuntimeError, TypeError, AttributeError, OverflowError)
-"""What loading the checkpoint of other settings leads to."""
+"""Exceptions that loading a checkpoint with other settings can raise."""
 
 
 def misfit(folder: Path, error: Exception) -> ValueError:
-    """The error that says so."""
+    """The error for a checkpoint that does not match its settings."""
     how = f" ({error})" if isinstance(error, ValueError) else ""
     return ValueError(
-        f"{folder / CHECKPOINT}: does not fit the settings in {CONFIG}{how}; one of the two is "
-        "from another run, or damaged: restore it from a copy"
+        f"{folder / CHECKPOINT}: does not match the settings in {CONFIG}{how}; one of them is from "
+        "another run or damaged: restore it from a copy"
     )
 
 
 class MetricsFile:
-    """`metrics.csv`: one row per evaluation, readable at any moment.
+    """`metrics.csv`: one row per evaluation, written after each of them.
 
     Args:
         folder: of the run.
-        up_to_frames: rows beyond are dropped (they will be made again); None starts anew.
-            Before every checkpoint there is a row: without the file a run cannot go on.
-        column: that every row has, what the run is judged by.
+        up_to_frames: of a resumed run: rows beyond are dropped, as they will be repeated. There is
+            a row before every checkpoint, so the file must exist. None starts a new file.
+        column: the column of the objective, which every row must have.
     """
 
     def __init__(self, folder: Path, up_to_frames: int | None = None, column: str = "") -> None:
@@ -191,16 +190,16 @@ class MetricsFile:
             self.rows = [row for row in rows if row["frames"] <= up_to_frames]
 
     def add(self, row: dict[str, float]) -> None:
-        """Append a row and write the file anew, atomically."""
+        """Append a row, and write the file atomically."""
         self.rows.append(row)
         write_csv(self.path, self.rows)
 
 
 def read_metrics(folder: Path | str, *columns: str) -> list[dict[str, float]]:
-    """The rows of `metrics.csv`; cells without a number are left out.
+    """The rows of `metrics.csv`; empty cells are left out.
 
     Raises:
-        ValueError: it cannot be read, or has other columns than "frames", "seconds" and `columns`.
+        ValueError: it cannot be read, or lacks one of "frames", "seconds" and `columns`.
     """
     folder = Path(folder)
     return forms.read_numbers(folder / METRICS, ("frames", "seconds", *columns))

@@ -1,6 +1,6 @@
-"""The forms of the files of a run: what each must hold, whoever wrote it.
+"""The schemas of the files of a run.
 
-Names beyond these are left to whoever reads them: later versions may add some.
+Files may have further fields, as later versions may add some.
 """
 
 from __future__ import annotations
@@ -16,20 +16,20 @@ from train.schemas import read_as
 from train.settings.checks import check
 
 RESTORE = "restore it from a copy"
-AGAIN = "delete it and resume the run, which writes it anew"
+AGAIN = "delete it and resume the run, which writes it again"
 
 
 class Final(msgspec.Struct, frozen=True):
-    """What the final results of a run are made with."""
+    """The settings of the final results of a run."""
 
     episodes: int = 1000
 
     def __post_init__(self) -> None:
-        check(self.episodes >= 2, f"episodes={self.episodes}; at least 2")
+        check(self.episodes >= 2, f"episodes={self.episodes}; must be at least 2")
 
 
 class Config(msgspec.Struct, kw_only=True):
-    """`config.json`, but for the settings beside the task."""
+    """`config.json`, without settings other than the task."""
 
     kind: str
     task: dict[str, Any]
@@ -38,7 +38,7 @@ class Config(msgspec.Struct, kw_only=True):
 
 
 class Objective(msgspec.Struct):
-    """What runs are judged by."""
+    """The objective of a run."""
 
     column: str
     unit: str
@@ -58,7 +58,7 @@ class Evaluation(msgspec.Struct):
 
 
 class Match(msgspec.Struct):
-    """Two players of self-play against each other."""
+    """The result of two policies of self-play against each other."""
 
     chaser: str
     evader: str
@@ -68,13 +68,13 @@ class Match(msgspec.Struct):
 
 
 class Machine(msgspec.Struct):
-    """What a run ran on."""
+    """The machine of a run."""
 
     processor: str
 
 
 class Results(msgspec.Struct, kw_only=True):
-    """`results.json` of every kind."""
+    """`results.json` of every kind of run."""
 
     kind: str
     task: str
@@ -97,17 +97,17 @@ class Results(msgspec.Struct, kw_only=True):
 
 
 class Description(msgspec.Struct):
-    """What lies beside the model of another library."""
+    """The description file of a Stable-Baselines3 model."""
 
     task: dict[str, Any]
     observation: str
 
 
 def read_results(path: Path, alone: str) -> dict[str, Any]:
-    """`results.json`, checked; `alone` is the kind of runs of one agent.
+    """`results.json`, validated; `alone` is the kind of runs of a single agent.
 
     Raises:
-        ValueError: it cannot be read, or has another form.
+        ValueError: it cannot be read, or does not match the schema.
     """
     content = read_json(path)
     found = read_as(Results, content, path, AGAIN)
@@ -116,17 +116,17 @@ def read_results(path: Path, alone: str) -> dict[str, Any]:
     column = found.objective.column
     check(
         type(found.evaluation.get(column)) in (int, float),
-        f"{path}: evaluation has no number {column!r}, which its objective names; {AGAIN}",
+        f"{path}: evaluation has no number {column!r}, the column of its objective; {AGAIN}",
     )
     lists = ("scores", "matches", "at_start", "approximate_best_response")
     return {**content, **{name: msgspec.to_builtins(getattr(found, name)) for name in lists}}
 
 
 def read_numbers(path: Path, names: tuple[str, ...]) -> list[dict[str, float]]:
-    """The rows of a CSV file of numbers, which has columns of these names; empty cells left out.
+    """The rows of a CSV file of numbers with these columns; empty cells are left out.
 
     Raises:
-        ValueError: it cannot be read, or has another form.
+        ValueError: it cannot be read, or does not match the schema.
     """
     rows = []
     for number, texts in enumerate(read_csv(path), start=1):

@@ -1,4 +1,4 @@
-"""What ends training before its budget: Ctrl-C and SIGTERM, once all is saved, and divergence."""
+"""Events that end training early: Ctrl-C and SIGTERM, and divergence."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ class Stopped(KeyboardInterrupt):
     """A signal that ends the work at once.
 
     Attributes:
-        status: the exit status that says so: 130 for Ctrl-C, 143 for SIGTERM.
+        status: the exit status for the signal: 130 for Ctrl-C, 143 for SIGTERM.
     """
 
     def __init__(self, number: int = signal.SIGINT) -> None:
@@ -21,14 +21,14 @@ class Stopped(KeyboardInterrupt):
 
 
 class Diverged(ArithmeticError):
-    """Learning has led to numbers that are not finite; says when and how, and what is kept."""
+    """Training has led to values that are not finite."""
 
 
 class Signals:
-    """While it is entered, Ctrl-C and SIGTERM are handled by `handle`: here, they end the work.
+    """A context in which `handle` is called on Ctrl-C and SIGTERM; here it ends the work.
 
     Attributes:
-        status: the exit status that tells of the last signal; 0 before the first one.
+        status: the exit status for the last signal; 0 before the first one.
     """
 
     def __init__(self) -> None:
@@ -36,7 +36,7 @@ class Signals:
         self._previous: dict[int, Any] = {}
 
     def __enter__(self) -> Any:
-        if current_thread() is main_thread():  # Python handles signals nowhere else
+        if current_thread() is main_thread():  # Python handles signals in this thread only
             for number in (int(signal.SIGINT), int(signal.SIGTERM)):
                 self._previous[number] = signal.signal(number, self._note)
         return self
@@ -55,14 +55,14 @@ class Signals:
 
 
 class Interruption(Signals):
-    """While it is entered, the first signal sets `asked`; a second one ends the work at once."""
+    """A context in which the first signal sets `asked`, and a second one ends the work at once."""
 
     def __init__(self) -> None:
         super().__init__()
         self.asked = False
 
     def handle(self, number: int) -> None:
-        """Note it, or end the work."""
+        """Record the signal, or end the work."""
         if self.asked:
             raise Stopped(number)
         self.asked = True

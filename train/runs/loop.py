@@ -1,4 +1,4 @@
-"""The one training loop: whatever learns, evaluated as it goes, saved, resumable at any moment."""
+"""The training loop, with evaluations, checkpoints and exact resumption."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ from train.runs.threads import ThreadChoice, random_states, set_random_states
 from train.tensors import first_not_finite
 
 EVALUATIONS = 20
-"""How often a run is evaluated, and its checkpoint saved, over its budget."""
+"""Number of evaluations, each with a checkpoint, over the budget."""
 
 
 @dataclass(frozen=True)
 class Objective:
-    """What tells a good run from a bad one: a column of `metrics.csv`."""
+    """The objective of a run: a column of `metrics.csv`."""
 
     column: str
     unit: str
@@ -45,7 +45,7 @@ class Objective:
 
 
 class Clock(Protocol):
-    """How far a run is: its share of the budget in [0, 1], now, and its seconds of training."""
+    """The progress of a run: the share of its budget in [0, 1], and its seconds of training."""
 
     seconds: float
 
@@ -54,12 +54,12 @@ class Clock(Protocol):
 
 
 class Trainee(Protocol):
-    """Whatever trains: one agent, or two sides that learn from each other.
+    """What a run trains: a single agent, or both roles of self-play.
 
     Attributes:
         kind: of run, in `config.json`.
-        objective: what it is judged by.
-        evaluates_first: whether it is evaluated before it has learned anything.
+        objective: of the run.
+        evaluates_first: whether there is an evaluation before the first iteration.
     """
 
     kind: ClassVar[str]
@@ -68,44 +68,44 @@ class Trainee(Protocol):
 
     @property
     def frames(self) -> int:
-        """Environment steps taken by whoever learns."""
+        """Environment steps of the learning agents."""
 
     def iterate(self, clock: Clock) -> dict[str, float]:
-        """Learn for a moment: a rollout or so.
+        """One iteration of learning, such as a rollout with its updates.
 
         Returns:
-            Figures for the log: losses and the like.
+            Values for the log, such as losses.
         """
 
     def evaluate(self) -> dict[str, float]:
-        """The figures of an evaluation now."""
+        """The values of an evaluation of the current policy."""
 
-    def told(self, row: dict[str, float]) -> list[str]:
-        """What a person is told of an evaluation, in few words each."""
+    def log_fields(self, row: dict[str, float]) -> list[str]:
+        """The fields of the log line of an evaluation."""
 
     def results(self, interrupted: bool, episodes: int) -> dict[str, Any]:
         """The final evaluation as plain values: "task", "maze", "algorithm", "evaluation" ..."""
 
     def state_dict(self) -> dict[str, Any]:
-        """Tensors and plain values: what a resumed one needs to go on exactly."""
+        """Tensors and plain values from which a resumed run continues exactly."""
 
     def learned(self) -> dict[str, Any]:
-        """The part of `state_dict` that is learned; a number in it that is not finite is an end."""
+        """The part of `state_dict` that is learned; it must stay finite."""
 
     def save_beside(self, folder: Path) -> None:
-        """Write what it keeps in the folder besides the checkpoint, which has just been saved."""
+        """Write further files into the folder, after the checkpoint has been saved."""
 
     def close(self) -> None:
-        """Let go of whatever is held open."""
+        """Release resources."""
 
 
 @dataclass(frozen=True)
 class Budget:
-    """How long a run trains: seconds of training, or frames; and with how many threads of torch.
+    """The budget of a run: seconds of training, or frames; and torch's threads.
 
-    With 0 threads and seconds, one or all of them, whichever is the faster at the time. Seconds are
-    the wall's, or those that the process computed (`clock` "processor"): with those, what else runs
-    on the machine takes fewer frames from a run, and a second thread is paid for.
+    With 0 threads and a budget in seconds, one or all threads are used, whichever is faster.
+    Seconds are wall time, or the CPU time of the process (`clock` "processor"), which depends less
+    on other programs and includes the time of all threads.
     """
 
     seconds: float | None
@@ -115,21 +115,21 @@ class Budget:
 
     @property
     def free_threads(self) -> bool:
-        """Whether torch's threads are chosen as the run goes, for its seconds on the wall."""
+        """Whether torch's threads are chosen during the run, for a budget of wall time."""
         return self.seconds is not None and self.threads == 0 and self.clock == "wall"
 
     @property
     def first_threads(self) -> int:
-        """Threads of torch to begin with; 0 for one on each core."""
+        """Initial threads of torch; 0 for one per core."""
         own_seconds = self.seconds is not None and self.clock == "processor"
         return self.threads or int(own_seconds)
 
     def now(self) -> float:
-        """A moment, in the seconds that are counted."""
+        """The current time of the budget's clock, in seconds."""
         return perf_counter() if self.clock == "wall" else process_time()
 
     def progress(self, seconds: float, frames: int) -> float:
-        """The share that is spent, in [0, 1]."""
+        """The share of the budget that is used, in [0, 1]."""
         if self.frames is not None:
             return min(frames / self.frames, 1.0)
         return min(seconds / (self.seconds or 1.0), 1.0)
@@ -139,27 +139,27 @@ Report = Callable[["Run", dict[str, float]], None]
 
 
 class Run:
-    """A trainee in a folder.
+    """A trainee in a run folder.
 
     Args:
-        trainee: what learns; already where `state` left it.
+        trainee: is trained; already restored from `state`.
         folder: its `config.json` is written.
-        budget: how long.
-        state: of the checkpoint to go on from; None begins.
+        budget: of the training.
+        state: the checkpoint of a resumed run; None for a new one.
 
     Attributes:
         trainee, folder, budget: the arguments.
-        seconds: training time so far, by the budget's clock, without evaluations.
-        metrics: the evaluations so far.
-        stopped: whether it was interrupted before its budget was spent.
-        exit_status: 0, or what tells of the signal that interrupted it.
-        lock: holds the folder for this run, where somebody took it.
+        seconds: training time by the budget's clock, without evaluations.
+        metrics: the evaluations.
+        stopped: whether it was interrupted before the end of its budget.
+        exit_status: 0, or the exit status for the signal that interrupted it.
+        lock: the lock of the folder, if any.
     """
 
     def __init__(
         self, trainee: Any, folder: Path, budget: Budget, state: dict[str, Any] | None = None
     ) -> None:
-        # Any: a caller who made the trainee knows more of it than the loop does.
+        # Any: callers use more of the trainee than the protocol has.
         self.trainee, self.folder, self.budget, self.stopped = trainee, folder, budget, False
         self.seconds, self.evaluations, self.exit_status = 0.0, 0, 0
         self.lock: Any = None
@@ -173,7 +173,7 @@ class Run:
         self._drop_row_of_interruption()
 
     def _drop_row_of_interruption(self) -> None:
-        """Forget a last row that only a signal caused: an uninterrupted run has none there."""
+        """Drop a last row that is due to a signal: an uninterrupted run does not have it."""
         rows = self.metrics.rows
         done = [
             int(EVALUATIONS * self.budget.progress(row["seconds"], int(row["frames"])))
@@ -184,20 +184,20 @@ class Run:
 
     @property
     def progress(self) -> float:
-        """Share of the budget spent, in [0, 1]."""
+        """Share of the budget used, in [0, 1]."""
         return self.budget.progress(self.seconds, self.trainee.frames)
 
     def train(self, report: Report = lambda run, row: None) -> None:
-        """Learn until the budget is spent; Ctrl-C (or SIGTERM) ends it after the current rollout.
+        """Train until the end of the budget; Ctrl-C or SIGTERM stops after the current iteration.
 
         Args:
-            report: called with every row of `metrics.csv`, and with {} after every rollout.
+            report: called with every row of `metrics.csv`, and with {} after every iteration.
 
         Raises:
-            Diverged: there is nothing to be learned any more; the last checkpoint is kept.
+            Diverged: a value is not finite; the last checkpoint is kept.
         """
         trainee, cores = self.trainee, os.cpu_count() or 1
-        # A change of threads changes the last bits, so runs that must repeat exactly keep theirs.
+        # The number of threads changes the last bits, so it is fixed in runs that must be exact.
         free = self.budget.free_threads and cores > 1
         choice = ThreadChoice(cores) if free else None
         with (
@@ -221,12 +221,12 @@ class Run:
                 self.stopped, self.exit_status = interruption.asked, interruption.status
                 report(self, {})
                 if self.progress * EVALUATIONS >= self.evaluations + 1 or self.stopped:
-                    # Counted by progress, not by time, so that a resumed run evaluates alike.
+                    # Counted by progress, not by time, so that a resumed run evaluates equally.
                     self.evaluations = int(self.progress * EVALUATIONS)
                     self._record(figures, board, report)
 
     def _record(self, figures: dict[str, float], board: Any, report: Report) -> None:
-        """Evaluate, and keep everything on disk."""
+        """Evaluate, and save the row and the checkpoint."""
         frames = self.trainee.frames
         with self._watched():
             row = {
@@ -246,7 +246,7 @@ class Run:
 
     @contextlib.contextmanager
     def _tensorboard(self) -> Iterator[Any]:
-        """The logger of TensorBoard, closed at the end."""
+        """The TensorBoard logger, closed at the end."""
         with self._writes_tensorboard():
             board = TensorboardLogger("tensorboard", str(self.folder))
             events = board.experiment
@@ -258,7 +258,7 @@ class Run:
 
     @contextlib.contextmanager
     def _writes_tensorboard(self) -> Iterator[None]:
-        """Have errors of the system name the folder of events."""
+        """Name the folder of events in errors of the operating system."""
         try:
             yield
         except OSError as error:
@@ -266,7 +266,7 @@ class Run:
 
     @contextlib.contextmanager
     def _watched(self) -> Iterator[None]:
-        """Libraries complain of numbers that are not finite in their words: say it in ours."""
+        """Report errors of libraries that are due to non-finite values as divergence."""
         try:
             yield
         except (ValueError, ArithmeticError, ChildProcessError):
@@ -284,16 +284,16 @@ class Run:
                 raise self._diverged(f"{name} is {value:g}")
 
     def _diverged(self, how: str) -> Diverged:
-        kept = f"its checkpoint of {self._saved_frames:,} frames is kept"
+        kept = f"its checkpoint at {self._saved_frames:,} frames is kept"
         has = (self.folder / CHECKPOINT).exists()
         return Diverged(
-            f"{self.folder}: training diverged in frame {self.trainee.frames:,}, after "
-            f"{self.seconds:.1f} s: {how}; {kept if has else 'it has no checkpoint yet'}. Take a "
+            f"{self.folder}: training diverged at frame {self.trainee.frames:,}, after "
+            f"{self.seconds:.1f} s: {how}; {kept if has else 'it has no checkpoint yet'}. Use a "
             "lower learning_rate"
         )
 
     def _own_state(self) -> dict[str, Any]:
-        """What the run itself needs to go on, beside its trainee."""
+        """The state of the run itself, without its trainee."""
         return {
             "seconds": self.seconds,
             "evaluations": self.evaluations,
@@ -301,18 +301,18 @@ class Run:
         }
 
     def save(self) -> None:
-        """Write the checkpoint: whatever a resumed run needs to go on exactly."""
+        """Write the checkpoint, from which a resumed run continues exactly."""
         save_checkpoint(self.folder, {"trainee": self.trainee.state_dict(), **self._own_state()})
         self._saved_frames = self.trainee.frames
         self.trainee.save_beside(self.folder)
 
     def results(self, episodes: int = 1000) -> dict[str, Any]:
-        """Evaluate what was learned beside the references, and write `results.json`.
+        """Evaluate the trained policy and the references, and write `results.json`.
 
-        The pictures of earlier results are deleted: who finds none makes those of these.
+        Figures of earlier results are deleted, so that commands draw new ones.
         """
         objective, trainee = self.trainee.objective, self.trainee
-        if (self.folder / CHECKPOINT).exists():  # the last save may have been cut short
+        if (self.folder / CHECKPOINT).exists():  # the last save may have been interrupted
             trainee.save_beside(self.folder)
         content = {
             "kind": trainee.kind,
@@ -336,7 +336,7 @@ class Run:
 
 
 def versions() -> dict[str, Any]:
-    """What ran."""
+    """The versions of the software."""
     return {
         "pursuit": pursuit.__version__,
         "torch": torch.__version__,
@@ -346,7 +346,7 @@ def versions() -> dict[str, Any]:
 
 
 def machine() -> dict[str, Any]:
-    """What it ran on."""
+    """The machine and its threads."""
     return {
         "processor": processor(),
         "cores": os.cpu_count(),

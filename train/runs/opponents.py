@@ -1,4 +1,4 @@
-"""Policies by name: scripted agents, saved runs, models of other libraries."""
+"""Policies by name: scripted agents, saved runs, and models of other libraries."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from train.runs.folder import (
     misfit,
 )
 from train.runs.saved import load_settings, player_of
-from train.runs.third_party import load_stable_baselines
+from train.runs.stable_baselines import load_stable_baselines
 from train.settings.checks import check
 from train.settings.task import in_maze
 
@@ -34,19 +34,19 @@ def load_policy(folder: Path | str, greedy: bool = True) -> Any:
     """The policy of a run, from its last checkpoint, on the CPU: a `Policy` of its role.
 
     Args:
-        folder: of the run; of self-play its `chaser` or `evader`.
-        greedy: take the most probable action; False draws, as it was learned.
+        folder: of the run; for self-play its `chaser` or `evader`.
+        greedy: the most probable action; False draws from the learned distribution.
 
     Raises:
-        ValueError: no run, a damaged one, or one without the distribution asked for; or `greedy`
-            is no truth value.
+        ValueError: no run, a damaged one, one without a distribution if `greedy` is False; or
+            `greedy` is not a bool.
     """
     folder, greedy = Path(folder), check_bool("greedy", greedy)
     settings, state = load_settings(folder), load_checkpoint(folder)
     algorithm = entry(settings.algorithm)
     check(
         greedy or algorithm.learns_distribution,
-        f"{folder}: {settings.algorithm} learns no distribution over actions; take greedy=True",
+        f"{folder}: {settings.algorithm} learns no distribution over actions; use greedy=True",
     )
     seat = player_of(settings)
     try:
@@ -60,13 +60,13 @@ def load_opponent(path: Path | str, played: str = "sampled", **trained: Any) -> 
     """A policy from the folder of a run, or from a saved Stable-Baselines3 model.
 
     Args:
-        path: of either.
-        played: "sampled", as it was learned, where it is a distribution; or "greedy".
-        **trained: task, agent and observation of a model without a description beside it, as
-            `load_stable_baselines` takes them.
+        path: of the folder or the .zip file.
+        played: "sampled" from the learned distribution, if there is one; or "greedy".
+        **trained: task, agent and observation of a model without a description file, as in
+            `load_stable_baselines`.
 
     Raises:
-        ValueError: neither, or damaged.
+        ValueError: neither of them, or damaged.
     """
     path = Path(path)
     if path.is_dir():
@@ -76,7 +76,7 @@ def load_opponent(path: Path | str, played: str = "sampled", **trained: Any) -> 
         return load_policy(path, played == "greedy" or not sampled)
     check(
         path.suffix == ".zip",
-        f"{path}: no policy; give the folder of a run, or a saved Stable-Baselines3 model (.zip)",
+        f"{path}: not a policy; give a run folder, or a saved Stable-Baselines3 model (.zip)",
     )
     return load_stable_baselines(path, None if played == "sampled" else True, **trained)
 
@@ -89,16 +89,16 @@ def opponents_of(
     played: str = "sampled",
     observation: str | None = None,
 ) -> dict[str, Policy]:
-    """The policy of every role: scripted, and where there is one, `opponent` for its own.
+    """The policy of every role: scripted, or `opponent` for its role.
 
     Args:
         task: the game.
-        agent: who learns.
-        opponent: one of AGENTS, a user's own policy, the folder of a run or a model's .zip; None
+        agent: the learning agent.
+        opponent: one of AGENTS, a user-defined policy, the folder of a run or a model's .zip; None
             for A*.
         epsilon: share of random moves of the scripted agents.
-        played: how a learned opponent plays, "sampled" or "greedy".
-        observation: what a model observes that has no description beside it.
+        played: policy of a learned opponent, "sampled" or "greedy".
+        observation: of a model without a description file.
 
     Raises:
         ValueError: no policy at `opponent`, or one that cannot play against the learner.
@@ -113,8 +113,8 @@ def opponents_of(
     role = role_of(policy)
     check(
         role in others,
-        f"opponent={opponent!r} learned to be {role!r}; the other seats of task "
-        f"{task.name!r} are {', '.join(others) or 'none'}; give a policy of another role",
+        f"opponent={opponent!r} is a policy for {role!r}, and the other agents of task "
+        f"{task.name!r} are {', '.join(others) or 'none'}; give a policy for one of these roles",
     )
     return {**default_policies(task, epsilon, own=agent), role: policy}
 
@@ -127,17 +127,17 @@ def policy_in_seat(
     played: str = "sampled",
     observation: str | None = None,
 ) -> Policy:
-    """The policy of this name in a role of a task.
+    """The policy of this name for a role of a task.
 
     Args:
-        name: of a scripted agent, a user's own policy, the folder of a run (of self-play: of both
-            sides) or a model's .zip.
-        task, role: the games, and whose policy is asked for.
+        name: of a scripted agent, a user-defined policy, the folder of a run (for self-play: of
+            both roles) or a model's .zip.
+        task, role: the game, and the role of the policy.
         epsilon: share of random moves of a scripted agent.
-        played, observation: as of `opponents_of`.
+        played, observation: as in `opponents_of`.
 
     Raises:
-        ValueError: no policy of this name, or one of another role or of other games.
+        ValueError: no policy of this name, or one for another role or other games.
     """
     if is_agent(name):
         return named_policy(name, task, role, epsilon)
@@ -149,28 +149,29 @@ def policy_in_seat(
 
 
 def is_self_play(folder: Path) -> bool:
-    """Whether a folder holds both sides of self-play."""
+    """Whether a folder contains a run of self-play."""
     return (folder / CONFIG).exists() and load_config(folder)[0] == SELF_PLAY
 
 
 def role_of(policy: Any) -> str:
-    """The role that a learned policy learned."""
+    """The role of a learned policy."""
     task: Task = policy.task
     return task.seat_roles[task.seat(policy.agent)]
 
 
 def check_fits(policy: Policy, role: str, task: Task, name: str) -> None:
-    """Raise ValueError unless a learned policy is of this role and of games like these."""
+    """ValueError unless a learned policy is for this role and task."""
     if not hasattr(policy, "task"):
         return
     own: Task = policy.task
     learned = role_of(policy)
-    check(learned == role, f"{name}: learned to be {learned!r}; {role!r} is asked for")
+    check(learned == role, f"{name}: is a policy for {learned!r}, not for {role!r}; give another")
     plays_in = getattr(policy, "plays_in", lambda maze: False)
     check(
         set(task.mazes) <= set(own.mazes) or all(plays_in(maze) for maze in task.mazes),
-        f"{name}: learned in maze {own.mazes[0].name}, and the games are in {task.mazes[0].name}",
+        f"{name}: was trained in maze {own.mazes[0].name}, not in {task.mazes[0].name}; use that "
+        "maze, or train with observation window:R",
     )
     for what in ("num_chasers", "num_evaders", "num_goals", "stay_action", "move_order"):
         mine, theirs = getattr(own, what), getattr(task, what)
-        check(mine == theirs, f"{name}: learned with {what}={mine}; the games have {theirs}")
+        check(mine == theirs, f"{name}: was trained with {what}={mine}, not {theirs}; use {mine}")

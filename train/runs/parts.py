@@ -1,7 +1,7 @@
-"""The door: the settings of a run become its parts, once, from top to bottom, and are checked here.
+"""Builds the parts of a run from its settings, and validates them.
 
-Below it nobody knows the settings of a run: a learner gets its own and an environment, a teacher
-its plan, a contest its task and opponents.
+Other modules do not use the settings of a run: a learner gets its hyperparameters and an
+environment, a teacher its plan, a contest its task and opponents.
 """
 
 from __future__ import annotations
@@ -23,22 +23,21 @@ from train.settings.checks import check, evaluation_seed
 from train.settings.off_policy import ReplaySettings
 from train.settings.run import SHARED_OUT, TrainSettings
 from train.settings.task import AnyTask, in_maze
-from train.teaching.plan import Plan, plan_lessons
+from train.teaching.plan import Plan, plan_curriculum
 from train.teaching.teacher import Teacher
 
 
 @dataclass(frozen=True)
 class Parts:
-    """What a run is made of.
+    """The parts of a run.
 
     Attributes:
-        world: what is played, and by whom else.
-        plan: what is taught when; None without a curriculum.
-        seat: whose policy is learned, in the training games.
-        algorithm, hyper: what it learns by, and the settings of that.
-        build: how the learner is to be built on this machine.
-        rank: 1 in the partner of a run of two processes (`data_parallel.py`), which play half of
-            the games each.
+        world: the task with its opponents.
+        plan: of the curriculum; None without one.
+        seat: the learning agent in the training games.
+        algorithm, hyper: the algorithm and its hyperparameters.
+        build: options of building the learner on this machine.
+        rank: of the process in data parallel training (`data_parallel.py`), 0 or 1.
     """
 
     world: World
@@ -50,12 +49,12 @@ class Parts:
     rank: int = 0
 
     def games(self) -> tuple[Any, Teacher | None]:
-        """The training games as a TorchRL environment, and who teaches in them."""
+        """The training environment, and the teacher in it."""
         games = self.hyper.num_games
         first_game = self.rank * games
         made = self.world.games(self.seat, games, self.build.seed, self.plan, first_game)
         if made[1] is not None and self.rank:
-            made[1].rng = made[1].rng.spawn(1)[0]  # lessons of its own
+            made[1].rng = made[1].rng.spawn(1)[0]  # independent samples of the curriculum
         return made
 
 
@@ -63,8 +62,8 @@ def parts_of(settings: TrainSettings[Any], rank: int = 0) -> Parts:
     """The parts of a run, or of the process of this rank of the two of one.
 
     Raises:
-        ValueError: settings that make no game, an agent that does not play in it, an opponent that
-            is none, or what the algorithm or the curriculum cannot do.
+        ValueError: settings that are not valid for the task, the agent, the opponent, the
+            algorithm or the curriculum.
     """
     algorithm, hyper, seat = entry(settings.algorithm), settings.hyper, player_of(settings)
     check(
@@ -76,30 +75,30 @@ def parts_of(settings: TrainSettings[Any], rank: int = 0) -> Parts:
         starts = hyper.learning_starts
         if settings.frames is not None and settings.frames <= starts:
             warnings.warn(
-                f"frames={settings.frames} and learning_starts={starts}: it ends before anything "
-                "is learned; take more frames, or lower learning_starts",
+                f"frames={settings.frames} with learning_starts={starts}: the run ends before the "
+                "first gradient step; use more frames, or a lower learning_starts",
                 stacklevel=2,
             )
     world = world_of(settings.task)
     mazes = len(getattr(world.task, "mazes", ()))
     if mazes > 1 and settings.observation in NO_WALLS:
         warnings.warn(
-            f"observation={settings.observation!r} shows no walls, so {mazes} mazes look alike; "
-            "take window:R, planes or walls",
+            f"observation={settings.observation!r} does not contain walls, so {mazes} mazes are "
+            "indistinguishable; use window:R, planes or walls",
             stacklevel=2,
         )
-    plan = plan_lessons(settings.curriculum, settings.lessons, world.ground, settings.seed)
+    plan = plan_curriculum(settings.curriculum, settings.lessons, world.context, settings.seed)
     if plan is not None:
         check(
             algorithm.has_advantages or not plan.lessons.needs_advantages,
-            f"level_score='value_loss' needs advantages, which algorithm={algorithm.name!r} has "
-            "not; take regret or learnability, or ppo or a2c",
+            f"level_score=value_loss needs advantages, which algorithm={algorithm.name!r} does not "
+            "have; use regret or learnability, or ppo or a2c",
         )
         check(
             plan.exam is None or (hyper.recurrent is None and settings.frame_stack == 1),
-            f"curriculum={settings.curriculum!r} judges mazes by what a policy does in every cell, "
-            "and one that remembers does not go by that; leave out recurrent and frame_stack, or "
-            "take level-replay",
+            f"curriculum={settings.curriculum!r} scores mazes by the policy in every cell, which a "
+            "policy with memory does not have; leave out recurrent and frame_stack, or use "
+            "level-replay",
         )
     check_sizes(hyper, seat)
     if settings.processes == 2:
@@ -108,10 +107,10 @@ def parts_of(settings: TrainSettings[Any], rank: int = 0) -> Parts:
 
 
 def check_sizes(hyper: Hyperparameters, seat: Player) -> None:
-    """Refuse rollouts, a replay buffer or a network beyond the free memory of this machine.
+    """Check that rollouts, replay buffer and network fit into the free memory of this machine.
 
     Raises:
-        ValueError: naming the bytes, and the setting that asks for them.
+        ValueError: one does not; names the bytes and the setting.
     """
     given: dict[str, Any] = vars(hyper)
     observation, games = 4 * prod(seat.features.shape), hyper.num_games
@@ -120,7 +119,7 @@ def check_sizes(hyper: Hyperparameters, seat: Player) -> None:
     needs = {
         f"num_games={games} × rollout_steps={steps}": games * steps * frame,
         f"buffer_size={given.get('buffer_size', 0)}": given.get("buffer_size", 0) * frame,
-        # Of each weight of the second layer the gradient and Adam's two moments as well.
+        # Each weight of the second layer also has a gradient and two moments of Adam.
         f"width={width}": 16 * width**2,
     }
     for what, needed in needs.items():
@@ -128,7 +127,7 @@ def check_sizes(hyper: Hyperparameters, seat: Player) -> None:
 
 
 def settings_of(**flat: Any) -> TrainSettings[Any]:
-    """Settings by their names on the command line, with `preset` for what is left out; checked.
+    """Settings by their names on the command line, with defaults from `preset`; validated.
 
     `settings_of(algorithm="dqn", maze="7x7", task="maze", seconds=60, learning_rate=1e-3)`.
 
@@ -141,7 +140,7 @@ def settings_of(**flat: Any) -> TrainSettings[Any]:
 
 
 def build_of(settings: TrainSettings[Any]) -> Build:
-    """How a learner is to be built on this machine."""
+    """The options of building a learner on this machine."""
     bfloat16 = uses_bfloat16(settings.precision, settings.device)
     fused = settings.fused == "auto"
     return Build(settings.device, bfloat16, settings.first_layer, settings.seed, fused)
@@ -150,7 +149,7 @@ def build_of(settings: TrainSettings[Any]) -> Build:
 def suite_contest_of(
     settings: AnyTask, episodes: int, seed: int = 0, exact: bool = False
 ) -> SuiteContest:
-    """The same as a contest over many mazes, of however many there are: `contest_of`.
+    """As `contest_of`, but always a contest over a suite of mazes, even of one maze.
 
     Raises:
         ValueError: a task without mazes.
@@ -161,5 +160,5 @@ def suite_contest_of(
 
 
 def contest_of(settings: AnyTask, episodes: int, seed: int = 0) -> Any:
-    """What a policy is judged by in a task, without any run; `seed` is one of the evaluation's."""
+    """The contest of a task, without a run; `seed` is a seed of evaluations."""
     return world_of(settings).contest(episodes, evaluation_seed(seed))

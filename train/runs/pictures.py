@@ -14,7 +14,7 @@ from train.reports.curves import Level, Panel, Series, draw_panels
 from train.reports.figures import GREEN, GREY, ORANGE, PINK, time_scale
 
 DASHES: tuple[Any, ...] = ("--", "-.", ":", (0, (6, 2)), (0, (3, 1, 1, 1, 1, 1)))
-"""Of references of the same colour."""
+"""Line styles of references of the same colour."""
 COLORS = {"optimal": GREEN, "scripted": ORANGE, "random": GREY}
 LABELS = {"mean_steps": "mean episode length\n(steps, log)", "mean_goals": "mean goals collected"}
 
@@ -28,16 +28,16 @@ def draw_learning_curve(
     taught: str = "",
     column: str = "mean_steps",
 ) -> None:
-    """The measure over frames with the baselines as lines; gap in steps and curriculum below.
+    """The objective over frames with references as lines; gap and curriculum below.
 
     Args:
         path: of the figure, written atomically.
         rows: of `metrics.csv`.
         scores: of `results.json`.
         title: of the figure.
-        lessons: of `curriculum.csv`; none where there is no curriculum.
-        taught: what those lessons are.
-        column: of `rows` and `scores`, what the run is judged by.
+        lessons: rows of `curriculum.csv`; None without a curriculum.
+        taught: the label of their values.
+        column: of the objective in `rows` and `scores`.
     """
     times = np.array([row["frames"] for row in rows]) * time_scale("frames")
     levels, dashes = [], itertools.cycle(DASHES)
@@ -60,8 +60,8 @@ def draw_learning_curve(
 
 
 def lesson_panel(lessons: list[dict[str, Any]], end: float, taught: str) -> Panel:
-    """What the curriculum gave, as steps: the mean, and the ends of the range where there is one;
-    up to `end`, which is in millions of frames."""
+    """The values of the curriculum as steps: the mean, and the range if there is one; up to `end`
+    in millions of frames."""
     places = np.array([*(row["frames"] * time_scale("frames") for row in lessons), end])
     values = {
         name: np.repeat([row[name] for row in lessons], 2) for name in ("mean", "low", "high")

@@ -1,4 +1,4 @@
-"""What a run is made of beside Pursuit: its users' own parts with their source, and its command."""
+"""The provenance of a run: user-defined parts with hashes of their source, and the command."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from train.settings.curricula import AXIS_PARTS, CURRICULUM_PARTS
 from train.settings.self_play import SAMPLING_PARTS
 
 PARTS, COMMAND = "parts", "command"
-"""Keys of `config.json` beside the settings."""
+"""Keys of `config.json` other than settings."""
 
 KINDS: dict[str, Registry[Any]] = {
     "rewards": REWARDS,
@@ -39,11 +39,11 @@ KINDS: dict[str, Registry[Any]] = {
     "sampling": SAMPLING_PARTS,
     "network": NETWORKS,
 }
-"""Which settings name parts, and of which kind."""
+"""The settings that can name user-defined parts, with their registries."""
 
 
 class Record(TypedDict):
-    """A user's part: `package.module:Name`, or as registered, and the hash of its source."""
+    """A user-defined part: its name, and the hash of its source."""
 
     name: str
     sha256: str | None
@@ -53,8 +53,7 @@ Records = dict[str, Record]
 
 
 def own_parts(settings: Any) -> Iterator[tuple[str, str, str]]:
-    """(setting, name, module) of every part of settings (or of their plain values) that is a
-    user's."""
+    """(setting, name, module) of every user-defined part in settings, or in their plain values."""
     plain = settings if isinstance(settings, Mapping) else asdict(settings)
     for setting, value in plain.items():
         if isinstance(value, Mapping):
@@ -68,10 +67,10 @@ def own_parts(settings: Any) -> Iterator[tuple[str, str, str]]:
 
 
 def provenance(settings: Any) -> Records:
-    """{"rewards": {"name": "my_parts:shaped", "sha256": ...}, ...}: every user's part.
+    """{"rewards": {"name": "my_parts:shaped", "sha256": ...}, ...}: every user-defined part.
 
     The hash is that of the module's source file, or of all files of its package
-    (`pursuit.plugins.sha256_of`); None where there is no source. Nothing is imported for it.
+    (`pursuit.plugins.sha256_of`); None if there is no source. Nothing is imported for it.
     """
     return {
         setting: {"name": name, "sha256": sha256_of(module)}
@@ -80,14 +79,14 @@ def provenance(settings: Any) -> Records:
 
 
 def command_line() -> str:
-    """The command that runs, to be given to a shell again; "Python" where there is none."""
+    """The command line of this process, quoted for a shell; "Python" if there is none."""
     if not sys.argv or sys.argv[0] in ("", "-c"):
         return "Python"
     return shlex.join(sys.argv)
 
 
 def recorded_parts(config: Path) -> Records:
-    """What `config.json` says of its users' parts; nothing where there is no such file.
+    """The user-defined parts recorded in `config.json`; none if there is no such file.
 
     Raises:
         ValueError: it is damaged.
@@ -98,12 +97,12 @@ def recorded_parts(config: Path) -> Records:
 
 
 def check_sources(config: Path, settings: Any, resuming: bool = False) -> None:
-    """Compare the sources of users' parts with those that a run began with.
+    """Compare the sources of user-defined parts with those at the start of the run.
 
-    Warns where they have changed.
+    Warns if they have changed.
 
     Raises:
-        ValueError: they have, and the run is to go on.
+        ValueError: they have changed, and the run is being resumed.
     """
     recorded = recorded_parts(config)
     for setting, now in provenance(settings).items():
@@ -111,15 +110,15 @@ def check_sources(config: Path, settings: Any, resuming: bool = False) -> None:
         if before is None or before["name"] != name or before["sha256"] == now["sha256"]:
             continue
         module = name.partition(":")[0] if is_reference(name) else name
-        told = f"{config.parent}: the source of {module} has changed since this run began"
+        changed = f"{config.parent}: the source of {module} has changed since this run started"
         if resuming:
-            raise ValueError(f"{told}; restore it, or start a new run")
-        if now["sha256"] is not None:  # else there is nothing that it could be held against
-            warnings.warn(f"{told}; what was learned with it may mean something else", stacklevel=2)
+            raise ValueError(f"{changed}; restore it, or start a new run")
+        if now["sha256"] is not None:  # else there is no source to compare
+            warnings.warn(f"{changed}; the trained policy may not match it", stacklevel=2)
 
 
 def allow_options(config: Path) -> str:
-    """The options that going on with a run needs: " --allow my_parts", or nothing."""
+    """The options that resuming a run needs: " --allow my_parts", or an empty string."""
     names = [record["name"] for record in recorded_parts(config).values()]
     tops = dict.fromkeys(
         name.partition(":")[0].split(".")[0] for name in filter(is_reference, names)

@@ -1,4 +1,4 @@
-"""The report of a run: a page with results, curve, replays and settings."""
+"""The report of a run: a page with results, learning curve, replays and settings."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from typing import Any
 
 from pursuit.replays.viewer.data import Builder, Extras
 from pursuit.tasks.task import Task
-from train.evaluation.closeups import recorded, sides_of
 from train.evaluation.hidden_contest import Certificate
+from train.evaluation.recordings import recorded, sides_of
 from train.evaluation.scores import Reference, Score, score_table
 from train.files import read_json
 from train.reports.pages import PLAYER_ROOM, details, pairs, picture, section, write_page
@@ -19,10 +19,10 @@ from train.runs.folder import CONFIG, CURVE, REPLAYS, REPORT
 from train.settings.run import TrainSettings
 
 EPISODES = 4
-"""Shown of the evaluation."""
+"""Number of episodes of the evaluation in the replay."""
 
 LEARNED = 0.9
-"""Who solves a smaller share has other things to learn than not to walk to and fro."""
+"""Least success rate for which `describe_loops` gives advice."""
 
 
 def write_report(
@@ -33,15 +33,15 @@ def write_report(
     results: Mapping[str, Any],
     path: Path | None = None,
 ) -> Path:
-    """Write `report.html` and `replays.json` into the folder of a run; where the report is.
+    """Write `report.html` and `replays.json` into the folder of a run; returns the report's path.
 
     Args:
         folder: of the run.
         settings: of the run.
-        contest: what it is judged by.
-        policy: what was learned, as it is evaluated.
-        results: what `results.json` holds.
-        path: of the page, if it is to be elsewhere; then no replays are written.
+        contest: of the evaluation.
+        policy: the trained policy, as evaluated.
+        results: the content of `results.json`.
+        path: of the page, if it is outside the folder; then no replays are written.
 
     Raises:
         OSError: they cannot be written.
@@ -77,17 +77,17 @@ def write_report(
 
 
 def of_solved(evaluation: Mapping[str, Any]) -> str:
-    """What of a runner's gap is time-outs, in words; nothing where all was solved."""
+    """The unsolved share and the gap of solved starts, as text; empty if all were solved."""
     unsolved, gap = evaluation.get("unsolved_share"), evaluation.get("solved_gap")
     if not unsolved or gap is None:
         return ""
     return f" ({100 * unsolved:.1f} % unsolved; gap of the solved {100 * gap:+.2f} %)"
 
 
-def loops_told(content: Mapping[str, Any]) -> str:
-    """What helps a runner that solves a few starts as it draws and not greedily.
+def describe_loops(content: Mapping[str, Any]) -> str:
+    """Advice for a runner whose greedy policy loops at some starts that the sampled one solves.
 
-    Nothing where there are none, or where it has yet to learn.
+    Empty if there are none, or if its success rate is low.
     """
     solved = {score["name"]: score["success_rate"] for score in content["scores"]}
     greedy, drawn = solved.get("learned"), solved.get("learned, sampled")
@@ -104,57 +104,57 @@ def loops_told(content: Mapping[str, Any]) -> str:
     if drawn <= greedy or loops == "0.0":
         return ""
     return (
-        f"greedily it walks to and fro for ever from {loops} % of the starts that it solves as it "
-        "draws its actions (--evaluate sampled); in mazes larger than 5x5 --frame-stack 2 cures "
-        "most of that"
+        f"the greedy policy loops forever from {loops} % of the starts that the sampled policy "
+        "solves; use --evaluate sampled, or in mazes larger than 5x5 --frame-stack 2, which avoids "
+        "most loops"
     )
 
 
 def headline(results: Mapping[str, Any]) -> str:
-    """What a run is judged by beside the best that is known: goals or return, where not steps."""
+    """The objective and its best known value: goals or return, if it is not steps."""
     found, column = results["evaluation"], results["objective"]["column"]
     name = results["objective"]["unit"]
-    told = f"Learned: {name} {found[column]:.3f}"
+    text = f"Learned: {name} {found[column]:.3f}"
     best = found.get(f"optimal_{name}")
     if best is not None:
-        told += f", the best on the same starts {best:.3f}: {found[f'{name}_regret']:.3f} below it"
-    return told
+        text += f", optimum on the same starts {best:.3f}: {found[f'{name}_regret']:.3f} below it"
+    return text
 
 
 def summary(results: Mapping[str, Any]) -> str:
     """The result in one sentence."""
     found = results["evaluation"]
-    told = f"Learned: {found['mean_steps']:.3f} steps"
+    text = f"Learned: {found['mean_steps']:.3f} steps"
     if results["objective"]["column"] != "mean_steps":
-        told = f"{headline(results)}; {found['mean_steps']:.3f} steps"
+        text = f"{headline(results)}; {found['mean_steps']:.3f} steps"
     elif found["optimality_gap"] is not None:
         exact = results.get("least", {}).get("share_exact", 1.0) == 1.0
         optimum = "optimum" if exact else "lower bound of the optimum"
-        told += (
+        text += (
             f"; {optimum} {found['optimal_steps']:.3f}; gap {100 * found['optimality_gap']:+.2f} %"
             f"{of_solved(found)}"
         )
     if "certified_lower" in found:
-        told += (
-            f", {found['discounted_steps']:.3f} discounted by {found['discount']:g} a step; "
-            f"optimum under limited sight, proven: {found['certified_lower']:.4f} to "
+        text += (
+            f", {found['discounted_steps']:.3f} discounted by {found['discount']:g} per step; "
+            f"certified optimum with limited view: {found['certified_lower']:.4f} to "
             f"{found['certified_upper']:.4f}"
         )
     held = results.get("reference") or {}
     if held.get("kind") in ("bound", "best known"):
-        told += f"; {Reference(**held).line()}"
+        text += f"; {Reference(**held).line()}"
     floor, paid = found.get("objective_floor"), found.get("return_floor")
     if floor is not None or paid is not None:
         known = [] if floor is None or paid is not None else [f"{100 * floor:+.2f} %"]
         known += [] if paid is None else [f"{paid:.4f} paid less"]
-        told += f" (floor of the objective: {', '.join(known)})"
-    told += f". {results['frames']:,} frames in {results['seconds']:.1f} s"
-    told += " of the processor" if results.get("clock") == "processor" else ""
-    return told + (", interrupted." if results["interrupted"] else ".")
+        text += f" (floor of the objective: {', '.join(known)})"
+    text += f". {results['frames']:,} frames in {results['seconds']:.1f} s"
+    text += " of CPU time" if results.get("clock") == "processor" else ""
+    return text + (", interrupted." if results["interrupted"] else ".")
 
 
 def certificate_in(results: Mapping[str, Any]) -> Certificate | None:
-    """What is proven of the optimum; None unless the agent has limited sight."""
+    """The certified interval of the optimum; None unless the agent has a limited view."""
     found = results["evaluation"]
     if "certified_lower" not in found:
         return None
@@ -175,8 +175,8 @@ def provenance_parts(
 
 def made_with(command: str, results: Mapping[str, Any]) -> str:
     """The command of a run, its machine and versions, as a table."""
-    told = {
+    facts = {
         name: ", ".join(f"{key} {value}" for key, value in results[name].items())
         for name in ("machine", "versions")
     }
-    return pairs({"command": command} | told)
+    return pairs({"command": command} | facts)

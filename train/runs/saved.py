@@ -1,4 +1,4 @@
-"""The settings of runs from keyword arguments and from `config.json`, and who learns in them."""
+"""The settings of runs, from keyword arguments and from `config.json`."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from train.teaching.plan import training_task
 
 
 def unchecked_settings(**flat: Any) -> TrainSettings[Any]:
-    """Settings by their names on the command line, with `preset` for what is left out.
+    """Settings by their names on the command line, with defaults from `preset`.
 
     Raises:
         ValueError: an unknown name, a value of the wrong type, or one that is not allowed.
@@ -47,7 +47,7 @@ def unchecked_settings(**flat: Any) -> TrainSettings[Any]:
 
 
 def from_plain(plain: Mapping[str, Any], where: str) -> TrainSettings[Any]:
-    """Settings from the plain values of `config.json`, which is at `where`.
+    """Settings from the plain values of the `config.json` at `where`.
 
     Raises:
         ValueError: missing or unknown settings, or values that are not allowed.
@@ -66,7 +66,7 @@ def from_plain(plain: Mapping[str, Any], where: str) -> TrainSettings[Any]:
 
 
 def load_settings(folder: Path | str) -> TrainSettings[Any]:
-    """The settings of the run of one agent, or of the side of self-play, in a folder.
+    """The settings of a run of a single agent, or of one role of self-play.
 
     Raises:
         ValueError: no such run there, or a damaged one.
@@ -75,7 +75,7 @@ def load_settings(folder: Path | str) -> TrainSettings[Any]:
     kind, plain = load_config(folder)
     check(
         kind in (RUN, SIDE),
-        f"{folder}: a run of kind {kind!r}, with a policy for each side; give {folder / 'chaser'} "
+        f"{folder}: a run of kind {kind!r}, with a policy for each role; give {folder / 'chaser'} "
         f"or {folder / 'evader'}",
     )
     check_sources(folder / CONFIG, plain)
@@ -83,13 +83,13 @@ def load_settings(folder: Path | str) -> TrainSettings[Any]:
 
 
 def player_of(settings: TrainSettings[Any]) -> Seat | ArmSeat:
-    """Who learns in a run, as its training games have it; ValueError for settings of none."""
+    """The learning agent in the training games of a run; ValueError if there is none."""
     given = settings.task
     if isinstance(given, ReacherSettings):
         check(
             settings.frame_stack == 1,
-            f"frame_stack={settings.frame_stack} on an arm, which sees all that there is; leave it "
-            "out",
+            f"frame_stack={settings.frame_stack} is not supported for an arm, which is fully "
+            "observable; leave it out",
         )
         return ArmSeat(given.build(), settings.observation, settings.network)
     task = task_of(given)

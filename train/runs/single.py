@@ -1,4 +1,4 @@
-"""A run of one agent against fixed opponents."""
+"""Runs of a single agent against fixed opponents."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from train.evaluation.contest import GameContest
-from train.evaluation.floor import UNKNOWN, Floor, objective_floor
 from train.evaluation.hidden_contest import Certificate
 from train.evaluation.joint_contest import MAX_EVALUATED_WORK, MAX_WORK
+from train.evaluation.objective_gap import UNKNOWN, ObjectiveGap, objective_gap
 from train.evaluation.scores import (
     BEST_PAID,
     BY_GOALS,
@@ -20,36 +20,36 @@ from train.evaluation.scores import (
     Score,
     optimality_gap,
 )
-from train.runs.data_parallel import Partner
+from train.runs.data_parallel import SecondProcess
 from train.runs.folder import MISFITS, RUN, misfit
-from train.runs.in_play import begin, state_in_play
 from train.runs.loop import Budget, Clock, Objective, Run
 from train.runs.parts import Parts, parts_of
 from train.runs.threads import check_device, prepare_torch
+from train.runs.training_state import build_env_and_learner, training_state
 from train.settings.checks import check
 from train.settings.run import TrainSettings
 from train.teaching.teacher import write_log
 
 EPISODES = 500
-"""Of the evaluations while it learns."""
+"""Episodes of an evaluation during training."""
 
 
 class SingleAgent:
-    """One learner in one seat; a `Trainee`.
+    """A single learning agent; a `Trainee`.
 
     Args:
         parts: of the run.
-        evaluate: which policy is evaluated, greedy or sampled.
-        state: what `state_dict` gave; None begins.
+        evaluate: the evaluated policy, greedy or sampled.
+        state: a `state_dict`; None for a new run.
 
     Raises:
         One of `MISFITS`: a state of other settings.
 
     Attributes:
-        parts, simulator, env, learner, teacher: what it is made of; no teacher without curriculum.
-        partner: the process that learns with this one; None without.
-        contest, optimum: what it is judged by, and the exact optimum where it is known.
-        policy: the learner's policy as `evaluate` has it, always up to date.
+        parts, simulator, env, learner, teacher: its parts; no teacher without a curriculum.
+        replica: the second process of data parallel training; None without one.
+        contest, optimum: of the evaluations, and the exact optimum if it is known.
+        policy: the learner's current policy, greedy or sampled as `evaluate` says.
     """
 
     kind: ClassVar[str] = RUN
@@ -57,10 +57,10 @@ class SingleAgent:
 
     def __init__(self, parts: Parts, evaluate: str, state: dict[str, Any] | None = None) -> None:
         self.parts, self.evaluated = parts, evaluate
-        self.partner: Partner | None = None
+        self.replica: SecondProcess | None = None
         self._judged: Any = None
         self._solved_work = 0
-        self.env, self.teacher, self.learner = begin(parts, state)
+        self.env, self.teacher, self.learner = build_env_and_learner(parts, state)
         self.simulator = self.env.simulator
         self.policy = self.learner.policy(greedy=evaluate == "greedy")
         if self.teacher is not None:
@@ -73,24 +73,24 @@ class SingleAgent:
 
     @property
     def frames(self) -> int:
-        """Steps of all games, those of the partner included."""
-        return int(self.learner.frames) * (1 if self.partner is None else 2)
+        """Environment steps, summed over games and processes."""
+        return int(self.learner.frames) * (1 if self.replica is None else 2)
 
     def iterate(self, clock: Clock) -> dict[str, float]:
-        """One iteration of the learner, after the curriculum has heard of the last one."""
+        """One iteration of the learner, after an update of the curriculum."""
         progress = clock.progress
         if self.teacher is not None:
             self.teacher.update(progress, self.frames, clock.seconds)
-        if self.partner is None:
+        if self.replica is None:
             own: dict[str, float] = self.learner.iterate(progress)
             return own
-        figures, returns, lengths = self.partner.iterate(progress, clock.seconds)
+        figures, returns, lengths = self.replica.iterate(progress, clock.seconds)
         self.env.finished_returns += returns
         self.env.finished_lengths += lengths
         return figures
 
     def evaluate(self) -> dict[str, float]:
-        """What it is judged by, steps, success and gap; and how the training games went since the
+        """The objective, steps, success rate and gap; and means of the training games since the
         last evaluation."""
         score, measure = self.contest.score("learned", self.policy), self.contest.measure
         row = {"mean_steps": score.mean_steps, "success_rate": score.success_rate}
@@ -106,14 +106,14 @@ class SingleAgent:
         lengths.clear()
         return row if self.teacher is None else row | self.teacher.figures()
 
-    def told(self, row: dict[str, float]) -> list[str]:
-        """Return, length and lesson of the training games, steps and gap of the evaluation."""
+    def log_fields(self, row: dict[str, float]) -> list[str]:
+        """Return, length and stage of the training games, steps and gap of the evaluation."""
         parts = []
         if "episode_return" in row:
             parts.append(f"return {row['episode_return']:7.2f}")
             parts.append(f"length {row['episode_length']:6.2f}")
-        if "lesson" in row:
-            parts.append(f"lesson {row['lesson']:5.2f}")
+        if "stage" in row:
+            parts.append(f"stage {row['stage']:5.2f}")
         name, measure = self.evaluated, self.contest.measure
         of_steps = measure.name == "steps"
         if not of_steps:
@@ -124,9 +124,9 @@ class SingleAgent:
         return parts
 
     def judged(self, episodes: int, most_work: int = MAX_WORK) -> Any:
-        """The contest of the final results, in which whole games of up to `most_work` are solved.
+        """The contest of the final results, with exact solutions of games of up to `most_work`.
 
-        Kept, with what it has solved, for the next that asks for as much or less.
+        It is kept with its solutions for later calls with at most this work.
         """
         kept = self._judged
         if kept is None or kept.episodes != episodes or self._solved_work < most_work:
@@ -137,21 +137,21 @@ class SingleAgent:
         return self._judged
 
     def results(self, interrupted: bool, episodes: int) -> dict[str, Any]:
-        """The references and what was learned, greedy and sampled."""
-        # Nobody waits long for an interrupted run to end.
+        """Scores of the references and of the trained policy, greedy and sampled."""
+        # An interrupted run should end soon.
         contest = self.judged(episodes, MAX_WORK if interrupted else MAX_EVALUATED_WORK)
         scores = [*contest.baselines(), contest.score("learned", self.learner.policy())]
         if self.parts.algorithm.learns_distribution:
             scores.append(contest.score("learned, sampled", self.learner.policy(greedy=False)))
         build, plan = self.parts.build, self.parts.plan
-        floor = objective_floor(contest, self.parts.hyper.last_gamma)
+        objective = objective_gap(contest, self.parts.hyper.last_gamma)
         certificate = contest.certificate() if isinstance(contest, GameContest) else None
         return {
             **contest.describe(),
             "algorithm": self.parts.algorithm.name,
             "curriculum": "none" if plan is None else plan.name,
             "seed": build.seed,
-            **({} if self.partner is None else {"processes": 2}),
+            **({} if self.replica is None else {"processes": 2}),
             **evaluation_of(scores, self.evaluated, floor, certificate, contest),
             "device": build.device,
             "precision": "bfloat16" if build.bfloat16 else "float32",
@@ -159,20 +159,20 @@ class SingleAgent:
         }
 
     def _update(self) -> dict[str, str]:
-        """Which form of the gradient step runs, where there is one."""
+        """The form of the gradient steps, if there is one."""
         form = getattr(self.learner, "update_form", None)
         return {} if form is None else {"update": form}
 
     def state_dict(self) -> dict[str, Any]:
-        """Learner, teacher and games, with what is remembered of them; the partner's as well."""
-        state = state_in_play(self.env, self.teacher, self.learner)
+        """Learner, teacher and games, with the memories of policies; of both processes."""
+        state = training_state(self.env, self.teacher, self.learner)
         state["algorithm"] = self.parts.algorithm.name
-        if self.partner is not None:
-            state["partner"] = self.partner.state()
+        if self.replica is not None:
+            state["partner"] = self.replica.state()
         return state
 
     def learned(self) -> dict[str, Any]:
-        """What the learner keeps."""
+        """The state of the learner."""
         return {"learner": self.learner.state_dict()}
 
     def save_beside(self, folder: Path) -> None:
@@ -181,14 +181,14 @@ class SingleAgent:
             write_log(folder, self.teacher.rows)
 
     def close(self) -> None:
-        """End the learner's collecting, and the partner."""
+        """Release the resources of the learner, and end the second process."""
         self.learner.close()
-        if self.partner is not None:
-            self.partner.close()
+        if self.replica is not None:
+            self.replica.close()
 
 
 def measured(measure: Measure, score: Score) -> float:
-    """The value of a score that was played; ValueError where it has none."""
+    """The value of a measured score; ValueError if it has none."""
     value = measure.of(score)
     check(value is not None, f"score {score.name!r} has no {measure.column}; play its games")
     return float(value or 0.0)
@@ -197,14 +197,14 @@ def measured(measure: Measure, score: Score) -> float:
 def evaluation_of(
     scores: list[Score],
     evaluated: str,
-    floor: Floor = UNKNOWN,
+    objective: ObjectiveGap = UNKNOWN,
     certificate: Certificate | None = None,
     contest: Any = None,
 ) -> dict[str, Any]:
-    """ "evaluation", "reference" and "scores" of `results.json`; `floor` is the objective's.
+    """ "evaluation", "reference" and "scores" of `results.json`; `objective` is the objective gap.
 
-    Under limited sight no optimum is known, but what is certain of it. `contest` says what is held
-    against what; without it there is no reference.
+    With a limited view the optimum is an interval (`certificate`). Without `contest` there is no
+    reference.
     """
     by_name = {score.name: score for score in scores}
     learned = by_name["learned" if evaluated == "greedy" else "learned, sampled"]
@@ -243,8 +243,8 @@ def evaluation_of(
             "optimality_gap": optimality_gap(learned, optimum),
             "unsolved_share": 1.0 - learned.success_rate,
             "solved_gap": learned.solved_gap,
-            "objective_floor": floor.gap if optimum else None,
-            **({"return_floor": floor.paid} if best else {}),
+            "objective_gap": objective.gap if optimum else None,
+            **({"return_gap": objective.missing_return} if best else {}),
             **certified,
             **others,
         },
@@ -256,10 +256,10 @@ def evaluation_of(
 def make_run(
     settings: TrainSettings[Any], folder: Path, state: dict[str, Any] | None = None
 ) -> Run:
-    """The run of these settings in its folder, from its beginning or from a checkpoint.
+    """The run of these settings in its folder, new or from a checkpoint.
 
     Raises:
-        ValueError: settings that cannot run here, or a checkpoint that does not fit.
+        ValueError: settings that cannot run here, or a checkpoint that does not match them.
     """
     check_device(settings.device)
     threads = 1 if settings.processes == 2 else settings.threads
@@ -270,7 +270,7 @@ def make_run(
         saved = None if state is None else state["trainee"]
         trainee = SingleAgent(parts, settings.evaluate, saved)
         if settings.processes == 2:
-            trainee.partner = Partner(settings, trainee.learner, folder, saved)
+            trainee.replica = SecondProcess(settings, trainee.learner, folder, saved)
         return Run(trainee, folder, budget, state)
     except MISFITS as error:
         if state is None:

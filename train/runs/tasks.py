@@ -1,4 +1,4 @@
-"""The task that settings name, and who learns in it."""
+"""Tasks, agents and default settings from the settings of a task."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from pursuit.tasks.task import Task, make_task
 from train.settings.checks import check
 from train.settings.presets import (
     TUNED,
-    Setting,
+    TaskProfile,
+    curriculum_for,
     hyperparameters,
-    lessons_for,
     preset_algorithm,
 )
 from train.settings.task import AnyTask, ReacherSettings, TaskSettings
 
 
 def task_of(settings: TaskSettings) -> Task:
-    """The task that these settings name, its maze opened.
+    """The task of these settings, with its maze loaded.
 
     Raises:
-        ValueError: no such maze, or settings that make no game.
+        ValueError: no such maze, or settings that the task does not allow.
     """
     given = {
         field.name: getattr(settings, field.name)
@@ -48,19 +48,19 @@ def task_of(settings: TaskSettings) -> Task:
 
 
 def check_one_maze(task: Task, what: str) -> None:
-    """ValueError where a task has several mazes and `what` is in one."""
+    """ValueError if a task has several mazes; `what` is the beginning of the message."""
     name = task.mazes[0].name
     check(
         len(task.mazes) == 1,
-        f"{what} is in one maze, and the task has {len(task.mazes)}; take one of them, such as "
+        f"{what} needs one maze, and the task has {len(task.mazes)}; use one of them, such as "
         f"{PREFIX if '/' in name else ''}{name}",
     )
 
 
 def maze_of(maze: str) -> Maze | str:
-    """The maze of settings: the text of one, a name, or a path; ValueError for none.
+    """The maze of settings, from text, a name or a path; ValueError if there is none.
 
-    The name of a suite stays as it is: `Task` takes it.
+    The name of a suite is returned as it is.
     """
     if is_suite(maze):
         return maze
@@ -68,13 +68,13 @@ def maze_of(maze: str) -> Maze | str:
 
 
 def maze_called(maze: str) -> str:
-    """The name of the maze, or of the suite, of settings."""
+    """The name of the maze or suite of settings."""
     found = maze_of(maze)
     return found if isinstance(found, str) else found.name
 
 
 def maze_text_of(settings: AnyTask) -> str | None:
-    """The maze as text; None where there is none, and of a suite, which has its own files."""
+    """The maze as text; None if there is none, and for a suite, which has its own files."""
     if isinstance(settings, ReacherSettings):
         return None
     maze = maze_of(settings.maze)
@@ -82,22 +82,22 @@ def maze_text_of(settings: AnyTask) -> str | None:
 
 
 def agent_of(settings: TaskSettings, task: Task) -> str:
-    """Who learns; ValueError where that agent does not play in the task."""
+    """The learning agent; ValueError unless it takes part in the task."""
     known = {*task.agent_names, *task.seat_roles}
     check(
         settings.agent in known,
-        f"role {settings.agent!r} does not play in task {settings.task!r}; one of "
+        f"role {settings.agent!r} does not take part in task {settings.task!r}; use one of "
         f"{', '.join(sorted(known))}",
     )
     return settings.agent
 
 
-def setting_of(settings: AnyTask) -> Setting:
-    """What the presets go by: task, role and size, of an arm the number of joints."""
+def profile_of(settings: AnyTask) -> TaskProfile:
+    """The profile of a task for the presets: task, role and size; joints of an arm."""
     if isinstance(settings, ReacherSettings):
-        return Setting("reacher", "arm", 0, joints=settings.build().joints)
+        return TaskProfile("reacher", "arm", 0, joints=settings.build().joints)
     task = task_of(settings)
-    return Setting(
+    return TaskProfile(
         settings.task,
         agent_of(settings, task).split("_")[0],
         task.max_cells,
@@ -116,20 +116,21 @@ def default_settings(
     recurrent: str | None = None,
     gamma: float | None = None,
 ) -> dict[str, Any]:
-    """What a run of this task has where nothing else is given: task, hyper, lessons and names.
+    """The default settings of a run: task, hyper, lessons, algorithm and curriculum.
 
     Args:
         task: its settings.
-        algorithm, curriculum: by their names; those of the preset if left out.
-        preset: by its name.
-        recurrent, gamma: what is given for these settings.
+        algorithm, curriculum: by name; by default those of the preset.
+        preset: by name.
+        recurrent, gamma: the user's values, which the defaults depend on.
 
     Raises:
-        ValueError: an unknown name, a task that makes no game, or a preset of another algorithm.
+        ValueError: an unknown name, settings that the task does not allow, or a preset of another
+            algorithm.
     """
     algorithm = algorithm or preset_algorithm(preset) or "ppo"
-    setting = replace(setting_of(task), recurrent=recurrent is not None)
-    curriculum, lessons = lessons_for(algorithm, setting, preset, curriculum)
+    setting = replace(profile_of(task), recurrent=recurrent is not None)
+    curriculum, lessons = curriculum_for(algorithm, setting, preset, curriculum)
     return {
         "task": task,
         "hyper": hyperparameters(algorithm, setting, preset, gamma is not None),

@@ -1,4 +1,4 @@
-"""How torch is to use this machine: threads, memory, precision; and its random states."""
+"""Configuration of torch on this machine: threads, memory, precision and random states."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from train.settings.checks import check
 
 
 def prepare_torch(threads: int, seed: int) -> None:
-    """Before anything is built: memory kept, `threads` (0: one for each core), the seed."""
+    """Configure memory, `threads` (0: one per core) and seed, before anything is built."""
     keep_freed_memory()
     torch.set_num_threads(threads or os.cpu_count() or 1)
     torch.manual_seed(seed)
 
 
 def keep_freed_memory() -> None:
-    """Have the C library keep freed blocks of a minibatch's size instead of returning them.
+    """Make the C library keep freed blocks of a minibatch's size instead of returning them.
 
-    Mapping and clearing such blocks anew in every gradient step took a tenth of the time. Does
-    nothing where the C library is not glibc.
+    Mapping and clearing such blocks again in every gradient step took a tenth of the time. Without
+    effect where the C library is not glibc.
     """
     mmap_threshold, trim_threshold = -3, -1  # the numbers of mallopt(3)
     try:
@@ -37,8 +37,8 @@ def keep_freed_memory() -> None:
 
 
 def can_fork() -> bool:
-    """Whether what is forked here is whole: of other threads it would have the locks alone, and of
-    a GPU that is open nothing that it could use. Only Linux tells."""
+    """Whether a forked process would be usable: it must not inherit locks of other threads or an
+    open GPU. False on systems other than Linux."""
     try:
         threads = len(os.listdir("/proc/self/task"))
         opened = [os.path.realpath(path) for path in Path("/proc/self/fd").iterdir()]
@@ -48,8 +48,8 @@ def can_fork() -> bool:
 
 
 def random_states() -> dict[str, Any]:
-    """The states of torch's generators, for a checkpoint: "torch_rng", and "cuda_rng" one for each
-    GPU, none where this process has used no GPU."""
+    """The states of torch's generators for a checkpoint: "torch_rng", and "cuda_rng" with one for
+    each GPU (empty if this process has used none)."""
     used = torch.cuda.is_available() and torch.cuda.is_initialized()  # type: ignore[no-untyped-call]
     return {
         "torch_rng": torch.get_rng_state(),
@@ -58,7 +58,7 @@ def random_states() -> dict[str, Any]:
 
 
 def set_random_states(state: Mapping[str, Any]) -> None:
-    """Go on from what `random_states` gave; GPUs that are not here are left out."""
+    """Restore `random_states`, without those of GPUs that do not exist here."""
     torch.set_rng_state(state["torch_rng"])
     here = torch.cuda.device_count() if torch.cuda.is_available() else 0
     for device, own in enumerate(state.get("cuda_rng", [])[:here]):
@@ -70,15 +70,15 @@ def check_device(device: str) -> None:
     if device == "cpu":
         return
     here = torch.cuda.device_count() if torch.cuda.is_available() else 0
-    check(here > 0, f"device={device!r}, but torch finds no GPU here; use --device cpu")
+    check(here > 0, f"device={device!r}, but torch finds no GPU; use --device cpu")
     check(
         int(device.partition(":")[2] or 0) < here,
-        f"device={device!r}, but torch finds {here} here; use --device cuda:0 to cuda:{here - 1}",
+        f"device={device!r}, but torch finds {here} GPUs; use --device cuda:0 to cuda:{here - 1}",
     )
 
 
 def uses_bfloat16(precision: str, device: str) -> bool:
-    """What a precision ("auto", "float32", "bfloat16") means on this machine."""
+    """Whether a precision ("auto", "float32", "bfloat16") means bfloat16 on this machine."""
     if precision != "auto":
         return precision == "bfloat16"
     if device.startswith("cuda"):
@@ -88,14 +88,14 @@ def uses_bfloat16(precision: str, device: str) -> bool:
 
 
 class ThreadChoice:
-    """Chooses between one thread and all of them, by how long rollouts take with each.
+    """Chooses between one thread and all of them, by the time of rollouts with each.
 
-    Two threads wait for each other in every operation. On idle cores they are faster; where other
-    programs (or other guests of the host) take a core away now and then, one alone is, by up to ten
-    times. So the other choice is tried for two rollouts in every 24.
+    Threads wait for each other in every operation. On idle cores several are faster; where other
+    programs use a core at times, one is faster, by up to ten times. So the other choice is tried
+    for two rollouts in every 24.
 
     Args:
-        most: all of them.
+        most: number of all threads.
     """
 
     PERIOD = 24
@@ -114,7 +114,7 @@ class ThreadChoice:
         torch.set_num_threads(self.current)
 
     def learn(self, seconds: float) -> None:
-        """Note how long that rollout took; the first after a change is not counted."""
+        """Record the time of that rollout; the first one after a change is ignored."""
         if self.count % self.PERIOD != 0:
             before = self.seconds[self.current]
             self.seconds[self.current] = 0.5 * (before + seconds) if before else seconds

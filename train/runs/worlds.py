@@ -1,4 +1,4 @@
-"""Worlds: what a run of one agent asks of a task, whatever that is; games in mazes, and the arm."""
+"""Tasks with their opponents, environments and contests: games in mazes, and the arm."""
 
 from __future__ import annotations
 
@@ -25,30 +25,30 @@ from train.runs.opponents import opponents_of
 from train.runs.tasks import agent_of, task_of
 from train.settings.checks import EVALUATION_SEED
 from train.settings.task import AnyTask, ReacherSettings, TaskSettings
-from train.teaching.grounds import ArmGround, Ground
+from train.teaching.context import ArmContext, CurriculumContext
 from train.teaching.plan import Plan
-from train.teaching.teacher import Judge, Teacher
+from train.teaching.teacher import EpisodeMetrics, Teacher
 
 
 @dataclass(frozen=True)
 class GridWorld:
-    """A game in mazes with whoever else plays in it, made of its settings once.
+    """A game in mazes with its opponents, built once from settings.
 
     Attributes:
-        task: what is evaluated.
-        ground: what lessons are planned over.
+        task: of the evaluation.
+        context: for which curricula are built.
     """
 
     settings: TaskSettings
 
     @cached_property
     def task(self) -> Task:
-        """The task; ValueError for settings that make no game."""
+        """The task; ValueError for settings that it does not allow."""
         return task_of(self.settings)
 
     @cached_property
     def agent(self) -> str:
-        """Who learns; ValueError where that agent does not play."""
+        """The learning agent; ValueError unless it takes part in the task."""
         return agent_of(self.settings, self.task)
 
     @cached_property
@@ -59,11 +59,12 @@ class GridWorld:
         return opponents_of(self.task, self.agent, *how, given.opponent_observation)
 
     @property
-    def ground(self) -> Ground:
-        """The task, and who plays in it."""
+    def context(self) -> CurriculumContext:
+        """The task and its opponents, for a curriculum."""
         given = self.settings
         learned = None if given.opponent in AGENTS else given.opponent
-        return Ground(self.task, self.agent, self.opponents, given.opponent_epsilon, learned)
+        epsilon = given.opponent_epsilon
+        return CurriculumContext(self.task, self.agent, self.opponents, epsilon, learned)
 
     def games(
         self,
@@ -73,17 +74,17 @@ class GridWorld:
         plan: Plan | None,
         first_game: int = 0,
     ) -> tuple[SimulatorEnv, Teacher | None]:
-        """The training games as a TorchRL environment, and who teaches in them.
+        """The training environment, and the teacher in it.
 
         Args:
-            seat: who learns, in these games.
-            num_games: in lockstep.
+            seat: the learning agent, with the training task.
+            num_games: number of parallel games.
             seed: of the games.
-            plan: what is taught; None without a curriculum.
-            first_game: the number of the first of them among those of the seed.
+            plan: of the curriculum; None without one.
+            first_game: index of the first game among those of the seed.
         """
         number, policies = fill_seats(seat.task, seat.agent, self.opponents)
-        judge = Judge(
+        judge = EpisodeMetrics(
             lambda games: won_by(games, number),
             lambda games: games.returns[:, number],
             measure_of(seat.task, seat.role) != BY_LONG_LIFE,
@@ -93,7 +94,7 @@ class GridWorld:
         return SimulatorEnv(simulator, seat, policies, teacher), teacher
 
     def contest(self, episodes: int, seed: int = EVALUATION_SEED) -> GameContest | SuiteContest:
-        """What is judged: the task itself, whatever the training games are."""
+        """The contest of evaluations: in the task itself, independent of the curriculum."""
         masks, one = self.settings.mask_bumps, len(self.task.mazes) == 1
         if not one:
             return SuiteContest(self.task, self.agent, self.opponents, episodes, seed)
@@ -101,8 +102,8 @@ class GridWorld:
 
 
 @dataclass(frozen=True)
-class ArmAdapter:
-    """An arm; in the same shape as `GridWorld`."""
+class ArmWorld:
+    """An arm, with the same interface as `GridWorld`."""
 
     settings: ReacherSettings
 
@@ -112,9 +113,9 @@ class ArmAdapter:
         return self.settings.build()
 
     @property
-    def ground(self) -> ArmGround:
-        """The arm."""
-        return ArmGround(self.task)
+    def context(self) -> ArmContext:
+        """The arm, for a curriculum."""
+        return ArmContext(self.task)
 
     def games(
         self,
@@ -124,14 +125,14 @@ class ArmAdapter:
         plan: Plan | None,
         first_game: int = 0,
     ) -> tuple[ArmEnv, Teacher | None]:
-        """As of `GridWorld`."""
+        """As in `GridWorld`."""
         simulator = ReacherSimulator(seat.task, num_games, seed, first_game, auto_restart=False)
-        judge = Judge(lambda arms: arms.terminated, lambda arms: arms.returns)
+        judge = EpisodeMetrics(lambda arms: arms.terminated, lambda arms: arms.returns)
         teacher = None if plan is None else Teacher(plan, simulator, judge)
         return ArmEnv(simulator, seat, teacher), teacher
 
     def contest(self, episodes: int, seed: int = EVALUATION_SEED) -> ArmContest:
-        """As of `GridWorld`."""
+        """As in `GridWorld`."""
         return ArmContest(self.task, episodes, seed)
 
 
@@ -139,5 +140,5 @@ World = GridWorld | ArmAdapter
 
 
 def world_of(settings: AnyTask) -> World:
-    """The world of a task's settings."""
-    return ArmAdapter(settings) if isinstance(settings, ReacherSettings) else GridWorld(settings)
+    """The `GridWorld` or `ArmWorld` of a task's settings."""
+    return ArmWorld(settings) if isinstance(settings, ReacherSettings) else GridWorld(settings)

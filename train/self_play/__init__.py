@@ -1,1 +1,1 @@
-"""Two sides that learn from each other: pools, leagues, ratings."""
+"""Self-play of two sides: opponent pools, leagues, ratings."""

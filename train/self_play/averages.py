@@ -1,10 +1,9 @@
-"""Averages of self-play's snapshots, scored as its last policies are.
+"""Exploitability of averages and mixtures of the snapshots of self-play.
 
-The theory of fictitious play and of double oracles says that the mixture of all past policies comes
-near an equilibrium, not the last one of them. A mixture draws one snapshot for a whole game. An
-opponent who cannot see which gains no more than one who is told, and no less than by any response
-that plays alike against all: so its exploitability lies between two numbers. Policies averaged in
-every state are a table, and its exploitability is exact.
+In fictitious play and double oracle the mixture of past policies approaches an equilibrium, not
+the last policy. A mixture draws one snapshot per game, which the opponent does not observe. Its
+exploitability is bounded from above by responses that know the snapshot, and from below by
+responses that do not. A policy averaged in every state is a table with exact exploitability.
 """
 
 from __future__ import annotations
@@ -27,14 +26,14 @@ Table = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Average:
-    """How far a best response to one side gets beyond the value of the game, in discounted steps.
+    """The exploitability of one average, in discounted steps above the game's value.
 
     Attributes:
-        role: whose policies.
-        what: the last snapshot, or an average of which and how.
-        snapshots: that count in it.
-        lower, upper: of exploitability, mean over all starts in distinct cells; the same where it
-            is known exactly.
+        role: of the policies.
+        what: the last snapshot, or the kind of average.
+        snapshots: their number.
+        lower, upper: bounds of the mean exploitability over all starts in distinct cells; equal if
+            it is exact.
     """
 
     role: str
@@ -57,7 +56,7 @@ def averages(
         discount: of the exact game.
         snapshots: by role and name, the oldest first: [own cell, other cell, action] of each.
         mixtures: by role, shares of snapshots by their names: the Nash mixture of double oracle.
-            Left out where it gives anything to players that are no snapshots.
+            Mixtures that include other policies than snapshots are skipped.
     """
     found = []
     for role, own in snapshots.items():
@@ -77,7 +76,7 @@ def averages(
 
 
 def nash_convs(found: Sequence[Average]) -> dict[str, tuple[float, float]]:
-    """Bounds of NashConv, the sum over both sides, by what is averaged on both."""
+    """Bounds of NashConv, the sum over both sides, by kind of average."""
     by_role: list[dict[str, Average]] = [
         {one.what: one for one in found if one.role == role} for role in ROLES
     ]
@@ -97,9 +96,9 @@ def averages_of(
     kept: Mapping[str, Sequence[Member]],
     mixtures: Mapping[str, Mapping[str, float]],
 ) -> dict[str, tuple[float, float]]:
-    """Bounds of NashConv of averages and mixtures of the snapshots that pools kept, by which.
+    """Bounds of NashConv of averages and mixtures of the snapshots in the pools, by kind.
 
-    {} where a side does not learn, or has fewer than two snapshots that are tables.
+    {} if a side does not learn, or has fewer than two snapshots that are tables.
     """
     policies = [member.policy for members in kept.values() for member in members]
     if len(kept) < 2 or min(map(len, kept.values())) < 2 or not is_exact(task, *policies):
@@ -111,17 +110,17 @@ def averages_of(
     return nash_convs(averages(task, discount, tables, mixtures))
 
 
-def told_averages(convs: Mapping[str, Sequence[float]]) -> str:
-    """In words, with the bounds where they are not one number."""
+def describe_averages(convs: Mapping[str, Sequence[float]]) -> str:
+    """One line of text, with both bounds if they differ."""
     parts = []
     for what, (lower, upper) in convs.items():
         exact = upper - lower < 5e-4
         parts.append(f"{what} {upper:.3f}" if exact else f"{what} {lower:.3f} to {upper:.3f}")
-    return f"NashConv of the snapshots that are kept: {'; '.join(parts)}"
+    return f"NashConv of the snapshots in the pools: {'; '.join(parts)}"
 
 
 class _Side:
-    """What best responses get from one side of a duel.
+    """Best responses to one side of a duel.
 
     Args:
         task: the duel.
@@ -137,24 +136,24 @@ class _Side:
         self.value = mean_over_starts(game.values, task.mazes[0])
 
     def _gain(self, values: Table | PairValues) -> float:
-        """How far values from all pairs of cells lie beyond the value of the game."""
+        """The mean of values over all starts, minus the value of the game."""
         return self.sign * (mean_over_starts(values, self.task.mazes[0]) - self.value)
 
     def best(self, table: Table) -> tuple[float, Table]:
-        """The exploitability of a table, and the response that shows it."""
+        """The exploitability of a table, and its best response."""
         found = best_reply(self.task, other_role(self.role), table, None, self.discount)
         return self._gain(found.values), found.policy
 
     def gained(self, table: Table, response: Table) -> float:
-        """What a given response gets against a table, over the value of the game."""
+        """The gain of a given response against a table."""
         pair = (table, response)
         return self._gain(values_between(self.task, self.role, pair, None, self.discount))
 
     def mixture(self, tables: Table, shares: NDArray[np.float64]) -> tuple[float, float]:
-        """Bounds of the exploitability of a mixture: one table is drawn for each whole game.
+        """Bounds of the exploitability of a mixture that draws one table per game.
 
-        From above: the opponent is told which. From below: the best of the responses to each table
-        and to their average in every state, against all.
+        Upper: the opponent knows the table. Lower: the best single response, among those to each
+        table and to their average in every state.
         """
         each = [self.best(table) for table in tables]
         average = np.tensordot(shares, tables, axes=1)
@@ -164,5 +163,5 @@ class _Side:
             float(shares @ [self.gained(table, response) for table in tables])
             for response in responses
         )
-        lower = max(lower, 0.0)  # nothing is exploitable by less than what the game is worth
+        lower = max(lower, 0.0)  # exploitability is never negative
         return lower, max(lower, upper)

@@ -1,4 +1,4 @@
-"""A league: all chasers against all evaders, with ratings and their doubts."""
+"""Leagues: all chasers against all evaders, with ratings and their confidence intervals."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from train.evaluation.matchups import can_solve, match, play_pair
 from train.runs.folder import CONFIG
 from train.runs.opponents import check_fits, is_self_play, load_opponent, role_of
 from train.runs.saved import load_settings
+from train.runs.stable_baselines import description_of
 from train.runs.tasks import task_of
-from train.runs.third_party import description_of
 from train.self_play.names import entry_names
 from train.self_play.ratings import (
     best_response_cycle,
@@ -35,7 +35,7 @@ from train.settings.task import TaskSettings, in_maze
 
 @dataclass(frozen=True)
 class Entry:
-    """Somebody in one role."""
+    """A policy in one role."""
 
     name: str
     role: str
@@ -44,13 +44,13 @@ class Entry:
 
 @dataclass(frozen=True, eq=False)
 class LeagueTable:
-    """What a league found; payoffs are steps until capture, cut at the task's horizon.
+    """The results of a league; payoffs are steps until capture, truncated at the horizon.
 
     Attributes:
-        payoff, ci95: [chasers, evaders] float64; the half width is 0 where the payoff is exact.
-        lengths: [chasers, evaders, games] int64, of the games played.
+        payoff, ci95: [chasers, evaders] float64; the half width is 0 for exact payoffs.
+        lengths: [chasers, evaders, games] int64, of the sampled games.
         chasers, evaders: their names.
-        horizon: steps after which a game is cut; None for never.
+        horizon: steps after which a game is truncated; None for no limit.
     """
 
     chasers: list[str]
@@ -70,20 +70,21 @@ def enter(
     model_roles: Sequence[str] = (),
     model_observations: Sequence[str] = (),
 ) -> tuple[Task, list[Entry]]:
-    """The task of the league, and whoever takes part.
+    """The task and the entries of a league.
 
     Args:
         names: folders of runs, saved Stable-Baselines3 models (.zip), and names of scripted agents
-            and of users' own policies.
-        maze: where scripted agents play if there is no run.
-        opponent_epsilon: share of random moves of astar.
-        greedy: learned policies take their most probable action instead of drawing.
-        called: what they are called in tables, one for each; as `entry_names` says if left out.
-        model_roles, model_observations: of the models that have no description beside them: one
-            for all, or one for each in the order of `names`.
+            and of user-defined policies.
+        maze: the maze, if there is no run among the entries.
+        opponent_epsilon: probability of random moves of astar.
+        greedy: learned policies take their most probable action instead of sampling.
+        called: names in tables, one per entry; by default those of `entry_names`.
+        model_roles, model_observations: of the models without a description file: one for all, or
+            one for each in the order of `names`.
 
     Raises:
-        ValueError: an entry that is no run, of another game, given twice, or a role without entry.
+        ValueError: an entry that is not a run, is of another game or given twice, or a role without
+            entries.
     """
     title = dict(zip(names, entry_names(names, is_agent, called), strict=True))
     models = [name for name in names if is_model(name)]
@@ -104,7 +105,7 @@ def enter(
         played = "greedy" if greedy else "sampled"
         policy = load_opponent(path, played, task=task, **given.get(name, {}))
         role = role_of(policy)
-        check(role in ROLES, f"{name}: learned to be {role!r}; a league has chasers and evaders")
+        check(role in ROLES, f"{name}: trained as {role!r}; a league needs chasers and evaders")
         check_fits(policy, role, task, name)
         entries.append(Entry(title[name], role, policy))
     for name in filter(is_agent, names):
@@ -114,43 +115,43 @@ def enter(
     for role in ROLES:
         check(
             any(entry.role == role for entry in entries),
-            f"no {role} among the entries; add astar, say, or a run of one",
+            f"no {role} among the entries; add astar or a run of a {role}",
         )
     return task, entries
 
 
 def _folders_of(name: str) -> list[Path]:
-    """The folder of a run, or those of both sides of self-play."""
+    """The folder of a run, or the folders of both sides of self-play."""
     folder = Path(name)
     check(
         folder.is_dir(),
-        f"{name}: no folder of a run, and no scripted agent ({', '.join(AGENTS)}, or "
+        f"{name}: neither a folder of a run nor a scripted agent ({', '.join(AGENTS)}, or "
         "package.module:Name)",
     )
-    check((folder / CONFIG).exists(), f"{name}: no run here ({CONFIG} is missing)")
+    check((folder / CONFIG).exists(), f"{name}: not a run ({CONFIG} is missing)")
     if not is_self_play(folder):
         return [folder]
     inner = [folder / role for role in ROLES if (folder / role / CONFIG).exists()]
-    check(bool(inner), f"{name}: self-play that has not saved anything yet")
+    check(bool(inner), f"{name}: self-play without a checkpoint yet")
     return inner
 
 
 def _task_of(runs: Sequence[tuple[str, Path]], maze: str) -> Task:
-    """The task of the first run; without one, a chase in this maze."""
+    """The task of the first run; without runs, a chase in this maze."""
     if not runs:
         return task_of(TaskSettings(maze=maze))
     name, folder = runs[0]
     task = task_of(in_maze(load_settings(folder).task, name))
     check(
         bool(task.num_chasers and task.num_evaders),
-        f"{name}: learned in task {task.name!r}; a league is between chasers and evaders",
+        f"{name}: trained in task {task.name!r}; a league needs chasers and evaders",
     )
-    check(not task.num_runners, f"{name}: learned among runners; a league has none")
+    check(not task.num_runners, f"{name}: trained in a task with runners; a league has none")
     return task
 
 
 def _one_each(what: str, given: Sequence[str], models: Sequence[str]) -> list[str]:
-    """One value for each model; a single one is for all."""
+    """One value for each model; a single value is for all."""
     check(
         len(given) in (0, 1, len(models)),
         f"{what}: {len(given)} for {len(models)} models without a description; give one for all, "
@@ -165,9 +166,9 @@ def is_model(name: str) -> bool:
 
 
 def play_league(task: Task, entries: Sequence[Entry], games: int, seed: int) -> LeagueTable:
-    """Every chaser against every evader: exact payoffs where they can be had, and games.
+    """Every chaser against every evader: exact payoffs where possible, and sampled games.
 
-    `seed` is one of the evaluation's: nobody has learned from these starts.
+    `seed` is an evaluation seed, which training never uses.
     """
     begun = evaluation_seed(seed)
     sides = {role: [entry for entry in entries if entry.role == role] for role in ROLES}
@@ -187,21 +188,20 @@ def play_league(task: Task, entries: Sequence[Entry], games: int, seed: int) -> 
 
 
 def survival(table: LeagueTable) -> dict[str, Any]:
-    """Who is never caught: how often games end because time is up, and what that makes meaningless.
+    """Evaders that are never caught, and the ratings that are meaningless because of them.
 
     Returns:
-        "out_of_time": [chasers][evaders], the share of games that end by truncation.
-        "never": [chasers][evaders], whether that is all games, and every start where it is exact.
-        "never_caught": evaders that live through every game against every chaser. What such a game
-            costs the chasers is infinite, and its length says only where it was cut.
-        "never_catches": chasers that catch nobody.
-        "ranks_mean_nothing": the roles whose ratings say nothing of who is better: "chaser" where
-            some evader is never caught, so that every chaser is as good against it; "evader" where
-            two of them are.
+        "out_of_time": [chasers][evaders], share of truncated games.
+        "never": [chasers][evaders], whether all games are truncated (from all starts if exact).
+        "never_caught": evaders that no chaser ever catches; the lengths of their games only show
+            the time limit.
+        "never_catches": chasers that never catch an evader.
+        "ranks_mean_nothing": roles with meaningless ratings: "chaser" if some evader is never
+            caught, as all chasers are equal against it; "evader" if two or more are never caught.
     """
     horizon = np.inf if table.horizon is None else table.horizon
     late = (table.lengths >= horizon).mean(axis=2)
-    # Where the payoff is exact it knows of every start, not only of those that were played.
+    # Exact payoffs cover all starts, not only the sampled ones.
     for_ever = (late >= 1.0) & (table.payoff >= horizon - 1e-9)
     evaders = [n for n, alive in zip(table.evaders, for_ever.all(axis=0), strict=True) if alive]
     chasers = [n for n, empty in zip(table.chasers, for_ever.all(axis=1), strict=True) if empty]
@@ -254,7 +254,7 @@ def rate(table: LeagueTable, seed: int = 0) -> dict[str, Any]:
 
 
 def cycle_of(table: LeagueTable) -> list[str]:
-    """A circle in which each is the best response to the one before; empty where there is none."""
+    """A cycle in which each is the best response to the previous one; empty if there is none."""
     names = {"chaser": table.chasers, "evader": table.evaders}
     cycle = best_response_cycle(table.payoff, table.ci95)
     return [f"{role} {names[role][n]}" for role, n in cycle]

@@ -1,4 +1,4 @@
-"""What the entries of a league are called: names that are short, and that no two share."""
+"""Short and unique names for the entries of a league."""
 
 from __future__ import annotations
 
@@ -12,19 +12,18 @@ from train.settings.checks import check
 def entry_names(
     entries: Sequence[str], is_agent: Callable[[str], bool], chosen: Sequence[str] = ()
 ) -> list[str]:
-    """A name for each entry: the chosen ones, or the shortest that tell them apart.
+    """A name for each entry: the chosen ones, or the shortest unique ones.
 
-    Agents are called by their own names. A folder is called by the end of its path: by as many of
-    its last parts as no other folder ends with, and no agent is called. A role's folder in a run of
-    self-play is called after the run: `chaser` alone says nothing.
+    Agents keep their names. A folder has the shortest end of its path that is not the end of
+    another folder or the name of an agent. The name of one side of self-play includes the run.
 
     Args:
         entries: names of agents and paths of folders.
         is_agent: whether an entry is the name of an agent.
-        chosen: a name for each entry in their order, or none at all.
+        chosen: a name for each entry in their order, or empty.
 
     Raises:
-        ValueError: the same entry twice, or chosen names that are not one for each, all different.
+        ValueError: the same entry twice, or chosen names that are too few, too many or repeated.
     """
     paths = {entry: Path(entry).resolve() for entry in entries if not is_agent(entry)}
     for number, entry in enumerate(entries):
@@ -33,8 +32,7 @@ def entry_names(
     if chosen:
         check(
             len(chosen) == len(entries),
-            f"{len(chosen)} names for {len(entries)} entries; give one for each, in their "
-            "order (people keep the names under which they played)",
+            f"{len(chosen)} names for {len(entries)} entries; give one for each, in their order",
         )
         for name in chosen:
             check(bool(name.strip()), "an empty name; give a text")
@@ -50,7 +48,7 @@ def entry_names(
 
 
 def _name_of(path: Path, others: Sequence[Path], agents: set[str]) -> str:
-    """The name of a folder; one role's begins with the name of the run that it is part of."""
+    """The name of a folder; that of one side begins with the name of its run."""
     run = _run_of(path)
     rest = [other for other in map(_run_of, others) if other != run]
     name = _end_of(run, rest, agents)
@@ -58,12 +56,12 @@ def _name_of(path: Path, others: Sequence[Path], agents: set[str]) -> str:
 
 
 def _run_of(path: Path) -> Path:
-    """The folder of the run that a folder is, or is one role of."""
+    """The folder of the run of which a folder is one side, or the folder itself."""
     return path.parent if (path.parent / CONFIG).exists() else path
 
 
 def _end_of(path: Path, others: Sequence[Path], agents: set[str]) -> str:
-    """The shortest end of a path that no other one ends with and that is no agent's name."""
+    """The shortest end of a path that is not the end of another and not the name of an agent."""
     parts = path.parts
     for length in range(1, len(parts)):
         end = parts[-length:]

@@ -1,4 +1,4 @@
-"""The door of self-play: its settings become parts, once, and are checked here."""
+"""Validation of the settings of self-play, and construction of its parts."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ from train.settings.task import TaskSettings
 
 @dataclass(frozen=True)
 class SelfPlayParts:
-    """What self-play is made of.
+    """The parts of self-play.
 
     Attributes:
         task: the game.
-        sides: what each role that learns is made of.
-        frozen: who plays each role that does not.
+        sides: the parts of each role that learns.
+        frozen: the policy of each role that does not.
         scripted: scripted agents by name and role, for pools and for comparison.
         discount: of the exact game.
     """
@@ -56,7 +56,7 @@ def self_play_parts(settings: SelfPlaySettings) -> SelfPlayParts:
     """The parts of self-play.
 
     Raises:
-        ValueError: settings that make no game of two sides, or ask what an algorithm cannot do.
+        ValueError: settings without two sides, or that an algorithm does not support.
     """
     task = task_of(settings.task)
     check_one_maze(task, "self-play")
@@ -66,7 +66,7 @@ def self_play_parts(settings: SelfPlaySettings) -> SelfPlayParts:
         (name, role): scripted_policy(
             name,
             role,
-            # A* moves at random as often as the settings say.
+            # The random moves of A* are a setting.
             settings.task.opponent_epsilon if name == "astar" else 0.0,
             task.move_order,  # type: ignore[arg-type]
             discount,
@@ -107,22 +107,22 @@ def self_play_parts(settings: SelfPlaySettings) -> SelfPlayParts:
             own.hyper,
             build_of(own),
             discount,
-            # Discounted steps, up to 1 / (1 - gamma) of them, would drown the policy in value loss.
+            # Returns of up to 1 / (1 - gamma) steps would make the value loss dominate.
             1.0 - discount if settings.task.rewards == "zero_sum" else 1.0,
         )
     return SelfPlayParts(task, sides, frozen, scripted, discount)
 
 
 def check_sides(settings: SelfPlaySettings, task: Task) -> None:
-    """ValueError unless this task is between chasers and evaders, and the algorithms can do it."""
+    """ValueError unless the task has chasers and evaders only, and the algorithms support it."""
     check(
         bool(task.num_chasers and task.num_evaders),
-        f"task {task.name!r} has no chasers or no evaders; self-play is between the two",
+        f"task {task.name!r} has no chasers or no evaders; self-play needs both",
     )
     check(
         not task.num_goals or settings.task.rewards == "zero_sum",
-        f"rewards={settings.task.rewards!r} with goals; leave them at zero_sum: opponents are "
-        "scored by steps, so a game that ends early must be what the chasers are paid for",
+        f"rewards={settings.task.rewards!r} with goals; use zero_sum: opponents are scored by "
+        "steps, so chasers must be rewarded for short episodes",
     )
     check(not task.num_runners, f"task {task.name!r} has runners; take chase or heist")
     for role in ROLES:
@@ -135,7 +135,7 @@ def check_sides(settings: SelfPlaySettings, task: Task) -> None:
 
 
 def side_settings(settings: SelfPlaySettings, role: str) -> TrainSettings[Any]:
-    """The settings of one role's learner, as those of a run of its own."""
+    """The settings of the learner of one role, as those of a single-agent run."""
     task = replace(settings.task, role=role)
     members = task_of(task).count(role)
     algorithm, hyper = settings.algorithm(role), hyper_of(settings, role)
@@ -156,7 +156,7 @@ def side_settings(settings: SelfPlaySettings, role: str) -> TrainSettings[Any]:
 def self_play_settings_of(**flat: Any) -> SelfPlaySettings:
     """Settings of self-play by their names on the command line, checked.
 
-    The settings of a role that learns by something else than PPO have the role before their names:
+    The hyperparameters of other algorithms than PPO are prefixed with the role:
     `self_play_settings_of(chaser_algorithm="dqn", chaser_batch_size=64, frames=1000)`.
 
     Raises:
@@ -187,7 +187,7 @@ def self_play_settings_of(**flat: Any) -> SelfPlaySettings:
 
 
 def self_play_from_plain(plain: Mapping[str, Any], where: str) -> SelfPlaySettings:
-    """From the plain values of `config.json`; ValueError where those are something else."""
+    """Settings from the plain values of `config.json`; ValueError if these are invalid."""
     with read_from(where, RESTORE):
         own = whole(SelfPlaySettings, plain)
         forms: dict[str, type[Any]] = {"task": TaskSettings, "hyper": PPOSettings}

@@ -1,4 +1,4 @@
-"""Everybody against everybody, as tables and a figure: steps until capture, chasers down."""
+"""Payoff matrices as tables and a figure: steps until capture, chasers as rows."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ def payoff_table(
     Args:
         chasers, evaders: their names, all different in each.
         steps: [chasers][evaders], until capture or the end.
-        ci95: likewise, the half widths of their intervals; 0 where the steps are exact.
-        never: likewise, whether the evader lives through every game.
+        ci95: [chasers][evaders], half widths of confidence intervals; 0 for exact steps.
+        never: [chasers][evaders], whether the evader is never caught.
     """
     rows = []
     for i, chaser in enumerate(chasers):
@@ -47,7 +47,7 @@ def _cell(name: str, row: Row) -> str:
 
 
 def league_table(table: LeagueTable, content: Mapping[str, Any]) -> ResultTable:
-    """The payoffs of a league, of which `content` says who is never caught."""
+    """The payoffs of a league; `content` is its `league.json`."""
     return payoff_table(
         table.chasers, table.evaders, table.payoff.tolist(), table.ci95.tolist(), content["never"]
     )

@@ -1,4 +1,4 @@
-"""The opponents of self-play: snapshots on disk and scripted agents, and who is drawn how often."""
+"""The opponent pools of self-play: snapshots, scripted agents, and opponent sampling."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from train.settings.self_play import SAMPLING_PARTS
 from train.tensors import read_tensors, write_tensors
 
 LATEST = "latest"
-"""The name of the opponent as it is now; it is no snapshot, and always there."""
+"""The name of the current policy of the opponent, which is always a member."""
 MEMORY = 200.0
-"""Episodes over which the score against an opponent is averaged, about."""
+"""Approximate number of episodes over which the score against an opponent is averaged."""
 
 
 @dataclass
@@ -32,9 +32,9 @@ class Member:
     """One opponent.
 
     Attributes:
-        name: unique in its pool; of a snapshot, that of its file.
-        policy: how it plays.
-        scripted: whether it is no snapshot; those are never dropped.
+        name: unique in its pool; the file name of a snapshot.
+        policy: its policy.
+        scripted: whether it is not a snapshot; these are never dropped.
         score: the learner's mean score against it in [0, 1]; 0.5 before the first game.
         games: episodes that the learner has played against it.
     """
@@ -47,14 +47,14 @@ class Member:
 
 
 class OpponentPool:
-    """The opponents in one role: the latest, scripted agents, and snapshots in a folder.
+    """The opponents in one role: the latest policy, scripted agents, and snapshots in a folder.
 
     Args:
         folder: of the snapshots, one .pt file each.
-        latest: the policy that is learning in this role.
-        capacity: snapshots kept at most.
-        load: makes a policy of what was saved.
-        newest: keep the newest snapshots; else a sample of all so far, each as likely as any other.
+        latest: the learning policy of this role.
+        capacity: maximum number of snapshots.
+        load: makes a policy from a saved state.
+        newest: keep the newest snapshots; otherwise a uniform sample of all snapshots so far.
 
     Raises:
         ValueError: a capacity below 1.
@@ -79,12 +79,12 @@ class OpponentPool:
 
     @property
     def names(self) -> list[str]:
-        """Of all members, in order."""
+        """The names of all members, in order."""
         return [member.name for member in self.members]
 
     @property
     def snapshots(self) -> list[Member]:
-        """Those from disk, the oldest first."""
+        """The snapshots, the oldest first."""
         return [member for member in self.members if not member.scripted]
 
     def add_scripted(self, name: str, policy: Policy) -> None:
@@ -98,16 +98,15 @@ class OpponentPool:
         self.members.insert(place, Member(name, policy, True))
 
     def add(self, name: str, state: dict[str, Any], rng: np.random.Generator) -> str | None:
-        """Save a snapshot and take it in; the name of the one that is not kept, or None.
+        """Save and add a snapshot; returns the name of the dropped one, or None.
 
-        A full pool of the newest drops the oldest. Any other is a reservoir (Vitter, 1985,
-        algorithm R): the n-th snapshot comes in with chance capacity / n, for one at random, so
-        every one of the n is in the pool with that same chance, and it covers all of the past
-        evenly. What does not come in is not written either.
+        A full pool with `newest` drops the oldest. Otherwise it is a reservoir (Vitter, 1985,
+        algorithm R): the n-th snapshot replaces a random one with probability capacity / n, so all
+        n are in the pool with equal probability. Snapshots that are not added are not saved.
 
         Raises:
             ValueError: the name is taken.
-            OSError: it cannot be written; the pool is as it was.
+            OSError: it cannot be written; the pool is unchanged.
         """
         check(name not in self.names, f"two members of a pool are called {name!r}; rename one")
         old, place = self.snapshots, 0
@@ -130,32 +129,32 @@ class OpponentPool:
         write_tensors(self.folder / f"{name}.pt", state)
 
     def clean(self) -> None:
-        """Delete the files of snapshots that were dropped (once a checkpoint does without them)."""
+        """Delete the files of dropped snapshots, once no checkpoint refers to them."""
         kept = {f"{member.name}.pt" for member in self.snapshots}
         for path in self.folder.glob("*.pt"):
             if path.name not in kept:
                 path.unlink()
 
     def note(self, member: int, scores: NDArray[np.float64]) -> None:
-        """Count episodes of the learner against one member, with their scores in [0, 1]."""
+        """Record scores in [0, 1] of episodes of the learner against one member."""
         one = self.members[member]
         for score in scores.tolist():
             one.games += 1.0
             one.score += (score - one.score) / min(one.games, MEMORY)
 
     def described(self) -> list[dict[str, Any]]:
-        """Who is in it, with the scores."""
+        """The members with their scores, as plain values."""
         return [
             {"name": m.name, "scripted": m.scripted, "score": m.score, "games": m.games}
             for m in self.members
         ]
 
     def state_dict(self) -> dict[str, Any]:
-        """What is needed to go on; the snapshots themselves are on disk already."""
+        """The state of the pool, without the snapshots, which are on disk."""
         return {"members": self.described(), "offered": self.offered}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Take it back. A snapshot that is missing or damaged is left out, with a warning.
+        """Restore the state. Missing or damaged snapshots are left out, with a warning.
 
         Raises:
             KeyError: other scripted members than those of this pool.
@@ -192,23 +191,23 @@ def weights(
     """[members] float64 with sum 1: how often each member is drawn.
 
     Args:
-        pool: whose members.
-        sampling: "latest": the opponent as it is now. "window": evenly among that and the last
-            `window` snapshots. "uniform": evenly among all (fictitious self-play; Heinrich et al.,
+        pool: the pool.
+        sampling: "latest": the current opponent. "window": uniform over that one and the last
+            `window` snapshots. "uniform": uniform over all (fictitious self-play; Heinrich et al.,
             2015). "pfsp": by (1 - score) ** `power`, the learner's score against each: prioritised
             fictitious self-play (Vinyals et al., 2019). "double-oracle": by `mixture`, a Nash
             equilibrium of the payoff matrix (McMahan et al., 2003); until there is one, the latest.
-            Scripted members count in all but "latest", and in "double-oracle" by the mixture. Any
-            other name is that of a user's own rule: a function (pool) -> [members].
+            Scripted members are included in all but "latest", in "double-oracle" by the mixture.
+            Any other name is a user-defined function (pool) -> [members].
         window: snapshots that count.
         power: how strongly "pfsp" prefers hard opponents.
         mixture: [members] of "double-oracle".
 
     Raises:
-        ValueError: an empty pool, or a rule of a user's own that gives no weights.
+        ValueError: an empty pool, or invalid weights of a user-defined function.
     """
     members = pool.members
-    check(bool(members), f"{pool.folder}: an empty pool; there is nobody to play against")
+    check(bool(members), f"{pool.folder}: an empty pool; add a member")
     chosen = np.zeros(len(members))
     if sampling == "double-oracle" and mixture is not None:
         chosen[:] = mixture
@@ -235,16 +234,16 @@ def weights(
 
 
 class PoolPolicy:
-    """Fills a seat with another member of a pool in every game.
+    """A policy that plays a possibly different member of a pool in every game.
 
     Args:
-        pool: whose members.
+        pool: the pool.
         num_games: of the batch.
-        steps: how many are taken before the member that still learns changes, about.
+        steps: approximate number of steps between updates of the member that learns.
 
     Attributes:
-        opponents: [num_games] int64, the place in `pool.members` of each game's opponent.
-        tables: of the members that are some.
+        opponents: [num_games] int64, the index in `pool.members` of the opponent of each game.
+        tables: action tables of the members that have them.
     """
 
     def __init__(self, pool: OpponentPool, num_games: int, steps: int = 1) -> None:
@@ -252,14 +251,14 @@ class PoolPolicy:
         self.opponents = np.zeros(num_games, dtype=np.int64)
         self.tables = CellTables(num_games * steps)
 
-    def remembering(self) -> dict[str, Any]:
-        """The members that remember, by name."""
+    def recurrent_members(self) -> dict[str, Any]:
+        """The members with memory, by name."""
         policies = {member.name: member.policy for member in self.pool.members}
         return {name: policy for name, policy in policies.items() if hasattr(policy, "memory")}
 
     def act(self, view: GameView) -> NDArray[np.int32]:
-        """[num_games] int32: drawn from tables where they can be had (see `CellTables`), else one
-        forward pass for every distinct opponent."""
+        """[num_games] int32 actions: drawn from tables if available (see `CellTables`), otherwise
+        by one forward pass per distinct opponent."""
         policies = [member.policy for member in self.pool.members]
         places = self.tables.places(policies, view.task)
         present = np.flatnonzero(np.bincount(self.opponents))
@@ -304,7 +303,7 @@ def nash_mixtures(payoff: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDA
     """The equilibrium of a payoff matrix [chasers, evaders] that the evaders maximise.
 
     Returns:
-        The chasers' and the evaders' mixture.
+        The mixtures of the chasers and of the evaders.
     """
     game = solve_matrix_game(payoff.T)
     return game.column, game.row

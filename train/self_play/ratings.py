@@ -1,7 +1,7 @@
-"""Ratings from many players' results: Elo, Nash averaging, and cycles.
+"""Ratings of players: Elo, Nash averaging, and cycles.
 
-Players of one role are compared on the same starts against the same opponents: whoever does better
-there wins. So ratings need no threshold that calls a chase won or lost.
+Players of one role are compared on the same starts against the same opponents, and the one with the
+better result wins the comparison. So ratings need no threshold for winning a chase.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ BOOTSTRAPS = 200
 
 
 def pairwise_wins(results: NDArray[Any]) -> NDArray[np.float64]:
-    """[players, players, games] float64: the share of opponents against whom one does better.
+    """[players, players, games] float64: the share of opponents with a better result.
 
     Args:
-        results: [players, opponents, games], larger is better; game g begins alike for all.
+        results: [players, opponents, games], larger is better; game g has the same start for all.
 
     Returns:
         In [0, 1]; ties count half. wins[i, k] + wins[k, i] = 1.
@@ -36,7 +36,7 @@ def elo_ratings(wins: NDArray[np.float64], seed: int = 0) -> list[tuple[float, f
     """Elo ratings with mean 1500, and their 95 % intervals, by a bootstrap over games.
 
     The maximum likelihood of P(i beats k) = 1 / (1 + 10 ** ((r_k - r_i) / 400)) (Bradley and Terry,
-    1952; Elo, 1978), with half a win each way added, so that who wins always stays finite.
+    1952; Elo, 1978), with half a win added on each side, so that ratings stay finite.
 
     Args:
         wins: [players, players, games], from `pairwise_wins`.
@@ -91,7 +91,7 @@ class NashAverage:
 def nash_average(payoff: NDArray[np.float64]) -> NashAverage:
     """Nash averaging (Balduzzi et al., 2018): opponents count by the maximum entropy equilibrium.
 
-    So copies of an entry change nothing, and easy prey says nothing.
+    So copies of an entry do not change the ratings, and weak opponents do not count.
 
     Args:
         payoff: [chasers, evaders], which the evaders maximise.
@@ -105,7 +105,7 @@ def nash_average(payoff: NDArray[np.float64]) -> NashAverage:
 def _widest(
     payoff: NDArray[np.float64], value: float, start: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Of the strategies over columns that get at least `value` from every row, the most even."""
+    """The maximum entropy strategy over columns that gets at least `value` from every row."""
     span = float(np.ptp(payoff))
     if span <= 1e-9 * max(1.0, abs(value)):
         return np.full_like(start, 1.0 / len(start))
@@ -136,7 +136,7 @@ def _widest(
     )
     mixture = np.clip(found.x, 0.0, None)
     mixture /= mixture.sum()
-    # Where the search ends outside, the equilibrium that it began with is one all the same.
+    # If the search ends outside the constraints, the initial equilibrium is still valid.
     good = bool(((payoff @ mixture - value) / span > -1e-6).all())
     return mixture if good else start
 
@@ -144,11 +144,11 @@ def _widest(
 def best_response_cycle(
     payoff: NDArray[np.float64], ci95: NDArray[np.float64] | None = None
 ) -> list[tuple[str, int]]:
-    """A cycle of best responses, each to the one before; empty if they settle in an equilibrium.
+    """A cycle of best responses, each to the previous one; empty if they reach an equilibrium.
 
     Args:
         payoff: [chasers, evaders], which the evaders maximise and the chasers minimise.
-        ci95: half widths of its entries; a pair that is an equilibrium within them is taken as one.
+        ci95: half widths of its entries; equilibria are tested within them.
 
     Returns:
         ("chaser", i) and ("evader", j) in turn: at least four of them.
@@ -172,8 +172,7 @@ def best_response_cycle(
 def preference_cycle(wins: NDArray[np.float64]) -> list[int]:
     """A shortest cycle of players of one role, each better than the next; empty if there is none.
 
-    One is better where it wins more than half of the comparisons, and their 95 % interval excludes
-    half.
+    A player is better if its share of won comparisons has a 95 % interval above half.
 
     Args:
         wins: [players, players, games], from `pairwise_wins`.
@@ -186,7 +185,7 @@ def preference_cycle(wins: NDArray[np.float64]) -> list[int]:
     graph = networkx.DiGraph(np.argwhere(better).tolist())
     shortest: list[int] = []
     for player in graph:
-        # The way back from whoever is worse, if there is one: a search for each player, no more.
+        # A cycle is an edge to a worse player plus a shortest path back: one search per player.
         back = networkx.single_target_shortest_path(graph, player)
         for worse in graph.successors(player):
             if worse in back and (not shortest or len(back[worse]) < len(shortest)):

@@ -1,4 +1,4 @@
-"""The report of self-play: exploitability over time, who beats whom, cycles, and replays."""
+"""The report of self-play: exploitability over time, payoff matrix, cycles, and replays."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ import numpy as np
 from pursuit.replays.viewer.data import Builder, Extras
 from pursuit.simulator.policy import Policy
 from pursuit.tasks.task import Task
-from train.evaluation.closeups import MOST_OVERLAY_CELLS, recorded, sides_of
 from train.evaluation.contest import GameContest
+from train.evaluation.recordings import MOST_OVERLAY_CELLS, recorded, sides_of
 from train.files import read_json
 from train.reports.curves import Panel, Series, draw_panels
 from train.reports.figures import BLACK, BLUE, ORANGE
@@ -21,18 +21,18 @@ from train.reports.pages import PLAYER_ROOM, details, pairs, picture, section, w
 from train.reports.tables import in_markdown
 from train.runs.folder import CONFIG, CURVE, REPLAYS, REPORT
 from train.runs.report import made_with
-from train.self_play.averages import told_averages
+from train.self_play.averages import describe_averages
 from train.self_play.league import Entry, LeagueTable, cycle_of, play_league
 from train.self_play.payoffs import draw_league, matches_table
 from train.settings.self_play import ROLES
 
 PAYOFF = "payoff.png"
 EPISODES = 4
-"""Shown of the two sides."""
+"""Number of episodes in the replay."""
 SNAPSHOTS = 5
-"""Of each role that meet each other, from the first to the last."""
+"""Number of snapshots per role in the payoff matrix, from the first to the last."""
 GAMES = 20
-"""Of each pair of them, which count where the result is not exact."""
+"""Games per pair of snapshots, for results that are not exact."""
 
 
 COLORS = {"nash_conv": BLACK, "chaser": ORANGE, "evader": BLUE}
@@ -45,7 +45,7 @@ SCRIPTED = {"astar": ("A*", "-"), "random": ("random", ":"), "optimal": ("optima
 
 
 def draw_self_play(path: Path, rows: list[dict[str, float]], title: str) -> None:
-    """Exploitability over seconds, and both sides against the scripted agents below."""
+    """Draw exploitability over seconds, and below it both sides against the scripted agents."""
     times = np.array([row["seconds"] for row in rows])
 
     def curve(name: str, like: Series) -> list[Series]:
@@ -76,10 +76,10 @@ def write_self_play_report(
 
     Args:
         folder: of the run.
-        trainee: the two sides, as they are now.
+        trainee: the two sides.
         title: of the page.
-        results: what `results.json` holds.
-        path: of the page, if it is to be elsewhere; then no replays are written.
+        results: the contents of `results.json`.
+        path: of the page, if not in the folder; then no replays are written.
 
     Raises:
         OSError: they cannot be written.
@@ -102,7 +102,7 @@ def write_self_play_report(
     about = f"Run {folder.name}: {results['algorithm']}, opponents {results['sampling']}."
     parts = [
         in_markdown(about),
-        *told_exploitability(results),
+        *describe_exploitability(results),
         PLAYER_ROOM,
         *section("Exploitability over time", picture(folder / CURVE, "exploitability over time")),
         *section("Matches at the end", matches_table(results["matches"]).markdown()),
@@ -118,7 +118,7 @@ def write_self_play_report(
 
 
 def snapshots_league(trainee: Any, task: Task, pair: Mapping[str, Policy]) -> LeagueTable:
-    """Some snapshots of both sides, from old to new, and the sides as they are."""
+    """A league of snapshots of both sides, from old to new, and of the current policies."""
     entries = []
     for role in ROLES:
         kept = trainee.pools[role].snapshots if role in trainee.pools else []
@@ -128,59 +128,59 @@ def snapshots_league(trainee: Any, task: Task, pair: Mapping[str, Policy]) -> Le
     return play_league(task, entries, GAMES, 0)
 
 
-def told_exploitability(results: Mapping[str, Any]) -> list[str]:
-    """What was found, in words: NashConv and value where they are exact, best responses."""
+def describe_exploitability(results: Mapping[str, Any]) -> list[str]:
+    """The results as sentences: exact NashConv and value, and best responses."""
     found, start = results["evaluation"], results.get("at_start", {})
     limited = bool(results.get("limited_sight"))
     meaning = "exact; 0 is an equilibrium"
     if limited:
         meaning = (
-            "exact for best responses that see everything, so a bound under limited sight, where "
-            "an equilibrium need not reach 0"
+            "exact for best responses with full view, so an upper bound with a limited view, where "
+            "equilibria can be above 0"
         )
-    told = []
+    lines = []
     if "nash_conv" in found:
         before = f" (at the start {start['nash_conv']:.3f})" if "nash_conv" in start else ""
-        told.append(f"NashConv {found['nash_conv']:.3f} discounted steps{before}; {meaning}.")
+        lines.append(f"NashConv {found['nash_conv']:.3f} discounted steps{before}; {meaning}.")
     if results.get("averages"):
-        told.append(f"{told_averages(results['averages'])}.")
+        lines.append(f"{describe_averages(results['averages'])}.")
     if results.get("whole_game"):
-        told.append(told_whole_game(results["whole_game"]))
+        lines.append(describe_whole_game(results["whole_game"]))
     if "game_value" in found and "value" in found:
-        sight = " in full sight" if limited else ""
-        told.append(f"Value {found['value']:.3f}; of the game{sight} {found['game_value']:.3f}.")
+        sight = " with full view" if limited else ""
+        lines.append(f"Value {found['value']:.3f}; of the game{sight} {found['game_value']:.3f}.")
     for kind in ("exact", "approximate"):
         for name, steps in results.get(f"{kind}_best_response", {}).items():
-            full = " of full sight" if kind == "exact" and limited else ""
+            full = " with full view" if kind == "exact" and limited else ""
             against = name.replace("_", " the ")
-            told.append(f"{kind} best response{full} {against}: {steps:.2f} steps.".capitalize())
-    told.append(f"{results['frames']:,} frames in {results['seconds']:.1f} s.")
-    return told
+            lines.append(f"{kind} best response{full} {against}: {steps:.2f} steps.".capitalize())
+    lines.append(f"{results['frames']:,} frames in {results['seconds']:.1f} s.")
+    return lines
 
 
-def told_whole_game(found: Mapping[str, Any]) -> str:
-    """NashConv of a game that pays its sides, in words."""
+def describe_whole_game(found: Mapping[str, Any]) -> str:
+    """NashConv in returns as a sentence."""
     each = ", ".join(
-        f"{role} is paid {paid:.3f} and could gain {found['gains'][role]:.3f}"
+        f"return of the {role} {paid:.3f}, a best response gains {found['gains'][role]:.3f}"
         for role, paid in found["returns"].items()
     )
     return (
-        f"NashConv of what the sides are paid, discounted: {found['nash_conv']:.3f} ({each}; "
+        f"NashConv in discounted returns: {found['nash_conv']:.3f} ({each}; "
         "exact, each side one player)."
     )
 
 
 def cycle_in_words(league: LeagueTable) -> str:
-    """Whether each is the best answer to the one before, in a circle."""
+    """The cycle of best responses as a sentence."""
     cycle = cycle_of(league)
     if not cycle:
         return "No cycle of best responses among these."
     chain = in_markdown(" -> ".join([*cycle, cycle[0]]))
-    return f"Each is the best answer to the one before, in a circle: {chain}."
+    return f"Cycle in which each is the best response to the previous one: {chain}."
 
 
 def made(folder: Path, results: Mapping[str, Any]) -> list[str]:
-    """Settings, versions, machine and command."""
+    """The section on settings, versions, machine and command."""
     config = read_json(folder / CONFIG)
     config.pop("maze_text", None)
     command = config.pop("command", "")

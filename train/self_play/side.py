@@ -1,4 +1,4 @@
-"""One side of self-play: its games, its learner, and the opponents it meets."""
+"""One side of self-play: its games, its learner, and its opponents."""
 
 from __future__ import annotations
 
@@ -17,25 +17,25 @@ from train.environments.hooks import EpisodeHook
 from train.environments.simulator_env import SimulatorEnv
 from train.networks.policy import Seat
 from train.runs.folder import check_learned
-from train.runs.in_play import plain_games, put_games
+from train.runs.training_state import restore_simulator, simulator_tensors
 from train.self_play.pool import OpponentPool, PoolPolicy
 from train.settings.algorithms import Hyperparameters
 
 
 class Opponents(EpisodeHook):
-    """Gives every game another member of a pool in each episode, and keeps the scores.
+    """Draws an opponent from a pool for every episode, and records the scores.
 
     Args:
         simulator: the games.
         role: of the learner.
         discount: of the scores.
-        seed: of the drawing.
-        steps: between two changes of an opponent that learns as well, about.
+        seed: of the sampling.
+        steps: approximate number of steps between updates of an opponent that learns.
 
     Attributes:
-        policy: fills the other seats; its `opponents` says who plays in which game.
-        shares: how often each member of the pool is drawn.
-        rng: what draws them.
+        policy: the policy of the other agents; its `opponents` are the members by game.
+        shares: sampling probabilities of the members of the pool.
+        rng: of the sampling.
     """
 
     def __init__(
@@ -43,14 +43,14 @@ class Opponents(EpisodeHook):
     ) -> None:
         super().__init__()
         self.simulator, self.role, self.discount = simulator, role, discount
-        nobody: Any = None  # the pool, once both sides stand
-        self.policy = PoolPolicy(nobody, simulator.num_games, steps)
+        pool: Any = None  # set once both sides are constructed
+        self.policy = PoolPolicy(pool, simulator.num_games, steps)
         self.rng = np.random.default_rng(seed)
         self.shares: NDArray[np.float64] = np.ones(1)
 
     @property
     def pool(self) -> OpponentPool:
-        """Whose members are drawn."""
+        """The pool of opponents."""
         return self.policy.pool
 
     def after_restart(self, games: NDArray[np.intp]) -> None:
@@ -59,10 +59,10 @@ class Opponents(EpisodeHook):
         self.policy.opponents[games] = drawn
 
     def episode_ended(self, games: NDArray[np.bool_]) -> None:
-        """Note the learner's scores against the opponents of these games.
+        """Record the learner's scores against the opponents of these games.
 
-        An evader's score is 1 - discount ** steps: what it got of the most that it could get, in
-        the discounted game; a chaser's is discount ** steps.
+        The score of an evader is 1 - discount ** steps, its share of the highest discounted return;
+        that of a chaser is discount ** steps.
         """
         left = self.discount ** self.simulator.steps[games].astype(np.float64)
         scores = left if self.role == "chaser" else 1.0 - left
@@ -73,11 +73,11 @@ class Opponents(EpisodeHook):
 
 @dataclass(frozen=True)
 class SideParts:
-    """What one side is made of.
+    """The parts of one side.
 
     Attributes:
-        seat: whose policy is learned: the role, in the games.
-        algorithm, hyper, build: what it learns by, the settings of that, and how it is built.
+        seat: the role that learns, in the games.
+        algorithm, hyper, build: the algorithm, its hyperparameters, and its build options.
         discount: of the exact game.
         scale: of the rewards.
     """
@@ -95,12 +95,12 @@ class Side:
 
     Args:
         parts: of the side.
-        number: of the role; both roles' games begin differently though they share a seed.
-        state: what `state_dict` gave; None begins.
+        number: index of the role, for different starts of both roles with the same seed.
+        state: of `state_dict`; None for a new side.
 
     Attributes:
         parts, env, learner: of this role.
-        opponents: whom it meets.
+        opponents: its opponents.
     """
 
     def __init__(self, parts: SideParts, number: int, state: dict[str, Any] | None = None) -> None:
@@ -120,7 +120,7 @@ class Side:
         if state is not None:
             check_learned(parts.algorithm.name, state)
             # before there is a collector, which begins with what it finds
-            put_games(self.simulator, state["simulator"])
+            restore_simulator(self.simulator, state["simulator"])
             self.opponents.policy.opponents[:] = state["opponents"].numpy()
             self.opponents.rng.bit_generator.state = state["rng"]
             self.env.idle[:] = state["idle"].numpy()
@@ -137,11 +137,11 @@ class Side:
 
     @property
     def greedy(self) -> bool:
-        """Whether it plays greedily while it learns: where there is no distribution."""
+        """Whether it plays greedily during training: for algorithms without a distribution."""
         return not self.parts.algorithm.learns_distribution
 
     def policy(self) -> Policy:
-        """As it plays while it learns."""
+        """The policy of training."""
         return self.learner.policy(greedy=self.greedy)
 
     def load(self, state: dict[str, Any]) -> Policy:
@@ -150,21 +150,21 @@ class Side:
         return self.parts.algorithm.load(self.parts.hyper, self.parts.seat, state, self.greedy)
 
     def snapshot(self) -> dict[str, Any]:
-        """What `load` needs."""
+        """The state for `load`."""
         network: Any = self.learner.state_dict()["network"]
         return {"network": {name: tensor.clone() for name, tensor in network.items()}}
 
     def state_dict(self) -> dict[str, Any]:
-        """Everything but the pool."""
+        """The state of the side, without the pool."""
         return {
             "algorithm": self.parts.algorithm.name,
             "learner": self.learner.state_dict(),
-            "simulator": plain_games(self.simulator),
+            "simulator": simulator_tensors(self.simulator),
             **self._own_state(),
         }
 
     def _own_state(self) -> dict[str, Any]:
-        """Who plays in which game, and who is drawn next."""
+        """The opponents by game, and the state of the sampling."""
         return {
             "opponents": torch.from_numpy(self.opponents.policy.opponents.copy()),
             "idle": torch.from_numpy(self.env.idle.copy()),

@@ -1,9 +1,9 @@
-"""Opponents as tables: what networks play in every pair of cells, asked once and not in every step.
+"""Opponents as tables: the action probabilities of networks for all pairs of cells.
 
-In a duel a network that sees cells only is a function of two cells. A snapshot never changes, and
-the latest opponent not before it learns again: so a rollout of thousands of frames asks each once,
-on all pairs of cells, and draws from what they said. The probabilities are those of the network in
-each game up to the last bits, in which matrix products of other sizes differ.
+In a duel a network without memory is a function of two cells. Snapshots never change, and the
+latest opponent is constant between updates. So each network is evaluated once per rollout on all
+pairs of cells, and actions are drawn from the table. The probabilities equal those of the network
+up to rounding, as matrix products of other sizes round differently.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ from pursuit.tasks.task import Task
 from train.networks.policy import LearnedPolicy
 
 MAX_PAIRS = 2**16
-"""Of cells, in a table that is kept: those of 15 × 15 mazes fit, and take 2 MB."""
+"""Maximum number of pairs of cells in a table: 15 × 15 mazes fit, with 2 MB."""
 
 
 class CellTables:
     """The tables of the members of a pool.
 
     Args:
-        worth: pairs of cells at most that an opponent which still learns is asked for between two
-            changes of its weights: the frames of a rollout.
+        worth: maximum number of pairs of cells for tables of an opponent that learns: the frames of
+            a rollout.
     """
 
     def __init__(self, worth: int) -> None:
@@ -45,7 +45,7 @@ class CellTables:
         return self._cumulative
 
     def places(self, policies: Sequence[Policy], task: Task) -> NDArray[np.int64]:
-        """[policies] which table is whose, all up to date; -1 where there is none.
+        """[policies] the index of the table of each policy, updated; -1 for none.
 
         Args:
             policies: the members; all but the first never change.
@@ -78,7 +78,7 @@ class CellTables:
         return np.minimum(actions, np.int32(chances.shape[1] - 1))
 
     def _place(self, policies: Sequence[Policy], task: Task) -> NDArray[np.int64]:
-        """[policies]: those that are new get a table, those that are gone make room."""
+        """[policies]: assign tables to new policies, and free those of removed ones."""
         found = np.full(len(policies), -1)
         if not task.is_duel or len(task.mazes) != 1:
             return found
@@ -99,9 +99,9 @@ class CellTables:
                 taken.add(place)
                 self._kept[id(policy)] = policy, place
             found[number] = self._kept[id(policy)][1]
-        rooms = 1 + max(taken, default=-1)
-        if rooms > len(self._cumulative):
-            larger = np.zeros((rooms, pairs, task.num_actions))
+        count = 1 + max(taken, default=-1)
+        if count > len(self._cumulative):
+            larger = np.zeros((count, pairs, task.num_actions))
             if len(self._cumulative):
                 larger[: len(self._cumulative)] = self._cumulative
             self._cumulative = larger
@@ -111,7 +111,7 @@ class CellTables:
         return found
 
     def _refresh(self, place: int, policy: Policy, task: Task) -> None:
-        """Ask the network anew if its weights have changed since: torch counts what is written."""
+        """Update a table if the version counters of the weights have changed."""
         assert isinstance(policy, LearnedPolicy)
         version = sum(weights._version for weights in policy.network.parameters())
         if self._known.get(place) != version:

@@ -27,50 +27,50 @@ from train.runs.folder import (
     save_checkpoint,
     save_config,
 )
-from train.runs.in_play import memories_of, put_memories
 from train.runs.loop import Budget, Clock, Objective, Run
 from train.runs.threads import check_device, prepare_torch
+from train.runs.training_state import policy_memories, restore_policy_memories
 from train.self_play.averages import averages_of
+from train.self_play.metrics import (
+    exact_best_responses,
+    exploited,
+    format_row,
+    matches,
+    scripted_references,
+    whole_game,
+)
 from train.self_play.parts import SelfPlayParts, self_play_parts, side_settings
 from train.self_play.pool import LATEST, OpponentPool, nash_mixtures, weights
 from train.self_play.side import Side
-from train.self_play.standing import (
-    exact_best_responses,
-    exploited,
-    matches,
-    scripted_beside,
-    told_row,
-    whole_game,
-)
 from train.settings.checks import evaluation_seed
 from train.settings.self_play import LEARN, ROLES, SelfPlaySettings, self_play_ppo
 
 MOST_AVERAGED_CELLS = 49
-"""Of a maze, for averages of snapshots in the results: beyond they would take too long."""
+"""Maximum number of cells for averages of snapshots in the results: they take long above."""
 PAIR_EPISODES = 200
-"""Games for an entry of the payoff matrix that has no exact value."""
+"""Games per entry of the payoff matrix without an exact value."""
 
 
 class SelfPlay:
-    """Both roles learning against each other; a `Trainee`.
+    """Both roles learn against each other; a `Trainee`.
 
-    In the folder of its run `chaser/` and `evader/` are saved as policies of their own, for
+    In the folder of its run `chaser/` and `evader/` are saved as separate policies, for
     `pursuit evaluate`, `render` and `league`; `pool/` holds the snapshots.
 
     Args:
-        settings: what to do.
-        parts: what they became.
+        settings: of the run.
+        parts: of these settings.
         folder: of the run.
-        state: what `state_dict` gave; None begins.
+        state: of `state_dict`; None for a new run.
 
     Raises:
         One of `MISFITS`: a state of other settings.
 
     Attributes:
-        task, sides, pools: the game, who learns, and the opponents in each role.
+        task, sides, pools: the game, the learning sides, and the opponents in each role.
         payoffs, mixtures: of the meta-game of double oracle; payoffs in discounted steps.
         taken: snapshots so far.
-        tell: told what long work at the end is at, and its share in [0, 1].
+        tell: called with a description and the progress in [0, 1] of long computations at the end.
     """
 
     kind: ClassVar[str] = SELF_PLAY
@@ -99,7 +99,7 @@ class SelfPlay:
         if state is not None:
             self._load_state_dict(state)
         self._share_out()
-        # What is measured depends on the game, not on who plays: every learned policy is a table.
+        # The objective depends on the game alone: every learned policy is a table.
         exact = can_solve(self.task, self.policy("chaser"), self.policy("evader"), MAX_EXACT_WORK)
         column, unit = ("nash_conv", "discounted steps") if exact else ("steps", "steps")
         self.objective = Objective(column, unit)
@@ -122,11 +122,11 @@ class SelfPlay:
         return sum(side.learner.frames for side in self.sides.values())
 
     def policy(self, role: str) -> Policy:
-        """Who plays a role now."""
+        """The current policy of a role."""
         return self.pools[role].members[0].policy
 
     def iterate(self, clock: Clock) -> dict[str, float]:
-        """One iteration of every learner; snapshots where they are due."""
+        """One iteration of every learner; adds snapshots when they are due."""
         figures: dict[str, float] = {}
         for role, side in self.sides.items():
             found = side.learner.iterate(clock.progress)
@@ -140,7 +140,7 @@ class SelfPlay:
     # -- opponents -------------------------------------------------------------------------------
 
     def _share_out(self) -> None:
-        """How often each opponent is drawn from now on."""
+        """Update the sampling probabilities of opponents."""
         settings = self.settings
         for role, side in self.sides.items():
             pool = self.pools[other_role(role)]
@@ -164,7 +164,7 @@ class SelfPlay:
             self._solve_meta_game()
 
     def _keep_opponents(self, role: str, before: list[str]) -> None:
-        """Members of a pool have moved: games go on against whom they began."""
+        """Update the opponents of running games after members of a pool have moved."""
         names, learner = self.pools[role].names, self.sides.get(other_role(role))
         if learner is not None:
             moved = np.array([names.index(name) if name in names else 0 for name in before])
@@ -174,9 +174,8 @@ class SelfPlay:
     def _solve_meta_game(self) -> None:
         """The Nash mixture of all pairs of snapshots (and scripted members; not the latest).
 
-        Their payoffs are those of the game that is trained in and that NashConv is of: discounted
-        steps until the game ends. The learners go on from where they are against the mixture; they
-        do not begin afresh, as those of PSRO do (Lanctot et al., 2017).
+        Payoffs are discounted steps until the game ends, as in training and in NashConv. Unlike in
+        PSRO (Lanctot et al., 2017), the learners continue and are not initialised again.
         """
         members = {
             role: [
@@ -205,7 +204,7 @@ class SelfPlay:
     # -- evaluation ------------------------------------------------------------------------------
 
     def evaluate(self, episodes: int = 300, most: int = 0) -> dict[str, float]:
-        """Exact exploitability where it can be had, and both sides against scripted agents.
+        """Exact exploitability where possible, and both sides against scripted agents.
 
         Exploitability is in discounted steps, lengths are in steps: exact in a duel, and of a team
         up to the size `most` (`match`).
@@ -216,24 +215,24 @@ class SelfPlay:
         chaser, evader = (self.policy(role) for role in ROLES)
         row = exploited(self.task, chaser, evader, self.parts.discount)
         row["steps"] = match(self.task, chaser, evader, episodes, most=most).steps
-        for name in scripted_beside(self.task):
+        for name in scripted_references(self.task):
             for role in self.sides:
                 other = self.parts.scripted[name, other_role(role)]
                 one, two = (chaser, other) if role == "chaser" else (other, evader)
                 row[f"{role}_vs_{name}"] = match(self.task, one, two, episodes, most=most).steps
         return row
 
-    def told(self, row: dict[str, float]) -> list[str]:
+    def log_fields(self, row: dict[str, float]) -> list[str]:
         """As `told_row`."""
         return told_row(row)
 
     def results(self, interrupted: bool, episodes: int) -> dict[str, Any]:
-        """Exploitability, everybody against everybody, pools; for teams how well a best response
-        to each side does, an exact one where the game fits, else an approximate one."""
+        """Exploitability, matches between all policies, pools; for teams best responses to each
+        side, exact if the game is small enough, otherwise approximate."""
         settings, pair = self.settings, {role: self.policy(role) for role in ROLES}
         players = {
             role: {"learned" if role in self.sides else "frozen": pair[role]}
-            | {name: self.parts.scripted[name, role] for name in scripted_beside(self.task)}
+            | {name: self.parts.scripted[name, role] for name in scripted_references(self.task)}
             for role in ROLES
         }
         content: dict[str, Any] = {
@@ -251,7 +250,7 @@ class SelfPlay:
             "mixtures": self.mixtures,
         }
         if any(self.task.hides_from(agent) for agent in self.task.agent_names):
-            content["limited_sight"] = True  # best responses and values are those of full sight
+            content["limited_sight"] = True  # best responses and values have full view
         exact = "nash_conv" in content["evaluation"]
         if not exact and not is_exact_team(self.task, pair, MAX_FINAL_WORK):
             self.tell("NashConv of the whole game", 0.0)
@@ -269,19 +268,19 @@ class SelfPlay:
         return content
 
     def approximate_best_responses(self, episodes: int) -> dict[str, float]:
-        """Mean steps after a PPO was trained against each learned side, which stood still.
+        """Mean steps of a PPO trained against each learned side, which is fixed.
 
-        A bound on what a best response gets, not its value: {"against_evader": steps, ...}.
+        A bound on the value of a best response: {"against_evader": steps, ...}.
         """
         found = {}
         for role in self.sides:
             other = other_role(role)
-            who: Any = {role: str(self.folder / role), other: LEARN, f"{other}_algorithm": "ppo"}
+            roles: Any = {role: str(self.folder / role), other: LEARN, f"{other}_algorithm": "ppo"}
             settings = replace(
                 self.settings,
-                # It plays as it was learned; who responds may do anything, masks or not.
+                # The fixed side samples as in training; the response may use all actions.
                 task=replace(self.settings.task, opponent_policy="sampled", mask_bumps=False),
-                **who,
+                **roles,
                 hyper=self.settings.hyper or replace(self_play_ppo(), gamma=self.parts.discount),
                 chaser_hyper=None,
                 evader_hyper=None,
@@ -305,11 +304,11 @@ class SelfPlay:
     # -- files -----------------------------------------------------------------------------------
 
     def state_dict(self) -> dict[str, Any]:
-        """Both sides, who is in the pools, and the meta-game."""
+        """Both sides, the members of the pools, and the meta-game."""
         return {
             "sides": {role: side.state_dict() for role, side in self.sides.items()},
             "pools": {role: pool.state_dict() for role, pool in self.pools.items()},
-            "memories": {role: memories_of(side.env) for role, side in self.sides.items()},
+            "memories": {role: policy_memories(side.env) for role, side in self.sides.items()},
             "rng": self.rng.bit_generator.state,
             "taken": self.taken,
             "payoffs": [[*pair, value] for pair, value in self.payoffs.items()],
@@ -317,7 +316,7 @@ class SelfPlay:
         }
 
     def learned(self) -> dict[str, Any]:
-        """What the learners keep."""
+        """The states of the learners."""
         return {role: side.learner.state_dict() for role, side in self.sides.items()}
 
     def _load_state_dict(self, state: dict[str, Any]) -> None:
@@ -328,13 +327,13 @@ class SelfPlay:
             pool.load_state_dict(state["pools"][role])
             self._keep_opponents(role, before)
         for role, side in self.sides.items():  # once their opponents are there
-            put_memories(side.env, state["memories"][role])
+            restore_policy_memories(side.env, state["memories"][role])
         self.rng.bit_generator.state = state["rng"]
         self.taken, self.mixtures = state["taken"], state["mixtures"]
         self.payoffs = {(chaser, evader): value for chaser, evader, value in state["payoffs"]}
 
     def save_beside(self, folder: Path) -> None:
-        """Write every role as a policy of its own, and drop the snapshots that are in no pool."""
+        """Write every role as a separate policy, and delete snapshots that are in no pool."""
         for role, side in self.sides.items():
             own = folder / role
             if not (own / CONFIG).exists():
@@ -347,7 +346,7 @@ class SelfPlay:
             pool.clean()
 
     def close(self) -> None:
-        """End the learners' collecting."""
+        """Close the learners."""
         for side in self.sides.values():
             side.learner.close()
 
@@ -355,10 +354,10 @@ class SelfPlay:
 def make_self_play(
     settings: SelfPlaySettings, folder: Path, state: dict[str, Any] | None = None
 ) -> Run:
-    """The self-play of these settings in its folder, from its beginning or from a checkpoint.
+    """A run of self-play in its folder, new or from a checkpoint.
 
     Raises:
-        ValueError: settings that cannot run here, or a checkpoint that does not fit.
+        ValueError: settings that cannot run here, or a checkpoint that does not match.
     """
     check_device(settings.device)
     budget = Budget(settings.seconds, settings.frames, settings.threads, settings.clock)

@@ -1,1 +1,1 @@
-"""What is asked for: frozen dataclasses of plain values, checked at birth. No torch here."""
+"""Settings as frozen dataclasses of plain values, validated on construction. No torch here."""

@@ -1,4 +1,4 @@
-"""The settings of every algorithm: frozen dataclasses, checked at birth. No torch here."""
+"""Hyperparameters of every algorithm: frozen dataclasses. No torch here."""
 
 from __future__ import annotations
 
@@ -33,27 +33,26 @@ __all__ = [
 
 @dataclass(frozen=True)
 class ActorCriticSettings(NetworkSettings):
-    """Policy and value."""
+    """Hyperparameters of algorithms with a policy and a value function."""
 
     entropy_coef: NotNegative = 0.01
-    """Weight of the entropy bonus at the start."""
+    """Initial weight of the entropy bonus."""
     value_coef: NotNegative = 0.5
     """Weight of the value loss."""
     shared: bool = True
-    """Whether policy and value share their hidden layers."""
+    """Share the hidden layers between policy and value function."""
     action_std: Positive = 1.0
-    """Standard deviation of continuous actions, before tanh, at the start; it is learned."""
+    """Initial standard deviation of continuous actions, before tanh; it is learned."""
     gamma_end: float | None = None
-    """The discount at the end, below 1; None for `gamma` throughout."""
+    """Discount at the end of training, below 1. None: `gamma` throughout."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.gamma_end is not None:
             check(
                 max(self.gamma, self.gamma_end) < 1.0 and self.gamma_end >= 0.0,
-                f"gamma={self.gamma}, gamma_end={self.gamma_end}; between two discounts from 0 on "
-                "and below 1 there is a way by how far they look ahead: lower them, or leave "
-                "gamma_end out",
+                f"gamma={self.gamma}, gamma_end={self.gamma_end}; both must be in [0, 1) to anneal "
+                "the discount: lower them, or leave gamma_end out",
             )
 
     @property
@@ -62,8 +61,8 @@ class ActorCriticSettings(NetworkSettings):
         return self.gamma if self.gamma_end is None else self.gamma_end
 
     def gamma_at(self, progress: float) -> float:
-        """The discount at a time in [0, 1]: the steps that it looks ahead, 1 / (1 - discount), grow
-        by the same factor in equal times."""
+        """The discount at a time in [0, 1]: the horizon 1 / (1 - discount) grows geometrically from
+        that of `gamma` to that of `gamma_end`."""
         if self.gamma_end is None:
             return self.gamma
         return 1.0 - (1.0 - self.gamma) ** (1.0 - progress) * (1.0 - self.gamma_end) ** progress
@@ -71,10 +70,10 @@ class ActorCriticSettings(NetworkSettings):
 
 @dataclass(frozen=True)
 class RolloutSettings(ActorCriticSettings):
-    """Learning from rollouts of fixed length."""
+    """Hyperparameters of algorithms that learn from rollouts of fixed length."""
 
     rollout_steps: Count = 16
-    """Steps of every game between two updates."""
+    """Steps of every game in a rollout."""
     gae_lambda: Share = 0.9
     """Lambda of generalised advantage estimation."""
 
@@ -88,14 +87,14 @@ class PPOSettings(RolloutSettings):
     epochs: Count = 2
     """Passes over each rollout."""
     clip: Positive = 0.2
-    """Clipping of the probability ratio."""
+    """Clipping range of the probability ratio."""
     kl_target: NotNegative = 0.0
-    """Above 0 a penalty on the divergence from the policy that collected is added to the clipped
-    objective, and its weight adapted to keep the divergence near this target."""
+    """Target of the KL divergence from the policy that collected the rollout. Above 0, a KL penalty
+    with an adaptive weight is added to the clipped objective."""
     kl_coef: NotNegative = 0.2
-    """Weight of that penalty at the start."""
+    """Initial weight of the KL penalty."""
     critic: bool = True
-    """Learn a value; without, returns end with the rollout and nothing is subtracted from them."""
+    """Learn a value function. Without it, returns end with the rollout and have no baseline."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -107,8 +106,8 @@ class PPOSettings(RolloutSettings):
         )
         check(
             self.minibatch_size > 1,
-            f"minibatch_size={self.minibatch_size}: advantages are standardised in each minibatch, "
-            "which takes at least 2 frames; raise it",
+            f"minibatch_size={self.minibatch_size} is too small: advantages are standardised in "
+            "each minibatch, which needs at least 2 frames; raise it",
         )
 
 
@@ -117,15 +116,16 @@ class A2CSettings(RolloutSettings):
     """Advantage actor-critic (Mnih et al., 2016, synchronous)."""
 
     num_games: Count = 512
-    """Games in lockstep."""
+    """Games simulated in parallel."""
     rollout_steps: Count = 4
-    """Steps of every game between two updates."""
+    """Steps of every game in a rollout."""
     learning_rate: Positive = 6e-3
-    """Of Adam, at the start."""
+    """Initial learning rate of Adam."""
     gae: bool = True
-    """Generalised advantages; without, discounted returns less the value."""
+    """Use generalised advantage estimation. Without it, advantages are discounted returns minus the
+    value."""
     critic: bool = True
-    """Learn a value; without, returns end with the rollout and nothing is subtracted from them."""
+    """Learn a value function. Without it, returns end with the rollout and have no baseline."""
     standardize_advantages: bool = True
     """Scale the advantages of each rollout to mean 0 and standard deviation 1."""
 
@@ -133,21 +133,21 @@ class A2CSettings(RolloutSettings):
         super().__post_init__()
         check(
             self.num_games * self.rollout_steps > 1 or not self.standardize_advantages,
-            "standardize_advantages=True with a rollout of 1 frame, which has no standard "
-            "deviation; raise num_games or rollout_steps",
+            "standardize_advantages=True needs rollouts of at least 2 frames; raise num_games or "
+            "rollout_steps",
         )
 
 
 @dataclass(frozen=True)
 class ReinforceSettings(ActorCriticSettings):
-    """REINFORCE (Williams, 1992) on whole episodes."""
+    """REINFORCE (Williams, 1992), which learns from whole episodes."""
 
     num_games: Count = 64
     """Episodes between two updates."""
     learning_rate: Positive = 1e-2
-    """Of Adam, at the start."""
+    """Initial learning rate of Adam."""
     baseline: bool = True
-    """Subtract a learned value from the returns."""
+    """Subtract a learned value function from the returns."""
 
 
 @dataclass(frozen=True)
@@ -155,32 +155,32 @@ class CrossEntropySettings(Hyperparameters):
     """The cross-entropy method on network weights (Rubinstein, 1999; Szita and Lőrincz, 2006)."""
 
     num_games: Count = 1024
-    """Games in lockstep, shared out among the population."""
+    """Games simulated in parallel, divided among the population."""
     population: Count = 64
-    """Weight vectors in each generation."""
+    """Number of weight vectors in each generation."""
     elite_share: Share = 0.125
-    """Share of the population that the next distribution is fitted to."""
+    """Fraction of the population that the next distribution is fitted to."""
     initial_std: Positive = 0.3
-    """Standard deviation of every weight at the start."""
+    """Initial standard deviation of every weight."""
     extra_std: NotNegative = 0.02
-    """Added to the standard deviations, annealed to 0: it keeps the search from ending early."""
+    """Added to the standard deviations against premature convergence, and annealed to 0."""
     action_std: Positive = 0.1
-    """Standard deviation of continuous actions, before tanh; it is not searched."""
+    """Standard deviation of continuous actions, before tanh; it is constant."""
     width: Count = 16
     """Units of each of the two hidden layers."""
     activation: Activation = "tanh"
-    """relu or tanh."""
+    """Activation function: relu or tanh."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         check(
             self.num_games % self.population == 0,
-            f"num_games={self.num_games} cannot be shared out among population={self.population}; "
-            "give a multiple of it",
+            f"num_games={self.num_games} is not a multiple of population={self.population}; give a "
+            "multiple of it",
         )
         check(
             round(self.population * self.elite_share) >= 2,
-            f"elite_share={self.elite_share} of population={self.population} is fewer than two; "
+            f"elite_share={self.elite_share} of population={self.population} is less than two; "
             "raise one of them",
         )
 
@@ -190,23 +190,23 @@ class QLearningSettings(Hyperparameters):
     """Tabular Q-learning (Watkins, 1989)."""
 
     num_games: Count = 1024
-    """Games in lockstep."""
+    """Games simulated in parallel."""
     gamma: Share = 1.0
-    """Discount."""
+    """Discount factor."""
     learning_rate: Positive = 1.0
-    """Step size at the first visit of a state and action; 1 is right where nothing is random."""
+    """Step size at the first visit of a state-action pair. 1 is correct in deterministic tasks."""
     learning_rate_power: NotNegative = 0.0
-    """The step size is divided by the number of visits to this power; above 0.5 for tasks with
-    random opponents."""
+    """The step size is divided by the number of visits to this power. Use more than 0.5 in
+    stochastic tasks."""
     optimism: NotNegative = 1.0
-    """Every action's value at the start, for each goal that is left (without goals, once). At least
-    the best that can be had, it makes the greedy action the one that is known least."""
+    """Initial action value per remaining goal (once in tasks without goals). A value that is at
+    least the best possible return makes exploration optimistic."""
     epsilon_start: Share = 0.05
-    """Share of random actions at the start."""
+    """Initial probability of a random action."""
     epsilon_end: Share = 0.05
-    """Share of random actions at the end."""
+    """Final probability of a random action."""
     exploration_share: Share = 0.5
-    """Share of the budget over which epsilon is annealed."""
+    """Fraction of the budget over which epsilon is annealed."""
 
 
 HYPERPARAMETERS: dict[str, type[Hyperparameters]] = {
@@ -220,7 +220,7 @@ HYPERPARAMETERS: dict[str, type[Hyperparameters]] = {
     "cross_entropy": CrossEntropySettings,
     "q_learning": QLearningSettings,
 }
-"""The settings of every algorithm by its name; `algorithms/registry.py` says what each can do."""
+"""The hyperparameters of every algorithm by name; see `algorithms/registry.py` for the learners."""
 
 
 def is_algorithm(part: Any) -> bool:
@@ -235,11 +235,11 @@ LEARNERS: Registry[Any] = Registry(
     is_algorithm,
     ours=tuple(HYPERPARAMETERS),
 )
-"""Algorithms of users' own."""
+"""User-defined algorithms."""
 
 
 def hyperparameter_form(algorithm: str) -> type[Hyperparameters]:
-    """The settings of an algorithm by its name; ValueError for an unknown one."""
+    """The hyperparameter class of an algorithm; ValueError for an unknown name."""
     if algorithm in HYPERPARAMETERS:
         return HYPERPARAMETERS[algorithm]
     form: type[Hyperparameters] = LEARNERS.get(algorithm).settings

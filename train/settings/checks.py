@@ -1,4 +1,4 @@
-"""What settings may be: rules that stand beside the fields of frozen dataclasses, as annotations.
+"""Validation of settings: rules as annotations of the fields of frozen dataclasses.
 
 @dataclass(frozen=True)
 class Example(Settings):
@@ -22,7 +22,7 @@ def check(condition: bool, message: str) -> None:
 
 
 def check_default(settings: Any, default: Any, names: Iterable[str], why: str) -> None:
-    """ValueError unless these settings have the values that they have in `default`."""
+    """ValueError unless these settings have the values of `default`."""
     for name in names:
         value = getattr(settings, name)
         check(
@@ -32,23 +32,21 @@ def check_default(settings: Any, default: Any, names: Iterable[str], why: str) -
 
 
 def check_choice(what: str, value: object, choices: Iterable[str]) -> None:
-    """ValueError unless `value` is one of `choices`, which it names."""
+    """ValueError unless `value` is one of `choices`; the message lists them."""
     known = tuple(choices)
     check(value in known, f"unknown {what} {value!r}; one of {', '.join(known)}")
 
 
-# -- rules beside fields ---------------------------------------------------------------------------
+# -- rules of fields -------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Rule:
-    """What the values of a field may be.
+    """The allowed values of a field.
 
     Attributes:
-        keep: (name, value) -> the value as the settings keep it; ValueError for one that is not
-            allowed.
-        other_types: whether files may give values of other types, of which `keep` makes one of the
-            field's.
+        keep: (name, value) -> the normalised value; ValueError for a value that is not allowed.
+        other_types: whether files may give values of other types, which `keep` converts.
     """
 
     keep: Callable[[str, Any], Any]
@@ -56,7 +54,7 @@ class Rule:
 
 
 def rule(holds: Callable[[Any], bool], text: str) -> Rule:
-    """Values for which `holds` is true; `text` is the rule in words."""
+    """Values for which `holds` is true; `text` describes them in messages."""
 
     def keep(name: str, value: Any) -> Any:
         check(holds(value), f"{name}={value}; {text}")
@@ -66,12 +64,12 @@ def rule(holds: Callable[[Any], bool], text: str) -> Rule:
 
 
 def at_least(least: int) -> Rule:
-    """Numbers from `least` on."""
+    """Numbers not below `least`."""
     return rule(lambda value: value >= least, f"at least {least}")
 
 
 def one_of(*choices: str) -> Rule:
-    """These texts."""
+    """One of these strings."""
 
     def keep(name: str, value: Any) -> Any:
         check_choice(name, value, choices)
@@ -90,28 +88,28 @@ def passes(function: Callable[[Any], object]) -> Rule:
     return Rule(keep)
 
 
-Count = Annotated[int, rule(lambda value: 1 <= value < 2**63, "it is at least 1, and below 2**63")]
-Positive = Annotated[float, rule(lambda value: 0 < value < inf, "it is above 0")]
-NotNegative = Annotated[float, rule(lambda value: 0 <= value < inf, "it is finite, and at least 0")]
-Share = Annotated[float, rule(lambda value: 0 <= value <= 1, "it lies in [0, 1]")]
-Finite = Annotated[float, rule(lambda value: abs(value) < inf, "it is finite")]
+Count = Annotated[int, rule(lambda value: 1 <= value < 2**63, "must be at least 1, below 2**63")]
+Positive = Annotated[float, rule(lambda value: 0 < value < inf, "must be above 0")]
+NotNegative = Annotated[float, rule(lambda value: 0 <= value < inf, "must be finite, at least 0")]
+Share = Annotated[float, rule(lambda value: 0 <= value <= 1, "must be in [0, 1]")]
+Finite = Annotated[float, rule(lambda value: abs(value) < inf, "must be finite")]
 
 
 @cache
 def hints_of(form: Any) -> Mapping[str, Any]:
-    """The types of a dataclass's fields by name, with the rules beside them."""
+    """The types of a dataclass's fields by name, with their rules."""
     return get_type_hints(form, include_extras=True)
 
 
 def rules_of(form: Any, name: str) -> list[Rule]:
-    """The rules beside a field of a dataclass."""
+    """The rules of a field of a dataclass."""
     metadata = getattr(hints_of(form)[name], "__metadata__", ())
     return [each for each in metadata if isinstance(each, Rule)]
 
 
 @dataclass(frozen=True)
 class Settings:
-    """Settings whose fields are checked by the rules beside them when they are made."""
+    """Base of settings: the rules of all fields are applied on construction."""
 
     def __post_init__(self) -> None:
         for name in (field.name for field in fields(self)):
@@ -121,40 +119,40 @@ class Settings:
                     object.__setattr__(self, name, each.keep(name, value))
 
 
-# -- what several settings have --------------------------------------------------------------------
+# -- common limits ---------------------------------------------------------------------------------
 
 CLOCKS = ("wall", "processor")
 PRECISIONS = ("auto", "float32", "bfloat16")
 MOST_THREADS = 1024
 MOST_FRAMES = 64
 EVALUATION_SEED = 2**62
-"""Seeds below are trained with. What is reported is played with this one and those above, so that
-nothing is judged by games that it may have learned from: one rule, for every command."""
+"""Training uses seeds below this one; evaluations use this one and above. So every evaluation uses
+held-out seeds."""
 
-RANDOM_MOVES = rule(lambda value: 0 <= value <= 1, "a share of random moves lies in [0, 1]")
+RANDOM_MOVES = rule(lambda value: 0 <= value <= 1, "a share of random moves must be in [0, 1]")
 SEED = rule(
-    lambda value: 0 <= value < EVALUATION_SEED, "0 to 2**62-1 (those above are kept for evaluation)"
+    lambda value: 0 <= value < EVALUATION_SEED, "0 to 2**62-1 (seeds above are for evaluation)"
 )
 
 
 def threads_from(least: int) -> Rule:
-    """Numbers of torch's threads that a machine can start."""
+    """Allowed numbers of torch threads."""
     return rule(
         lambda value: least <= value <= MOST_THREADS,
-        f"from {least} to {MOST_THREADS}, and no more than there are cores",
+        f"from {least} to {MOST_THREADS}; give no more threads than there are cores",
     )
 
 
 def check_seed(seed: int) -> None:
-    """ValueError for a seed that is not one to train with."""
+    """ValueError for a seed that training may not use."""
     SEED.keep("seed", seed)
 
 
 def evaluation_seed(seed: int) -> int:
-    """The seed of an evaluation's games that `--seed` 0, 1, ... means: never one of a training.
+    """The seed of an evaluation's games for `--seed` 0, 1, ...: never a seed of training.
 
     Raises:
-        ValueError: not from 0 to 2**62 - 1.
+        ValueError: a seed outside 0 .. 2**62 - 1.
     """
     check_seed(seed)
     return EVALUATION_SEED + seed

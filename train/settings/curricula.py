@@ -1,4 +1,4 @@
-"""The settings of every curriculum: frozen dataclasses, checked at birth. No torch here."""
+"""Settings of every curriculum: frozen dataclasses. No torch here."""
 
 from __future__ import annotations
 
@@ -35,56 +35,56 @@ AXES = (
     "hold",
     "tolerance",
 )
-"""What a curriculum can turn, from easy to hard; the last four of an arm."""
+"""Task parameters that a curriculum can vary from easy to hard; the last four are of the arm."""
 
 
 def is_axis(part: Any) -> bool:
-    """Whether a part is a `Maker` of an axis."""
+    """Whether a user-defined object is a `Maker` of an axis."""
     return callable(getattr(part, "make", None)) and hasattr(part, "scripted")
 
 
 AXIS_PARTS: Registry[Any] = Registry(
     "axis", "a train.teaching.axes.Maker", is_axis, plural="axes", ours=("auto", *AXES)
 )
-"""Axes of users' own."""
+"""User-defined axes."""
 
 
 @dataclass(frozen=True)
 class CurriculumSettings(Settings):
-    """No curriculum: the task as it is, from the start."""
+    """No curriculum: the task itself from the start."""
 
     @property
     def solved_within(self) -> float:
-        """Success is an episode within this many times the exact optimum; 0: as the task says."""
+        """An episode is a success within this many times the optimum; 0: as the task defines it."""
         return 0.0
 
     @property
     def needs_optimum(self) -> bool:
-        """Whether the exact optimum of every start must be known."""
+        """Whether the exact optimum of every start is needed."""
         return self.solved_within > 0
 
     @property
     def needs_advantages(self) -> bool:
-        """Whether the learner must tell its advantages."""
+        """Whether the learner must report its advantages."""
         return False
 
 
 @dataclass(frozen=True)
 class AxisSettings(CurriculumSettings):
-    """The ends of what is turned."""
+    """Range of the task parameter that a curriculum varies."""
 
     easiest: float | None = None
-    """Value at the beginning; where left out epsilon 1, a radius or distance of 3 (around fixed
-    goals 0), one goal, the smallest maze, walls all open; of an arm 3 steps, one joint, hold 1,
-    five times the tolerance."""
+    """Value at the beginning. None: epsilon 1; a radius or distance of 3 (0 around fixed goals);
+    one goal; the smallest maze; all walls open; for the arm 3 steps, one joint, hold 1, five times
+    the tolerance."""
     hardest: float | None = None
-    """Value in the end; the task's own if left out."""
+    """Value at the end. None: that of the task."""
     curriculum_mazes: str | None = None
-    """Mazes from easy to hard, with commas, for maze-size and loops; the task's maze comes last by
-    itself. Left out: its first rows, or itself with walls opened."""
+    """Mazes for maze-size and loops, from easy to hard, separated by commas. The maze of the task
+    is appended. None: its first rows, or the maze with walls removed."""
 
 
-Length = Annotated[float, rule(lambda value: 0 <= value < inf, "a length is finite and at least 0")]
+Length = Annotated[float, rule(lambda value: 0 <= value < inf, "must be finite and at least 0")]
 Unit = Annotated[str, one_of(*UNITS)]
 SolvedWithin = Annotated[
     float,
@@ -96,35 +96,35 @@ SolvedWithin = Annotated[
 
 
 def check_unit(name: str, value: float, unit: str) -> None:
-    """ValueError for what is meant in another unit: 500 shares of the budget, or half a frame."""
+    """ValueError for a value that cannot be in this unit: 500 budgets, or half a frame."""
     check(
         unit != "share" or value <= 1.0,
-        f"{name}={value:g} in shares of the budget never comes; give a share of at most 1, or "
-        "schedule_unit frames, episodes or seconds",
+        f"{name}={value:g} shares of the budget is never reached; give at most 1, or set "
+        "schedule_unit to frames, episodes or seconds",
     )
     check(
         unit not in ("frames", "episodes") or value == 0 or value >= 1.0,
-        f"{name}={value:g} {unit} is over at once; give a number of {unit}, or schedule_unit share",
+        f"{name}={value:g} {unit} ends at once; give a number of {unit}, or schedule_unit=share",
     )
 
 
 @dataclass(frozen=True)
 class ScheduleSettings(AxisSettings):
-    """One value for all games, by a schedule."""
+    """One value for all games, set by a schedule."""
 
     schedule: Annotated[str, one_of(*SHAPES)] = "linear"
-    """constant, linear, cosine, step (by 1 every schedule_every), exponential (times
+    """constant, linear, cosine, step (by 1 every schedule_every), exponential (multiplied by
     schedule_factor every schedule_every) or piecewise (schedule_points)."""
     schedule_unit: Unit = "share"
-    """What progress is measured in: share (of the budget), frames, episodes or seconds."""
+    """Unit of progress: share (of the budget), frames, episodes or seconds."""
     schedule_length: Length = 0.5
-    """Of linear and cosine, in that unit; afterwards the value is the hardest."""
+    """Duration of linear and cosine schedules in schedule_unit; afterwards the value is hardest."""
     schedule_every: float = 500.0
-    """Of step and exponential, in that unit."""
+    """Interval of step and exponential schedules in schedule_unit."""
     schedule_factor: float = 0.99
-    """Of exponential."""
+    """Factor of exponential schedules."""
     schedule_points: str = ""
-    """Of piecewise: progress:value pairs, such as 0:1,0.3:0.5,0.6:0.2."""
+    """Points of piecewise schedules: progress:value pairs, such as 0:1,0.3:0.5,0.6:0.2."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -135,7 +135,7 @@ class ScheduleSettings(AxisSettings):
         self.build(1.0, 0.0)
 
     def points(self) -> tuple[tuple[float, float], ...]:
-        """`schedule_points` as numbers."""
+        """`schedule_points` as pairs of numbers."""
         try:
             pairs = [pair.split(":") for pair in self.schedule_points.split(",") if pair.strip()]
             return tuple((float(place), float(value)) for place, value in pairs)
@@ -146,7 +146,7 @@ class ScheduleSettings(AxisSettings):
             ) from None
 
     def build(self, easiest: float, hardest: float) -> Schedule:
-        """The schedule between these ends."""
+        """The schedule between these two values."""
         return Schedule(
             self.schedule,
             easiest,
@@ -161,30 +161,30 @@ class ScheduleSettings(AxisSettings):
 
 @dataclass(frozen=True)
 class StagedSettings(AxisSettings):
-    """Stages along one axis."""
+    """Stages at equal distances along one axis."""
 
     axis: Annotated[str, passes(AXIS_PARTS.check)] = "auto"
-    """What is turned: opponent-epsilon, goal-spread-fixed, goal-spread-start, start-distance,
-    num-goals, maze-size, loops; of an arm target-distance, free-joints, hold, tolerance; or
-    package.module:Name of your own. auto: goal-spread-start where there are goals, else
-    start-distance; of an arm target-distance."""
+    """Task parameter that is varied: opponent-epsilon, goal-spread-fixed, goal-spread-start,
+    start-distance, num-goals, maze-size, loops; for the arm target-distance, free-joints, hold,
+    tolerance; or package.module:Name of a user-defined axis. auto: goal-spread-start in tasks with
+    goals, target-distance for the arm, else start-distance."""
     num_stages: Annotated[int, at_least(2)] = 8
-    """At most this many values from easiest to hardest."""
+    """Largest number of stages from easiest to hardest."""
 
 
 @dataclass(frozen=True)
 class UniformSettings(StagedSettings):
-    """A control: all stages from beginning to end, each game its own."""
+    """A control: every game draws from all stages, during the whole run."""
 
 
 @dataclass(frozen=True)
 class TurnSettings(StagedSettings):
-    """Controls: the same stages for the same time, in another order."""
+    """Controls: the same stages for the same total time, in another order."""
 
     schedule_unit: Unit = "share"
-    """What progress is measured in: share (of the budget), frames, episodes or seconds."""
+    """Unit of progress: share (of the budget), frames, episodes or seconds."""
     schedule_length: Length = 0.5
-    """In that unit; afterwards all games are at the hardest."""
+    """Duration in schedule_unit; afterwards all games are in the hardest stage."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -193,102 +193,104 @@ class TurnSettings(StagedSettings):
 
 @dataclass(frozen=True)
 class ReversedSettings(TurnSettings):
-    """A control: hard to easy in a straight line, then the hardest."""
+    """A control: linearly from hard to easy, then the hardest stage."""
 
 
 @dataclass(frozen=True)
 class ShuffledSettings(TurnSettings):
-    """A control: the stages one after the other in a random order, then the hardest."""
+    """A control: the stages in random order, then the hardest stage."""
 
 
 @dataclass(frozen=True)
 class SuccessGatedSettings(StagedSettings):
-    """One stage for all games; the next one when this is mastered."""
+    """One stage for all games; promotion to the next one by the success rate."""
 
     promote_at: Share = 0.9
-    """Share of successes that leads to the next stage."""
+    """Success rate that promotes to the next stage."""
     demote_at: Share = 0.0
-    """Share of successes that leads back; 0 never does."""
+    """Success rate below which the previous stage returns; 0 disables it."""
     window: Annotated[int, at_least(1)] = 1024
-    """Episodes that the share is of."""
+    """Number of latest episodes of which the success rate is computed."""
     solved_within: SolvedWithin = 0.0
-    """An episode is a success only within this many times the exact optimum of its start; 0 asks
-    for what the task asks for (all goals collected, the evader caught, or survived)."""
+    """An episode is a success only within this many times the exact optimum of its start. 0: as the
+    task defines success."""
 
 
 @dataclass(frozen=True)
 class LearningProgressSettings(StagedSettings):
-    """A bandit over stages: those where the return changes most are played most."""
+    """A bandit over stages that prefers those where the return changes most."""
 
     average_fast: Share = 0.1
-    """Share by which the fast moving average of the return moves at each update."""
+    """Step size of the fast moving average of the return."""
     average_slow: Share = 0.02
-    """The same of the slow one; their distance is the learning progress."""
+    """Step size of the slow moving average. The difference of the two is the learning progress."""
     explore_share: Share = 0.2
-    """Share of games in stages drawn uniformly."""
+    """Fraction of games in stages drawn uniformly."""
 
 
 @dataclass(frozen=True)
 class LevelReplaySettings(CurriculumSettings):
-    """Prioritised level replay (Jiang et al., 2021): levels that teach are played again."""
+    """Prioritised level replay (Jiang et al., 2021): levels with a high score are replayed."""
 
     level_score: Annotated[str, one_of(*SCORES)] = "regret"
-    """regret (to the exact optimum), value_loss, or learnability (p(1-p) of success)."""
+    """Score of levels: regret (to the exact optimum), value_loss, or learnability (p(1 - p), with p
+    the success rate)."""
     level_buffer: Annotated[int, at_least(2)] = 2048
-    """Levels kept."""
+    """Number of levels in the buffer."""
     replay_share: Share = 0.5
-    """Share of games that play a level again; the others play new ones."""
+    """Fraction of games that replay a level; the others play new ones."""
     level_temperature: Positive = 0.3
-    """The lower, the more only the highest scores count."""
+    """Temperature of the prioritisation. A low one replays only the highest scores."""
     staleness: Share = 0.1
-    """Weight of levels that were not played for long."""
+    """Weight of levels that were not replayed recently."""
     solved_within: SolvedWithin = 0.0
-    """An episode is a success only within this many times the exact optimum of its start; 0 asks
-    for what the task asks for."""
+    """An episode is a success only within this many times the exact optimum of its start. 0: as the
+    task defines success."""
 
     @property
     def needs_optimum(self) -> bool:
-        """For regrets too."""
+        """Also for the score regret."""
         return self.solved_within > 0 or self.level_score == "regret"
 
     @property
     def needs_advantages(self) -> bool:
-        """Whether levels are scored by them."""
+        """Whether the score is value_loss."""
         return self.level_score == "value_loss"
 
 
 @dataclass(frozen=True)
 class LearnabilitySettings(LevelReplaySettings):
-    """Level replay by learnability, p(1 - p) of success (Rutherford et al., 2024)."""
+    """Level replay by learnability p(1 - p), with p the success rate (Rutherford et al., 2024)."""
 
     level_score: Annotated[str, one_of(*SCORES)] = "learnability"
-    """regret (to the exact optimum), value_loss, or learnability (p(1-p) of success)."""
+    """Score of levels: regret (to the exact optimum), value_loss, or learnability (p(1 - p), with p
+    the success rate)."""
     solved_within: SolvedWithin = 1.5
-    """An episode is a success only within this many times the exact optimum of its start; 0 asks
-    for what the task asks for."""
+    """An episode is a success only within this many times the exact optimum of its start. 0: as the
+    task defines success."""
 
 
 @dataclass(frozen=True)
 class MazeReplaySettings(CurriculumSettings):
-    """Mazes of a suite by their exact regret: those where the policy, as it is, falls short of the
-    optimum most are played most; the other games are in mazes drawn uniformly."""
+    """Replay of the mazes of a suite in which the current policy has the largest exact regret."""
 
     SCORE: ClassVar[str] = "regret"
     replay_share: Share = 0.5
-    """Share of games in mazes that were judged; the others are in mazes drawn uniformly."""
+    """Fraction of games in scored mazes; the others are in mazes drawn uniformly."""
     level_temperature: Positive = 0.3
-    """The lower, the more only the highest scores count."""
+    """Temperature of the prioritisation. A low one replays only the highest scores."""
     staleness: Share = 0.1
-    """Weight of mazes that were not judged for long."""
+    """Weight of mazes that were not scored recently."""
     judged: Annotated[int, at_least(1)] = 8
-    """Mazes whose scores are computed at a time: from all starts, without playing."""
+    """Number of mazes scored at a time, exactly and without playing."""
     judge_every: Annotated[int, at_least(1)] = 25_000
-    """Frames from one time to the next."""
+    """Frames between two times of scoring."""
 
 
 @dataclass(frozen=True)
 class MazeLearnabilitySettings(MazeReplaySettings):
-    """The same by exact learnability: the mean over starts of p(1 - p), p the chance to win."""
+    """Replay of mazes by their exact learnability: the mean over starts of p(1 - p), with p the
+    success probability."""
 
     SCORE: ClassVar[str] = "learnability"
 
@@ -310,13 +312,13 @@ CURRICULA: dict[str, type[CurriculumSettings]] = {
 
 @dataclass(frozen=True)
 class OwnCurriculum:
-    """A curriculum of a user's own.
+    """A user-defined curriculum.
 
     Attributes:
-        settings: the class of its settings; one of `StagedSettings` turns an axis, any other
-            chooses levels.
-        make: (settings, axis or None, seed) -> the curriculum, whose lessons are values of the axis
-            or seeds of levels.
+        settings: the class of its settings; a `StagedSettings` varies an axis, any other chooses
+            levels.
+        make: (settings, axis or None, seed) -> the curriculum, which samples values of the axis or
+            seeds of levels.
     """
 
     settings: type[CurriculumSettings]
@@ -330,7 +332,7 @@ CURRICULUM_PARTS: Registry[Any] = Registry(
     plural="curricula",
     ours=tuple(CURRICULA),
 )
-"""Curricula of users' own; an axis of his own is a schedule along it, as with ours."""
+"""User-defined curricula; a user-defined axis is a schedule along it, as with built-in axes."""
 
 
 def curriculum_form(name: str) -> type[CurriculumSettings]:

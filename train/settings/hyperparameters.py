@@ -1,4 +1,4 @@
-"""What the settings of all algorithms have in common. No torch here."""
+"""Hyperparameters common to all algorithms. No torch here."""
 
 from __future__ import annotations
 
@@ -12,37 +12,36 @@ Activation = Annotated[str, one_of("relu", "tanh")]
 
 @dataclass(frozen=True)
 class Hyperparameters(Settings):
-    """What every algorithm has."""
+    """Hyperparameters of every algorithm."""
 
     num_games: Count = 1024
-    """Games in lockstep."""
+    """Games simulated in parallel."""
     gamma: Share = 0.95
-    """Discount."""
+    """Discount factor."""
     recurrent: Annotated[str | None, one_of("gru")] = None
-    """What the network remembers of the episode by: gru, between its hidden layers and what it puts
-    out. None: it knows what it observes now."""
+    """Recurrent layer between the hidden layers and the output: gru, or None."""
 
     @property
     def last_gamma(self) -> float:
-        """The discount at the end of learning."""
+        """The discount at the end of training."""
         return self.gamma
 
 
 @dataclass(frozen=True)
 class NetworkSettings(Hyperparameters):
-    """The network, and how it descends."""
+    """Hyperparameters of the network and its optimiser."""
 
     learning_rate: Positive = 1e-2
-    """Of Adam, at the start."""
+    """Initial learning rate of Adam."""
     anneal: bool = True
-    """Whether learning rate and entropy bonus are annealed in a straight line to 0."""
+    """Anneal learning rate and entropy bonus linearly to 0."""
     max_grad_norm: Positive = 0.5
-    """Gradients are scaled down to this norm."""
+    """Gradients are clipped to this norm."""
     adam_epsilon: Positive = 1e-8
-    """Adam's epsilon."""
+    """Epsilon of Adam."""
     width: Count = 128
     """Units of each of the two hidden layers."""
     activation: Activation = "relu"
-    """relu or tanh."""
+    """Activation function: relu or tanh."""
     first_std: Positive = 0.06
-    """Standard deviation of the first layer's weights on index at the start."""
+    """Initial standard deviation of the weights of the first layer, for observation index."""

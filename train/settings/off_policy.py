@@ -1,4 +1,4 @@
-"""The settings of the learners that replay what they remember. No torch here."""
+"""Hyperparameters of off-policy algorithms. No torch here."""
 
 from __future__ import annotations
 
@@ -8,40 +8,40 @@ from typing import Annotated
 from train.settings.checks import Count, Finite, NotNegative, Positive, Share, check, one_of, rule
 from train.settings.hyperparameters import NetworkSettings
 
-Frames = Annotated[int, rule(lambda value: value >= 0, "it is at least 0")]
+Frames = Annotated[int, rule(lambda value: value >= 0, "must be at least 0")]
 Noise = Annotated[str, one_of("gaussian", "ornstein-uhlenbeck", "none")]
 
 
 @dataclass(frozen=True)
 class ReplaySettings(NetworkSettings):
-    """Collecting into a replay buffer, and gradient steps from it."""
+    """Hyperparameters of algorithms with a replay buffer."""
 
     num_games: Count = 512
-    """Games in lockstep."""
+    """Games simulated in parallel."""
     learning_rate: Positive = 3e-3
-    """Of Adam, at the start."""
+    """Initial learning rate of Adam."""
     max_grad_norm: Positive = 10.0
-    """Gradients are scaled down to this norm."""
+    """Gradients are clipped to this norm."""
     rollout_steps: Count = 8
-    """Steps of every game between two rounds of gradient steps."""
+    """Steps of every game between two updates."""
     gradient_steps: Count = 8
-    """Gradient steps in a round."""
+    """Gradient steps of one update."""
     batch_size: Count = 1024
     """Transitions of one gradient step."""
     buffer_size: Count = 200_000
-    """Transitions that the replay buffer holds."""
+    """Transitions in the replay buffer."""
     learning_starts: Frames = 10_000
     """Frames before the first gradient step."""
     prioritized: bool = False
-    """Replay by the size of the error (Schaul et al., 2016)."""
+    """Prioritised experience replay (Schaul et al., 2016)."""
     priority_exponent: Share = 0.6
-    """How much priorities count; 0 is uniform."""
+    """Exponent of the priorities; 0 is uniform sampling."""
     importance_exponent: Share = 0.4
-    """How much the weights undo that at the start."""
+    """Initial exponent of the importance-sampling weights."""
     importance_exponent_end: Share = 1.0
-    """How much they undo it at the end, reached in a straight line; 1 is all of it."""
+    """Final exponent of the importance-sampling weights, annealed linearly; 1 corrects fully."""
     n_steps: Count = 3
-    """Rewards before bootstrapping, at most rollout_steps; 1 is the original."""
+    """Rewards of an n-step return, at most rollout_steps."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -51,70 +51,70 @@ class ReplaySettings(NetworkSettings):
         )
         check(
             self.n_steps <= self.rollout_steps,
-            f"n_steps={self.n_steps} is more than rollout_steps={self.rollout_steps}, which cuts "
-            "returns off; lower it, or raise rollout_steps",
+            f"n_steps={self.n_steps} is more than rollout_steps={self.rollout_steps}, after which "
+            "returns are cut off; lower it, or raise rollout_steps",
         )
 
 
 @dataclass(frozen=True)
 class DQNSettings(ReplaySettings):
-    """Deep Q-learning (Mnih et al., 2015) and its extensions, each to be switched on and off."""
+    """Deep Q-learning (Mnih et al., 2015) with optional extensions."""
 
     target_update_interval: Count = 50
-    """Gradient steps between two copies to the target network."""
+    """Gradient steps between two updates of the target network."""
     epsilon_start: Share = 1.0
-    """Share of random actions at the start."""
+    """Initial probability of a random action."""
     epsilon_end: Share = 0.05
-    """Share of random actions at the end."""
+    """Final probability of a random action."""
     exploration_share: Share = 0.3
-    """Share of the budget over which epsilon is annealed."""
+    """Fraction of the budget over which epsilon is annealed."""
     exploration_frames: Annotated[
         int | None, rule(lambda value: value >= 1, "at least 1, or leave it out")
     ] = None
-    """Frames over which epsilon is annealed instead, whatever the budget is."""
+    """Frames over which epsilon is annealed, instead of exploration_share."""
     double: bool = True
-    """The network chooses the next action, the target network values it (van Hasselt et al.,
-    2016)."""
+    """Double Q-learning: the target network evaluates the action that the network chooses (van
+    Hasselt et al., 2016)."""
     dueling: bool = False
-    """A value and advantages instead of action values (Wang et al., 2016)."""
+    """Dueling network: value and advantages instead of action values (Wang et al., 2016)."""
 
 
 @dataclass(frozen=True)
 class ContinuousSettings(ReplaySettings):
-    """An actor and critics of its actions, with targets that follow them slowly."""
+    """Hyperparameters of actor-critic algorithms with a replay buffer and target networks."""
 
     num_games: Count = 128
-    """Games in lockstep."""
+    """Games simulated in parallel."""
     learning_rate: Positive = 3e-3
-    """Of the actor's Adam, at the start."""
+    """Initial learning rate of the actor's Adam."""
     critic_learning_rate: Positive = 3e-3
-    """Of the critics' Adam, at the start."""
+    """Initial learning rate of the critics' Adam."""
     rollout_steps: Count = 1
-    """Steps of every game between two rounds of gradient steps."""
+    """Steps of every game between two updates."""
     gradient_steps: Count = 1
-    """Gradient steps in a round."""
+    """Gradient steps of one update."""
     batch_size: Count = 256
     """Transitions of one gradient step."""
     learning_starts: Frames = 5000
     """Frames of uniformly random actions before the first gradient step."""
     n_steps: Count = 1
-    """Rewards before bootstrapping, at most rollout_steps; 1 is the original."""
+    """Rewards of an n-step return, at most rollout_steps."""
     tau: Share = 0.03
-    """The share of the way that the targets go towards the networks after a gradient step of the
-    actor: 0 leaves them as they were at the start, 1 makes them copies."""
+    """Step size of the target networks' moving average: 0 keeps the initial weights, 1 copies the
+    networks."""
     policy_delay: Count = 1
-    """Gradient steps of the critics for one of the actor and of the targets."""
+    """Gradient steps of the critics for each one of the actor."""
     noise: Noise = "gaussian"
-    """What is added to the actor's actions to explore: gaussian, ornstein-uhlenbeck (which drifts,
-    and begins anew with every episode) or none."""
+    """Exploration noise on the actions: gaussian, ornstein-uhlenbeck (reset with every episode) or
+    none."""
     noise_start: NotNegative = 0.3
-    """Standard deviation of the noise at the start; with ornstein-uhlenbeck that of its steps."""
+    """Initial standard deviation of the noise; for ornstein-uhlenbeck that of its increments."""
     noise_end: NotNegative = 0.05
-    """The same at the end, reached in a straight line."""
+    """Final standard deviation of the noise, annealed linearly."""
     noise_share: Share = 0.5
-    """Share of the budget over which the noise is annealed."""
+    """Fraction of the budget over which the noise is annealed."""
     noise_theta: Share = 0.15
-    """Share of its way back to 0 that ornstein-uhlenbeck noise goes in a step."""
+    """Mean reversion rate of ornstein-uhlenbeck noise, per step."""
 
 
 @dataclass(frozen=True)
@@ -127,25 +127,25 @@ class TD3Settings(ContinuousSettings):
     """Twin delayed DDPG (Fujimoto et al., 2018)."""
 
     policy_delay: Count = 2
-    """Gradient steps of the critics for one of the actor and of the targets."""
+    """Gradient steps of the critics for each one of the actor."""
     target_noise: NotNegative = 0.2
-    """Standard deviation of the noise on the target actor's actions."""
+    """Standard deviation of the noise on the target actor's actions (target policy smoothing)."""
     target_noise_clip: NotNegative = 0.5
-    """That noise is clipped to this."""
+    """Clipping range of that noise."""
 
 
 @dataclass(frozen=True)
 class SACSettings(ContinuousSettings):
-    """Soft actor-critic (Haarnoja et al., 2018) with a temperature that adapts."""
+    """Soft actor-critic (Haarnoja et al., 2018) with an adaptive temperature."""
 
     noise: Noise = "none"
-    """What is added to the actor's draws to explore: gaussian, ornstein-uhlenbeck or none."""
+    """Additional exploration noise on the actions: gaussian, ornstein-uhlenbeck or none."""
     temperature: Positive = 0.02
-    """Weight of the policy's entropy, at the start."""
+    """Initial weight of the entropy."""
     adapt_temperature: bool = True
-    """Adapt the weight to keep the entropy near its target."""
+    """Adapt the temperature to keep the entropy near target_entropy."""
     temperature_learning_rate: Positive = 3e-3
-    """Of the temperature's Adam, at the start."""
+    """Initial learning rate of the temperature's Adam."""
     target_entropy: Finite = -3.0
-    """The entropy sought for each number of an action; that of a uniform one is log 2. Haarnoja et
-    al. take -1, which leaves an arm too uncertain to turn at full speed."""
+    """Target entropy per action dimension; log 2 is uniform. The usual value -1 leaves an arm too
+    uncertain to turn at full speed."""

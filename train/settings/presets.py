@@ -1,4 +1,4 @@
-"""Settings that work, by algorithm and task; and the thesis', to compare with."""
+"""Tuned hyperparameters by algorithm and task, and those of the thesis for comparison."""
 
 from __future__ import annotations
 
@@ -29,17 +29,17 @@ TUNED = "tuned"
 
 
 @dataclass(frozen=True)
-class Setting:
-    """What good settings depend on.
+class TaskProfile:
+    """The properties of a task that tuned settings depend on.
 
     Attributes:
         task: its name.
-        role: who learns: "chaser", "evader", "runner" or "arm".
+        role: of the learning agent: "chaser", "evader", "runner" or "arm".
         cells: of the largest maze.
-        random_start: or from the marks of the maze.
+        random_start: whether starts are random; False: the marks of the maze.
         duel: whether one chaser plays against one evader.
         joints: of an arm.
-        recurrent: whether the network remembers.
+        recurrent: whether the network is recurrent.
         many_mazes: whether games are played in several mazes, as those of a suite.
         goals: of an episode.
     """
@@ -61,13 +61,13 @@ class Setting:
 
     @property
     def far_evader(self) -> float:
-        """How seldom a chaser meets an evader by chance: 0 up to 25 cells, 1 from 49 on."""
+        """How rarely a chaser meets an evader by chance: 0 up to 25 cells, 1 from 49 on."""
         far = self.random_start and self.role == "chaser"
         return on_the_way(self.cells, 25, 49) if far else 0.0
 
     @property
     def far_goals(self) -> float:
-        """How seldom a runner comes upon goals by chance: 0 up to 25 cells, 1 from 81 on."""
+        """How rarely a runner finds goals by chance: 0 up to 25 cells, 1 from 81 on."""
         far = self.random_start and self.role == "runner"
         return on_the_way(self.cells, 25, 81) if far else 0.0
 
@@ -78,18 +78,18 @@ class Setting:
 
 
 def on_the_way(count: int, start: int, end: int) -> float:
-    """How far `count` is from `start` to `end`, by their logarithms, in [0, 1]."""
+    """Logarithmic position of `count` between `start` and `end`, clipped to [0, 1]."""
     return min(max(math.log(count / start) / math.log(end / start), 0.0), 1.0) if count else 0.0
 
 
 def between(near: float, far: float, share: float) -> float:
-    """A positive number on the way from `near` to `far`, by their logarithms."""
+    """Geometric interpolation between two positive numbers."""
     return float(f"{near * (far / near) ** share:.3g}")
 
 
 def towards(near: Any, far: Any, share: float, discount: bool) -> Any:
-    """A setting on the way from `near` to `far`: discounts by the logarithms of how long they look
-    ahead, whole numbers in multiples of 256."""
+    """Interpolation between two values of a setting: discounts by their horizons, whole numbers in
+    multiples of 256."""
     if share == 1.0:
         return far
     if discount:
@@ -98,7 +98,7 @@ def towards(near: Any, far: Any, share: float, discount: bool) -> Any:
     return round(found / 256) * 256 if isinstance(near, int) else found
 
 
-# The thesis' tables of settings; what a table does not name is RLlib's default of 2020.
+# The thesis' tables of settings; what a table does not list is RLlib's default of 2020.
 
 # Table A.5. RLlib collected 4000 frames with few environments; 20 games × 200 steps are that many.
 _PPO = PPOSettings(
@@ -144,13 +144,12 @@ _CONTINUOUS: dict[str, Any] = {
 
 THESIS: dict[str, Hyperparameters] = {
     "thesis-ppo": _PPO,
-    # Table A.3, whose "use critic: False" is taken at its word: nothing is subtracted from the
-    # returns. RLlib's PPO of 2020 first ignored that option while generalised advantages, its
-    # default, were on, and later refused the two together; which of them the thesis' runs met is
-    # not known.
+    # Table A.3, with "use critic: False" applied literally: nothing is subtracted from the returns.
+    # RLlib's PPO of 2020 first ignored that option while generalised advantages, its default, were
+    # on, and later refused the combination. Which version the thesis used is unknown.
     "thesis-reacher-ppo": replace(_PPO, critic=False, kl_target=0.005, clip=0.3, width=512),
     # Table A.6 (no critic, no generalised advantages). RLlib's batch of 200 frames in fragments of
-    # 20: 10 games × 20 steps. It left advantages as they are.
+    # 20: 10 games × 20 steps. It did not standardise advantages.
     "thesis-a2c": A2CSettings(
         num_games=10,
         rollout_steps=20,
@@ -214,7 +213,7 @@ PRESETS = (TUNED, *THESIS)
 
 
 def preset_algorithm(preset: str) -> str | None:
-    """The algorithm that a preset is for; None for `tuned`, which every algorithm has.
+    """The algorithm of a preset; None for `tuned`, which applies to all.
 
     Raises:
         ValueError: an unknown preset.
@@ -224,11 +223,11 @@ def preset_algorithm(preset: str) -> str | None:
 
 
 def hyperparameters(
-    algorithm: str, setting: Setting, preset: str = TUNED, own_gamma: bool = False
+    algorithm: str, setting: TaskProfile, preset: str = TUNED, own_gamma: bool = False
 ) -> Hyperparameters:
-    """The settings of `algorithm` in a setting.
+    """The hyperparameters of `algorithm` for a task.
 
-    With `own_gamma` the discount will be the user's, and none that it is annealed to is set.
+    With `own_gamma` the user sets the discount, so that no annealing of it is configured.
 
     Raises:
         ValueError: an unknown algorithm or preset, or a preset of another algorithm.
@@ -246,9 +245,9 @@ def hyperparameters(
 
 
 _BOTH_GRADIENTS = (A2CSettings, ReinforceSettings)
-TUNED_ROWS: tuple[tuple[Any, Callable[[Setting], float], dict[str, Any]], ...] = (
-    # Against random opponents averages over visits count instead of the last outcome. Who is paid
-    # for every step needs a discount, lest values grow without bound.
+TUNED_SETTINGS: tuple[tuple[Any, Callable[[TaskProfile], float], dict[str, Any]], ...] = (
+    # With random opponents, averages over visits are needed instead of the last outcome. With a
+    # reward at every step, a discount keeps the values bounded.
     (QLearningSettings, lambda s: s.task != "maze", {"learning_rate_power": 0.7}),
     (QLearningSettings, lambda s: s.task != "maze" and s.role == "evader", {"gamma": 0.95}),
     (DQNSettings, lambda s: s.role == "runner", {"gamma": 0.98}),
@@ -283,49 +282,48 @@ TUNED_ROWS: tuple[tuple[Any, Callable[[Setting], float], dict[str, Any]], ...] =
         {"num_games": 2048, "minibatch_size": 8192, "learning_rate": 8e-3},
     ),
     (_BOTH_GRADIENTS, lambda s: s.far_goals, {"gamma": 0.97}),
-    # Longer sequences: a chaser that sees 2 steps far on 5x5 ended 0.8 % above the certified
-    # optimum so, and 1.5 % with the sequences of 16 steps (1.5 M frames, seed 100).
+    # Longer sequences: a chaser with view radius 2 on 5x5 ended 0.8 % above the certified optimum
+    # with these, and 1.5 % with sequences of 16 steps (1.5 M frames, seed 100).
     (
         PPOSettings,
         lambda s: s.recurrent and not s.far_evader and not s.far_goals,
         {"num_games": 512, "rollout_steps": 32, "gae_lambda": 0.95},
     ),
 )
-"""(form, where, values): settings of this form take these values, one row after the other; where
-`where` gives a share below 1, they go that share of the way to them."""
+"""(class, condition, values): applied in order to hyperparameters of this class. Where `condition`
+gives a share below 1, values are interpolated by that share."""
 
 
-def tuned(algorithm: str, setting: Setting) -> Hyperparameters:
-    """Our own settings: the defaults of each form, and what differs by setting.
+def tuned(algorithm: str, setting: TaskProfile) -> Hyperparameters:
+    """Our tuned hyperparameters: the defaults of each class, changed by the profile of the task.
 
-    The defaults were tuned on maze 5x5 with 3 goals. In larger mazes rewards are farther off, and
-    chance is kept for longer. See `lessons_for` for the curriculum.
+    The defaults were tuned on maze 5x5 with 3 goals. In larger mazes rewards are farther away, so
+    that exploration is longer. See `curriculum_for` for the curriculum.
 
-    Runners are judged by the length of the tour, and the tour that is best by discounted rewards is
-    longer: on 5x5 with 3 goals 0.49 % at 0.95, none at 0.99; with 8 goals 0.35 % at 0.99.
-    PPO and DQN learn with 0.99. REINFORCE, which does not with that from the start, and A2C, of
-    which a run in three stayed with long tours with it, come there from 0.95 on the way; and so
-    does PPO from 0.99 to 0.997 where there are many goals. In a race and a heist, where the gap is
-    another, discounts stay.
+    Runners are evaluated by the length of the tour, and the tour that is optimal for discounted
+    rewards is longer: on 5x5 with 3 goals by 0.49 % at discount 0.95, and 0 at 0.99; with 8 goals
+    by 0.35 % at 0.99. PPO and DQN learn with 0.99. REINFORCE does not learn with 0.99 from the
+    start, and one run of A2C in three then stayed at long tours: both anneal the discount from 0.95
+    to 0.99. PPO anneals it from 0.99 to 0.997 where there are many goals. In races and heists
+    discounts are constant.
 
-    PPO's standardised advantages want a bonus for entropy of 0.1 and a loss of the value four times
-    as heavy as usual: runners end at half the gap so, chasers at a fifth; but with eight goals and
-    values that heavy some runs stay with long tours. See docs/results/hyperparameters.md.
+    PPO standardises advantages, and needs an entropy bonus of 0.1 and four times the usual weight
+    of the value loss: runners then end at half the gap, chasers at a fifth. With eight goals such a
+    weight left some runs at long tours.
 
-    A2C's advantages have a standard deviation of about 0.2 in a maze at first, 0.07 later. To make
-    it 1 is to make the bonus for entropy 5 to 15 times as weak beside them: some policies were then
-    certain of their moves before they solved anything, and stayed with what they had. See
-    docs/results/hyperparameters.md.
+    A2C's advantages have a standard deviation of about 0.2 in a maze at first, and 0.07 later.
+    Scaling it to 1 makes the entropy bonus 5 to 15 times weaker in comparison: some policies then
+    became deterministic before they solved anything.
     """
     hyper = hyperparameter_form(algorithm)()
-    if algorithm not in HYPERPARAMETERS:  # a user's own, whose defaults are as they are meant
+    if algorithm not in HYPERPARAMETERS:  # user-defined: its defaults are used
         return hyper
     if setting.task == "reacher" and isinstance(hyper, ActorCriticSettings):
         return tuned_for_arms(hyper, setting.joints)
     if setting.unseen_mazes and isinstance(hyper, PPOSettings):  # see docs/results/unseen_mazes.md
         hyper = replace(hyper, learning_rate=1e-3, epochs=3, minibatch_size=1024)
         return replace(hyper, gamma=0.97, entropy_coef=0.02)
-    for form, where, values in TUNED_ROWS:
+    for form, where, values in TUNED_SETTINGS:
         share = float(where(setting))
         if isinstance(hyper, form) and share:
             changed = {}
@@ -338,12 +336,12 @@ def tuned(algorithm: str, setting: Setting) -> Hyperparameters:
 
 
 def tuned_for_arms(hyper: ActorCriticSettings, joints: int) -> ActorCriticSettings:
-    """What learns policy and value on an arm: by networks of their own.
+    """Tuned hyperparameters of actor-critic algorithms on an arm, with separate networks.
 
-    Values, of returns far larger than those in mazes, would rule hidden layers that are shared. PPO
-    begins with wide draws and is paid for their entropy, which is annealed: with 2 joints, a minute
-    and other seeds than those of the tables it ended at 10.5 % above the least steps so, at 16.2 %
-    with narrower draws, no bonus and a discount of 0.9.
+    The returns are far larger than in mazes, so the value loss would dominate shared hidden layers.
+    PPO starts with a wide distribution and an annealed entropy bonus: with 2 joints and one minute
+    (seeds other than those of the tables) it ended 10.5 % above the least steps, and 16.2 % with a
+    narrower distribution, no bonus and a discount of 0.9.
     """
     hyper = replace(hyper, shared=False, width=64)
     if not isinstance(hyper, PPOSettings):
@@ -352,13 +350,13 @@ def tuned_for_arms(hyper: ActorCriticSettings, joints: int) -> ActorCriticSettin
     return replace(hyper, width=128, learning_rate=2e-3) if joints > 2 else hyper
 
 
-def lessons_for(
-    algorithm: str, setting: Setting, preset: str = TUNED, curriculum: str | None = None
+def curriculum_for(
+    algorithm: str, setting: TaskProfile, preset: str = TUNED, curriculum: str | None = None
 ) -> tuple[str, CurriculumSettings]:
-    """A curriculum and its settings: the one named, or else that of the preset.
+    """The named curriculum and its settings, or the curriculum of the preset.
 
-    Ours have episodes begin near their end at first, where mazes are too large to find the goal or
-    the evader by chance.
+    In mazes too large to find the goal or the evader by chance, the tuned one starts episodes near
+    their end.
 
     Raises:
         ValueError: an unknown curriculum.

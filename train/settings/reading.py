@@ -1,4 +1,4 @@
-"""Settings from mappings: keyword arguments, the tables of a sweep file, those of `config.json`."""
+"""Settings from mappings: keyword arguments, tables of a sweep file, and `config.json`."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from train.settings.common import RunSettings
 Form = TypeVar("Form")
 
 TYPES = {
-    "tuple": "a list of texts",
+    "tuple": "a list of strings",
     "bool": "true or false",
     "int": "a whole number",
     "float": "a number",
-    "str": "a text",
+    "str": "a string",
 }
-"""The types of settings, as messages call them; the first that fits."""
+"""The types of settings in messages; the first match is used."""
 INNER = frozenset({"task", "hyper", "lessons", "chaser_hyper", "evader_hyper"})
-"""Settings of a run that are settings themselves."""
+"""Fields of run settings that are themselves settings."""
 
 
 def names_of(*forms: type[Any]) -> list[str]:
-    """The names of the settings of these dataclasses that are values."""
+    """The names of the fields of these dataclasses that are plain values."""
     return [
         field.name
         for form in forms
@@ -38,7 +38,7 @@ def names_of(*forms: type[Any]) -> list[str]:
 
 
 def check_names(given: Iterable[str], known: Iterable[str], where: str = "") -> None:
-    """ValueError for a name that is not known, with the nearest that is."""
+    """ValueError for an unknown name, with the closest known one."""
     names = sorted(known)
     for name in given:
         close = get_close_matches(name, names, 1)
@@ -50,7 +50,7 @@ def check_names(given: Iterable[str], known: Iterable[str], where: str = "") -> 
 
 
 def typed(form: type[Any], given: Mapping[str, Any]) -> dict[str, Any]:
-    """Those of `given` that `form` has, as values of the types of its fields.
+    """Those entries of `given` that are fields of `form`, converted to the types of the fields.
 
     Raises:
         ValueError: a value of another type.
@@ -70,18 +70,18 @@ def typed(form: type[Any], given: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def shortened(value: Any) -> str:
-    """A value as messages show it."""
+    """A value as it is shown in messages."""
     text = repr(value)
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 def picked(form: type[Form], given: Mapping[str, Any], default: Mapping[str, Any]) -> Form:
-    """A `form` of those of `given` that it has, over `default`; ValueError as `typed`."""
+    """A `form` of those of `given` that are its fields, over `default`; ValueError as `typed`."""
     return form(**{**default, **typed(form, given)})
 
 
 def whole(form: type[Any], given: Any, name: str = "") -> dict[str, Any]:
-    """All settings of `form` that are values, from a table that has these and no others.
+    """All plain fields of `form`, from a table that has exactly these.
 
     Args:
         form: a dataclass.
@@ -89,7 +89,7 @@ def whole(form: type[Any], given: Any, name: str = "") -> dict[str, Any]:
         name: of the table, in messages.
 
     Raises:
-        ValueError: no table, a setting missing or unknown, or a value of another type.
+        ValueError: not a table, a missing or unknown setting, or a value of another type.
     """
     check(isinstance(given, Mapping), f"{name}={shortened(given)}; a table is needed")
     names = names_of(form)
@@ -103,7 +103,7 @@ def whole(form: type[Any], given: Any, name: str = "") -> dict[str, Any]:
 
 @contextlib.contextmanager
 def read_from(where: object, remedy: str) -> Iterator[None]:
-    """What is wrong inside is told of the file `where`, with what a person can do."""
+    """Prefix errors raised inside with the file `where`, and append the remedy."""
     try:
         yield
     except ValueError as error:

@@ -1,4 +1,4 @@
-"""The settings of one training run: what `config.json` holds."""
+"""The settings of one training run, as saved in `config.json`."""
 
 from __future__ import annotations
 
@@ -20,70 +20,77 @@ from train.settings.task import AnyTask, TaskSettings
 
 S = TypeVar("S", bound=Hyperparameters, covariant=True)
 ALIKE = (CurriculumSettings, ScheduleSettings, UniformSettings, ReversedSettings, ShuffledSettings)
-"""Curricula that two processes go through alike, whatever episodes each of them has seen."""
+"""Curricula that do not depend on outcomes, so that they are equal in two processes."""
 SHARED_OUT = ("num_games", "minibatch_size")
-"""What two processes that learn together have a half each of."""
+"""Hyperparameters that data parallel training divides between its two processes."""
 
 
 def check_two_processes(settings: TrainSettings[Any]) -> None:
-    """ValueError for a run that two processes cannot share."""
+    """ValueError for settings that data parallel training does not support."""
     hyper, lessons = settings.hyper, settings.lessons
     alike = type(lessons) in ALIKE and getattr(lessons, "schedule_unit", "share") != "episodes"
     found = [
-        ("algorithm", settings.algorithm, settings.algorithm == "ppo", "take ppo"),
-        ("device", settings.device, settings.device == "cpu", "take cpu"),
-        ("clock", settings.clock, settings.clock == "wall", "take wall"),
-        ("threads", settings.threads, settings.threads <= 1, "each has one: leave threads out"),
+        ("algorithm", settings.algorithm, settings.algorithm == "ppo", "use ppo"),
+        ("device", settings.device, settings.device == "cpu", "use cpu"),
+        ("clock", settings.clock, settings.clock == "wall", "use wall"),
+        (
+            "threads",
+            settings.threads,
+            settings.threads <= 1,
+            "each process has one thread: leave threads out",
+        ),
         ("recurrent", hyper.recurrent, hyper.recurrent is None, "leave it out"),
         (
             "curriculum",
             settings.curriculum,
             alike,
-            "it learns from episodes, of which each has seen its own: take a scheduled one, not by "
+            "it depends on the episodes of one process: use a scheduled one with another unit than "
             "episodes",
         ),
     ]
     for name in SHARED_OUT:
         value = getattr(hyper, name, 0)
         fits = value % 2 == 0 and value >= 4
-        found.append((name, value, fits, "each has half of it: take an even number from 4 on"))
+        found.append(
+            (name, value, fits, "each process has half of it: use an even number from 4 on")
+        )
     for name, value, fits, instead in found:
-        check(fits, f"{name}={value!r} with processes=2; {instead}, or take processes=1")
+        check(fits, f"{name}={value!r} with processes=2; {instead}, or use processes=1")
 
 
 @dataclass(frozen=True)
 class TrainSettings(RunSettings, Generic[S]):
-    """One training run, complete."""
+    """All settings of one training run."""
 
     task: AnyTask = field(default_factory=TaskSettings)
     hyper: S = field(default_factory=PPOSettings)  # type: ignore[assignment]
-    """The settings of the algorithm."""
+    """Hyperparameters of the algorithm."""
     lessons: CurriculumSettings = field(default_factory=CurriculumSettings)
-    """The settings of the curriculum."""
+    """Settings of the curriculum."""
     algorithm: str = "ppo"
-    """The learner: ppo, a2c, reinforce, dqn, cross_entropy, q_learning; of an arm ppo, a2c,
-    reinforce, cross_entropy, ddpg, td3, sac; or package.module:Name of your own."""
+    """ppo, a2c, reinforce, dqn, cross_entropy or q_learning; for the arm ppo, a2c, reinforce,
+    cross_entropy, ddpg, td3 or sac; or package.module:Name of a user-defined algorithm."""
     curriculum: str = "none"
-    """What is taught when. Scheduled: opponent-epsilon, goal-spread-fixed, goal-spread-start,
-    start-distance, num-goals, maze-size, loops; of an arm target-distance, free-joints, hold,
-    tolerance. Adaptive: success-gated, learning-progress, level-replay, learnability; over the
-    mazes of a suite maze-replay, maze-learnability. Controls: none, uniform, reversed, shuffled. Or
-    package.module:Name, of a curriculum or an axis of your own."""
+    """Scheduled: opponent-epsilon, goal-spread-fixed, goal-spread-start, start-distance, num-goals,
+    maze-size, loops; for the arm target-distance, free-joints, hold, tolerance. Adaptive:
+    success-gated, learning-progress, level-replay, learnability; for a suite of mazes maze-replay,
+    maze-learnability. Controls: none, uniform, reversed, shuffled. Or package.module:Name of a
+    user-defined curriculum or axis."""
     observation: str = "auto"
-    """What the network is given. In mazes: index (the same network as one_hot, faster), one_hot,
-    positions, cells, walls, planes or window:R (convolutions), or package.module:Name of your own.
-    Of an arm: positions or positions_angles. auto: the first of these."""
+    """Observation of the network. In mazes: index (one_hot computed faster), one_hot, positions,
+    cells, walls, planes, window:R (convolutions), or package.module:Name of a user-defined one. For
+    the arm: positions or positions_angles. auto: the first of these."""
     evaluate: Annotated[str, one_of("greedy", "sampled")] = "greedy"
-    """Which policy is evaluated: greedy (the most probable action), or sampled (as learned: it
-    gets away where the greedy one steps to and fro for ever). Final results have both."""
+    """Policy of the evaluations during training: greedy (the most probable action) or sampled. The
+    final results have both."""
     first_layer: Annotated[str, one_of("auto", "bag", "dense")] = "auto"
-    """Form of the first layer on index: bag, dense, or auto (the faster, as measured)."""
+    """Form of the first layer for observation index: bag, dense, or auto (the faster one)."""
     threads: Annotated[int, threads_from(0)] = 0
-    """Threads of torch. 0 is one for each core; with a budget in seconds, one or all of them,
-    whichever is the faster at the time; with one in seconds of the processor, one."""
-    processes: Annotated[int, rule(lambda value: value in (1, 2), "1 or 2")] = 1
-    """2: two processes with one thread each learn one policy, from half of the games and of every
-    minibatch each (ppo, for two free cores; a start of some seconds)."""
+    """Threads of torch. 0: one per core; with a budget in seconds one or all, whichever is faster;
+    with clock processor one."""
+    processes: Annotated[int, rule(lambda value: value in (1, 2), "must be 1 or 2")] = 1
+    """2: data parallel training of ppo in two processes with one thread each. Each one has half of
+    the games and of every minibatch."""
 
     def __post_init__(self) -> None:
         if self.observation == "auto":

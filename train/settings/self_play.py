@@ -1,4 +1,4 @@
-"""The settings of self-play: what `config.json` of a run of two sides holds."""
+"""The settings of self-play, as saved in `config.json`."""
 
 from __future__ import annotations
 
@@ -19,112 +19,112 @@ SAMPLING = ("latest", "window", "uniform", "pfsp", "double-oracle")
 SAMPLING_PARTS: Registry[Any] = Registry(
     "sampling", "a function (pool) -> weights of its members", callable, "sampling", SAMPLING
 )
-"""Rules of users' own that say how often each opponent is drawn."""
+"""User-defined rules for sampling opponents."""
 FORMER = {"psro": "double-oracle"}
-"""What schemes were called before; the old name is still taken."""
+"""Former names of sampling rules, which are still accepted."""
 
 
 def self_play_ppo() -> PPOSettings:
-    """The settings of PPO in self-play: the discount is that of the exact game.
+    """The hyperparameters of PPO in self-play; the discount is also that of the exact game.
 
-    The entropy bonus is annealed to 0. It was chosen with `sampling` on generated mazes; see
-    docs/results/self_play.md.
+    The entropy bonus is annealed to 0. It was tuned together with `sampling` on generated mazes.
     """
     return PPOSettings(num_games=512, learning_rate=3e-3, entropy_coef=0.3, minibatch_size=2048)
 
 
 @dataclass(frozen=True)
 class SelfPlaySettings(RunSettings):
-    """Self-play, complete."""
+    """All settings of a run of self-play."""
 
     task: TaskSettings = field(default_factory=lambda: TaskSettings(rewards="zero_sum"))
     hyper: PPOSettings | None = field(default_factory=self_play_ppo)
-    """The settings of PPO, for every role that learns by it; None in the settings of a run in which
-    no role does."""
+    """Hyperparameters of PPO, for the roles that learn with it; None where no role does."""
     chaser: str = LEARN
-    """learn, or who plays the chasers instead: astar, random, optimal, searching (or sweeping,
-    belief), the folder of a run, or package.module:Name of your own."""
+    """learn, or the fixed policy of the chasers: astar, random, optimal, searching (or sweeping,
+    belief), the folder of a run, or package.module:Name of a user-defined policy."""
     evader: str = LEARN
-    """learn, or who plays the evaders instead."""
+    """learn, or the fixed policy of the evaders."""
     chaser_algorithm: str = "ppo"
-    """What the chasers learn by: ppo, a2c or dqn."""
+    """Algorithm of the chasers: ppo, a2c or dqn."""
     evader_algorithm: str = "ppo"
-    """What the evaders learn by."""
+    """Algorithm of the evaders: ppo, a2c or dqn."""
     chaser_hyper: Any = None
-    """The settings of the chasers' algorithm where that is not PPO (`Hyperparameters`); None for
-    its tuned ones, which a run fills in."""
+    """Hyperparameters of the chasers' algorithm if that is not PPO; None for the tuned ones."""
     evader_hyper: Any = None
-    """The settings of the evaders' algorithm; likewise."""
+    """Hyperparameters of the evaders' algorithm if that is not PPO; None for the tuned ones."""
     sampling: Annotated[str, passes(SAMPLING_PARTS.check)] = "latest"
-    """Who is drawn as the opponent: latest, window (the last snapshots), uniform (over all:
-    fictitious self-play), pfsp (those that are hard), double-oracle (a Nash mixture of all
-    snapshots by their discounted payoffs; the learners go on from where they are, while those of
-    PSRO begin afresh against every mixture), or package.module:Name of your own."""
+    """Distribution over opponents: latest, window (the latest snapshots), uniform (all snapshots:
+    fictitious self-play), pfsp (prioritised by difficulty), double-oracle (a Nash mixture of all
+    snapshots; learners continue from their weights, unlike PSRO), or package.module:Name of a
+    user-defined rule."""
     window: Annotated[int, at_least(1)] = 5
-    """Snapshots of window."""
+    """Number of latest snapshots that the rule window draws from."""
     pfsp_power: NotNegative = 2.0
-    """How strongly pfsp prefers opponents that are hard."""
+    """Exponent of pfsp: how strongly difficult opponents are preferred."""
     snapshots: Annotated[int, at_least(1)] = 40
-    """Snapshots taken over the budget, evenly."""
+    """Snapshots taken during the run, at equal intervals."""
     pool_size: Annotated[int, at_least(1)] = 50
-    """Snapshots kept for each role: a sample of all so far, each as likely as any other (of window
-    the newest; of double-oracle all)."""
+    """Snapshots kept for each role: a uniform sample of all (window: the latest; double-oracle:
+    all)."""
     members: tuple[str, ...] = ()
     """Scripted agents in the pools from the start: astar, random, optimal, searching (or sweeping,
-    belief), or package.module:Name of your own."""
+    belief), or package.module:Name of a user-defined policy."""
     observation: Annotated[str, passes(check_observation)] = "index"
-    """What the networks are given: index, one_hot, positions, cells, walls, planes, or
-    package.module:Name of your own."""
+    """Observation of the networks: index, one_hot, positions, cells, walls, planes, or
+    package.module:Name of a user-defined one."""
     threads: Annotated[int, threads_from(1)] = 1
     """Threads of torch."""
     best_response_seconds: NotNegative = 20.0
-    """Where no exact best response is known (teams, goals, huge mazes): how long an approximate one
-    is trained against each side at the end; 0 for none."""
+    """Seconds of training of an approximate best response to each side after the run, where no
+    exact one is known (teams, goals, large mazes). 0: none."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "sampling", FORMER.get(self.sampling, self.sampling))
         super().__post_init__()
         check(
             self.task.role == "auto",
-            f"role={self.task.role!r}; both sides learn here: freeze one by chaser or evader",
+            f"role={self.task.role!r}; both roles learn in self-play: fix one by chaser or evader",
         )
-        check(self.task.opponent is None, "opponent is of `pursuit train`; use chaser or evader")
+        check(
+            self.task.opponent is None,
+            "opponent is an option of `pursuit train`; use chaser or evader",
+        )
         check(
             self.sampling != "window" or self.window <= self.pool_size,
-            f"window={self.window} snapshots, and pool_size={self.pool_size} are kept; raise it",
+            f"window={self.window} is more than pool_size={self.pool_size}; raise pool_size",
         )
         check(
             self.sampling != "double-oracle" or self.snapshots <= self.pool_size,
-            f"snapshots={self.snapshots} with pool_size={self.pool_size}; double-oracle forgets "
-            "none: raise pool_size, or take fewer snapshots",
+            f"snapshots={self.snapshots} is more than pool_size={self.pool_size}, and "
+            "double-oracle keeps all: raise pool_size, or take fewer snapshots",
         )
-        check(bool(self.learning), "chaser and evader are both frozen; let one of them learn")
+        check(bool(self.learning), "chaser and evader are both fixed; set one of them to learn")
         for name in self.members:
             check(
-                name in AGENTS or is_custom_policy(name),
-                f"unknown member {name!r}; of {', '.join(AGENTS)}, or package.module:Name",
+                name in AGENTS or is_own_policy(name),
+                f"unknown member {name!r}; one of {', '.join(AGENTS)}, or package.module:Name",
             )
-            check(self.members.count(name) == 1, f"member {name!r} is given twice")
+            check(self.members.count(name) == 1, f"member {name!r} is listed twice")
         for role in ROLES:
             check(
                 getattr(self, f"{role}_hyper") is None or role in self.other_learners,
-                f"{role}_hyper is given, and the {role}s learn by ppo or not at all; leave it out, "
-                f"or give another {role}_algorithm",
+                f"{role}_hyper is for algorithms other than ppo, and the {role}s do not learn with "
+                f"one; leave it out, or set {role}_algorithm",
             )
         discounts = {}
         for prefix, hyper in self._hypers().items():
-            check(hyper is not None, "hyper=None, and not every side has settings; leave it out")
+            check(hyper is not None, "hyper=None, but a role learns with PPO; leave it out")
             last = "gamma" if getattr(hyper, "gamma_end", None) is None else "gamma_end"
             discounts[f"{prefix}{last}"] = hyper.last_gamma
         for name, discount in discounts.items():
             check(
                 0.0 < discount < 1.0,
-                f"{name}={discount}; in (0, 1): it is the discount of the exact game",
+                f"{name}={discount} is outside (0, 1); it is also the discount of the exact game",
             )
         check(
             len(set(discounts.values())) == 1,
-            f"{', '.join(f'{name}={value}' for name, value in discounts.items())}; both sides "
-            "learn the same exact game: give them one discount",
+            f"{', '.join(f'{name}={value}' for name, value in discounts.items())}; both roles "
+            "learn in the same discounted game: give them the same discount",
         )
 
     @property
@@ -134,18 +134,18 @@ class SelfPlaySettings(RunSettings):
 
     @property
     def other_learners(self) -> tuple[str, ...]:
-        """The roles that learn by something else than PPO."""
+        """The roles that learn with an algorithm other than PPO."""
         return tuple(role for role in self.learning if self.algorithm(role) != "ppo")
 
     @property
     def discount(self) -> float:
-        """The discount of the exact game: the last one that the sides learn with."""
+        """The discount of the exact game: the final discount of the learners."""
         return float(next(iter(self._hypers().values())).last_gamma)
 
     def _hypers(self) -> dict[str, Any]:
-        """The settings that give the discount of each learning role, by the prefix of their names.
+        """The hyperparameters that give the discount of each learning role, by their name prefix.
 
-        Where those of another algorithm are left to be filled in, that is `hyper`.
+        It is `hyper` where those of another algorithm are not filled in yet.
         """
         found = {}
         for role in self.learning:
@@ -154,5 +154,5 @@ class SelfPlaySettings(RunSettings):
         return found
 
     def algorithm(self, role: str) -> str:
-        """What a role learns by."""
+        """The algorithm of a role."""
         return str(getattr(self, f"{role}_algorithm"))

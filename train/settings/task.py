@@ -1,4 +1,4 @@
-"""What is played, and against whom, by name: games in mazes, and the arm."""
+"""Settings of tasks and opponents by name: games in mazes, and the arm."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ Steps = Annotated[
     int,
     rule(
         lambda value: value <= MOST_STEPS,
-        f"at most {MOST_STEPS}: evaluations play every episode to its end, and an agent that is "
-        "never caught reaches the limit; take fewer",
+        f"must be at most {MOST_STEPS}: evaluations play every episode to its end, and agents that "
+        "are never caught reach the limit; take fewer",
     ),
 ]
 
 
 def kept_text_of_rewards(name: str, given: Any) -> str:
-    """Rewards as one text."""
+    """Rewards normalised to one string."""
     text = rewards_text(given)
     if text != "default":
         check_rewards(name, text)
@@ -41,105 +41,100 @@ def kept_text_of_rewards(name: str, given: Any) -> str:
 
 
 def kept_text_of_radius(name: str, given: Any) -> str | None:
-    """Radii of sight as one text; None for none."""
-    return view_radius_text(check_view_radius(name, given))
+    """View radii normalised to one string; None if unlimited."""
+    return radius_text(kept_radius(name, given))
 
 
 def kept_text_of_agents(name: str, given: Any) -> str:
-    """Roles and agents as one text."""
-    return agent_choice_text(check_agent_choice(name, given))
+    """Roles and agents normalised to one string."""
+    return chosen_text(kept_chosen(name, given))
 
 
 @dataclass(frozen=True)
 class TaskSettings(Settings):
-    """What is played, and against whom."""
+    """A game in mazes, and the opponents in it."""
 
     OBSERVATION: ClassVar[str] = "index"
 
     task: str = "chase"
-    """chase, maze, race, heist, or reacher, which has options of its own: see --task reacher
-    --help."""
+    """chase, maze, race, heist or reacher (an arm; for its options see --task reacher --help)."""
     role: str = "auto"
-    """Who learns: chaser, evader or runner (or one agent, such as chaser_1). auto: the first."""
+    """Learning agent: chaser, evader or runner, or one agent such as chaser_1. auto: the first."""
     maze: str = "5x5"
-    """A shipped maze (2x2 ... 9x9, 15x15, also -tree and -open), the path of a maze file, or a
-    frozen suite of mazes, such as suite:7x7-train (or suite:7x7-train/0-99)."""
+    """A maze of the library (2x2 ... 9x9, 15x15, also with -tree and -open), a maze file, or a
+    suite of mazes such as suite:7x7-train or suite:7x7-train/0-99."""
     num_chasers: int | None = None
-    """Chasers; the task's own number if left out."""
+    """Number of chasers. None: that of the task."""
     num_evaders: int | None = None
-    """Evaders; likewise."""
+    """Number of evaders. None: that of the task."""
     num_runners: int | None = None
-    """Runners; likewise."""
+    """Number of runners. None: that of the task."""
     num_goals: int | None = None
-    """Goals; likewise."""
+    """Number of goals. None: that of the task."""
     max_steps: Steps = 200
-    """An episode of this many steps is truncated; 100,000 at most."""
+    """Steps after which an episode is truncated, at most 100,000."""
     stay_action: bool = False
-    """Whether a fifth action, stay, exists."""
+    """Add a fifth action: stay."""
     move_order: str = "simultaneous"
-    """simultaneous, or chasers_first."""
+    """Order of moves: simultaneous, or chasers_first."""
     min_start_distance: int = 1
-    """Steps between chasers and evaders at the start, at least."""
+    """Minimum distance in steps between chasers and evaders at the start."""
     rewards: Annotated[str, Rule(kept_text_of_rewards, other_types=True)] = "default"
-    """goal, completion, distance, zero_sum, or the task's own (default); coefficients, such as
+    """default, goal, completion, distance or zero_sum; or coefficients such as
     step=-0.1,capture=2 or chaser.step=-0.1,evader.capture=-2 (of step, capture, goal, distance,
-    on_completion, for chasers per_evader); or package.module:Name of a function of your own."""
+    on_completion, per_evader); or package.module:Name of a user-defined function."""
     view_radius: Annotated[str | None, Rule(kept_text_of_radius, other_types=True)] = None
-    """Path steps up to which agents see: a number for all, or by role or agent, such as
-    chaser=2,evader_0=3; everything if left out. The scripted astar, random and optimal see
-    everything all the same."""
+    """Observation radius in path steps: a number for all agents, or by role or agent, such as
+    chaser=2,evader_0=3. None: unlimited. The scripted astar, random and optimal ignore it."""
     line_of_sight: Annotated[str, Rule(kept_text_of_agents, other_types=True)] = ""
-    """Who sees along rows and columns only, until a wall: all (or no value), or roles and agents,
-    such as chaser,evader_0; with a view_radius so far only. Nobody if left out."""
+    """Agents that see along rows and columns only, up to the next wall: all (or no value), or roles
+    and agents such as chaser,evader_0."""
     unknown_maze: Annotated[str, Rule(kept_text_of_agents, other_types=True)] = ""
-    """Who knows of the maze only what is within view: all (or no value), or roles and agents.
-    Nobody if left out."""
+    """Agents that know only the part of the maze in view: all (or no value), or roles and agents."""
     opponent_epsilon: Annotated[float, RANDOM_MOVES] = 0.2
-    """Share of random moves of the scripted agents in all other seats, in [0, 1]."""
+    """Probability of a random move of the scripted opponents, in [0, 1]."""
     opponent: str | None = None
-    """Who plays the other side instead of A*: random, optimal (exactly), searching (chasers also
-    sweeping, belief; all three see what the task lets them), the folder of a run, a saved
-    Stable-Baselines3 model (.zip), or package.module:Name of your own. Learned ones play as
-    opponent_policy says."""
+    """None: A*. Otherwise random, optimal, searching (chasers also sweeping, belief; these
+    three respect the limited view), the folder of a run, a saved Stable-Baselines3 model (.zip), or
+    package.module:Name of a user-defined policy."""
     opponent_policy: Annotated[str, one_of("sampled", "greedy")] = "sampled"
-    """How a learned opponent plays: sampled (as it was learned, where it is a distribution), or
-    greedy (always the most probable action)."""
+    """Policy of a learned opponent: sampled (from its distribution), or greedy (the most probable
+    action)."""
     opponent_observation: str | None = None
-    """What a saved Stable-Baselines3 model observes that plays the other side, such as one_hot; of
-    one without a description beside it (as model.save() writes)."""
+    """Observation of an opponent saved by model.save() of Stable-Baselines3, such as one_hot."""
     start: str = "random"
-    """random, or marks: the S and G of the maze (fixed goals)."""
+    """Starts: random, or marks (S and G of the maze; fixed goals)."""
     mask_bumps: bool = False
-    """Forbid the learner moves into walls, as it learns and as it plays. Without the stay action
-    they are the only way to wait, which the best chasers and evaders do."""
+    """Mask the learner's moves into walls, in training and evaluation. Without the stay action such
+    moves are the only way to wait, which optimal chasers and evaders do."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         check(
             self.task != REACHER,
-            f"task={self.task!r} is no game in mazes; take {', '.join(TASK_NAMES)} here, and the "
+            f"task={self.task!r} is not a game in mazes; use {', '.join(TASK_NAMES)} here, and the "
             "arm in `pursuit train`, `baseline`, `render` or a sweep (ReacherSettings in Python)",
         )
         check_choice("task", self.task, (*TASK_NAMES, REACHER))
 
     @property
     def agent(self) -> str:
-        """Who learns."""
-        return who_learns(self.task, self.role)
+        """The learning agent or role."""
+        return learning_agent(self.task, self.role)
 
     @property
     def label(self) -> str:
-        """What the folder of a run is called after."""
+        """The beginning of the name of a run's folder."""
         maze = self.maze.removeprefix(PREFIX).replace("/", "-")
         return f"{self.task}-{self.agent}-{maze if is_suite(self.maze) else Path(self.maze).stem}"
 
     def check_observation(self, name: str) -> None:
-        """ValueError unless it can be observed."""
+        """ValueError unless this observation exists."""
         check_observation(name)
 
 
-def who_learns(task: str, role: str) -> str:
-    """The role that is named, or the first of a task for "auto"."""
+def learning_agent(task: str, role: str) -> str:
+    """The given role; for "auto" the first role of the task."""
     if role != "auto":
         return role
     return "runner" if task in ("maze", "race") else "chaser"
@@ -147,28 +142,28 @@ def who_learns(task: str, role: str) -> str:
 
 @dataclass(frozen=True)
 class ReacherSettings(Settings):
-    """An arm that is to bring its tip to a target, in as few steps as it can."""
+    """An arm that moves its tip to a target in as few steps as possible."""
 
     OBSERVATION: ClassVar[str] = "positions"
 
     task: Annotated[str, one_of(REACHER)] = REACHER
-    """reacher; the games in mazes have options of their own: see --task chase --help."""
+    """reacher (for the options of games in mazes see --task chase --help)."""
     joints: int = 2
-    """Joints, 1 to 8; links have length 1."""
+    """Number of joints, 1 to 8; links have length 1."""
     start: str = "kept"
-    """The pose that an episode begins in: kept from the last one, random, or fixed (straight)."""
+    """Initial pose of an episode: kept (from the last episode), random, or fixed (straight)."""
     hold: int = 1
-    """Steps in a row after which the tip must be in reach of the target."""
+    """Consecutive steps that the tip must stay within the tolerance."""
     tolerance: float = 0.2
-    """It is in reach within this distance."""
+    """Distance from the target within which it is reached."""
     max_steps: Steps = 400
-    """An episode of this many steps is truncated; 100,000 at most."""
+    """Steps after which an episode is truncated, at most 100,000."""
     max_turn: float = 0.1
-    """Radians that a joint turns in a step, at most."""
+    """Largest turn of a joint in one step, in radians."""
     effort: float = 0.01
-    """Cost of turning one joint as far as it goes."""
+    """Cost of turning one joint by max_turn."""
     discrete_actions: bool = False
-    """Every joint turns fully, back or forth, or not at all."""
+    """Discrete actions: every joint turns by max_turn in one of both directions, or stays."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -176,16 +171,16 @@ class ReacherSettings(Settings):
 
     @property
     def label(self) -> str:
-        """What the folder of a run is called after."""
+        """The beginning of the name of a run's folder."""
         return f"{self.task}-{self.joints}"
 
     def build(self) -> ReacherTask:
-        """The task itself; ValueError for what it does not allow."""
+        """The task itself; ValueError for settings that it does not allow."""
         given = {each.name: getattr(self, each.name) for each in fields(self)}
         return ReacherTask(**{name: value for name, value in given.items() if name != "task"})
 
     def check_observation(self, name: str) -> None:
-        """ValueError unless it can be observed."""
+        """ValueError unless this observation exists."""
         check_choice("observation", name, ARM_ENCODINGS)
 
 
@@ -193,12 +188,12 @@ AnyTask = TaskSettings | ReacherSettings
 
 
 def in_maze(task: AnyTask, what: str) -> TaskSettings:
-    """`task`, if it is a game in mazes; ValueError naming `what` needs one for another."""
+    """`task`, if it is a game in mazes; otherwise ValueError with `what` as its beginning."""
     if isinstance(task, ReacherSettings):
-        raise ValueError(f"{what}: games in mazes are needed, and task {task.task!r} has none")
+        raise ValueError(f"{what}: needs a game in mazes, not task {task.task!r}")
     return task
 
 
 def task_form(name: Any) -> type[AnyTask]:
-    """The settings of a task by its name; those of mazes for an unknown one, which they refuse."""
+    """The settings class of a task; that of mazes for an unknown name, which it then refuses."""
     return ReacherSettings if name == REACHER else TaskSettings

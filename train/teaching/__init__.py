@@ -1,1 +1,1 @@
-"""Carries the lessons of `curricula` to the games."""
+"""Applies the curricula of `curricula` to training games."""

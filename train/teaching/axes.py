@@ -1,6 +1,6 @@
-"""Axes: what a curriculum turns, and how its numbers become settings of games or of an arm.
+"""Axes: the task parameters that a curriculum can vary, from easy to hard.
 
-`AXIS_MAKERS` says of each axis what the task must have, and makes it.
+`AXIS_MAKERS` has the requirements of each axis, and builds it.
 """
 
 from __future__ import annotations
@@ -21,22 +21,51 @@ from pursuit.tasks.placements import check_placeable
 from pursuit.tasks.task import Task
 from train.settings.checks import check
 from train.settings.curricula import AXIS_PARTS, AxisSettings
-from train.teaching.grounds import AnyGround, Apply, ArmGround, Axis, Ground
+from train.teaching.context import AnyContext, ArmContext, CurriculumContext
 from train.teaching.mazes import training_mazes
+
+Apply = Callable[[Any, NDArray[np.intp], NDArray[np.float64]], None]
+
+
+@dataclass(frozen=True)
+class Axis:
+    """A task parameter from easy to hard.
+
+    Attributes:
+        name: one of `train.settings.curricula.AXES`, or that of a user-defined axis.
+        easiest, hardest: the ends of the range.
+        apply: (simulator, games [n], values [n]): sets the values for the next episodes of games.
+        whole: whether values are whole numbers.
+        mazes: of the training games, if these vary; the last one is the task's.
+        ordered: False where values are indices without an order of difficulty.
+    """
+
+    name: str
+    easiest: float
+    hardest: float
+    apply: Apply
+    whole: bool = True
+    mazes: tuple[Maze, ...] = ()
+    ordered: bool = True
+
+    def stages(self, count: int) -> list[float]:
+        """At most `count` different values from easy to hard, at equal distances."""
+        values = np.linspace(self.easiest, self.hardest, count)
+        return list(dict.fromkeys((np.round(values) if self.whole else values).tolist()))
 
 
 @dataclass(frozen=True)
 class Maker:
-    """How one axis is made, and what it needs.
+    """The constructor and the requirements of an axis.
 
     Attributes:
-        make: (name, ground, ends) -> the axis; ValueError for ends that are not allowed.
+        make: (name, context, ends) -> the axis; ValueError for ends that are not allowed.
         goals: whether the task must have goals.
         random_starts: whether starts must be random.
         both: whether there must be chasers and evaders.
         scripted: whether there must be opponents, all of them scripted.
         mazes: whether it has a list of mazes.
-        arm: whether it turns an arm, and not games in mazes.
+        arm: whether it is an axis of an arm, not of games in mazes.
     """
 
     make: Callable[[str, Any, AxisSettings], Axis]
@@ -47,12 +76,12 @@ class Maker:
     mazes: bool = False
     arm: bool = False
 
-    def check(self, name: str, ground: Any, ends: AxisSettings) -> None:
-        """Raise ValueError for what the task has not."""
-        task, arm = ground.task, isinstance(ground, ArmGround)
+    def check(self, name: str, context: Any, ends: AxisSettings) -> None:
+        """ValueError unless the task meets the requirements."""
+        task, arm = context.task, isinstance(context, ArmContext)
         needs = [(self.arm, arm, "an arm"), (not self.arm, not arm, "games in mazes")]
         if not arm:
-            scripted = task.num_agents > 1 and ground.learned_opponent is None
+            scripted = task.num_agents > 1 and context.learned_opponent is None
             needs += [
                 (self.goals, task.num_goals > 0, "goals"),
                 (self.random_starts, task.start == "random", "random starts"),
@@ -63,41 +92,41 @@ class Maker:
             check(
                 there or not needed,
                 f"curriculum {name!r} needs {what}, which task {task.name!r} with these settings "
-                "has not; take another axis, or another task",
+                "does not have; use another axis or task",
             )
         check(
             ends.curriculum_mazes is None or self.mazes,
             f"curriculum_mazes={ends.curriculum_mazes!r} with curriculum {name!r}; only maze-size "
-            "and loops have a list of mazes",
+            "and loops use a list of mazes: leave it out",
         )
 
 
-def axis_of(name: str, ground: AnyGround, ends: AxisSettings) -> Axis:
-    """The axis of that name, or of "auto", over a task.
+def axis_of(name: str, context: AnyContext, ends: AxisSettings) -> Axis:
+    """The axis of this name, or of "auto", for a task.
 
-    Warns where an end lies beyond what the maze has, and is clipped.
+    Warns if an end is outside the range of the maze, and clips it.
 
     Raises:
-        ValueError: the task has not what the axis turns, or ends that are not allowed.
+        ValueError: the task does not meet the requirements, or an end is not allowed.
     """
-    name = ground.default_axis if name == "auto" else name
+    name = context.default_axis if name == "auto" else name
     maker = maker_of(name)
-    maker.check(name, ground, ends)
-    return maker.make(name, ground, ends)
+    maker.check(name, context, ends)
+    return maker.make(name, context, ends)
 
 
 def maker_of(name: str) -> Maker:
-    """What makes the axis of that name, one of ours or a user's; ValueError for an unknown one."""
+    """The maker of an axis, built-in or user-defined; ValueError for an unknown name."""
     maker: Maker = AXIS_MAKERS.get(name) or AXIS_PARTS.get(name)
     return maker
 
 
 def ends_of(ends: AxisSettings, easiest: float, hardest: float) -> tuple[float, float]:
-    """The ends that are given, else these; ValueError for one that is not finite."""
+    """The ends of the settings, or these defaults; ValueError for one that is not finite."""
     first = easiest if ends.easiest is None else float(ends.easiest)
     last = hardest if ends.hardest is None else float(ends.hardest)
     for value in (first, last):
-        check(bool(np.isfinite(value)), f"{value} as the easiest or hardest; a finite number")
+        check(bool(np.isfinite(value)), f"easiest or hardest is {value}; give a finite number")
     return first, last
 
 
@@ -108,12 +137,12 @@ def ends_within(
     error: str,
     whole: bool = True,
 ) -> tuple[float, float]:
-    """The ends that are given, else the default; ValueError for one outside what is allowed.
+    """The ends of the settings, or the default; ValueError for one that is not allowed.
 
     Args:
         default, allowed: (easiest, hardest) and (lowest, highest).
-        error: of a value that is not allowed, which stands at "{:g}" in it.
-        whole: whether only whole numbers are allowed.
+        error: message for a value that is not allowed, with "{:g}" for the value.
+        whole: whether values must be whole numbers.
     """
     first, last = ends_of(ends, *default)
     for value in (first, last):
@@ -123,13 +152,13 @@ def ends_within(
 
 
 def configure(setting: str, limit: float = math.inf, whole: bool = True, **rest: Any) -> Apply:
-    """Has games played with a setting of the simulator: the value of the axis.
+    """An `apply` of an axis that configures a setting of the simulator.
 
     Args:
         setting: its name in `configure` of the simulator.
-        limit: values from here on are no limit, which is -1 to the simulator.
+        limit: values from here on mean unlimited, which is -1 in the simulator.
         whole: whether the setting is a whole number.
-        **rest: further settings, the same for all values.
+        **rest: further settings with constant values.
     """
 
     def apply(simulator: Any, games: NDArray[np.intp], values: NDArray[np.float64]) -> None:
@@ -140,15 +169,15 @@ def configure(setting: str, limit: float = math.inf, whole: bool = True, **rest:
     return apply
 
 
-# -- what turns -----------------------------------------------------------------------------------
+# -- the axes --------------------------------------------------------------------------------------
 
 
-def opponent_epsilon(name: str, ground: Ground, ends: AxisSettings) -> Axis:
+def opponent_epsilon(name: str, context: CurriculumContext, ends: AxisSettings) -> Axis:
     """Share of random moves of the opponents, from 1 down."""
-    own = ground.task.seat(ground.agent)
-    others = [seat for seat in range(ground.task.num_agents) if seat != own]
-    error = "epsilon={}; a share of random moves lies in [0, 1]"
-    default = (1.0, ground.opponent_epsilon)
+    own = context.task.seat(context.agent)
+    others = [seat for seat in range(context.task.num_agents) if seat != own]
+    error = "epsilon={}; a share of random moves must be in [0, 1]"
+    default = (1.0, context.opponent_epsilon)
     first, last = ends_within(ends, default, (0.0, 1.0), error, whole=False)
 
     def apply(simulator: Any, games: NDArray[np.intp], values: NDArray[np.float64]) -> None:
@@ -158,13 +187,13 @@ def opponent_epsilon(name: str, ground: Ground, ends: AxisSettings) -> Axis:
     return Axis(name, first, last, apply, whole=False)
 
 
-def goal_spread_fixed(name: str, ground: Ground, ends: AxisSettings) -> Axis:
+def goal_spread_fixed(name: str, context: CurriculumContext, ends: AxisSettings) -> Axis:
     """Steps from the goal marks of the maze to the goals."""
-    maze = ground.task.mazes[0]
+    maze = context.task.mazes[0]
     check(
         bool(maze.goal_marks),
-        f"curriculum {name!r} begins at the goal marks 'G' of the maze, and {maze.name} has none; "
-        "mark some, or take goal-spread-start",
+        f"curriculum {name!r} needs goal marks 'G' in the maze, and {maze.name} has none; add "
+        "some, or use goal-spread-start",
     )
     marks = [maze.distances_from(mark) for mark in maze.goal_marks]
     farthest = int(np.min(marks, axis=0).max())
@@ -172,74 +201,74 @@ def goal_spread_fixed(name: str, ground: Ground, ends: AxisSettings) -> Axis:
     return Axis(name, first, last, configure("goal_radius", farthest, goals_around="marks"))
 
 
-def goal_spread_start(name: str, ground: Ground, ends: AxisSettings) -> Axis:
+def goal_spread_start(name: str, context: CurriculumContext, ends: AxisSettings) -> Axis:
     """Steps from the learner's start to the goals."""
-    maze, longest = ground.task.mazes[0], longest_in(ground.task)
+    maze, longest = context.task.mazes[0], longest_in(context.task)
     first, last = _radius(name, ends, (min(3, longest), longest), 1, maze)
     return Axis(name, first, last, configure("goal_radius", longest, goals_around="start"))
 
 
-def start_distance(name: str, ground: Ground, ends: AxisSettings) -> Axis:
-    """Steps between chasers and evaders at the start, at most."""
-    maze, least = ground.task.mazes[0], ground.task.min_start_distance
-    longest = longest_in(ground.task)
+def start_distance(name: str, context: CurriculumContext, ends: AxisSettings) -> Axis:
+    """Largest distance in steps between chasers and evaders at the start."""
+    maze, least = context.task.mazes[0], context.task.min_start_distance
+    longest = longest_in(context.task)
     near = min(max(3, least), longest)
     first, last = _radius(name, ends, (near, longest), least, maze)
-    check_placeable(ground.task.apart(0, -1, least, int(min(first, last))))
+    check_placeable(context.task.apart(0, -1, least, int(min(first, last))))
     return Axis(name, first, last, configure("max_start_distance", longest))
 
 
-def num_goals(name: str, ground: Ground, ends: AxisSettings) -> Axis:
-    """How many goals there are."""
-    goals = ground.task.num_goals
+def num_goals(name: str, context: CurriculumContext, ends: AxisSettings) -> Axis:
+    """Number of goals."""
+    goals = context.task.num_goals
     check(goals > 1, f"curriculum {name!r} needs at least 2 goals; num_goals={goals}")
-    error = f"{{:g}} goals; a whole number from 1 to num_goals={goals}"
+    error = f"{{:g}} goals; give a whole number from 1 to num_goals={goals}"
     first, last = ends_within(ends, (1, goals), (1, goals), error)
     return Axis(name, first, last, configure("num_goals"))
 
 
-def maze_number(name: str, ground: Ground, ends: AxisSettings) -> Axis:
-    """Which of several mazes is played in."""
-    mazes = training_mazes(name, ends.curriculum_mazes, ground.task)
+def maze_number(name: str, context: CurriculumContext, ends: AxisSettings) -> Axis:
+    """Index of the maze in a list."""
+    mazes = training_mazes(name, ends.curriculum_mazes, context.task)
     most, names = len(mazes) - 1, ", ".join(maze.name for maze in mazes)
     names = names.replace("{", "{{").replace("}", "}}")
-    error = f"maze {{:g}}; whole numbers from 0 to {most}, which count {names}"
+    error = f"maze {{:g}}; give whole numbers from 0 to {most}, the indices of {names}"
     first, last = ends_within(ends, (0, most), (0, most), error)
     return Axis(name, first, last, configure("maze"), mazes=mazes)
 
 
-def target_distance(name: str, ground: ArmGround, ends: AxisSettings) -> Axis:
-    """Steps to the target, at most; a half turn of every joint reaches anywhere."""
-    longest = math.ceil(math.pi / ground.task.max_turn)
-    error = f"{name} of {{:g}}; a number of steps above 0"
+def target_distance(name: str, context: ArmContext, ends: AxisSettings) -> Axis:
+    """Largest distance in steps to the target; a half turn of every joint reaches any target."""
+    longest = math.ceil(math.pi / context.task.max_turn)
+    error = f"{name} of {{:g}}; give a number of steps above 0"
     above_0 = (math.nextafter(0.0, 1.0), math.inf)
     first, last = ends_within(ends, (min(3, longest), longest), above_0, error, whole=False)
     apply = configure("target_distance", longest, whole=False)
     return Axis(name, first, last, apply, whole=False)
 
 
-def free_joints(name: str, ground: ArmGround, ends: AxisSettings) -> Axis:
-    """How many joints turn; the others are locked straight."""
-    joints = ground.task.joints
-    error = f"{{:g}} free joints; a whole number from 1 to joints={joints}"
+def free_joints(name: str, context: ArmContext, ends: AxisSettings) -> Axis:
+    """Number of joints that turn; the others are locked straight."""
+    joints = context.task.joints
+    error = f"{{:g}} free joints; give a whole number from 1 to joints={joints}"
     first, last = ends_within(ends, (1, joints), (1, joints), error)
     return Axis(name, first, last, configure("free_joints"))
 
 
-def hold(name: str, ground: ArmGround, ends: AxisSettings) -> Axis:
-    """Steps in reach that end an episode."""
-    most = ground.task.max_steps
-    error = f"{name} of {{:g}}; a whole number from 1 to max_steps={most}"
-    first, last = ends_within(ends, (1, ground.task.hold), (1, most), error)
+def hold(name: str, context: ArmContext, ends: AxisSettings) -> Axis:
+    """Consecutive steps within the tolerance that end an episode."""
+    most = context.task.max_steps
+    error = f"{name} of {{:g}}; give a whole number from 1 to max_steps={most}"
+    first, last = ends_within(ends, (1, context.task.hold), (1, most), error)
     return Axis(name, first, last, configure("hold"))
 
 
-def tolerance(name: str, ground: ArmGround, ends: AxisSettings) -> Axis:
-    """How near the tip must come."""
-    own, most = ground.task.tolerance, 2.0 * ground.task.joints
+def tolerance(name: str, context: ArmContext, ends: AxisSettings) -> Axis:
+    """Distance from the target within which it is reached."""
+    own, most = context.task.tolerance, 2.0 * context.task.joints
     error = (
-        f"{name} of {{:g}}; from {LEAST_TOLERANCE:g} to {most:g}, twice the joints: set the "
-        "task's own tolerance, easiest and hardest within"
+        f"{name} of {{:g}}; give values from {LEAST_TOLERANCE:g} to {most:g} (twice the joints) "
+        "for the task's tolerance, easiest and hardest"
     )
     default = (min(5.0 * own, most), own)
     first, last = ends_within(ends, default, (LEAST_TOLERANCE, most), error, whole=False)
@@ -249,17 +278,17 @@ def tolerance(name: str, ground: ArmGround, ends: AxisSettings) -> Axis:
 def _radius(
     name: str, ends: AxisSettings, own: tuple[int, int], least: int, maze: Maze
 ) -> tuple[float, float]:
-    """Ends in steps; `own` are those of the maze, which none may exceed."""
+    """Ends in steps; `own` are the defaults, and the second one is the largest distance."""
     values, longest = [], own[1]
     for value in ends_of(ends, *own):
         check(
             value >= least and value == int(value),
-            f"{name} of {value:g}; a whole number of steps of at least {least}",
+            f"{name} of {value:g}; give a whole number of steps of at least {least}",
         )
         if value > longest:
             warnings.warn(
-                f"{name} of {value:g} steps is more than maze {maze.name} has; clipped to "
-                f"{longest}, which is everywhere",
+                f"{name} of {value:g} steps is more than the largest distance in maze {maze.name}; "
+                f"it is clipped to {longest}, which is unlimited",
                 stacklevel=2,
             )
         values.append(min(value, float(longest)))

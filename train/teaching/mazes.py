@@ -10,23 +10,23 @@ from pursuit.tasks.task import Task
 from train.settings.checks import check
 
 OPENED = 8
-"""Mazes of the axis `loops`, from no inner wall to all of them."""
+"""Number of mazes of the axis `loops`, from no inner walls to all of them."""
 
 
 def names_in(given: str) -> list[str]:
-    """The names, files or texts of mazes in `curriculum_mazes`; ValueError where there are none."""
+    """The names, files or texts of mazes in `curriculum_mazes`; ValueError if there are none."""
     names = [name.strip() for name in given.split(",") if name.strip()]
-    check(bool(names), f"curriculum_mazes={given!r}; give names or files, with commas")
+    check(bool(names), f"curriculum_mazes={given!r}; give names or files, separated by commas")
     return names
 
 
 def named_maze(name: str) -> Maze:
-    """A maze by its name, its file, or its text."""
+    """A maze from a name, a file, or its text."""
     return Maze.from_text(name) if "\n" in name else load_maze(name)
 
 
 def as_text(name: str) -> str:
-    """A name that is shipped (of a maze or suite) as it is, any other maze as its text."""
+    """The name of a maze or suite of the library; the text of any other maze."""
     known = name in library_names() or is_suite(name)
     return name if known else named_maze(name).to_text()
 
@@ -34,13 +34,13 @@ def as_text(name: str) -> str:
 def training_mazes(name: str, given: str | None, task: Task) -> tuple[Maze, ...]:
     """The mazes of the axes `maze-size` and `loops`, from easy to hard; the task's is the last.
 
-    Where none are given: for `maze-size` the first rows of the maze, more and more of them, whose
-    cells keep their numbers, so that what is learned in one holds in the next; for `loops` the maze
-    with all, then fewer and fewer of its inner walls opened.
+    By default `maze-size` uses the first rows of the maze, with an increasing number of rows, in
+    which cells keep their numbers, so that policies carry over. `loops` uses the maze with a
+    decreasing number of removed inner walls.
 
     Raises:
-        ValueError: no such maze, one that is too small or larger than the task's, or no part of
-            the task's maze to begin with.
+        ValueError: no such maze, one that is too small or larger than the task's, or no easier
+            maze exists.
     """
     final, needed = task.mazes[0], task.num_agents + task.num_goals
     if given is not None:
@@ -50,8 +50,8 @@ def training_mazes(name: str, given: str | None, task: Task) -> tuple[Maze, ...]
                 maze.height <= final.height
                 and maze.width <= final.width
                 and maze.num_cells <= final.num_cells,
-                f"curriculum_mazes: {maze.name} is larger than the task's maze {final.name}; the "
-                "task's maze is the last and largest",
+                f"curriculum_mazes: {maze.name} is larger than the task's maze {final.name}, which "
+                "must be the last and largest; leave it out",
             )
             check(
                 needed <= maze.num_cells,
@@ -65,13 +65,13 @@ def training_mazes(name: str, given: str | None, task: Task) -> tuple[Maze, ...]
         mazes = list(dict.fromkeys(maze for maze in mazes if maze != final))
     check(
         bool(mazes),
-        f"curriculum {name!r} finds no easier maze within {final.name}; give curriculum_mazes",
+        f"curriculum {name!r} has no easier maze than {final.name}; give curriculum_mazes",
     )
     return (*mazes, final)
 
 
 def first_rows(maze: Maze, rows: int, needed: int) -> Maze | None:
-    """The first rows of `maze`; None where they are not connected or hold too few cells."""
+    """The first rows of `maze`; None if they are not connected or have too few cells."""
     walkable = maze.cell_numbers[:rows] >= 0
     if walkable.sum() < max(needed, 2):
         return None
@@ -85,8 +85,8 @@ def first_rows(maze: Maze, rows: int, needed: int) -> Maze | None:
 
 
 def opened(maze: Maze, share: float) -> Maze:
-    """`maze` with this share of its inner walls opened: always the same ones first."""
-    south, east = maze.open_south.copy(), maze.open_east.copy()
+    """`maze` without this share of its inner walls, which are removed in a fixed order."""
+    south, east = maze.joined_south.copy(), maze.joined_east.copy()
     walkable = maze.cell_numbers >= 0
     walls_south = np.argwhere(~south & walkable[:-1] & walkable[1:])
     walls_east = np.argwhere(~east & walkable[:, :-1] & walkable[:, 1:])

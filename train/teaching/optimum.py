@@ -1,4 +1,4 @@
-"""The exact optimum of the starts of a task, where it is known."""
+"""The exact optimum of the starts of a task."""
 
 from __future__ import annotations
 
@@ -20,20 +20,18 @@ from scripted_agents.tours.tour import MAX_EXACT_GOALS
 from train.evaluation.games import MAX_EXACT_CELLS, best_reply, other_role
 
 EXACT_JOINTS = 5
-"""Up to here the least steps of a start are known within half a millisecond."""
+"""Largest number of joints for which the least steps take less than half a millisecond."""
 
 
 @dataclass(frozen=True, eq=False)
 class Optimum:
     """The exact optimum of any start of a task.
 
-    Starts are noted as they occur, which is cheap, and solved together, which is cheaper than one
-    by one.
+    Starts are recorded as they occur, and solved together, which is faster than one by one.
 
     Attributes:
-        starts: (simulator, games [n]) -> arrays [n, ...], copies: where these games begin.
-        steps: (those arrays) -> [n] float64, the steps of the best play from there; of each start
-            by itself.
+        starts: (simulator, games [n]) -> arrays [n, ...], copies: the current starts of games.
+        steps: (those arrays) -> [n] float64, the optimal steps of each start.
     """
 
     starts: Callable[[Any, NDArray[np.intp]], tuple[NDArray[Any], ...]]
@@ -41,34 +39,34 @@ class Optimum:
 
 
 class Optima:
-    """The optimum of the episode in play in every game, found when it is asked for.
+    """The optimum of the current episode of every game, computed on demand.
 
     Args:
-        optimum: of a start; None where it is not known.
-        num_games: how many games.
+        optimum: of a start; None if unknown.
+        num_games: number of games.
     """
 
     def __init__(self, optimum: Optimum | None, num_games: int) -> None:
         self.optimum = optimum
         self._values = np.full(num_games, np.nan)
         self._starts: list[tuple[NDArray[Any], ...]] = []
-        # Tickets below num_games are those of `_values`, the others of `_starts` in their order.
+        # Tickets below num_games are indices of `_values`, the others of `_starts` in order.
         self._tickets = np.arange(num_games)
         self._next = num_games
 
     def begun(self, simulator: Any, games: NDArray[np.intp]) -> None:
-        """Note where the new episodes of `games` [n] begin."""
+        """Record the starts of the new episodes of `games` [n]."""
         if self.optimum is not None:
             self._starts.append(self.optimum.starts(simulator, games))
             before, self._next = self._next, self._next + len(games)
             self._tickets[games] = np.arange(before, self._next)
 
     def tickets(self, games: NDArray[np.intp]) -> NDArray[np.intp]:
-        """[n], for `settle`: the episodes in play in `games` [n]."""
+        """[n], for `settle`: tickets of the current episodes of `games` [n]."""
         return self._tickets[games]
 
     def settle(self, tickets: NDArray[np.intp]) -> NDArray[np.float64]:
-        """[n] float64, the optimum of each ticket; NaN where unknown. All tickets are void then."""
+        """[n] float64, the optimum of each ticket; NaN if unknown. Invalidates all tickets."""
         if self._starts:
             assert self.optimum is not None
             parts = (np.concatenate(part) for part in zip(*self._starts, strict=True))
@@ -78,23 +76,23 @@ class Optima:
         return found
 
     def take(self, values: NDArray[np.float64]) -> None:
-        """Have `values` [num_games] be those of the episodes in play. All tickets are void then."""
+        """Set the optima [num_games] of the current episodes. Invalidates all tickets."""
         self._values, self._starts = values.copy(), []
         self._next = len(values)
         self._tickets = np.arange(self._next)
 
     def values(self) -> NDArray[np.float64]:
-        """[num_games] float64, those of the episodes in play. All tickets are void then."""
+        """[num_games] float64, the optima of the current episodes. Invalidates all tickets."""
         return self.settle(self._tickets)
 
 
 def _where(simulator: Simulator, games: NDArray[np.intp]) -> tuple[NDArray[Any], ...]:
-    """The mazes [n], and the cells of agents and goals [n, ...], of games."""
+    """The maze indices [n], and the cells of agents and goals [n, ...], of games."""
     return simulator.maze_index[games], simulator.positions[games], simulator.goals[games]
 
 
 def _optimum(task: Task, steps: Callable[..., NDArray[Any]]) -> Optimum:
-    """That of `steps`: (number of a maze, maze, cells of agents, cells of goals) -> [n]."""
+    """The optimum by `steps`: (maze index, maze, cells of agents, cells of goals) -> [n]."""
 
     def all_steps(
         mazes: NDArray[Any], cells: NDArray[Any], goals: NDArray[Any]
@@ -110,15 +108,15 @@ def _optimum(task: Task, steps: Callable[..., NDArray[Any]]) -> Optimum:
 
 
 def optimum_of(task: Task, agent: str, opponents: Mapping[str, Policy]) -> Optimum | None:
-    """The exact optimum of a task; None where it is not known.
+    """The exact optimum of a task; None if unknown.
 
-    Known for one runner alone up to MAX_EXACT_GOALS goals, and for
-    one chaser against one evader whose policy is a table.
+    It is known for a single runner with up to MAX_EXACT_GOALS goals, and for one chaser against one
+    evader if the opponent's policy is a table.
 
     Args:
         task: with all mazes of the training games.
-        agent: who learns, by name or role.
-        opponents: the policy of every other role; they stay as they are.
+        agent: the learning agent, by name or role.
+        opponents: the fixed policy of every other role.
     """
     if (task.num_agents, task.num_runners) == (1, 1):
         return _optimum(task, _tours) if task.num_goals <= MAX_EXACT_GOALS else None
@@ -146,7 +144,7 @@ def _tours(number: int, maze: Maze, cells: NDArray[Any], goals: NDArray[Any]) ->
 
 
 def arm_optimum(task: ReacherTask) -> Optimum | None:
-    """The least steps of an arm; None for many joints, and where actions are discrete."""
+    """The least steps of an arm; None for many joints, and for discrete actions."""
     if task.joints > EXACT_JOINTS or task.discrete_actions:
         return None
 
@@ -165,7 +163,7 @@ def arm_optimum(task: ReacherTask) -> Optimum | None:
 
 
 def _arm_starts(simulator: ReacherSimulator, games: NDArray[np.intp]) -> tuple[NDArray[Any], ...]:
-    """What the least length of an episode of `games` depends on."""
+    """The arrays that determine the least length of an episode of `games`."""
     arms = simulator.arms
     start = (arms.angles, arms.target, arms.tolerance, arms.free_joints, arms.hold)
     return tuple(array[games] for array in start)

@@ -1,4 +1,4 @@
-"""Plans: what is to be taught, made of parts and checked before a run begins."""
+"""The plan of a curriculum, built and validated before a run starts."""
 
 from __future__ import annotations
 
@@ -40,25 +40,25 @@ from train.settings.curricula import (
     SuccessGatedSettings,
     UniformSettings,
 )
-from train.teaching.axes import axis_of, maker_of
-from train.teaching.exams import Exam
-from train.teaching.grounds import AnyGround, Axis, Ground
+from train.teaching.axes import Axis, axis_of, maker_of
+from train.teaching.context import AnyContext, CurriculumContext
 from train.teaching.mazes import training_mazes
 from train.teaching.optimum import Optimum
+from train.teaching.regret import RegretScorer
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What is to be taught.
+    """A curriculum for a run.
 
     Attributes:
         name: of the curriculum.
         lessons: its settings.
-        axis: what it turns; None where it chooses levels.
-        task: of the training games: the task itself, with the mazes of the curriculum.
-        optimum: the exact optimum of every start, where the lessons need it.
-        seed: of what the curriculum draws.
-        exam: what judges the mazes of a pool.
+        axis: the axis that it varies; None if it chooses levels.
+        task: of the training games: the task of the run, with the mazes of the curriculum.
+        optimum: the exact optimum of every start, if the curriculum needs it.
+        seed: of the random numbers of the curriculum.
+        exam: scores the mazes of a suite, if the curriculum chooses among them.
     """
 
     name: str
@@ -67,70 +67,70 @@ class Plan:
     task: Any
     optimum: Optimum | None
     seed: int
-    exam: Exam | None = None
+    exam: RegretScorer | None = None
 
     def curriculum(self) -> Curriculum:
-        """A fresh curriculum."""
+        """A new curriculum."""
         return make_curriculum(self.name, self.lessons, self.axis, self.seed)
 
 
-def plan_lessons(
-    name: str, lessons: CurriculumSettings, ground: AnyGround, seed: int
+def plan_curriculum(
+    name: str, lessons: CurriculumSettings, context: AnyContext, seed: int
 ) -> Plan | None:
-    """What is to be taught in a task; None for the curriculum "none".
+    """The plan of a curriculum for a task; None for the curriculum "none".
 
     Args:
         name: of the curriculum.
         lessons: its settings.
-        ground: the task, with whoever plays in it.
-        seed: of what the curriculum draws.
+        context: the task and the opponents.
+        seed: of the random numbers of the curriculum.
 
     Raises:
-        ValueError: it asks for what the task has not.
+        ValueError: the task does not meet the requirements of the curriculum.
     """
     if name == "none":
         return None
     if isinstance(lessons, MazeReplaySettings):
-        return plan_pool(name, lessons, ground, seed)
-    axis, turned, task = None, None, ground.task
+        return plan_pool(name, lessons, context, seed)
+    axis, turned, task = None, None, context.task
     if isinstance(lessons, AxisSettings):
         turned = axis_name(name, lessons)
-        axis = axis_of(turned, ground, lessons)
+        axis = axis_of(turned, context, lessons)
         if axis.easiest == axis.hardest:
             warnings.warn(
-                f"curriculum {name!r} goes from {axis.easiest:g} to {axis.hardest:g}: it teaches "
-                "nothing; give easiest and hardest, or a task that is harder",
+                f"curriculum {name!r} goes from {axis.easiest:g} to {axis.hardest:g}, so it has no "
+                "effect; give easiest and hardest, or a harder task",
                 stacklevel=2,
             )
         if isinstance(lessons, ScheduleSettings):
-            for _, value in lessons.points():  # each must be possible, as the ends must
-                axis_of(turned, ground, replace(lessons, easiest=value))
+            for _, value in lessons.points():  # each must be allowed
+                axis_of(turned, context, replace(lessons, easiest=value))
     else:
-        ground.check_levels(name)
+        context.check_levels(name)
     optimum, played = None, training_task(name, lessons, task)
     if lessons.needs_optimum:
         steady = axis is None or turned == "auto" or not maker_of(str(turned)).scripted
-        optimum = ground.optimum(played) if steady else None
+        optimum = context.optimum(played) if steady else None
         check(
             optimum is not None,
-            f"curriculum={name!r} as set needs the exact optimum of every start, which is not "
-            f"known for task {task.name!r} with these agents (or while the opponent's epsilon "
-            "changes); set solved_within=0 and, for levels, level_score='learnability'",
+            f"curriculum={name!r} with these settings needs the exact optimum of every start, "
+            f"unknown for task {task.name!r} with these agents (or a changing opponent epsilon); "
+            "set solved_within=0 and, for levels, level_score=learnability",
         )
     plan = Plan(name, lessons, axis, played, optimum, seed)
-    plan.curriculum()  # ValueError for a schedule that does not fit the ends
+    plan.curriculum()  # ValueError for a schedule that does not match the ends
     return plan
 
 
-def plan_pool(name: str, lessons: MazeReplaySettings, ground: Any, seed: int) -> Plan:
-    """What is to be taught in many mazes, judged exactly; ValueError as `plan_lessons`."""
+def plan_pool(name: str, lessons: MazeReplaySettings, context: Any, seed: int) -> Plan:
+    """The plan of a curriculum over the mazes of a suite; ValueError as `plan_curriculum`."""
     check(
-        isinstance(ground, Ground) and len(ground.task.mazes) > 1,
-        f"curriculum={name!r} chooses among mazes, and task {ground.task.name!r} has one; take "
-        "--maze suite:7x7-train",
+        isinstance(context, CurriculumContext) and len(context.task.mazes) > 1,
+        f"curriculum={name!r} chooses among mazes, and task {context.task.name!r} has one; use a "
+        "suite such as --maze suite:7x7-train",
     )
-    task = ground.task
-    exam = Exam(task, ground.agent, ground.opponents, lessons.SCORE)
+    task = context.task
+    exam = RegretScorer(task, context.agent, context.opponents, lessons.SCORE)
 
     def apply(simulator: Any, games: NDArray[np.intp], values: NDArray[np.float64]) -> None:
         simulator.configure(games, maze=values.astype(np.int64))
@@ -141,15 +141,15 @@ def plan_pool(name: str, lessons: MazeReplaySettings, ground: Any, seed: int) ->
 
 
 def axis_name(name: str, lessons: AxisSettings) -> str:
-    """What a curriculum turns: what its settings say, or what it is called after."""
+    """The axis of a curriculum: that of its settings, or of its name."""
     return lessons.axis if isinstance(lessons, StagedSettings) else name
 
 
 def training_task(name: str, lessons: CurriculumSettings, task: Any) -> Any:
-    """The task of the training games: that of the run, with the mazes of the curriculum in it.
+    """The task of the training games: that of the run, with the mazes of the curriculum.
 
     Raises:
-        ValueError: mazes that the curriculum cannot have.
+        ValueError: mazes that the curriculum does not allow.
     """
     if not isinstance(lessons, AxisSettings):
         return task
@@ -160,13 +160,13 @@ def training_task(name: str, lessons: CurriculumSettings, task: Any) -> Any:
     return replace(task, maze=mazes)
 
 
-# -- curricula of their settings -------------------------------------------------------------------
+# -- curricula from their settings -----------------------------------------------------------------
 
 
 def make_curriculum(
     name: str, lessons: CurriculumSettings, axis: Axis | None, seed: int
 ) -> Curriculum:
-    """A fresh curriculum; ValueError for a schedule that does not fit the axis' ends."""
+    """A new curriculum; ValueError for a schedule that does not match the ends of the axis."""
     own = None if name in CURRICULA else CURRICULUM_PARTS.get(name)
     if isinstance(own, OwnCurriculum):
         return own.make(lessons, axis, seed)
@@ -198,7 +198,7 @@ def _shuffled(given: ShuffledSettings, axis: Axis, seed: int) -> Curriculum:
 
 
 def _reversed(given: ReversedSettings, axis: Axis, seed: int) -> Curriculum:
-    # In the last moment of its length it jumps from the easiest back to the hardest.
+    # At the end of its length it jumps from the easiest back to the hardest.
     length, hardest = given.schedule_length, axis.hardest
     points = ((0.0, hardest), (0.999 * length, axis.easiest), (length, hardest)) if length else ()
     shape = "piecewise" if length else "constant"
@@ -228,4 +228,4 @@ CURRICULUM_MAKERS: dict[type[CurriculumSettings], Callable[[Any, Any, int], Curr
     ReversedSettings: _reversed,
     ShuffledSettings: _shuffled,
 }
-"""What makes a curriculum of its settings, its axis and a seed."""
+"""(settings, axis, seed) -> a curriculum, by the class of the settings."""

@@ -1,4 +1,4 @@
-"""Teacher: carries lessons of a curriculum to the games, and outcomes back."""
+"""The teacher, which connects a curriculum to the training games."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ LEVELS = "levels"
 LOG = "curriculum.csv"
 NUMBERS = ("frames", "episodes", "seconds", "progress", "mean", "low", "high")
 REASON = "reason"
-"""The columns of `curriculum.csv`: what was taught when, and why."""
+"""Columns of `curriculum.csv`: the curriculum's values over time, with the reason of a change."""
 
 
 @dataclass(frozen=True)
-class Judge:
-    """How an episode of the learner is read off the games as it ends.
+class EpisodeMetrics:
+    """Functions that read the outcome of an episode of the learner from the simulator.
 
     Attributes:
-        won: (simulator) -> [num_games] bool, of games that have just ended.
-        returns: (simulator) -> [num_games] of its episodes so far.
-        few_steps_are_good: whether they are; not so of an evader that lives on.
+        won: (simulator) -> [num_games] bool, for games that have just ended.
+        returns: (simulator) -> [num_games], the returns of the current episodes.
+        few_steps_are_good: whether short episodes are good; False for an evader.
     """
 
     won: Callable[[Any], NDArray[np.bool_]]
@@ -42,23 +42,22 @@ class Judge:
 
 
 class Teacher(EpisodeHook):
-    """Asks the curriculum for a lesson whenever a game begins anew, and tells it how that went.
+    """Samples a value from the curriculum for each new episode, and reports the outcomes to it.
 
     Args:
-        plan: what is taught.
-        simulator: the training games, of the plan's task, with `auto_restart=False`.
-        judge: of the learner's episodes.
+        plan: of the curriculum.
+        simulator: of the training games, with the plan's task and `auto_restart=False`.
+        judge: reads the outcomes of the learner's episodes.
 
     Attributes:
-        curriculum, axis: what is taught.
-        playing: [num_games] float64, the lesson of the episode in play.
-        episodes: ended so far.
+        curriculum, axis: of the plan.
+        playing: [num_games] float64, the value of the current episode.
+        episodes: number of ended episodes.
         rows: of `curriculum.csv`.
-        examined: the policy that exams are of, always as the learner is now; whoever has both sets
-            it.
+        examined: the learner's current policy, whose mazes are scored; set by the run.
     """
 
-    def __init__(self, plan: Plan, simulator: Any, judge: Judge) -> None:
+    def __init__(self, plan: Plan, simulator: Any, judge: EpisodeMetrics) -> None:
         self.name, self.axis = plan.name, plan.axis
         self.curriculum, self.simulator, self.judge = plan.curriculum(), simulator, judge
         self.solved_within = plan.lessons.solved_within
@@ -85,27 +84,27 @@ class Teacher(EpisodeHook):
 
     @property
     def describes(self) -> str:
-        """What the lessons are, for axes of pictures."""
+        """The name of the axis, for labels of figures."""
         return self.axis.name if self.axis is not None else LEVELS
 
     def before_restart(self, games: NDArray[np.intp]) -> None:
-        """Give each of the games a lesson."""
+        """Set the value of the next episode of each of `games`."""
         lessons = self.curriculum.sample(len(games), self.rng)
         if self.axis is None:
             self.simulator.seed_starts(games, lessons.astype(np.int64))
         else:
-            # A game keeps its settings, so nothing is to be done where nobody's lesson is new.
+            # A game keeps its settings, so nothing is done unless a value changed.
             if (self.applied[games] != lessons).any():
                 self.axis.apply(self.simulator, games, lessons)
                 self.applied[games] = lessons
         self.playing[games] = lessons
 
     def after_restart(self, games: NDArray[np.intp]) -> None:
-        """Note where each of the games begins, to find out how well it can be played from there."""
+        """Record the starts of `games`, for their optima."""
         self._optima.begun(self.simulator, games)
 
     def episode_ended(self, games: NDArray[np.bool_]) -> None:
-        """Note the outcomes of the games of the mask, whose episodes have just ended."""
+        """Record the outcomes of the games of the mask, whose episodes have just ended."""
         simulator, judge = self.simulator, self.judge
         chosen = games.nonzero()[0]
         won, returns = judge.won(simulator)[chosen], judge.returns(simulator)[chosen]
@@ -114,12 +113,12 @@ class Teacher(EpisodeHook):
 
     @property
     def optima(self) -> NDArray[np.float64]:
-        """[num_games] float64, the least steps from where each episode began; NaN where unknown."""
+        """[num_games] float64, the least steps of the current episodes; NaN where unknown."""
         self._settle()
         return self._optima.values()
 
     def _settle(self) -> None:
-        """Make outcomes of the episodes that ended: all at once, for each alone is dear."""
+        """Convert ended episodes to outcomes, all at once, as that is faster."""
         if not self._ended:
             return
         lessons, won, returns, steps, tickets = map(np.concatenate, zip(*self._ended, strict=True))
@@ -138,7 +137,7 @@ class Teacher(EpisodeHook):
         self._won.append(won)
 
     def note_advantages(self, advantages: NDArray[Any], done: NDArray[np.bool_]) -> None:
-        """The positive advantages of the episodes that ended in a rollout, in their order.
+        """Record the positive advantages of the episodes that ended in a rollout, in order.
 
         Args:
             advantages, done: [num_games, steps].
@@ -153,9 +152,9 @@ class Teacher(EpisodeHook):
                 self.error_sums[ended] = self.error_counts[ended] = 0
 
     def update(self, share: float, frames: int, seconds: float) -> None:
-        """Hand the outcomes since the last update over, and log what changes by them.
+        """Report the outcomes since the last update to the curriculum, and log its changes.
 
-        Mazes that are due are judged first, with the policy `examined`.
+        Before that, mazes that are due are scored with the policy `examined`.
         """
         if self.exam is not None and self.examined is not None:
             pool: Any = self.curriculum
@@ -189,10 +188,10 @@ class Teacher(EpisodeHook):
         if self.axis is None or not self.axis.ordered:
             return figures
         hardest = float(np.average(np.isclose(lessons, self.axis.hardest), weights=lengths))
-        return {"lesson": float(lessons.mean()), "on_hardest": hardest, **figures}
+        return {"stage": float(lessons.mean()), "on_hardest": hardest, **figures}
 
     def state_dict(self) -> dict[str, Any]:
-        """Tensors and plain values: what a resumed run needs to go on exactly."""
+        """Tensors and plain values from which a resumed run continues exactly."""
         self._settle()
         names = ("playing", "optima", "error_sums", "error_counts")
         return {
@@ -209,15 +208,15 @@ class Teacher(EpisodeHook):
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from there.
+        """Restore the state.
 
         Raises:
-            ValueError: the checkpoint of another curriculum.
+            ValueError: a checkpoint of another curriculum.
         """
         check(
             state["name"] == self.name,
-            f"the checkpoint is of curriculum {state['name']!r}, and the settings say "
-            f"{self.name!r}; resume with the settings that it was made with",
+            f"this checkpoint is of curriculum {state['name']!r}, and the settings have "
+            f"{self.name!r}; resume with the settings of the checkpoint",
         )
         load_curriculum(self.curriculum, state["curriculum"])
         for name, tensor in state["arrays"].items():
@@ -235,7 +234,7 @@ class Teacher(EpisodeHook):
 
 
 def _plain_curriculum(curriculum: Curriculum) -> dict[str, Any]:
-    """Its state, arrays as tensors."""
+    """The state of a curriculum, with arrays as tensors."""
     return {
         name: torch.from_numpy(value.copy()) if isinstance(value, np.ndarray) else value
         for name, value in curriculum.state_dict().items()
@@ -243,7 +242,7 @@ def _plain_curriculum(curriculum: Curriculum) -> dict[str, Any]:
 
 
 def load_curriculum(curriculum: Curriculum, state: dict[str, Any]) -> None:
-    """Have a curriculum go on from the "curriculum" of a teacher's state.
+    """Restore a curriculum from the "curriculum" of a teacher's state.
 
     Raises:
         ValueError: the state of another curriculum.
@@ -257,7 +256,7 @@ def load_curriculum(curriculum: Curriculum, state: dict[str, Any]) -> None:
 
 
 def _plain(state: Any) -> Any:
-    """A generator's state with its 128-bit integers as text, which checkpoints can hold."""
+    """A generator's state with 128-bit integers as text, as checkpoints cannot hold them."""
     if isinstance(state, dict):
         return {name: _plain(value) for name, value in state.items()}
     return str(state) if isinstance(state, int) else state
@@ -270,7 +269,7 @@ def _whole(state: Any) -> Any:
 
 
 def row_of(change: Change, progress: Progress) -> dict[str, Any]:
-    """One row."""
+    """One row of `curriculum.csv`."""
     return {
         "frames": int(progress.frames),
         "episodes": int(progress.episodes),

@@ -106,7 +106,7 @@ def test_what_is_no_action_is_refused() -> None:
     ):
         with pytest.raises(ValueError, match=said):
             pursuit.evaluate(function, "chase", episodes=20, **CHASE)  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match="maze: the task is made already"):
+    with pytest.raises(ValueError, match="maze: the task exists already"):
         pursuit.evaluate(AStarChaser(), pursuit.make_task("chase"), maze="3x3")
 
 

@@ -20,7 +20,7 @@ from pursuit.replays.viewer.data import Builder, Extras, replay_page
 from pursuit.replays.viewer.page import json_for_html, page
 from scripted_agents import AStarChaser, AStarEvader, action_values
 from train.commands.main import main
-from train.evaluation.closeups import sides_of
+from train.evaluation.recordings import sides_of
 from train.reports.pages import PLAYER_ROOM, page_of, write_page
 from train.runs.parts import contest_of
 from train.settings.task import TaskSettings

@@ -279,7 +279,7 @@ def test_they_stand_beside_learners_of_limited_sight(monkeypatch: pytest.MonkeyP
     contest = GameContest(hidden, "chaser", {"evader": evader}, episodes=300)
     names = [score.name for score in contest.baselines()]
     scripted = ["random", "A* chaser", "searching chaser", "belief chaser"]
-    assert names == [*scripted, "certified", "optimal, full sight"]
+    assert names == [*scripted, "certified", "optimal, full view"]
     belief = limited_references(hidden, "chaser", {"evader": evader})["belief chaser"]
     assert isinstance(belief, BeliefChaser) and belief.filter.opponent is evader
     assert list(limited_references(hidden, "evader", {})) == ["wary evader"]

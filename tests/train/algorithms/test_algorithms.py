@@ -333,7 +333,7 @@ def test_what_dqn_remembers_equals_a_plain_loop(n_steps: int) -> None:
     chosen = DQNSettings(16, 0.9, rollout_steps=20, n_steps=n_steps, buffer_size=1000, batch_size=8)
     learner = DQN(chosen, env, *networks, "cpu", 0)
     rollout = learner.collector.rollout()
-    learner.remember(rollout)
+    learner.store(rollout)
     learner.close()
     remembered = {
         name: column.unflatten(0, (16, 20)) for name, column in learner.replay.columns().items()

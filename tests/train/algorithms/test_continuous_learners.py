@@ -111,7 +111,7 @@ def test_what_is_remembered_of_arms_equals_a_plain_loop(n_steps: int) -> None:
     done = torch.rand(16, 20) < 0.2
     terminated = done & (torch.rand(16, 20) < 0.5)
     rollout |= {"done": done, "terminated": terminated}
-    learner.remember(rollout)
+    learner.store(rollout)
     remembered = {
         name: column.unflatten(0, (16, 20)) for name, column in learner.replay.columns().items()
     }
@@ -136,7 +136,7 @@ def test_what_is_remembered_of_arms_equals_a_plain_loop(n_steps: int) -> None:
 def test_the_last_observation_of_an_episode_is_remembered_and_not_the_next_ones_first() -> None:
     learner = make("ddpg", rollout_steps=1, buffer_size=20_000, max_grad_norm=1.0)
     for _ in range(410):
-        learner.remember(learner.collector.rollout())
+        learner.store(learner.collector.rollout())
     rows = {
         name: column.unflatten(0, (410, 16)) for name, column in learner.replay.columns().items()
     }

@@ -23,7 +23,7 @@ from train.algorithms.continuous_losses import (
     temperature_loss,
 )
 from train.algorithms.learner import clip_gradients
-from train.networks.continuous import Critics, DeterministicActor, GaussianActor, follow
+from train.networks.continuous import Critics, DeterministicActor, GaussianActor, polyak_update
 from train.networks.features import Features
 from train.networks.layers import Hidden
 
@@ -301,7 +301,7 @@ def test_targets_follow_as_torchrls_soft_update_has_them(tau: float) -> None:
     fill(loss.actor_network_params, [acting])
     for _ in range(3):
         updater.step()
-        follow(target, actor, tau)
+        polyak_update(target, actor, tau)
     ours = dict(target.named_parameters())
     for name, weight in loss.target_actor_network_params.flatten_keys(".").items():
         mine = ours.get(name.removeprefix("module.actor."))
@@ -320,7 +320,7 @@ def test_stacked_critics_are_networks_of_their_own() -> None:
             hidden = (hidden @ weight[index] + bias[index]).tanh()
         alone = (hidden @ critics.weights[2][index] + critics.biases[2][index]).squeeze(-1)
         torch.testing.assert_close(together[index], alone)
-    judged = critics.judge(prepared, action.requires_grad_(), 2)
+    judged = critics.frozen_values(prepared, action.requires_grad_(), 2)
     torch.testing.assert_close(judged, together[:2])
     judged.sum().backward()
     assert action.grad is not None and all(part.grad is None for part in critics.parameters())

@@ -22,7 +22,7 @@ from train.commands.main import in_words, main
 from train.experiments.executors import check_answers
 from train.files import write_beside
 from train.runs.folder import load_checkpoint, read_metrics
-from train.runs.report import loops_told
+from train.runs.report import describe_loops
 
 TINY = [
     *("--maze", "3x3", "--num-games", "16", "--rollout-steps", "8", "--minibatch-size", "64"),
@@ -70,7 +70,7 @@ def test_a_run_leaves_a_complete_folder(trained: Path) -> None:
 def test_runners_and_evaders_are_trained_too(task: list[str], tmp_path: Path) -> None:
     run("train", *TINY, *task, "--frames", "1024", "--out", tmp_path / "run")
     evaluation = json.loads((tmp_path / "run" / "results.json").read_text())["evaluation"]
-    assert evaluation["optimal_steps"] > 0 and "objective_floor" in evaluation
+    assert evaluation["optimal_steps"] > 0 and "objective_gap" in evaluation
 
 
 @pytest.mark.parametrize(
@@ -92,7 +92,7 @@ def test_who_walks_to_and_fro_is_told_what_cures_it(
         {"name": "learned, sampled", "success_rate": drawn},
     ]
     objective = {"column": "mean_steps", "unit": "steps", "less_is_better": True}
-    found = loops_told({"role": role, "scores": scores, "objective": objective})
+    found = describe_loops({"role": role, "scores": scores, "objective": objective})
     assert told in found and bool(found) == bool(told) == ("--frame-stack 2" in found)
 
 
@@ -104,7 +104,7 @@ def test_teams_are_trained_too_beside_their_optimum(tmp_path: Path) -> None:
         evaluation = json.loads((out / "results.json").read_text())["evaluation"]
         assert evaluation["exact"] == exact
         assert evaluation["optimal_steps"] > 0 and evaluation["optimality_gap"] is not None
-        assert -1e-9 < evaluation["objective_floor"] < evaluation["optimality_gap"]
+        assert -1e-9 < evaluation["objective_gap"] < evaluation["optimality_gap"]
 
 
 @pytest.mark.parametrize("task", ["maze", "chase"])
@@ -116,7 +116,7 @@ def test_who_counts_nothing_that_is_ahead_has_results_without_a_floor(
     assert "discount 0" not in capsys.readouterr().out
     for path in (tmp_path / task / "results.json", tmp_path / "again.json"):
         evaluation = json.loads(path.read_text())["evaluation"]
-        assert evaluation["optimal_steps"] > 0 and evaluation["objective_floor"] is None
+        assert evaluation["optimal_steps"] > 0 and evaluation["objective_gap"] is None
 
 
 def test_a_killed_run_resumes_to_the_same_weights_bit_for_bit(tmp_path: Path) -> None:
@@ -425,7 +425,7 @@ def test_every_command_has_a_help_that_names_its_options(
 @pytest.mark.parametrize(
     ("command", "work"),
     [
-        (("race", "ppo"), "experiments.comparison.run.run_race"),
+        (("compare", "ppo"), "experiments.comparison.run.run_comparison"),
         (("sweep", "reacher_by_joints"), "experiments.executors.run_locally"),
         (("ablate", "opponent-epsilon"), "experiments.executors.run_locally"),
         (("reproduce", "table-3.1"), "experiments.replication.run.carry_out"),
@@ -445,5 +445,5 @@ def test_who_interrupts_is_given_a_command_that_a_shell_takes(
     again = [*command, "--out", str(tmp_path / "it's mine; or $HOME")]
     with pytest.raises(SystemExit):
         main(again)
-    said = capsys.readouterr().err.partition("Go on with: ")[2]
+    said = capsys.readouterr().err.partition("Continue with: ")[2]
     assert shlex.split(said) == ["pursuit", *again]

@@ -13,9 +13,9 @@ from pursuit.simulator.policy import pairs_of_cells
 from scripted_agents import AStarChaser, AStarEvader, RandomAgent, TablePolicy
 from train.algorithms.q_learning import QTablePolicy, StateNumbers
 from train.evaluation import hidden_contest
-from train.evaluation.closeups import sides_of
 from train.evaluation.contest import GameContest
-from train.evaluation.floor import objective_floor
+from train.evaluation.objective_gap import objective_gap
+from train.evaluation.recordings import sides_of
 from train.evaluation.scores import score_table
 from train.evaluation.suite_contest import SuiteContest
 from train.evaluation.suite_report import summary_of
@@ -24,7 +24,7 @@ from train.networks.layers import Hidden
 from train.networks.policy import Seat
 from train.runs.report import summary
 from train.runs.single import evaluation_of
-from train.self_play.report import told_exploitability
+from train.self_play.report import describe_exploitability
 
 
 @pytest.fixture(autouse=True)
@@ -44,12 +44,12 @@ def test_scores_stand_beside_the_certified_interval(role: str) -> None:
     certificate = contest.certificate()
     assert certificate is not None and certificate.lower <= certificate.upper
     scores = {score.name: score for score in contest.baselines()}
-    assert "optimal" not in scores and "optimal, full sight" in scores
+    assert "optimal" not in scores and "optimal, full view" in scores
     certified = scores["certified"]
     assert certified.discounted_steps is not None and certified.discounted_ci95 is not None
     slack = 2.0 * certified.discounted_ci95 + 1e-9
     assert certificate.lower - slack <= certified.discounted_steps <= certificate.upper + slack
-    for name in ("random", "optimal, full sight"):  # tables, so exact; the random one is blind
+    for name in ("random", "optimal, full view"):  # tables, so exact; the random one is blind
         assert scores[name].discounted_ci95 in (0.0, None)
     blind = scores["random"].discounted_steps
     assert blind is not None
@@ -71,9 +71,9 @@ def test_results_claim_no_optimum_that_is_none() -> None:
     page = score_table([learned], contest.certificate()).markdown()
     assert "proven" in summary(results) and "discounted" in page
     assert "gap at most" in page and f"{100 * expected:+.2f} %" in page  # as on the terminal
-    assert objective_floor(contest, 0.95) == (None, None)
+    assert objective_gap(contest, 0.95) == (None, None)
     sides = [side.name for side in sides_of(contest, RandomAgent())]
-    assert sides == ["chaser_0 with full sight", "evader_0"]
+    assert sides == ["chaser_0 with full view", "evader_0"]
 
 
 @pytest.mark.parametrize("task", [{}, {"view_radius": {"evader": 1}}, {"view_radius": 9}])
@@ -91,15 +91,15 @@ def test_in_suites_the_optimum_of_full_sight_is_called_that(exact: bool) -> None
     found = contest.references()
     names = [each.name for each in found]
     limited = ["searching chaser", "belief chaser"] if not exact else []  # which are not solved
-    assert names == ["random", "A* chaser", *limited, "optimal, full sight"]
+    assert names == ["random", "A* chaser", *limited, "optimal, full view"]
     assert (found[-1].steps <= found[1].steps + 1e-9).all() or not exact
     assert "optimality_gap" not in summary_of(contest, found[0])
 
 
 def test_a_nash_conv_under_limited_sight_is_called_a_bound() -> None:
     results: dict[str, Any] = {"evaluation": {"nash_conv": 1.0}, "frames": 1, "seconds": 1.0}
-    assert "0 is an equilibrium" in told_exploitability(results)[0]
-    told = told_exploitability({**results, "limited_sight": True})[0]
+    assert "0 is an equilibrium" in describe_exploitability(results)[0]
+    told = describe_exploitability({**results, "limited_sight": True})[0]
     assert "0 is an equilibrium" not in told and "see everything" in told
 
 

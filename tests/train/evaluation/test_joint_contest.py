@@ -18,8 +18,8 @@ from train import settings_of, start
 from train.commands.scores import print_scores, print_whole_game
 from train.evaluation.arm_contest import ArmContest
 from train.evaluation.contest import GameContest
-from train.evaluation.floor import objective_floor
 from train.evaluation.games import won_by
+from train.evaluation.objective_gap import objective_gap
 from train.evaluation.scores import (
     BY_LONG_LIFE,
     BY_RETURN,
@@ -105,23 +105,23 @@ def test_other_references_stay_as_they_are() -> None:
 
 def test_the_floor_of_a_whole_game_is_what_the_best_by_the_rewards_loses() -> None:
     for contest, discount in ((RACE, 0.8), (HEIST, 0.8)):
-        floor = objective_floor(contest, discount)
+        floor = objective_gap(contest, discount)
         name = contest.task.agent_names[contest.task.seat(contest.agent)]
         plan = solve_joint(contest.task, [name], contest.opponents, None, discount, "return").policy
         score = contest.score("best by the rewards", plan)
         scores = {each.name: each for each in contest.baselines()}
         paid = BY_RETURN.distance(score, scores["optimal return"])
-        assert floor.paid is not None and floor.paid > -1e-9
-        assert paid == pytest.approx(floor.paid, abs=0.06)
+        assert floor.missing_return is not None and floor.missing_return > -1e-9
+        assert paid == pytest.approx(floor.missing_return, abs=0.06)
         assert (floor.gap is None) == (contest is HEIST)
         if floor.gap is not None:
             gap = optimality_gap(score, scores["optimal"])
             assert gap == pytest.approx(floor.gap, abs=0.03)
     # The farther it looks ahead, the nearer it is to what it is paid in the end.
     for contest in (RACE, HEIST):
-        near, far = (objective_floor(contest, discount).paid for discount in (0.5, 0.999))
+        near, far = (objective_gap(contest, discount).paid for discount in (0.5, 0.999))
         assert near is not None and far is not None and far <= near and far < 1e-3
-    assert objective_floor(HEIST, 1.0) == (None, None)
+    assert objective_gap(HEIST, 1.0) == (None, None)
 
 
 def score(name: str, steps: float, paid: float | None = None) -> Score:
@@ -142,7 +142,7 @@ def test_whatever_is_known_there_is_a_reference() -> None:
     assert fair is not None and fair.distance == pytest.approx(0.2)
     paid = reference_of(some, learned, BY_RETURN)
     assert paid is not None and (paid.name, paid.value, paid.distance) == ("nearest goal", 2.0, 1.0)
-    bound = reference_of([*some, score("optimal, full sight", 10.0)], learned)
+    bound = reference_of([*some, score("optimal, full view", 10.0)], learned)
     assert bound is not None and bound.kind == "bound" and "gap +200.00 %" in bound.line()
     exact = reference_of([*some, score("optimal", 15.0)], learned)
     assert exact is not None and exact.kind == "exact" and exact.distance == pytest.approx(1.0)
@@ -155,7 +155,7 @@ def test_full_sight_is_a_bound_where_sight_is_limited() -> None:
     task = make_task("heist", maze="3x3", num_goals=2, view_radius="evader=1")
     limited = GameContest(task, "evader", {"chaser": AStarChaser(0.2)}, 500)
     scores = limited.baselines()
-    full = next(s for s in scores if s.name == "optimal return, full sight")
+    full = next(s for s in scores if s.name == "optimal return, full view")
     whole = replace(HEIST, episodes=500).optimal_return()
     assert whole is not None and full.mean_return == pytest.approx(whole.mean_return)
     found = limited.reference(scores, scores[0])

@@ -19,8 +19,8 @@ from train.commands.main import main
 from train.experiments import ablation_report
 from train.experiments.ablation import ABLATIONS, load_ablation
 from train.experiments.ablation_report import correct, summary, verdict
-from train.experiments.arms import Curve
 from train.experiments.forms import Hints
+from train.experiments.learning_curves import Curve
 from train.experiments.report import report_on
 from train.experiments.statistics import (
     first_below,
@@ -48,20 +48,20 @@ max_steps = 40
 num_games = 32
 minibatch_size = 128
 
-[[arms]]
+[[variants]]
 name = "none"
 
-[[arms]]
+[[variants]]
 name = "near first"
 curriculum = "goal-spread-start"
 
-[[arms]]
+[[variants]]
 name = "fewer goals first"
 curriculum = "num-goals"
 """
 
 
-NEAR = """[[arms]]
+NEAR = """[[variants]]
 name = "near first"
 curriculum = "goal-spread-start"
 
@@ -70,7 +70,7 @@ curriculum = "goal-spread-start"
 
 def test_two_arms_of_equal_settings_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "tiny.toml"
-    path.write_text(TINY + '[[arms]]\nname = "again"\ncurriculum = "num-goals"\n')
+    path.write_text(TINY + '[[variants]]\nname = "again"\ncurriculum = "num-goals"\n')
     with pytest.raises(ValueError, match=r"'fewer goals first'.* and .*'again' have equal"):
         load_ablation(str(path))
 
@@ -130,34 +130,34 @@ def curve(shortfalls: list[float], seed: int, task: str = "") -> Curve:
 def test_what_was_never_reached_counts_as_late_not_as_missing() -> None:
     reaching = curve([50.0, 4.0, 1.0], 0)
     never = [curve([50.0, 40.0, 30.0], seed) for seed in (1, 2)]
-    row = summary("arm", [reaching, *never], never)
+    row = summary("variant", [reaching, *never], never)
     assert (row["reached_5"], row["runs"]) == (1, 3)
     assert row["seconds_to_5"] == float("inf")  # the median of 2 s and twice never
-    row = summary("arm", [reaching, curve([3.0, 2.0, 1.0], 1), never[0]], never)
+    row = summary("variant", [reaching, curve([3.0, 2.0, 1.0], 1), never[0]], never)
     assert (row["seconds_to_5"], row["frames_to_5"], row["reached_2"]) == (2.0, 2e6, 2)
 
 
 def test_areas_and_times_of_several_tasks_are_compared_within_them() -> None:
     easy = [curve([50.0, value], seed, "easy") for seed, value in enumerate((1.0, 1.1, 1.2))]
     hard = [curve([900.0, 900.0, 900.0 - seed, 4.0], seed, "hard") for seed in range(3)]
-    row = summary("arm", easy + hard, easy + hard)
+    row = summary("variant", easy + hard, easy + hard)
     areas = [[mean_over(c.frames, c.optimality) for c in task] for task in (easy, hard)]
     # Runs of one task are nearly alike: what the tasks differ in is no uncertainty.
     low, high = mean_interval(areas)
     assert (row["area_low"], row["area_high"]) == pytest.approx((low, high))
     assert row["area"] == pytest.approx((low + high) / 2) and high - low < 0.01
     # One run more of the easy task does not move the mean over tasks towards it.
-    more = summary("arm", [*easy, easy[1], *hard], easy + hard)
+    more = summary("variant", [*easy, easy[1], *hard], easy + hard)
     assert more["area"] == pytest.approx(row["area"], abs=1e-3)
 
     sooner = [curve([50.0, 1.0, 1.0], seed, "easy") for seed in range(3)]
     later = [curve([50.0, 50.0, 1.0], seed, "easy") for seed in range(3)]
     never = [curve([900.0, 900.0], seed, "hard") for seed in range(30)]
-    alone = summary("arm", sooner, later)["p_to_5"]
+    alone = summary("variant", sooner, later)["p_to_5"]
     # A task in which no run arrives adds nothing, however many runs it has.
-    assert summary("arm", sooner + never, later + never)["p_to_5"] == pytest.approx(alone)
-    assert summary("arm", sooner + never, later)["p_to_5"] == pytest.approx(alone)
-    assert np.isnan(summary("arm", sooner, [])["p_to_5"])
+    assert summary("variant", sooner + never, later + never)["p_to_5"] == pytest.approx(alone)
+    assert summary("variant", sooner + never, later)["p_to_5"] == pytest.approx(alone)
+    assert np.isnan(summary("variant", sooner, [])["p_to_5"])
 
 
 def test_the_p_value_is_mann_and_whitneys_where_there_are_no_ties() -> None:
@@ -190,40 +190,40 @@ def test_the_p_value_of_several_tasks_is_that_of_all_splits_within_them() -> Non
     assert 0.01 < exact < 0.5 and permutation_p(ours, theirs) == pytest.approx(exact, abs=0.01)
 
 
-def verdicts(hints: Hints, **arms: list[Curve]) -> list[str]:
-    rows = [summary(name, curves, arms["none"]) for name, curves in arms.items()]
+def verdicts(hints: Hints, **variants: list[Curve]) -> list[str]:
+    rows = [summary(name, curves, variants["none"]) for name, curves in variants.items()]
     correct(rows, hints)
     return [verdict(row, hints) for row in rows]
 
 
 def test_a_verdict_needs_more_than_chance() -> None:
-    hints = Hints("", control="none", arms=["none", "arm"])
+    hints = Hints("", control="none", variants=["none", "variant"])
     control = [curve([50.0, 20.0 + seed], seed) for seed in range(5)]
     for shift, wanted in ((-15.0, "better"), (15.0, "worse"), (0.0, "no difference shown")):
-        arm = [curve([50.0, 20.0 + seed + shift], seed) for seed in range(5)]
-        told = verdicts(hints, none=control, arm=arm)
+        variant = [curve([50.0, 20.0 + seed + shift], seed) for seed in range(5)]
+        told = verdicts(hints, none=control, variant=variant)
         assert told[0] == "control" and told[1].startswith(wanted)
-    three = verdicts(hints, none=control[:3], arm=[curve([1.0], seed) for seed in range(3)])
+    three = verdicts(hints, none=control[:3], variant=[curve([1.0], seed) for seed in range(3)])
     assert three[1] == "no difference shown (p = 0.10)"
-    assert verdicts(hints, none=control[:1], arm=control[:1])[1] == "nothing can be said"
+    assert verdicts(hints, none=control[:1], variant=control[:1])[1] == "too few runs"
 
 
 def test_many_arms_need_more_and_the_one_that_was_named_before_does_not() -> None:
     control = [curve([50.0, 20.0 + seed], seed) for seed in range(5)]
     better = [curve([50.0, 5.0 + seed], seed) for seed in range(5)]
-    arms = {"none": control, **{name: better for name in "abcdefg"}}
-    told = verdicts(Hints("", control="none"), **arms)
+    variants = {"none": control, **{name: better for name in "abcdefg"}}
+    told = verdicts(Hints("", control="none"), **variants)
     assert {*told[1:]} == {"no difference shown (p = 0.056)"}  # 7 times 2 of 252 splits
-    told = verdicts(Hints("", control="none", primary="b"), **arms)
+    told = verdicts(Hints("", control="none", primary="b"), **variants)
     assert told[2] == "better (p = 0.008, primary)" and told[1] == "better (p = 0.048)"
 
 
 def test_equal_is_said_only_within_a_margin_that_was_named() -> None:
     control = [curve([50.0, 20.0 + 0.1 * seed], seed) for seed in range(5)]
-    arms = {"none": control, "arm": control}
-    assert verdicts(Hints("", control="none"), **arms)[1].startswith("no difference")
-    assert verdicts(Hints("", control="none", margin=1.0), **arms)[1].startswith("equal within 1 ")
-    told = verdicts(Hints("", control="none", margin=0.1), **arms)[1]
+    variants = {"none": control, "variant": control}
+    assert verdicts(Hints("", control="none"), **variants)[1].startswith("no difference")
+    assert verdicts(Hints("", control="none", margin=1.0), **variants)[1][:15] == "equal within 1 "
+    told = verdicts(Hints("", control="none", margin=0.1), **variants)[1]
     assert told.startswith("no difference shown")
 
 
@@ -249,8 +249,8 @@ def test_the_share_of_frames_on_the_hardest_lesson() -> None:
 def test_every_shipped_ablation_is_sound_in_both_versions(name: str) -> None:
     for version in ("short", "full"):
         plan = load_ablation(name, version)
-        arms, seeds = plan.report["arms"], {run.settings.seed for run in plan.runs}
-        assert len(plan.runs) == len(arms) * len(seeds) and len(seeds) >= 3
+        variants, seeds = plan.report["variants"], {run.settings.seed for run in plan.runs}
+        assert len(plan.runs) == len(variants) * len(seeds) and len(seeds) >= 3
         control = [r for r in plan.runs if r.label["variant"] == plan.report["control"]]
         assert all(run.settings.curriculum == "none" for run in control)
         # Equal budgets, and the same task to be evaluated on.
@@ -261,19 +261,27 @@ def test_every_shipped_ablation_is_sound_in_both_versions(name: str) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('control = "none"', 'control = "none"\nprimary = "none"', "none of the arms beside the"),
+        (
+            'control = "none"',
+            'control = "none"\nprimary = "none"',
+            "none of the variants other",
+        ),
         ('control = "none"', 'control = "none"\nmargin = 0', "margin=0"),
         ('control = "none"', 'control = "none"\nthreshold = 7', "threshold=7; one of"),
-        ('control = "none"', "", "control=None is none of the arms"),
-        ('control = "none"', 'control = "nobody"', "control='nobody' is none of the arms"),
+        ('control = "none"', "", "control=None is none of the variants"),
+        ('control = "none"', 'control = "nobody"', "control='nobody' is none of the variants"),
         ('name = "near first"', 'name = "none"', "all different"),
-        ('name = "near first"', 'name = "near first"\nframes = 10', "sets frames; arms have equal"),
-        ('name = "near first"', 'name = "near first"\nseed = 7', "sets seed; arms have equal"),
+        (
+            'name = "near first"',
+            'name = "near first"\nframes = 10',
+            "sets frames; variants have",
+        ),
+        ('name = "near first"', 'name = "near first"\nseed = 7', "sets seed; variants have equal"),
         ("num-goals", "num-stars", "unknown curriculum 'num-stars'"),
-        ("[[arms]]", "[[variants]]", r"called \[\[arms\]\]"),
+        ("[[variants]]", "[[arms]]", r"it is \[\[variants\]\] now"),
         ('curriculum = "num-goals"', 'curriculum = "opponent-epsilon"', "needs opponents"),
         ('task = "maze"', 'task = "heist"', "exact optimum of task 'heist' .* is not known"),
-        ('task = "maze"', 'task = "race"\nnum_goals = 2', "'race' is judged by goals, and an abl"),
+        ('task = "maze"', 'task = "race"\nnum_goals = 2', "'race' is scored by goals, and an abl"),
     ],
 )
 def test_bad_files_are_refused_before_anything_runs(
@@ -297,12 +305,12 @@ def test_an_ablation_runs_reports_and_is_not_done_again(
 ) -> None:
     out = ablated / "out"
     text = (out / "report" / "report.md").read_text()
-    for arm in ("none", "fewer goals first"):
-        assert f"| {arm} | 2 |" in text
+    for variant in ("none", "fewer goals first"):
+        assert f"| {variant} | 2 |" in text
     assert "control |" in text and "P(better than none)" in text
     assert "Budget of a run: 6,000 frames." in text
     assert "frames on the hardest lesson" in text
-    for name in ("final.png", "arms.png"):
+    for name in ("final.png", "variants.png"):
         assert (out / "report" / name).stat().st_size > 15_000
     stamps = {p: p.stat().st_mtime_ns for p in out.glob("runs/*/results.json")}
     assert len(stamps) == 4
@@ -342,5 +350,5 @@ def test_all_arms_are_evaluated_at_the_same_final_difficulty(ablated: Path) -> N
     curves = polars.read_parquet(out / CURVES)
     # The training difficulty stands beside: the lessons begin below the task's own.
     taught = runs.filter(polars.col("variant") == "fewer goals first")["run"].to_list()
-    lessons: Any = curves.filter(polars.col("run").is_in(taught)).group_by("run").first()["lesson"]
+    lessons: Any = curves.filter(polars.col("run").is_in(taught)).group_by("run").first()["stage"]
     assert (lessons < 3).all()

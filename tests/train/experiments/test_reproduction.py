@@ -240,10 +240,10 @@ def test_who_lives_longer_is_better_only_as_an_evader() -> None:
 
 
 def test_a_gap_is_floor_and_loops_and_the_rest() -> None:
-    run = ran(0, 0.10, solved_gap=0.04, objective_floor=0.01)
+    run = ran(0, 0.10, solved_gap=0.04, objective_gap=0.01)
     parts = {part: part_of(run, part) for part in PARTS}
     assert parts == pytest.approx({"floor": 10.0, "loops": 60.0, "learning": 30.0})
-    assert part_of(ran(0, 0.0, solved_gap=0.0, objective_floor=0.0), "floor") == 0.0
+    assert part_of(ran(0, 0.0, solved_gap=0.0, objective_gap=0.0), "floor") == 0.0
 
 
 def test_the_table_of_states_is_its_formula_with_two_factors_swapped() -> None:

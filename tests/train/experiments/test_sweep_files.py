@@ -36,9 +36,9 @@ control = "a"
 task = "maze"
 maze = "2x2"
 frames = 2000
-[[arms]]
+[[variants]]
 name = "a"
-[[arms]]
+[[variants]]
 name = "b"
 gamma = 0.5
 {rest}
@@ -106,11 +106,11 @@ def test_what_would_be_ignored_or_fail_later_is_one_line(
     ("old", "new", "message"),
     [
         ("gamma = 0.5", "", "'a' and .*'b' have equal settings"),
-        ("gamma = 0.5", "seed = 3", "arm 'b' sets seed"),
+        ("gamma = 0.5", "seed = 3", "variant 'b' sets seed"),
         ('name = "b"', "name = ['b']", "variants need a name each"),
         ('control = "a"', "control = 3", "field control: a text or nothing expected"),
         ("[settings]", "[other]\n[settings]", "unknown field 'other'"),
-        ("{rest}", "[report]\ngroup = ['gamma']", "its arms; leave it out"),
+        ("{rest}", "[report]\ngroup = ['gamma']", "its variants; leave it out"),
         ("{rest}", "[report]\nx = 'gamma'", r"none of the \[grid\]"),
         ("{rest}", "[grid]\nseed = [0, 1]\n[report]\nx = 'seed'", "give seeds = "),
     ],

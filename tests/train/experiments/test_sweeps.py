@@ -257,7 +257,7 @@ def test_a_folder_of_other_settings_or_another_version_is_refused(
     config.write_text(json.dumps(content))
     hints = json.loads((out / "sweep.json").read_text())
     (out / "sweep.json").write_text(json.dumps(hints | {"format": 1}))
-    with pytest.raises(ValueError, match="begun by another version"):
+    with pytest.raises(ValueError, match="created by another version"):
         run_locally(sweep, out, 1, silent)
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "letter.txt").write_text("dear")
@@ -341,7 +341,7 @@ def test_control_c_saves_and_the_sweep_goes_on(tmp_path: Path) -> None:
         time.sleep(0.05)
     process.send_signal(signal.SIGINT)
     _, errors = process.communicate(timeout=60)
-    assert process.returncode == 130 and "Go on with: pursuit sweep" in errors
+    assert process.returncode == 130 and "Continue with: pursuit sweep" in errors
     assert "Traceback" not in errors
     states = [status_of(folder) for folder in out.glob("runs/*")]
     assert "interrupted" in states and "failed" not in states

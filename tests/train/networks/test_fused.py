@@ -79,14 +79,14 @@ def test_quick_action_values_are_action_values(hidden: Hidden, dueling: bool) ->
     torch.manual_seed(0)
     network = QNetwork(FEATURES, 4, hidden, dueling)
     seen = observed(100)
-    values, quick = network(seen), network.quick(seen)
+    values, quick = network(seen), network.forward_inference(seen)
     torch.testing.assert_close(quick, values)
     leaves = list(network.parameters())
     one, two = (torch.autograd.grad(out.square().sum(), leaves) for out in (values, quick))
     for a, b in zip(one, two, strict=True):
         torch.testing.assert_close(a, b, rtol=1e-4, atol=1e-5)
     with torch.no_grad():
-        torch.testing.assert_close(network.quick(seen), values)
+        torch.testing.assert_close(network.forward_inference(seen), values)
 
 
 def test_a_step_is_adams_own_bit_for_bit() -> None:

@@ -117,7 +117,7 @@ def test_a2c_takes_the_same_step_by_kernels_and_by_torch_and_torchrl(standardize
         learner.collect = lambda frames=frames: frames  # type: ignore[method-assign, misc]
         learners.append(learner)
         if not fused:
-            hidden, value_hidden, _ = network.through(frames)
+            hidden, value_hidden, _ = network.forward_sequence(frames)
             advantage = frames["advantage"][:, None]
             if standardize:
                 advantage = (advantage - advantage.mean()) / advantage.std()

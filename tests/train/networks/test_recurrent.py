@@ -22,7 +22,7 @@ from train.networks.fused_actor_critic import LossCoefficients
 from train.networks.layers import Hidden
 from train.networks.policy import Seat
 from train.networks.recurrent import Cell
-from train.networks.remembering import RememberingPolicy
+from train.networks.recurrent_policy import RecurrentPolicy
 from train.runs.parts import settings_of
 from train.settings.algorithms import PPOSettings
 
@@ -164,7 +164,7 @@ def test_a_policy_remembers_in_any_batch_what_its_network_did() -> None:
     env = make_env(4)
     network = make_network(env)
     policy = Seat(TASK, "chaser").policy(network, greedy=False)
-    assert isinstance(policy, RememberingPolicy) and isinstance(policy, MemoryPolicy)
+    assert isinstance(policy, RecurrentPolicy) and isinstance(policy, MemoryPolicy)
     assert not isinstance(policy, TabularPolicy) and not isinstance(policy, DistributionPolicy)
     whole, parts = Simulator(TASK, 10, seed=3), Simulator(TASK, 10, seed=3)
     halves = [np.arange(0, 10, 2), np.arange(1, 10, 2)]

@@ -26,7 +26,7 @@ from train.recipes import stable_baselines, supersuit_sharing
 from train.runs.folder import RUN
 from train.runs.opponents import load_opponent
 from train.runs.parts import contest_of, settings_of
-from train.runs.third_party import description_of, load_stable_baselines
+from train.runs.stable_baselines import description_of, load_stable_baselines
 from train.runs.worlds import GridWorld
 from train.settings.task import TaskSettings
 

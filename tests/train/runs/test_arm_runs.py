@@ -23,7 +23,7 @@ from train.settings.algorithms import TD3Settings
 from train.settings.curricula import curriculum_form
 from train.settings.run import TrainSettings
 from train.settings.task import ReacherSettings
-from train.teaching.plan import plan_lessons
+from train.teaching.plan import plan_curriculum
 
 TINY = [
     *("--task", "reacher", "--joints", "1", "--max-steps", "40", "--num-games", "16"),
@@ -111,7 +111,7 @@ def test_bad_input_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
 def test_what_teaches_nothing_is_said() -> None:
     arm = ReacherSettings(joints=1)
     with pytest.warns(UserWarning, match="curriculum 'hold' goes from 1 to 1: it teaches nothing"):
-        plan_lessons("hold", curriculum_form("hold")(), world_of(arm).ground, 0)
+        plan_curriculum("hold", curriculum_form("hold")(), world_of(arm).context, 0)
     hyper = TD3Settings(learning_starts=500)
     with pytest.warns(UserWarning, match="frames=400 and learning_starts=500"):
         parts_of(TrainSettings(arm, hyper, algorithm="td3", frames=400))
@@ -207,10 +207,10 @@ def test_regrets_of_an_arm_are_against_the_least_steps_of_their_starts() -> None
         least = max(least_steps(arms.angles[game], arms.target[game])[0], 1) + 1
         assert teacher.optima[game] == least
     with pytest.raises(ValueError, match="exact optimum"):
-        plan_lessons(
+        plan_curriculum(
             "level-replay",
             settings.lessons,
-            parts_of(settings_of(task="reacher", joints=8, frames=1000)).world.ground,
+            parts_of(settings_of(task="reacher", joints=8, frames=1000)).world.context,
             0,
         )
 

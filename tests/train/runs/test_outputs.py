@@ -13,14 +13,14 @@ from played_by_hand import NORTH
 from train.commands import play as play_command
 from train.commands.main import main
 from train.files import check_new_files, check_output_folder
-from train.play.kept import PATTERN
+from train.play.replay_folder import PATTERN
 
 TINY = [
     *("--task", "maze", "--num-goals", "1", "--maze", "3x3", "--algorithm", "q_learning"),
     *("--num-games", "16", "--threads", "1", "--episodes", "20", "--frames", "512"),
 ]
 SWEEP = 'title = "{}"\n{}[settings]\ntask = "maze"\nmaze = "2x2"\nframes = 64\n'
-ARMS = '[[arms]]\nname = "a"\n[[arms]]\nname = "b"\ncurriculum = "num-goals"\n'
+VARIANTS = '[[arms]]\nname = "a"\n[[arms]]\nname = "b"\ncurriculum = "num-goals"\n'
 
 
 @pytest.fixture(scope="module")
@@ -76,8 +76,8 @@ def test_an_existing_file_is_not_replaced(
         ["league", "astar", "random", "--maze", "2x2", "--games", "2"],
         ["report", "RUN"],
         ["sweep", "FOLDER/plan.toml"],
-        ["ablate", "FOLDER/arms.toml"],
-        ["race", "ppo"],
+        ["ablate", "FOLDER/variants.toml"],
+        ["compare", "ppo"],
         ["reproduce", "table-3.1"],
         ["reproduce", "table-3.1", "--page"],
         ["play", "--no-browser"],
@@ -88,7 +88,7 @@ def test_a_folder_of_others_is_not_written_into(
     command: list[str], trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "plan.toml").write_text(SWEEP.format("one", ""))
-    (tmp_path / "arms.toml").write_text(SWEEP.format("three", 'control = "a"\n') + ARMS)
+    (tmp_path / "variants.toml").write_text(SWEEP.format("three", 'control = "a"\n') + VARIANTS)
     folder = tmp_path / "folder"
     folder.mkdir()
     for name in ("report.md", "methods.md", "table.csv"):
@@ -107,7 +107,7 @@ def test_a_folder_of_others_is_not_written_into(
     [
         ["sweep", "maze_by_size", "--dry-run"],
         ["ablate", "opponent-epsilon", "--dry-run"],
-        ["race", "ppo", "--dry-run"],
+        ["compare", "ppo", "--dry-run"],
         ["reproduce", "table-3.1", "--dry-run"],
     ],
     ids=" ".join,
@@ -198,7 +198,7 @@ def test_games_that_could_not_be_written_are_not_called_kept(
             while not session.over:
                 session.move(NORTH)
             if broken:
-                monkeypatch.setattr("train.play.kept.write_beside", full)
+                monkeypatch.setattr("train.play.replay_folder.write_beside", full)
             with contextlib.suppress(OSError):  # as the page does, which shows it
                 keeper.keep(session)
             session.next_game()
@@ -207,6 +207,6 @@ def test_games_that_could_not_be_written_are_not_called_kept(
     with pytest.raises(SystemExit) as ended:
         main(["play", "--maze", "2x2", "--max-steps", "3", "--out", str(tmp_path / "hand")])
     said = capsys.readouterr()
-    assert ended.value.code == 1 and f"kept: {tmp_path / 'hand'}" in said.out
+    assert ended.value.code == 1 and f"replays: {tmp_path / 'hand'}" in said.out
     assert "hand: 1 of 2 finished games could not be written and are lost" in said.err
     assert len(list((tmp_path / "hand").glob(PATTERN))) == 1

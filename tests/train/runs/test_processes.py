@@ -25,13 +25,13 @@ from train.algorithms.ppo import PPO
 from train.experiments.identity import fingerprint
 from train.experiments.kinds import open_run, start
 from train.networks.fused_actor_critic import LossCoefficients
-from train.runs.data_parallel import Gone, digest_of
+from train.runs.data_parallel import ProcessEnded, digest_of
 from train.runs.folder import CHECKPOINT, RUN, load_checkpoint, save_checkpoint
-from train.runs.in_play import begin, plain_games
 from train.runs.interruption import Diverged
 from train.runs.loop import Run
 from train.runs.parts import parts_of, settings_of
 from train.runs.threads import prepare_torch
+from train.runs.training_state import build_env_and_learner, simulator_tensors
 from train.self_play.parts import self_play_settings_of
 
 RUNNER = {"task": "maze", "maze": "3x3", "num_goals": 2, "max_steps": 12}
@@ -58,7 +58,7 @@ def plainly(settings: Any) -> list[torch.Tensor]:
     learners, generators = [], []
     for rank in (0, 1):
         prepare_torch(1, settings.seed)
-        learners.append(begin(parts_of(settings, rank), None)[2])
+        learners.append(build_env_and_learner(parts_of(settings, rank), None)[2])
         if rank:
             own = np.random.SeedSequence([settings.seed, rank]).generate_state(1, np.uint64)
             torch.manual_seed(int(own[0]))
@@ -113,8 +113,8 @@ def test_both_processes_have_the_same_weights_after_every_iteration(tmp_path: Pa
     trainee, digests, weight = run.trainee, [], 0.0
 
     def compare(run: Run, row: dict[str, float]) -> None:
-        trainee.partner.say(None)
-        digests.append((trainee.partner.hear()[1], digest_of(trainee.learner)))
+        trainee.replica.send(None)
+        digests.append((trainee.replica.receive()[1], digest_of(trainee.learner)))
 
     run.train(compare)
     assert len(set(digests)) > 4 and all(one == other for one, other in digests)
@@ -133,7 +133,7 @@ def test_weights_that_differ_are_noticed(tmp_path: Path) -> None:
 def test_the_games_of_both_are_those_of_one_process() -> None:
     def games(processes: int, rank: int) -> dict[str, torch.Tensor]:
         settings = tiny("ppo", **RUNNER, processes=processes, seed=7)
-        return plain_games(begin(parts_of(settings, rank), None)[0].simulator)
+        return simulator_tensors(build_env_and_learner(parts_of(settings, rank), None)[0].simulator)
 
     whole, halves = games(1, 0), [games(2, rank) for rank in (0, 1)]
     for name, state in whole.items():
@@ -200,7 +200,7 @@ def test_a_checkpoint_without_its_partner_is_refused(tmp_path: Path) -> None:
 def test_runs_of_one_process_have_no_partner_and_another_name(tmp_path: Path) -> None:
     run = start(RUN, tiny("ppo", **RUNNER), tmp_path / "run")
     run.train()
-    assert open_run(tmp_path / "run").trainee.partner is None
+    assert open_run(tmp_path / "run").trainee.replica is None
     assert "partner" not in load_checkpoint(tmp_path / "run")["trainee"]
     digests = {n: fingerprint(RUN, tiny("ppo", **RUNNER, processes=n), 9, {}) for n in (1, 2)}
     assert digests[1] != digests[2]
@@ -221,8 +221,8 @@ def train_and(run: Run, act: Callable[[Run], object]) -> None:
 
 def test_a_killed_partner_ends_the_run_which_goes_on_from_its_checkpoint(tmp_path: Path) -> None:
     run = start(RUN, tiny("ppo", **TWO), tmp_path / "run")
-    process = run.trainee.partner.process
-    with pytest.raises(Gone, match=r"killed by signal 9 .*--resume"):
+    process = run.trainee.replica.process
+    with pytest.raises(ProcessEnded, match=r"killed by signal 9 .*--resume"):
         train_and(run, lambda run: os.kill(process.pid, signal.SIGKILL))
     assert process.exitcode == -signal.SIGKILL and not multiprocessing.active_children()
     again = open_run(tmp_path / "run")
@@ -233,13 +233,13 @@ def test_a_killed_partner_ends_the_run_which_goes_on_from_its_checkpoint(tmp_pat
 
 def test_a_partner_that_is_killed_before_there_is_a_checkpoint_leaves_none(tmp_path: Path) -> None:
     run = start(RUN, tiny("ppo", **TWO), tmp_path / "run")
-    os.kill(run.trainee.partner.process.pid, signal.SIGKILL)
-    with pytest.raises(Gone, match=r"killed by signal 9 .*it has no checkpoint yet"):
+    os.kill(run.trainee.replica.process.pid, signal.SIGKILL)
+    with pytest.raises(ProcessEnded, match=r"killed by signal 9 .*it has no checkpoint yet"):
         run.train()
     assert not (tmp_path / "run" / CHECKPOINT).exists()
 
 
-@pytest.mark.parametrize("kind, seen", [(ValueError, ValueError), (KeyError, Gone)])
+@pytest.mark.parametrize("kind, seen", [(ValueError, ValueError), (KeyError, ProcessEnded)])
 def test_an_error_of_the_partner_is_that_of_the_run(
     kind: type[Exception], seen: type[Exception], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -259,7 +259,7 @@ def test_an_error_of_the_partner_is_that_of_the_run(
 
 def test_the_partner_ends_with_the_run_however_that_ends(tmp_path: Path) -> None:
     run = start(RUN, tiny("ppo", **TWO), tmp_path / "run")
-    process = run.trainee.partner.process
+    process = run.trainee.replica.process
     for number in (signal.SIGINT, signal.SIGTERM):  # the process of the run says what follows
         os.kill(process.pid, number)
     with pytest.raises(KilledError):

@@ -246,7 +246,7 @@ def signals_at_first_row(monkeypatch: pytest.MonkeyPatch, *numbers: int) -> None
         while row and left:
             signal.raise_signal(left.pop(0))
 
-    monkeypatch.setattr(progress.Watch, "__call__", watched)
+    monkeypatch.setattr(progress.TrainingProgress, "__call__", watched)
 
 
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])

@@ -22,7 +22,7 @@ from train.runs.opponents import load_policy
 from train.runs.parts import settings_of
 from train.runs.provenance import provenance
 from train.runs.saved import load_settings
-from train.runs.third_party import description_of, load_stable_baselines
+from train.runs.stable_baselines import description_of, load_stable_baselines
 
 REWARD = "def pay(before, actions, after):\n    return after.rewards * {scale}\n"
 FLAT: dict[str, Any] = {

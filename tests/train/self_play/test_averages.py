@@ -20,7 +20,7 @@ from scripted_agents import (
     mean_over_starts,
     solve_chase,
 )
-from train.self_play.averages import Average, averages, nash_convs, told_averages
+from train.self_play.averages import Average, averages, describe_averages, nash_convs
 
 SMALL, DISCOUNT = load_maze("2x2"), 0.6
 
@@ -116,8 +116,8 @@ def test_averages_of_what_is_always_the_same_are_that() -> None:
 
 
 def test_words() -> None:
-    assert told_averages({"last": (1.25, 1.25), "all mixed": (0.5, 0.75)}) == (
-        "NashConv of the snapshots that are kept: last 1.250; all mixed 0.500 to 0.750"
+    assert describe_averages({"last": (1.25, 1.25), "all mixed": (0.5, 0.75)}) == (
+        "NashConv of the snapshots in the pools: last 1.250; all mixed 0.500 to 0.750"
     )
     assert nash_convs([Average("chaser", "last", 1, 0.0, 0.0)]) == {}
 
@@ -132,7 +132,7 @@ def test_results_have_them(tmp_path: Path) -> None:
     assert convs["last snapshot"][1] == pytest.approx(content["evaluation"]["nash_conv"], rel=1e-3)
     assert {"Nash mixture", "all mixed", "later half averaged"} <= convs.keys()
     assert all(-1e-6 <= lower <= upper for lower, upper in convs.values())
-    told = told_averages(convs)
-    assert "NashConv of the snapshots that are kept: last" in told and "Nash mixture" in told
+    told = describe_averages(convs)
+    assert "NashConv of the snapshots in the pools: last" in told and "Nash mixture" in told
     written = json.loads((tmp_path / "pair" / "results.json").read_text())["averages"]
     assert written == {name: list(bounds) for name, bounds in convs.items()}

@@ -43,7 +43,7 @@ def test_the_commands_from_self_play_to_league(
             [*run, "--minibatch-size", "512", "--seed", "1", "--sampling", "uniform", "--out", "b"]
         )
     printed = capsys.readouterr().out
-    assert "NashConv" in printed and "chasers down, evaders across" in printed
+    assert "NashConv" in printed and "rows: chasers, columns: evaders" in printed
     results = json.loads((tmp_path / "a" / "results.json").read_text())
     assert results["evaluation"]["nash_conv"] > 0
     steps = {(row["chaser"], row["evader"]): row["steps"] for row in results["matches"]}
@@ -125,9 +125,9 @@ def test_a_sweep_of_self_play_with_one_axis_has_its_report(tmp_path: Path) -> No
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["league"], "nobody to play"),
+        (["league"], "no entries"),
         (["league", "astar", "astar"], "two entries are called 'astar'"),
-        (["league", "nowhere"], "nowhere: no folder of a run"),
+        (["league", "nowhere"], "nowhere: neither a folder of a run"),
         (["league", "astar", "--games", "1"], "games=1"),
         (["solve", "--maze", "5x6"], "unknown maze '5x6'"),
         (["solve", "--discount", "1.5"], "discount 1.5"),

@@ -36,7 +36,7 @@ from train.runs.loop import Run
 from train.runs.opponents import load_policy
 from train.self_play.parts import self_play_parts
 from train.self_play.pool import OpponentPool
-from train.self_play.report import told_whole_game
+from train.self_play.report import describe_whole_game
 from train.self_play.side import Opponents
 from train.settings.self_play import SelfPlaySettings, self_play_ppo
 from train.settings.task import TaskSettings
@@ -287,7 +287,7 @@ def test_teams_networks_and_algorithms_of_every_kind(tmp_path: Path, changes: An
             whole = results["whole_game"]
             assert whole["nash_conv"] == pytest.approx(sum(whole["gains"].values()))
             assert all(gain >= -1e-9 for gain in whole["gains"].values())
-            assert f"{whole['nash_conv']:.3f}" in told_whole_game(whole)
+            assert f"{whole['nash_conv']:.3f}" in describe_whole_game(whole)
     again = open_run(tmp_path / "run").trainee
     assert all((again.sides[role].learner.frames == side.learner.frames) for role, side in
                run.trainee.sides.items())  # fmt: skip

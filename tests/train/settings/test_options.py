@@ -12,9 +12,9 @@ from self_play_runs import make_settings
 
 from train.commands.main import main
 from train.experiments.kinds import open_run, start, write_config
-from train.runs.effects import check_effects
 from train.runs.folder import RUN, SELF_PLAY, new_folder
 from train.runs.parts import settings_of
+from train.runs.unused_settings import check_unused_settings
 from train.settings.self_play import self_play_ppo
 
 TINY = [
@@ -95,7 +95,7 @@ def test_settings_with_an_effect_or_at_their_defaults_are_taken() -> None:
         settings_of(rewards="step=-1,chaser.capture=3", maze="3x3", frames=64),
         settings_of(rewards="evader.step=1", maze="3x3", frames=64),
     ):
-        check_effects(settings)
+        check_unused_settings(settings)
 
 
 def test_runs_that_were_saved_with_settings_without_effect_go_on(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from train.commands.main import main
 from train.runs.parts import settings_of
 from train.runs.tasks import task_of
 from train.settings.curricula import ScheduleSettings
-from train.settings.presets import Setting, hyperparameters, lessons_for
+from train.settings.presets import TaskProfile, curriculum_for, hyperparameters
 from train.teaching.mazes import first_rows, opened
 from train.teaching.plan import training_task
 
@@ -128,8 +128,8 @@ def test_settings_change_smoothly_with_the_size_of_the_maze(
 ) -> None:
     found = []
     for cells in range(4, 400):
-        setting = Setting(task, role, cells, duel=True)
-        curriculum, lessons = lessons_for(algorithm, setting)
+        setting = TaskProfile(task, role, cells, duel=True)
+        curriculum, lessons = curriculum_for(algorithm, setting)
         length = lessons.schedule_length if isinstance(lessons, ScheduleSettings) else 0.0
         assert curriculum == "none" or cells > 25
         hyper = asdict(hyperparameters(algorithm, setting))

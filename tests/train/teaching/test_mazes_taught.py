@@ -16,8 +16,8 @@ from train.experiments.kinds import start
 from train.runs.folder import RUN
 from train.runs.parts import parts_of, settings_of
 from train.runs.worlds import GridWorld
-from train.teaching.exams import Exam
-from train.teaching.plan import plan_lessons
+from train.teaching.plan import plan_curriculum
+from train.teaching.regret import RegretScorer
 
 NOBODY = Outcomes(*(np.zeros(0) for _ in range(6)))  # type: ignore[arg-type]
 
@@ -93,10 +93,10 @@ def test_marks_are_the_gaps_of_the_exact_contest(
     found, best = contest.in_mazes("learned", policy), contest.best
     assert best is not None
     gaps = np.abs(found.steps / best.steps - 1.0)
-    exam = Exam(task, agent, opponents)
+    exam = RegretScorer(task, agent, opponents)
     chosen = np.array([4, 1, 0])
     assert exam.marks(policy, chosen) == pytest.approx(gaps[chosen])
-    learnable = Exam(task, agent, opponents, "learnability").marks(policy, chosen)
+    learnable = RegretScorer(task, agent, opponents, "learnability").marks(policy, chosen)
     assert (learnable <= 0.25).all()
     # p(1 - p) is largest where success is even, and a mean of it is at most that of the mean.
     assert (learnable <= found.success[chosen] * (1 - found.success[chosen]) + 1e-9).all()
@@ -105,19 +105,19 @@ def test_marks_are_the_gaps_of_the_exact_contest(
 def test_the_optimal_runner_has_no_regret_and_nothing_to_learn() -> None:
     task = make_task("maze", maze="suite:5x5-train/0-5", num_goals=1)
     for mark in ("regret", "learnability"):
-        marks = Exam(task, "runner", {}, mark).marks(NearestGoalRunner(), np.arange(6))
+        marks = RegretScorer(task, "runner", {}, mark).marks(NearestGoalRunner(), np.arange(6))
         assert marks == pytest.approx(0.0, abs=1e-9)
 
 
 def test_exams_need_games_that_are_solved() -> None:
     task = make_task("maze", maze="suite:5x5-train/0-5", num_goals=2)
     with pytest.raises(ValueError, match="take level-replay or learnability, or num_goals=1"):
-        Exam(task, "runner", {})
+        RegretScorer(task, "runner", {})
     settings = settings_of(task="maze", num_goals=1, maze="5x5", frames=1000)
     one = GridWorld(settings.task).ground
     lessons = settings_of(**SMALL, curriculum="maze-replay").lessons
     with pytest.raises(ValueError, match="chooses among mazes, and task 'maze' has one"):
-        plan_lessons("maze-replay", lessons, one, 0)
+        plan_curriculum("maze-replay", lessons, one, 0)
 
 
 SMALL: dict[str, Any] = {

@@ -1,1 +1,1 @@
-"""The race: learners of several libraries on the same tasks, tuned with the same number of runs."""
+"""Comparison of learners of several libraries on the same tasks, tuned with equally many runs."""

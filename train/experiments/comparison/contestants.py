@@ -1,10 +1,10 @@
-"""Who races: learners of several libraries, each over the environment that it wants.
+"""The learners that are compared: PPO of several libraries, each with its native environment API.
 
-All take the same form of settings, start from what their own library sets by default, and observe
-the same: their own cell, the others' and the goals, one-hot. What is a library's own stays so: ours
-sums the rows of its first layer, shares it between policy and value, multiplies in bfloat16 where
-the processor can, and begins large mazes with a curriculum; others do not. Every one anneals its
-learning rate to 0 over the budget, and has two hidden layers.
+All take the same settings dataclass, start from their library's defaults, and get the same one-hot
+observation: own cell, cells of the others, goals. All anneal the learning rate to 0 over the budget
+and have two hidden layers. Features of one library are kept: ours sums the rows of its first layer,
+shares it between policy and value, uses bfloat16 where the processor supports it, and starts large
+mazes with a curriculum.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from train.evaluation.contest import GameContest
 from train.networks.policy import Seat
 from train.runs.parts import parts_of
 from train.runs.single import SingleAgent
-from train.runs.tasks import setting_of
-from train.runs.third_party import StableBaselinesNetwork
+from train.runs.stable_baselines import StableBaselinesNetwork
+from train.runs.tasks import profile_of
 from train.runs.threads import prepare_torch
 from train.runs.worlds import GridWorld
 from train.settings.algorithms import PPOSettings
 from train.settings.checks import check, check_choice
-from train.settings.presets import lessons_for, tuned
+from train.settings.presets import curriculum_for, tuned
 from train.settings.run import TrainSettings
 
 OBSERVATION = "one_hot"
@@ -37,46 +37,46 @@ OBEYED = (
     *("num_games", "rollout_steps", "minibatch_size", "epochs", "learning_rate", "gamma"),
     *("gae_lambda", "clip", "entropy_coef", "value_coef", "max_grad_norm", "width", "activation"),
 )
-"""The settings that every contestant obeys: what a search may draw."""
+"""The settings that every contestant implements: what a search may draw."""
 
 
 def seat_of(world: GridWorld) -> Seat:
-    """Who learns, with what the others observe."""
+    """The seat of the learner, with the observation that all contestants get."""
     return Seat(world.task, world.agent, OBSERVATION)
 
 
-class Racer(Protocol):
-    """One contestant at the start: games and weights are made."""
+class Trainer(Protocol):
+    """A learner of one library, with its environments and initial weights."""
 
     @property
     def frames(self) -> int:
-        """Environment steps so far, all games counted."""
+        """Environment steps so far, summed over all games."""
 
     def iterate(self, progress: float) -> None:
-        """A rollout, and what is learned from it; `progress` in [0, 1] through the budget."""
+        """A rollout and an update; `progress` in [0, 1] is the used share of the budget."""
 
     def policy(self, greedy: bool) -> Policy:
-        """What was learned so far; it follows the learner as it goes on."""
+        """The current policy; it follows further updates."""
 
     def close(self) -> None:
-        """Let go of whatever is held open."""
+        """Release resources."""
 
 
 # -- ours ------------------------------------------------------------------------------------------
 
 
 class Clock:
-    """How far a run is, as `train.runs.loop.Clock`."""
+    """Progress of a run, as `train.runs.loop.Clock`."""
 
     progress = seconds = 0.0
 
 
 class Ours:
-    """Our PPO as `pursuit train` makes it, with its curriculum where the preset has one."""
+    """PPO of `pursuit train`, with the curriculum of its preset if there is one."""
 
     def __init__(self, world: GridWorld, settings: PPOSettings, seed: int) -> None:
         prepare_torch(1, seed)
-        name, lessons = lessons_for("ppo", setting_of(world.settings))
+        name, lessons = curriculum_for("ppo", profile_of(world.settings))
         # The budget is the comparison's: frames only say here that threads are not chosen by the
         # clock.
         whole = TrainSettings(
@@ -86,30 +86,30 @@ class Ours:
 
     @property
     def frames(self) -> int:
-        """As `Racer`."""
+        """As `Trainer`."""
         return int(self.learner.frames)
 
     def iterate(self, progress: float) -> None:
-        """As `Racer`."""
+        """As `Trainer`."""
         self.clock.progress = progress
         self.learner.iterate(self.clock)
-        # Nobody asks here for returns and lengths of the training games.
+        # Returns and lengths of the training episodes are not used here.
         self.learner.env.finished_returns.clear()
         self.learner.env.finished_lengths.clear()
 
     def policy(self, greedy: bool) -> Policy:
-        """As `Racer`."""
+        """As `Trainer`."""
         made: Policy = self.learner.learner.policy(greedy=greedy)
         return made
 
     def close(self) -> None:
-        """As `Racer`."""
+        """As `Trainer`."""
         self.learner.close()
 
 
 def our_defaults(world: GridWorld) -> PPOSettings:
     """Our preset of a task."""
-    found = tuned("ppo", setting_of(world.settings))
+    found = tuned("ppo", profile_of(world.settings))
     assert isinstance(found, PPOSettings)
     return found
 
@@ -120,7 +120,7 @@ def our_defaults(world: GridWorld) -> PPOSettings:
 def vector_env(
     world: GridWorld | GameContest, games: int, observation: str = OBSERVATION
 ) -> SingleAgentVectorEnv:
-    """Games as a Gymnasium vector environment; episodes begin in the step that ends the last."""
+    """Games as a Gymnasium vector environment with same-step autoreset."""
     seats = (world.task, world.agent, world.opponents)
     return SingleAgentVectorEnv(*seats, games, observation, autoreset_mode="SAME_STEP")
 
@@ -154,28 +154,28 @@ class StableBaselines:
             seed=seed,
             device="cpu",
         )
-        # Else each rollout makes a folder for logs.
+        # Without a logger every rollout creates a log folder.
         self.learner.set_logger(Logger(folder=None, output_formats=[]))
 
         self.network = StableBaselinesNetwork(self.learner.policy)
 
     @property
     def frames(self) -> int:
-        """As `Racer`."""
+        """As `Trainer`."""
         return int(self.learner.num_timesteps)
 
     def iterate(self, progress: float) -> None:
-        """As `Racer`."""
+        """As `Trainer`."""
         self.progress = progress
         self.learner.learn(self.batch, reset_num_timesteps=False)
 
     def policy(self, greedy: bool) -> Policy:
-        """As `Racer`."""
+        """As `Trainer`."""
         made: Policy = seat_of(self.world).policy(self.network, greedy)
         return made
 
     def close(self) -> None:
-        """As `Racer`."""
+        """As `Trainer`."""
 
 
 # -- the list --------------------------------------------------------------------------------------
@@ -183,25 +183,25 @@ class StableBaselines:
 
 @dataclass(frozen=True)
 class Contestant:
-    """One of those who race.
+    """A library in the comparison.
 
     Attributes:
-        title: in reports.
-        package: whose version is told, and that must be installed.
-        extra: of `pip install 'pursuit[...]'` that brings it.
-        build: of a world, settings and a seed, a `Racer` at the start.
-        defaults: the settings that a search starts from, of a world.
+        title: name in reports.
+        package: the required package, whose version is reported.
+        extra: the extra of `pip install 'pursuit[...]'` that installs it.
+        build: makes a new `Trainer` from a world, settings and a seed.
+        defaults: makes the settings that a search starts from.
     """
 
     title: str
     package: str
     extra: str
-    build: Callable[[GridWorld, PPOSettings, int], Racer]
+    build: Callable[[GridWorld, PPOSettings, int], Trainer]
     defaults: Callable[[GridWorld], PPOSettings]
 
     @property
     def version(self) -> str:
-        """Of its package; ImportError with the remedy where it is not installed."""
+        """The version of its package; ImportError if it is not installed."""
         if self.package == "pursuit":
             return str(pursuit.__version__)
         try:
@@ -214,7 +214,7 @@ class Contestant:
 
 
 def library_defaults(world: GridWorld) -> PPOSettings:
-    """What libraries set where a search does not: clipping, gradients, activation."""
+    """Defaults of the libraries for settings that a search leaves out."""
     plain = PPOSettings(shared=False, activation="tanh", clip=0.2, max_grad_norm=0.5)
     return replace(plain, value_coef=0.5)
 
@@ -225,11 +225,11 @@ CONTESTANTS = {
         "Stable-Baselines3", "stable_baselines3", "sb3", StableBaselines, library_defaults
     ),
 }
-"""By the names that race files give them."""
+"""By their names in comparison files."""
 
 
 def contestant(name: str) -> Contestant:
-    """One by its name; ValueError for no such, ImportError where its library is missing."""
+    """A contestant by name; ValueError if unknown, ImportError if its library is not installed."""
     check_choice("contestant", name, CONTESTANTS)
     found = CONTESTANTS[name]
     check(bool(found.version), f"{name} has no version")
@@ -237,9 +237,9 @@ def contestant(name: str) -> Contestant:
 
 
 def settings_of(name: str, world: GridWorld, drawn: dict[str, Any]) -> PPOSettings:
-    """The settings of a contestant: its defaults, with what was drawn laid over.
+    """The settings of a contestant: its defaults, overridden by the drawn ones.
 
-    A minibatch is at most the rollout that it is drawn from; a discount that was drawn stays.
+    A minibatch is at most one rollout. A drawn discount is constant.
     """
     given = dict(drawn)
     if "gamma" in given:

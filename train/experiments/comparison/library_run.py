@@ -1,4 +1,4 @@
-"""One run of a library: it learns one task on one core, and is judged at marks of its budget."""
+"""One run of a comparison: a library learns a task on one core, with periodic evaluations."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import torch
 
 from train.evaluation.contest import GameContest
 from train.evaluation.scores import BY_STEPS, Score, optimality_gap
-from train.experiments.comparison.contestants import Racer, contestant, settings_of
+from train.experiments.comparison.contestants import Trainer, contestant, settings_of
 from train.machine import commit, processor
 from train.runs.loop import Budget
 from train.runs.threads import keep_freed_memory
@@ -19,26 +19,26 @@ from train.settings.checks import check
 from train.settings.task import TaskSettings
 
 EVALUATIONS = 20
-"""Even marks of a budget; two more lie before the first, each at half of the one after it."""
-CLOCKS = ("wall", "cpu")
-"""Seconds of the wall, or of this process on its core: the same on an idle machine."""
+"""Evenly spaced over the budget; two more are at 1/4 and 1/2 of the first interval."""
+CLOCKS = ("wall", "processor")
+"""Wall clock time, or processor time of this process; equal on an idle machine."""
 WARM_UP_SEED = 2**31
-"""Of the games that compile and load what a contestant needs, and are thrown away."""
+"""Seed of the discarded warm-up games that trigger compilation and imports."""
 
 
 @dataclass(frozen=True)
 class LibraryRun:
-    """What is to be done.
+    """The settings of a run.
 
     Attributes:
-        contestant: its name.
-        task: what is learned.
-        drawn: the settings that lie over the defaults of the contestant.
-        seed: of games, weights and draws.
+        contestant: name of the contestant.
+        task: the task to learn.
+        drawn: settings that override the defaults of the contestant.
+        seed: of games, weights and sampled actions.
         seconds, frames: the budget, one of the two.
-        episodes: of each evaluation.
-        watched: whether it is judged at every mark, or at the end alone.
-        clock: one of `CLOCKS`: what seconds are of.
+        episodes: per evaluation.
+        watched: whether to evaluate throughout the budget, or only at the end.
+        clock: one of `CLOCKS`, in which seconds are measured.
     """
 
     contestant: str
@@ -53,32 +53,35 @@ class LibraryRun:
 
 
 def world_and_contest(task: TaskSettings, episodes: int) -> tuple[GridWorld, GameContest, Score]:
-    """The games of a task, what they are judged by, and the exact optimum.
+    """The games of a task, its evaluation, and the exact optimum.
 
     Raises:
-        ValueError: a task whose optimum is not known, or in which many steps are good.
+        ValueError: the optimum of the task is not known, or longer episodes are better.
     """
     world = GridWorld(task)
     contest = world.contest(episodes)
     one = isinstance(contest, GameContest)
-    check(one, f"maze={task.maze!r} is several mazes; a race is run in one: {task.maze}/0, say")
+    check(
+        one, f"maze={task.maze!r} is several mazes; a comparison needs one, such as {task.maze}/0"
+    )
     assert isinstance(contest, GameContest)
     optimum = contest.optimal()
     check(
         optimum is not None and contest.measure == BY_STEPS,
-        f"the {world.agent} of {task.task} in {task.maze}: a race needs an exact optimum and few "
-        "steps to be good; take a runner of up to 15 goals, or a chaser of one evader",
+        f"the {world.agent} of {task.task} in {task.maze}: a comparison needs a known optimum and "
+        "a task with short episodes as aim; use a runner with up to 15 goals, or a chaser of one "
+        "evader",
     )
     assert optimum is not None
     return world, contest, optimum
 
 
-def point_of(racer: Racer, contest: GameContest, optimum: Score) -> dict[str, float]:
-    """How well a contestant plays now, greedily and as it draws."""
+def point_of(trainer: Trainer, contest: GameContest, optimum: Score) -> dict[str, float]:
+    """The gaps of the current policy, with greedy and with sampled actions."""
     found: dict[str, float] = {}
     with torch.random.fork_rng():
         for name, greedy in (("greedy", True), ("sampled", False)):
-            score = contest.score(name, racer.policy(greedy))
+            score = contest.score(name, trainer.policy(greedy))
             gap = optimality_gap(score, optimum)
             assert gap is not None
             found |= {name: gap, f"{name}_success": score.success_rate}
@@ -86,16 +89,15 @@ def point_of(racer: Racer, contest: GameContest, optimum: Score) -> dict[str, fl
 
 
 def learn(run: LibraryRun) -> dict[str, Any]:
-    """Do a run.
+    """Run and evaluate.
 
-    The clock runs while games are played and learned from: not while anything is imported, compiled
-    or evaluated. It ends with the last iteration that fits into the budget, if the next takes as
-    long as the last did.
+    Rollouts and updates are timed; imports, compilation and evaluations are not. The run ends
+    before the iteration that would exceed the budget, assuming that it takes as long as the last.
 
     Returns:
-        "points": at every mark "seconds" of the run's clock, "wall_seconds" and "cpu_seconds",
-        "frames", "greedy" and "sampled" gaps, and the share of starts that they solve; what the
-        run was, and where.
+        "points": a dictionary per evaluation with "seconds" of the run's clock, "wall_seconds",
+        "processor_seconds", "frames", "greedy" and "sampled" gaps, and their success rates. The
+        other entries are settings, versions and the machine.
     """
     entry = contestant(run.contestant)
     world, contest, optimum = world_and_contest(run.task, run.episodes)
@@ -109,27 +111,27 @@ def learn(run: LibraryRun) -> dict[str, Any]:
     budget = Budget(run.seconds, run.frames)
     marks = [n / EVALUATIONS for n in range(1, EVALUATIONS + 1)] if run.watched else [1.0]
     marks = [marks[0] / 4, marks[0] / 2, *marks] if run.watched else marks
-    racer = entry.build(world, settings, run.seed)
+    trainer = entry.build(world, settings, run.seed)
     torch.manual_seed(run.seed)
     spent, seconds, points, over = dict.fromkeys(CLOCKS, 0.0), 0.0, [], False
     while not over:
-        before, began, began_cpu = racer.frames, perf_counter(), process_time()
-        racer.iterate(budget.progress(seconds, racer.frames))
-        took = {"wall": perf_counter() - began, "cpu": process_time() - began_cpu}
+        before, began, began_processor = trainer.frames, perf_counter(), process_time()
+        trainer.iterate(budget.progress(seconds, trainer.frames))
+        took = {"wall": perf_counter() - began, "processor": process_time() - began_processor}
         spent = {clock: spent[clock] + took[clock] for clock in CLOCKS}
-        seconds, last, frames = spent[run.clock], took[run.clock], racer.frames - before
+        seconds, last, frames = spent[run.clock], took[run.clock], trainer.frames - before
         over = (
             seconds + last > run.seconds
             if run.seconds is not None
-            else racer.frames + frames > (run.frames or 0)
+            else trainer.frames + frames > (run.frames or 0)
         )
-        if over or budget.progress(seconds, racer.frames) >= marks[0]:
-            while len(marks) > 1 and marks[0] <= budget.progress(seconds, racer.frames):
+        if over or budget.progress(seconds, trainer.frames) >= marks[0]:
+            while len(marks) > 1 and marks[0] <= budget.progress(seconds, trainer.frames):
                 marks.pop(0)
-            now = {"seconds": seconds, "frames": racer.frames}
+            now = {"seconds": seconds, "frames": trainer.frames}
             now |= {f"{clock}_seconds": each for clock, each in spent.items()}
-            points.append(now | point_of(racer, contest, optimum))
-    racer.close()
+            points.append(now | point_of(trainer, contest, optimum))
+    trainer.close()
     return {
         "points": points,
         "optimal_steps": optimum.mean_steps,
@@ -142,5 +144,5 @@ def learn(run: LibraryRun) -> dict[str, Any]:
 
 
 def perform(task: dict[str, Any], **rest: Any) -> dict[str, Any]:
-    """Do the run of these values, those of a `LibraryRun` in plain form."""
+    """Run `learn` on the fields of a `LibraryRun` in plain form."""
     return learn(LibraryRun(task=TaskSettings(**task), **rest))

@@ -1,4 +1,4 @@
-"""A comparison of libraries: who learns which tasks, and how their settings are searched."""
+"""The definition of a comparison: libraries, tasks, the search for settings, and its file."""
 
 from __future__ import annotations
 
@@ -29,19 +29,19 @@ from train.teaching.mazes import as_text
 FILES = Path(__file__).with_name("files")
 REMEDY = "mend that line; docs/results/libraries.md shows the form"
 FIRST_TRIAL_SEED = 10**6
-"""Seeds of trials begin here: none of them is a seed of the comparison itself."""
+"""The first seed of trials; final runs have seeds below it."""
 PERFORM = "train.experiments.comparison.library_run:perform"
 
 Table = dict[str, Any]
 
 
 def check_once(name: str, values: Sequence[Any]) -> None:
-    """ValueError for an empty list, or one with a value twice."""
-    check(len(set(values)) == len(values) > 0, f"{name}={values}; give each once, one at least")
+    """ValueError for an empty list or repeated values."""
+    check(len(set(values)) == len(values) > 0, f"{name}={values}; give one or more, each once")
 
 
 class Budgets(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
-    """How long each run is."""
+    """The budget of each run."""
 
     seconds: float | None = None
     frames: int | None = None
@@ -52,11 +52,11 @@ class Budgets(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
             f"seconds={self.seconds} and frames={self.frames}; give one of the two",
         )
         budget = self.seconds if self.frames is None else self.frames
-        check(budget is not None and 0 < budget < 1e9, f"a budget of {budget}; it is above 0")
+        check(budget is not None and 0 < budget < 1e9, f"a budget of {budget}; give one above 0")
 
 
 class Tuning(Budgets, forbid_unknown_fields=True, kw_only=True):
-    """[tuning]: the search, and how many trials it has."""
+    """[tuning]: the search for settings and its number of trials."""
 
     trials: int
 
@@ -66,7 +66,7 @@ class Tuning(Budgets, forbid_unknown_fields=True, kw_only=True):
 
 
 class Final(Budgets, forbid_unknown_fields=True, kw_only=True):
-    """[final]: the comparison itself."""
+    """[final]: the runs that are compared."""
 
     seeds: list[int]
 
@@ -77,12 +77,12 @@ class Final(Budgets, forbid_unknown_fields=True, kw_only=True):
         below = max(self.seeds) < FIRST_TRIAL_SEED
         check(
             below,
-            f"seeds={self.seeds}; below {FIRST_TRIAL_SEED}: those from there on are of trials",
+            f"seeds={self.seeds}; give seeds below {FIRST_TRIAL_SEED}, the first seed of trials",
         )
 
 
-class RaceTask(msgspec.Struct, forbid_unknown_fields=True):
-    """[[tasks]]: what is learned, and the mazes that settings are searched on instead."""
+class TaskEntry(msgspec.Struct, forbid_unknown_fields=True):
+    """[[tasks]]: a task, and the held-out mazes for the search for settings."""
 
     name: str
     settings: Table
@@ -90,7 +90,7 @@ class RaceTask(msgspec.Struct, forbid_unknown_fields=True):
 
 
 class Version(msgspec.Struct, forbid_unknown_fields=True):
-    """[short] or [full]: what lies over the rest of the file."""
+    """[short] or [full]: values that override the rest of the file."""
 
     tuning: Tuning
     final: Final
@@ -103,16 +103,16 @@ class Version(msgspec.Struct, forbid_unknown_fields=True):
         check(self.episodes >= 2, f"episodes={self.episodes}; at least 2")
         check(
             self.held_out is None or self.held_out > 0,
-            f"held_out={self.held_out}; at least 1, or leave it out to take all",
+            f"held_out={self.held_out}; at least 1, or leave it out to use all",
         )
 
 
-class RaceFile(msgspec.Struct, forbid_unknown_fields=True):
-    """A file of a comparison as it is written."""
+class ComparisonFile(msgspec.Struct, forbid_unknown_fields=True):
+    """The contents of a comparison file."""
 
     title: str
     contestants: list[str]
-    tasks: list[RaceTask]
+    tasks: list[TaskEntry]
     space: Table
     short: Version
     full: Version
@@ -121,13 +121,13 @@ class RaceFile(msgspec.Struct, forbid_unknown_fields=True):
 
 
 @dataclass(frozen=True)
-class RaceOn:
+class ComparedTask:
     """A task of a comparison.
 
     Attributes:
         name: in reports.
-        task: what is learned.
-        held_out: the same in other mazes, for the search.
+        task: the task to learn.
+        held_out: the same task in other mazes, for the search.
     """
 
     name: str
@@ -136,23 +136,23 @@ class RaceOn:
 
 
 @dataclass(frozen=True)
-class Race:
-    """A comparison, checked.
+class Comparison:
+    """A validated comparison.
 
     Attributes:
         title: of the report.
         contestants: their names.
-        tasks: what is learned.
-        space: of the search, as the file has it.
-        trials: settings by number, the same for every contestant.
-        tuning, final: the budgets, and the seeds of the comparison itself.
-        episodes: of each evaluation.
-        clock: what seconds are of, "wall" or "cpu".
+        tasks: the tasks.
+        space: the search space, as in the file.
+        trials: the drawn settings by number, the same for every contestant.
+        tuning, final: the budgets; of `final` also the seeds.
+        episodes: per evaluation.
+        clock: the clock of seconds, "wall" or "processor".
     """
 
     title: str
     contestants: tuple[str, ...]
-    tasks: tuple[RaceOn, ...]
+    tasks: tuple[ComparedTask, ...]
     space: Table
     trials: tuple[Table, ...]
     tuning: Tuning
@@ -161,8 +161,7 @@ class Race:
     clock: str
 
     def trial_jobs(self) -> dict[tuple[str, str, int, int], Call]:
-        """By task, contestant, number of the trial and of the maze: trials outside, contestants
-        inside."""
+        """By task, contestant, trial and maze. Contestants alternate in the innermost loop."""
         return {
             (on.name, name, number, place): self._job(
                 {"contestant": name, "task": on.name, "trial": number, "maze": place},
@@ -178,10 +177,10 @@ class Race:
         }
 
     def final_jobs(self, chosen: dict[tuple[str, str], int]) -> dict[tuple[str, str, int], Call]:
-        """By task, contestant and seed: seeds outside, contestants inside, in turned order.
+        """By task, contestant and seed. Contestants alternate in the innermost loop.
 
         Args:
-            chosen: the number of the trial whose settings are taken, by task and contestant.
+            chosen: the number of the trial whose settings are used, by task and contestant.
         """
         return {
             (on.name, name, seed): self._job(
@@ -210,7 +209,7 @@ class Race:
         return Call(PERFORM, asdict(run), label, seed, of.seconds)
 
     def count(self) -> tuple[int, int]:
-        """Runs of the search, and of the comparison."""
+        """The numbers of runs of the search and of final runs."""
         each, mazes = len(self.contestants), sum(len(on.held_out) for on in self.tasks)
         return (
             len(self.trials) * mazes * each,
@@ -218,7 +217,7 @@ class Race:
         )
 
     def seconds(self) -> float | None:
-        """What all runs take, without evaluations; None where budgets are frames."""
+        """The duration of all runs, without evaluations; None for budgets in frames."""
         tuning, final = self.count()
         if self.tuning.seconds is None or self.final.seconds is None:
             return None
@@ -226,7 +225,7 @@ class Race:
 
 
 def turned(names: Sequence[str], by: int) -> list[str]:
-    """The names in turn, so that none is always the first."""
+    """The names, rotated, so that none is always the first."""
     by %= len(names)
     return [*names[by:], *names[:by]]
 
@@ -234,31 +233,31 @@ def turned(names: Sequence[str], by: int) -> list[str]:
 # -- reading ---------------------------------------------------------------------------------------
 
 
-def load_race(name: str, version: str | None = None, clock: str | None = None) -> Race:
-    """Read the file of a comparison and check it; nothing is run.
+def load_comparison(name: str, version: str | None = None, clock: str | None = None) -> Comparison:
+    """Read and validate a comparison file, without running it.
 
     Args:
         name: the path of a file, or the name of a shipped one.
-        version: "short" or "full"; short if left out.
-        clock: "wall" or "cpu"; that of the file if left out.
+        version: "short" or "full"; short by default.
+        clock: "wall" or "processor"; by default that of the file.
 
     Raises:
-        ValueError: no such file, an unknown key, a value of another type, a contestant, task or
-            setting that there is not, or a held-out maze that is one of the comparison's.
+        ValueError: no such file, an unknown key, a value of a wrong type, an unknown contestant,
+            task or setting, or a held-out maze that is also the maze of a task.
         ImportError: the library of a contestant is not installed.
     """
     check(version in (None, "short", "full"), f"unknown version {version!r}; short or full")
-    path, content = read_file(name, FILES, "race")
-    file = read_as(RaceFile, content, path, REMEDY)
+    path, content = read_file(name, FILES, "compare")
+    file = read_as(ComparisonFile, content, path, REMEDY)
     try:
         file.clock = clock or file.clock
-        return race_of(file, file.full if version == "full" else file.short)
+        return comparison_of(file, file.full if version == "full" else file.short)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
 
 
-def race_of(file: RaceFile, version: Version) -> Race:
-    """A version of the file of a comparison, checked."""
+def comparison_of(file: ComparisonFile, version: Version) -> Comparison:
+    """The validated comparison of one version of a file."""
     check_choice("clock", file.clock, CLOCKS)
     names = version.contestants or file.contestants
     check_once("contestants", names)
@@ -267,20 +266,20 @@ def race_of(file: RaceFile, version: Version) -> Race:
     wanted = version.tasks or list(known)
     check_once("tasks", wanted)
     for name in wanted:
-        check(name in known, f"no task {name!r}; it has {', '.join(known)}")
-    tasks = tuple(race_on(known[name], version.held_out) for name in wanted)
+        check(name in known, f"no task {name!r}; the file has {', '.join(known)}")
+    tasks = tuple(compared_task(known[name], version.held_out) for name in wanted)
     for one, other in combinations(tasks, 2):
         same = f"tasks {one.name!r} and {other.name!r} are the same; leave one out"
         check(one.task != other.task, same)
     tuning = version.tuning
     for name in file.space:
-        known_to_all = f"those that every contestant obeys are {', '.join(OBEYED)}"
+        known_to_all = f"the settings that every contestant implements are {', '.join(OBEYED)}"
         check(name in OBEYED, f"[space] has {name!r}; {known_to_all}")
     search = {**file.space, "samples": tuning.trials, "seed": file.search_seed}
     drawn = draw_samples(search, 10_000)
     for name in names:
         check_contestant(name, tasks, drawn)
-    return Race(
+    return Comparison(
         file.title,
         tuple(names),
         tasks,
@@ -293,40 +292,40 @@ def race_of(file: RaceFile, version: Version) -> Race:
     )
 
 
-def race_on(task: RaceTask, most: int | None) -> RaceOn:
-    """A task with its held-out mazes, of which `most` are taken."""
+def compared_task(task: TaskEntry, most: int | None) -> ComparedTask:
+    """A task with at most `most` of its held-out mazes."""
     check("maze" in task.settings, f"task {task.name!r} has no maze in its settings")
     learned = read_as(TaskSettings, task.settings, f"task {task.name!r}", REMEDY)
     mazes = task.held_out[:most]
-    check(bool(mazes), f"task {task.name!r}: held_out is empty; give mazes to search on")
+    check(bool(mazes), f"task {task.name!r}: held_out is empty; give mazes for the search")
     copies = {copy_of(learned.maze): learned.maze}
     for maze in mazes:
         where = f"task {task.name!r}: held-out maze {maze!r}"
         before = copies.get(copy_of(maze))
-        check(before != learned.maze, f"{where} is the maze of the race; take another")
-        same = "stands there twice" if before == maze else f"is a copy of {before!r}"
-        check(before is None, f"{where} {same}; once")
+        check(before != learned.maze, f"{where} is the maze of the comparison; take another")
+        same = "is given twice" if before == maze else f"is a copy of {before!r}"
+        check(before is None, f"{where} {same}; give each once")
         copies[copy_of(maze)] = maze
     others = tuple(TaskSettings(**{**task.settings, "maze": maze}) for maze in mazes)
     for each in (learned, *others):
         world_and_contest(each, 2)
-    return RaceOn(task.name, learned, others)
+    return ComparedTask(task.name, learned, others)
 
 
 def copy_of(maze: str) -> bytes:
-    """The same for a maze and its rotated and mirrored copies."""
+    """A key that is equal for a maze and its rotated and mirrored copies."""
     found = load_suite(maze) if is_suite(maze) else (load_maze(maze),)
     check(len(found) == 1, f"maze={maze!r} is several mazes; give one of them, as {maze}/0")
     return least_copy(found[0])
 
 
-def check_contestant(name: str, tasks: Sequence[RaceOn], trials: Sequence[Table]) -> None:
-    """ValueError where a contestant cannot be, or cannot have what was drawn."""
+def check_contestant(name: str, tasks: Sequence[ComparedTask], trials: Sequence[Table]) -> None:
+    """ValueError for an unknown contestant or for drawn settings that it refuses."""
     contestant(name)
     worlds = [GridWorld(on.task) for on in tasks]
     for world, drawn in product(worlds, trials):
         try:
             found = asdict(settings_of(name, world, drawn))
-        except TypeError as error:  # a text where a number belongs
-            raise ValueError(f"[space]: a value of another type ({error}); {REMEDY}") from None
+        except TypeError as error:  # a string instead of a number
+            raise ValueError(f"[space]: a value of a wrong type ({error}); {REMEDY}") from None
         read_as(PPOSettings, found, "[space]", REMEDY)

@@ -1,4 +1,4 @@
-"""The report of a race: who reaches which gap when, all settings, and a figure of all runs."""
+"""The report of a comparison: times to each gap, all settings, and a figure of all runs."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from train.experiments.comparison.contestants import CONTESTANTS
-from train.experiments.comparison.plan import Race
-from train.experiments.comparison.run import Result, Standing
+from train.experiments.comparison.plan import Comparison
+from train.experiments.comparison.run import Outcome, Result
 from train.experiments.search import LEAST_GAP
 from train.experiments.statistics import (
     distance_interval,
@@ -29,71 +29,73 @@ from train.reports.tables import Row, in_markdown, plain_table
 TARGETS = (0.05, 0.02, 0.01)
 """Gaps to the optimum."""
 WAYS = ("greedy", "sampled")
-"""How a policy plays: its most probable action, or as it was learned."""
+"""Evaluation modes: the most probable action, or actions sampled from the policy."""
 UNITS = ("seconds", "frames")
 NEVER = float("inf")
-CLOCK_WORDS = {"wall": "wall clock", "cpu": "processor time (of the run's own process)"}
+CLOCK_WORDS = {"wall": "wall clock", "processor": "processor time (of the run's own process)"}
 HIGHEST = 3.0
-"""Gaps above are drawn there: policies that solve nothing yet."""
+"""Larger gaps are drawn at this value: policies that solve nothing yet."""
 
 
-def race_report(race: Race, standing: Standing, out: Path) -> Path:
-    """Write the report of a race that is over.
+def comparison_report(plan: Comparison, outcome: Outcome, out: Path) -> Path:
+    """Write the report of a completed comparison.
 
     Args:
-        race: what was done.
-        standing: how it went.
-        out: the folder of the race; `report/` in it is written.
+        plan: the comparison.
+        outcome: its results.
+        out: its folder; the report is written to `report/` in it.
 
     Returns:
-        `report.md`; beside it `report.html`, `table.csv` (a row for each task, contestant, way to
-        play and target), `runs.csv` (a row for each run), `trials.csv`, `curves.csv`.
+        The path of `report.md`. Also written: `report.html`, `table.csv` (a row per task,
+        contestant, evaluation mode and target), `runs.csv`, `trials.csv`, `curves.csv`.
     """
     folder = out / "report"
     folder.mkdir(parents=True, exist_ok=True)
-    rows = table_rows(race, standing)
+    rows = table_rows(plan, outcome)
     write_csv(folder / "table.csv", rows)
-    write_csv(folder / "runs.csv", run_rows(standing))
-    write_csv(folder / "trials.csv", trial_rows(race, standing))
-    write_csv(folder / "curves.csv", curve_rows(standing))
-    draw(race, standing, folder / "curves.png")
+    write_csv(folder / "runs.csv", run_rows(outcome))
+    write_csv(folder / "trials.csv", trial_rows(plan, outcome))
+    write_csv(folder / "curves.csv", curve_rows(outcome))
+    draw(plan, outcome, folder / "curves.png")
     parts = [
-        *how(race, standing),
+        *how(plan, outcome),
         "## First to each gap",
-        plain_table(winner_rows(race, standing, rows)).markdown(),
+        plain_table(winner_rows(plan, outcome, rows)).markdown(),
         "In brackets: how much longer the second takes, and the two-sided p of a permutation test "
-        "of the two. With so many comparisons some p below 0.05 are chance.",
+        "between the two. The p are not corrected for the number of comparisons.",
         "![All runs: the gap to the optimum over seconds](curves.png)",
     ]
-    for on in race.tasks:
-        table = plain_table(task_rows(race, standing, on.name, rows)).markdown()
+    for on in plan.tasks:
+        table = plain_table(task_rows(plan, outcome, on.name, rows)).markdown()
         parts += [f"## {in_markdown(on.name)}", table]
-        parts.append("Median seconds and frames to each gap, and how many runs reached it.")
-    parts += ["## Settings", *settings_parts(race, standing)]
-    failed = [" ".join(map(str, key)) for key, found in standing.finals.items() if found is None]
+        parts.append(
+            "Median seconds and frames to each gap, and the number of runs that reached it."
+        )
+    parts += ["## Settings", *settings_parts(plan, outcome)]
+    failed = [" ".join(map(str, key)) for key, found in outcome.finals.items() if found is None]
     if failed:
-        parts += ["## Failed", "These runs failed, and count as not having reached any target:"]
+        parts += ["## Failed runs", "These runs failed and count as not reaching any target:"]
         parts += [f"- {in_markdown(each)}" for each in failed]
-    return write_markdown(folder / "report.md", race.title, parts)
+    return write_markdown(folder / "report.md", plan.title, parts)
 
 
-def draw(race: Race, standing: Standing, path: Path) -> None:
-    """The gap over training time: a column of panels a task, a colour a contestant; the greedy
-    policy above, the sampled one below."""
+def draw(plan: Comparison, outcome: Outcome, path: Path) -> None:
+    """The gap over training time: one column of panels per task, one colour per contestant, the
+    greedy policy above the sampled one."""
     levels = [Level(100 * target, color="#999999") for target in TARGETS]
     grid = []
     for way in WAYS:
         panels: list[Panel] = []
-        for on in race.tasks:
+        for on in plan.tasks:
             series = []
-            for name, color in zip(race.contestants, PALETTE, strict=False):
+            for name, color in zip(plan.contestants, PALETTE, strict=False):
                 curves = [
                     (
                         time_scale("seconds") * np.array([p["seconds"] for p in result.points]),
                         np.array([p[way] for p in result.points]).clip(LEAST_GAP / 2, HIGHEST)
                         * 100,
                     )
-                    for result in done(race, standing, on.name, name)
+                    for result in done(plan, outcome, on.name, name)
                 ]
                 if curves:
                     title = CONTESTANTS[name].title
@@ -107,19 +109,19 @@ def draw(race: Race, standing: Standing, path: Path) -> None:
 # -- rows ------------------------------------------------------------------------------------------
 
 
-def results_of(race: Race, standing: Standing, task: str, name: str) -> list[Result | None]:
+def results_of(plan: Comparison, outcome: Outcome, task: str, name: str) -> list[Result | None]:
     """The runs of one contestant on one task, by seed."""
-    return [standing.finals[task, name, seed] for seed in race.final.seeds]
+    return [outcome.finals[task, name, seed] for seed in plan.final.seeds]
 
 
-def done(race: Race, standing: Standing, task: str, name: str) -> list[Result]:
-    """Those that have not failed."""
-    return [result for result in results_of(race, standing, task, name) if result is not None]
+def done(plan: Comparison, outcome: Outcome, task: str, name: str) -> list[Result]:
+    """The results of the runs that did not fail."""
+    return [result for result in results_of(plan, outcome, task, name) if result is not None]
 
 
 def reached(result: Result | None, way: str, target: float, unit: str) -> float:
-    """Seconds or frames to the first evaluation at which the gap is at most the target; `NEVER`
-    where it is not within the budget, or where the run failed."""
+    """Seconds or frames to the first evaluation with a gap of at most the target; `NEVER` if the
+    budget ends before, or if the run failed."""
     if result is None:
         return NEVER
     places = [point[unit] for point in result.points]
@@ -127,17 +129,16 @@ def reached(result: Result | None, way: str, target: float, unit: str) -> float:
 
 
 def median_of(times: Sequence[float]) -> float | None:
-    """The median of times of which some are `NEVER`; None where not more than half are times: it is
-    not known then."""
+    """The median of times of which some are `NEVER`; None unless more than half are finite."""
     got = sum(time < NEVER for time in times)
     return float(median(times)) if 2 * got > len(times) else None
 
 
-def table_rows(race: Race, standing: Standing) -> list[Row]:
-    """A row for each task, way to play, target and contestant."""
+def table_rows(plan: Comparison, outcome: Outcome) -> list[Row]:
+    """A row for each task, evaluation mode, target and contestant."""
     rows = []
-    for on, way, target, name in product(race.tasks, WAYS, TARGETS, race.contestants):
-        found = results_of(race, standing, on.name, name)
+    for on, way, target, name in product(plan.tasks, WAYS, TARGETS, plan.contestants):
+        found = results_of(plan, outcome, on.name, name)
         row: Row = {"task": on.name, "policy": way, "target": target}
         row |= {"contestant": name, "runs": len(found)}
         for unit in UNITS:
@@ -149,10 +150,10 @@ def table_rows(race: Race, standing: Standing) -> list[Row]:
     return rows
 
 
-def run_rows(standing: Standing) -> list[Row]:
-    """A row for each run: what it ended with."""
+def run_rows(outcome: Outcome) -> list[Row]:
+    """A row for each run: its last evaluation."""
     rows = []
-    for (task, name, seed), result in standing.finals.items():
+    for (task, name, seed), result in outcome.finals.items():
         row: Row = {"task": task, "contestant": name, "seed": seed, "failed": result is None}
         if result is not None:
             row |= result.points[-1]
@@ -162,73 +163,73 @@ def run_rows(standing: Standing) -> list[Row]:
     return rows
 
 
-def trial_rows(race: Race, standing: Standing) -> list[Row]:
-    """A row for each trial: its settings, and how it did on the held-out mazes."""
+def trial_rows(plan: Comparison, outcome: Outcome) -> list[Row]:
+    """A row for each trial: its settings, and its gaps on the held-out mazes."""
     return [
         {
             "task": task,
             "contestant": name,
             "trial": number,
-            "chosen": standing.chosen[task, name] == number,
-            **race.trials[number],
+            "chosen": outcome.chosen[task, name] == number,
+            **plan.trials[number],
             **{
                 f"gap on maze {place}": None if score is None else float(np.exp(score))
                 for place, score in enumerate(scores, start=1)
             },
         }
-        for (task, name, number), scores in standing.scores.items()
+        for (task, name, number), scores in outcome.scores.items()
     ]
 
 
-def curve_rows(standing: Standing) -> list[Row]:
-    """A row for each evaluation of the race."""
+def curve_rows(outcome: Outcome) -> list[Row]:
+    """A row for each evaluation of the comparison."""
     return [
         {"task": task, "contestant": name, "seed": seed, **point}
-        for (task, name, seed), result in standing.finals.items()
+        for (task, name, seed), result in outcome.finals.items()
         for point in (result.points if result else ())
     ]
 
 
-def winner_rows(race: Race, standing: Standing, rows: list[Row]) -> list[Row]:
-    """For each task, way to play and target, who is first by seconds and by frames."""
+def winner_rows(plan: Comparison, outcome: Outcome, rows: list[Row]) -> list[Row]:
+    """The fastest contestant by seconds and by frames, for each task, mode and target."""
     found: list[Row] = []
-    for on, way, target in product(race.tasks, WAYS, TARGETS):
+    for on, way, target in product(plan.tasks, WAYS, TARGETS):
         key = (on.name, way, target)
         some = [r for r in rows if (r["task"], r["policy"], r["target"]) == key]
         line: Row = {"task": on.name, "policy": way, "gap": f"{100 * target:g} %"}
-        found.append(line | {f"first by {u}": first(race, standing, some, u) for u in UNITS})
+        found.append(line | {f"first by {u}": first(plan, outcome, some, u) for u in UNITS})
     return found
 
 
-def first(race: Race, standing: Standing, rows: list[Row], unit: str) -> str:
-    """Who reaches a target first, and how surely; of rows that differ in the contestant alone."""
+def first(plan: Comparison, outcome: Outcome, rows: list[Row], unit: str) -> str:
+    """The fastest contestant to a target, with its p; of rows that differ only in contestant."""
     column = f"median_{unit}"
     known = sorted((r for r in rows if r[column] is not None), key=lambda row: row[column])
     if not known:
         return "none"
     best, name = known[0], CONTESTANTS[known[0]["contestant"]].title
     if len(known) == 1:
-        return f"{name} (alone)" if len(rows) > 1 else name
+        return f"{name} (the only one)" if len(rows) > 1 else name
     second = known[1]
     ours, theirs = (
         [
             min(reached(result, row["policy"], row["target"], unit), 1e18)
-            for result in results_of(race, standing, row["task"], row["contestant"])
+            for result in results_of(plan, outcome, row["task"], row["contestant"])
         ]
         for row in (best, second)
     )
     return (
         f"{name} ({CONTESTANTS[second['contestant']].title} "
-        f"{second[column] / best[column]:.2f} times, sooner in "
+        f"{second[column] / best[column]:.2f} times as long; faster in "
         f"{100 * float(improvement(ours, theirs)):.0f} % of the pairs of runs, "
         f"p = {permutation_p([ours], [theirs]):.2g})"
     )
 
 
-def task_rows(race: Race, standing: Standing, task: str, rows: list[Row]) -> list[Row]:
-    """One task, a row a contestant and way to play: times to each gap, and how its runs ended."""
+def task_rows(plan: Comparison, outcome: Outcome, task: str, rows: list[Row]) -> list[Row]:
+    """The rows of one task, by contestant and mode: times to each gap, and final gaps."""
     found: list[Row] = []
-    for way, name in product(WAYS, race.contestants):
+    for way, name in product(WAYS, plan.contestants):
         line: Row = {"contestant": CONTESTANTS[name].title, "policy": way}
         for row in rows:
             if (row["task"], row["contestant"], row["policy"]) == (task, name, way):
@@ -236,7 +237,7 @@ def task_rows(race: Race, standing: Standing, task: str, rows: list[Row]) -> lis
                 times += shown(row["median_frames"], 1e-6, " M")
                 count = f"{row['reached']} of {row['runs']}"
                 line[f"to {100 * row['target']:g} %"] = f"{times} ({count})"
-        ends = [result.points[-1] for result in done(race, standing, task, name)]
+        ends = [result.points[-1] for result in done(plan, outcome, task, name)]
         gaps = [end[way] for end in ends]
         low, high = distance_interval([gaps]) if gaps else (NEVER, NEVER)
         line["gaps at the end, %"] = ", ".join(f"{100 * gap:.2f}" for gap in gaps)
@@ -252,58 +253,58 @@ def task_rows(race: Race, standing: Standing, task: str, rows: list[Row]) -> lis
 
 
 def shown(value: float | None, scale: float, unit: str) -> str:
-    """A time in words."""
+    """A time as text."""
     return "–" if value is None else f"{value * scale:.2f}{unit}"
 
 
 # -- how it was made -------------------------------------------------------------------------------
 
 
-def how(race: Race, standing: Standing) -> list[str]:
-    """What was measured, where, and with which libraries."""
-    found = [result for result in standing.finals.values() if result is not None]
+def how(plan: Comparison, outcome: Outcome) -> list[str]:
+    """The method, the machine and the versions of libraries."""
+    found = [result for result in outcome.finals.values() if result is not None]
     kinds = {
         name: ", ".join(sorted({getattr(result, name) or "unknown" for result in found}))
         for name in ("processor", "library", "torch", "commit")
     }
-    shares = [100 * r.points[-1]["cpu_seconds"] / r.points[-1]["wall_seconds"] for r in found]
+    shares = [100 * r.points[-1]["processor_seconds"] / r.points[-1]["wall_seconds"] for r in found]
     core = f"{min(shares):.0f} to {max(shares):.0f} %" if shares else "none"
     return [
-        f"Seeds: {', '.join(map(str, race.final.seeds))}; one core a run, contestants in turn. "
-        f"Seconds are {CLOCK_WORDS[race.clock]} of playing and learning, without imports, "
-        f"compilation and evaluations. Budget: {length(race.final)}. A run is evaluated at "
-        f"{race.episodes} starts that are the same for all (a chaser exactly), greedily and as it "
-        "draws. A target is reached at the first evaluation whose gap to the exact optimum is no "
-        "larger. Medians stand only where more than half of the runs reached the target.",
-        f"Processor: {in_markdown(kinds['processor'])}; the runs had {core} of their core. "
+        f"Seeds: {', '.join(map(str, plan.final.seeds))}; one core per run, contestants alternate. "
+        f"Seconds are {CLOCK_WORDS[plan.clock]} of rollouts and updates, without imports, "
+        f"compilation and evaluations. Budget: {length(plan.final)}. A run is evaluated from "
+        f"{plan.episodes} starts, the same for all (a chaser exactly), with greedy and sampled "
+        "actions. A target is reached at the first evaluation with a gap to the exact optimum of "
+        "at most the target. Medians are given if more than half of the runs reached the target.",
+        f"Processor: {in_markdown(kinds['processor'])}; the runs used {core} of their core. "
         f"Libraries: {kinds['library']}; torch {kinds['torch']}. Commit: {kinds['commit']}.",
     ]
 
 
 def length(budget: Any) -> str:
-    """A budget in words."""
+    """A budget as text."""
     return f"{budget.seconds:g} s" if budget.seconds else f"{budget.frames:,} frames"
 
 
-def settings_parts(race: Race, standing: Standing) -> list[str]:
-    """How settings were searched, and those of the runs."""
-    space = [{"setting": name, "drawn from": str(spec)} for name, spec in race.space.items()]
+def settings_parts(plan: Comparison, outcome: Outcome) -> list[str]:
+    """The method of the search, and the settings of the final runs."""
+    space = [{"setting": name, "drawn from": str(spec)} for name, spec in plan.space.items()]
     mazes = [
         {"task": on.name, "held-out mazes": ", ".join(task.maze for task in on.held_out)}
-        for on in race.tasks
+        for on in plan.tasks
     ]
     rows: list[Row] = []
-    for (task, name), number in standing.chosen.items():
-        found = done(race, standing, task, name)
-        used = found[0].settings if found else race.trials[number]
-        names = dict.fromkeys([*race.trials[number], "value_coef", "clip", "max_grad_norm"])
+    for (task, name), number in outcome.chosen.items():
+        found = done(plan, outcome, task, name)
+        used = found[0].settings if found else plan.trials[number]
+        names = dict.fromkeys([*plan.trials[number], "value_coef", "clip", "max_grad_norm"])
         row: Row = {"task": task, "contestant": CONTESTANTS[name].title, "trial": number}
         rows.append(row | {each: used.get(each, "") for each in names})
     return [
-        f"Trials: {len(race.trials)}, drawn once at random from the space below and the same for "
-        f"all, {length(race.tuning)} on each held-out maze. The trial with the least mean "
-        "logarithm of the gap at the end (greedy or as it draws, the better one) is taken. Other "
-        "settings are the defaults of each library (ours: its preset of the task, with its "
-        "curriculum where there is one).",
+        f"Trials: {len(plan.trials)}, drawn at random from the space below and the same for all "
+        f"contestants, {length(plan.tuning)} on each held-out maze. The trial with the smallest "
+        "mean logarithm of the final gap (greedy or sampled, the better one) is selected. Other "
+        "settings are the defaults of each library (ours: the preset of the task, including its "
+        "curriculum if it has one).",
         *(plain_table(each).markdown() for each in (space, mazes, rows)),
     ]

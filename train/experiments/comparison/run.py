@@ -1,4 +1,4 @@
-"""Runs a comparison: the search, the choice of settings, the comparison itself."""
+"""Execution of a comparison: the search, the choice of settings, the final runs."""
 
 from __future__ import annotations
 
@@ -10,28 +10,28 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from train.experiments.comparison.plan import Race, Table
+from train.experiments.comparison.plan import Comparison, Table
 from train.experiments.executors import run_locally
 from train.experiments.search import best_of, log_gap
-from train.experiments.study import OUTCOME, Call, Study, Told, folder_of
+from train.experiments.study import OUTCOME, Call, Study, Watch, folder_of
 from train.files import only_one, read_json, write_json
 from train.schemas import read_as
 from train.settings.checks import check
 
 TRIALS, FINALS = "trials", "finals"
-"""Folders of the studies: the search, and the comparison."""
-RACE = "race.json"
-ANEW = "remove that folder; the next `pursuit race` does that run again"
+"""Folders of the search and of the final runs."""
+COMPARISON = "comparison.json"
+ANEW = "remove that folder; the next `pursuit compare` repeats that run"
 WAYS_AND_SHARES = ("greedy", "greedy_success", "sampled", "sampled_success")
 
-Watched = Callable[[Study], Told]
-"""Makes what is told how far a study is."""
+Watched = Callable[[Study], Watch]
+"""Makes the progress callback of a study."""
 
 Key = TypeVar("Key", bound=Hashable)
 
 
 class Result(msgspec.Struct):
-    """What a run left behind; see `library_run.learn`."""
+    """The result of a run; see `library_run.learn`."""
 
     points: list[dict[str, float]]
     optimal_steps: float
@@ -43,25 +43,25 @@ class Result(msgspec.Struct):
 
     def __post_init__(self) -> None:
         check(bool(self.points), "points is an empty list")
-        wanted = {"seconds", "wall_seconds", "cpu_seconds", "frames", *WAYS_AND_SHARES}
+        wanted = {"seconds", "wall_seconds", "processor_seconds", "frames", *WAYS_AND_SHARES}
         check(all(wanted <= set(point) for point in self.points), f"points have {sorted(wanted)}")
 
     @property
     def score(self) -> float:
-        """What settings are chosen by: the last gap, the better of the two ways to play."""
+        """The score that selects settings: log of the last gap, greedy or sampled (the better)."""
         last = self.points[-1]
         return log_gap(min(last["greedy"], last["sampled"]))
 
 
 @dataclass
-class Standing:
-    """What came of a comparison.
+class Outcome:
+    """The results of a comparison.
 
     Attributes:
-        scores: of every trial by task, contestant and number: its values on the held-out mazes,
-            None where it failed there.
+        scores: by task, contestant and number of the trial: its scores on the held-out mazes; None
+            for a failed run.
         chosen: the number of the best trial by task and contestant.
-        finals: the results by task, contestant and seed; None where a run failed.
+        finals: the results by task, contestant and seed; None for a failed run.
     """
 
     scores: dict[tuple[str, str, int], list[float | None]] = field(default_factory=dict)
@@ -69,57 +69,57 @@ class Standing:
     finals: dict[tuple[str, str, int], Result | None] = field(default_factory=dict)
 
 
-def run_race(race: Race, out: Path, watched: Watched, workers: int = 1) -> Standing:
-    """Do all runs that have not been done, and say how they went.
+def run_comparison(plan: Comparison, out: Path, watched: Watched, workers: int = 1) -> Outcome:
+    """Execute all runs that are not complete, and return all results.
 
     Args:
-        race: what is to be done.
-        out: the folder of the comparison.
-        watched: makes the watch of a study.
-        workers: processes at a time, each on a core of its own; 0 does all in this process.
+        plan: the comparison.
+        out: its folder.
+        watched: makes the progress callback of a study.
+        workers: parallel processes, one core each; 0 runs everything in this process.
 
     Raises:
-        ValueError: the folder is something else, a result is damaged, or all of a contestant's
-            trials failed.
-        KeyboardInterrupt: what is done is kept; runs that were going on begin again the next time.
+        ValueError: the folder is used by something else, a result is damaged, or all trials of a
+            contestant failed.
+        KeyboardInterrupt: completed runs are kept; unfinished runs restart the next time.
     """
     check(not out.is_file(), f"{out}: a file; give a folder")
     check(workers >= 0, f"workers={workers}; at least 0")
 
     def do(what: str, jobs: Mapping[Key, Call], folder: str) -> dict[Key, Result | None]:
         runs = tuple(jobs.values())
-        study = Study(f"{race.title}: {what}", runs, pinned=True)
+        study = Study(f"{plan.title}: {what}", runs, pinned=True)
         run_locally(study, out / folder, workers, watched(study))
         return {key: result_of(folder_of(out / folder, job.name)) for key, job in jobs.items()}
 
-    standing = Standing()
-    with only_one(out, "race"):
-        write_json(out / RACE, msgspec.to_builtins(race))
-        searched = do("search", race.trial_jobs(), TRIALS)
+    outcome = Outcome()
+    with only_one(out, "comparison"):
+        write_json(out / COMPARISON, msgspec.to_builtins(plan))
+        searched = do("search", plan.trial_jobs(), TRIALS)
         for (task, name, number, _), result in searched.items():
-            scores = standing.scores.setdefault((task, name, number), [])
+            scores = outcome.scores.setdefault((task, name, number), [])
             scores.append(None if result is None else result.score)
-        for on, name in product(race.tasks, race.contestants):
-            best = best_of({n: standing.scores[on.name, name, n] for n in range(len(race.trials))})
+        for on, name in product(plan.tasks, plan.contestants):
+            best = best_of({n: outcome.scores[on.name, name, n] for n in range(len(plan.trials))})
             check(
                 best is not None,
                 f"{name} failed in every trial on {on.name!r}; see the error.txt files in "
                 f"{out / TRIALS}",
             )
-            standing.chosen[on.name, name] = best  # type: ignore[assignment]
-        standing.finals = do("comparison", race.final_jobs(standing.chosen), FINALS)
-    return standing
+            outcome.chosen[on.name, name] = best  # type: ignore[assignment]
+        outcome.finals = do("comparison", plan.final_jobs(outcome.chosen), FINALS)
+    return outcome
 
 
-def is_folder_of(race: Race, out: Path) -> bool:
-    """Whether `out` was begun for this comparison, or for one of the same title."""
-    path = out / RACE
+def is_folder_of(plan: Comparison, out: Path) -> bool:
+    """Whether `out` is the folder of this comparison, or of one with the same title."""
+    path = out / COMPARISON
     kept: Any = read_json(path) if path.exists() else None
-    return isinstance(kept, dict) and kept.get("title") == race.title
+    return isinstance(kept, dict) and kept.get("title") == plan.title
 
 
 def result_of(folder: Path) -> Result | None:
-    """What a run left behind; None where it failed.
+    """The result of a run; None if it failed.
 
     Raises:
         ValueError: its file is damaged.

@@ -47,7 +47,7 @@ from train.reports.tables import Column, ResultTable, Row, in_markdown, plain_ta
 PAGE = "replication.md"
 PICTURES = ("final.png", "learning_curves.png")
 """Of a study's report, the first that there is."""
-PART_WORDS = {"floor": "the objective's floor", "learning": "not learned", "loops": "loops"}
+PART_WORDS = {"floor": "objective gap", "learning": "not learned", "loops": "loops"}
 SIDES = {True: "for", False: "against"}
 HOW = f"""## How claims are decided
 
@@ -209,7 +209,7 @@ def head(plan: Replication, studies: Sequence[DecidedExperiment], out: Path) -> 
 def summary(studies: Sequence[DecidedExperiment]) -> list[str]:
     """All verdicts in one table: a row for each cell."""
     cells = Counter(cell.verdict for cell in cells_of_page(studies))
-    told = ", ".join(f"{cells[name]} {name}" for name in (CONFIRMED, REFUTED, UNDECIDED))
+    text = ", ".join(f"{cells[name]} {name}" for name in (CONFIRMED, REFUTED, UNDECIDED))
     columns = [
         *(words(name) for name in ("study", "claim", "cell", "verdict")),
         Column("side", lambda row: SIDES.get(row["supports"], ""), left=True),
@@ -218,7 +218,7 @@ def summary(studies: Sequence[DecidedExperiment]) -> list[str]:
         Column("least p", lambda row: p_words(row["least_p"])),
     ]
     return [
-        f"Of {cells.total()} cells of claims about runs: {told}.",
+        f"Of {cells.total()} cells of claims about runs: {text}.",
         ResultTable(claim_rows(studies), columns).markdown(),
         "Side: whether the runs lie on that of the claim. Least p: the smallest that so many runs "
         f"can give; cells in which it is not below {LEVEL:g} are not counted by Holm's correction.",

@@ -40,7 +40,7 @@ class Ran:
     Attributes:
         row: of the table of runs.
         lengths: the mean episode length at every evaluation, in order.
-        label: what its experiment varies, as its file says it.
+        label: the varying settings of its experiment, as in the file.
     """
 
     row: Mapping[str, Any]
@@ -53,27 +53,27 @@ class Ran:
         return int(self.row["seed"])
 
     def number(self, column: str) -> float:
-        """A figure of the table of runs; ValueError where this run has none."""
+        """A value of the table of runs; ValueError if this run has none."""
         value = self.row.get(column)
         check(
             value is not None,
-            f"run {self.row.get('run')}: {column} is not known in this task, and a rule asks for "
-            "it; decide the claim by another rule",
+            f"run {self.row.get('run')}: {column} is not known in this task, but the rule of a "
+            "claim needs it; use another rule",
         )
         return float(value)  # type: ignore[arg-type]
 
     @property
     def distance(self) -> float:
-        """How far from the optimum: the gap without its sign in per cent; of self-play NashConv."""
+        """The absolute gap to the optimum in per cent; NashConv for self-play."""
         gap = self.row.get("optimality_gap")
         return 100.0 * abs(gap) if gap is not None else self.number("nash_conv")
 
 
 def diverged(run: Ran) -> bool:
-    """Whether more than half of the starts stay unsolved, and nothing falls in the last third.
+    """Whether most starts are unsolved, and episode lengths do not fall in the last third.
 
-    Falling: the mean of the second half of the last third of the evaluations lies below that of its
-    first half by more than `FALL` of the time limit.
+    They fall if the mean of the second half of the last third of the evaluations is below that of
+    the first half by more than `FALL` of the time limit.
     """
     if not run.number("unsolved_share") > 0.5:
         return False
@@ -85,9 +85,9 @@ def diverged(run: Ran) -> bool:
 
 
 def worse_by(run: Ran, to: str) -> float:
-    """By how many per cent a run is worse than a reference; below 0 where it is better.
+    """By how many per cent a run is worse than a reference; negative if it is better.
 
-    Whoever wants to be long in the game (an evader) is worse where it is short.
+    Evaders maximise episode length, so shorter episodes are worse.
     """
     steps, reference = run.number("mean_steps"), run.number(TO[to])
     sign = -1.0 if run.row.get("role") == "evader" else 1.0
@@ -95,13 +95,13 @@ def worse_by(run: Ran, to: str) -> float:
 
 
 def part_of(run: Ran, part: str) -> float:
-    """How many per cent of a run's gap are one of its parts (`PARTS`).
+    """The share of one part (`PARTS`) in the gap of a run, in per cent.
 
-    "floor" is that of the objective, "loops" what the unsolved starts add to the gap of the solved
-    ones, "learning" the rest. 0 where there is no gap at all.
+    "floor" is the objective gap, "loops" the gap added by unsolved starts, "learning" the rest.
+    0 if there is no gap.
     """
     gap, solved = run.number("optimality_gap"), run.number("solved_gap")
-    floor = run.number("objective_floor")
+    floor = run.number("objective_gap")
     parts = {"floor": floor, "loops": gap - solved, "learning": solved - floor}
     return 100.0 * parts[part] / gap if gap > 0.0 else 0.0
 
@@ -124,7 +124,7 @@ RULES = (*THRESHOLDS, *COMPARISONS)
 
 
 def value_of(run: Ran, claim: Any) -> float:
-    """The number of a run that a claim is about, in per cent; of self-play NashConv."""
+    """The value of a run that a claim is about, in per cent; NashConv for self-play."""
     if claim.rule in ("diverges", "learns"):
         return 100.0 * run.number("unsolved_share")
     if claim.rule in ("part_above", "part_below"):
@@ -140,9 +140,9 @@ class CellTest:
     """A test of one cell.
 
     Attributes:
-        p: two-sided; nan where nothing was tested.
-        supports: whether the runs lie on the side of the claim.
-        least: the smallest p that so many runs can give, whatever they end with.
+        p: two-sided; nan if nothing was tested.
+        supports: whether the direction is that of the claim.
+        least: the smallest p that is possible with so many runs.
     """
 
     p: float = float("nan")
@@ -153,8 +153,7 @@ class CellTest:
 def threshold_test(meets: Sequence[bool]) -> CellTest:
     """The sign test: whether more than half of all runs of a setting would meet a rule.
 
-    Exact (binomial) and free of assumptions on how the runs are distributed, so a few runs that
-    fail altogether do not mislead it. It is the permutation test of the signs.
+    Exact (binomial), without assumptions on the distribution, so it is robust to a few failed runs.
 
     Args:
         meets: of each run; at least one.

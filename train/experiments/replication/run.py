@@ -1,4 +1,4 @@
-"""Carrying studies out: settings first, then every study's runs; what is done is not done again."""
+"""Execution of a replication: the search for settings, then the runs of every study."""
 
 from __future__ import annotations
 
@@ -30,19 +30,19 @@ from train.settings.checks import check
 
 TUNING, STUDIES, RULES_KEPT = "tuning", "studies", "rules.json"
 SETTINGS = "settings"
-"""What the search is called."""
+"""The name of the search."""
 Tell = Callable[[str], None]
 Watched = Callable[[Study], Callable[[dict[str, str], dict[str, float]], None]]
-"""Makes what is told how far the runs of a sweep are."""
+"""Makes the progress callback of a study."""
 
 
 def folder_of(study: Experiment, out: Path) -> Path:
-    """Where the runs of a study are."""
+    """The folder of a study."""
     return out / STUDIES / study.id
 
 
 def keep_rules(plan: Replication, out: Path) -> None:
-    """Write down, before the first run, by which rules the claims are to be decided."""
+    """Write the rules that decide the claims to a file, before the first run."""
     path = out / RULES_KEPT
     kept = read_json(path) if path.exists() else {}
     now = datetime.now(UTC).isoformat(timespec="seconds")
@@ -53,36 +53,36 @@ def keep_rules(plan: Replication, out: Path) -> None:
 
 
 def rules_of(claims: Sequence[Claim]) -> list[Table]:
-    """Claims as they are decided: all but our reading of the outcome."""
+    """Claims as plain values, without the interpretations of their results."""
     plain: list[Table] = msgspec.to_builtins(claims)
     return [{name: value for name, value in claim.items() if name != "cause"} for claim in plain]
 
 
 def changed_rules(study: Experiment, out: Path) -> str:
-    """What is to be said of a study whose rules are not those that its runs began with."""
+    """A note if the rules of a study were changed after its first run; else empty."""
     path = out / RULES_KEPT
     kept = read_json(path).get(study.id) if path.exists() else None
     if kept is None:
         return ""
-    with contextlib.suppress(msgspec.ValidationError):  # of a form that claims no longer have
+    with contextlib.suppress(msgspec.ValidationError):  # claims of an older format
         before = msgspec.convert(kept["claims"], list[Claim])
         if rules_of(before) == rules_of(study.claims):
             return ""
-    return f"The rules of this study were changed after its runs had begun ({kept['written']})."
+    return f"The rules of this study were changed after its first run ({kept['written']})."
 
 
 def carry_out(plan: Replication, out: Path, workers: int, tell: Tell, watched: Watched) -> bool:
-    """Do all that is not done yet; whether everything ended well.
+    """Execute all runs that are not complete; returns whether all succeeded.
 
     Args:
-        plan: what is to be done.
-        out: the folder of the replication.
-        workers: runs at a time, each on a core of its own.
-        tell: is told what comes next.
-        watched: makes the watch of a sweep.
+        plan: the replication.
+        out: its folder.
+        workers: parallel runs, one core each.
+        tell: called with the title of the next stage.
+        watched: makes the progress callback of a study.
 
     Raises:
-        ValueError: a folder that holds something else.
+        ValueError: a folder with other contents.
         KeyboardInterrupt: once the runs have saved.
     """
     check(not out.is_file(), f"{out}: a file; give a folder")
@@ -92,7 +92,7 @@ def carry_out(plan: Replication, out: Path, workers: int, tell: Tell, watched: W
     for stage in stages(plan, out):
         tell(f"{stage.name}: {stage.title}")
         if stage.tuned and not tuned:
-            tell("left out: trials of the settings that it needs have failed")
+            tell("skipped: trials of the search for its settings have failed")
             continue
         done = do_runs(stage.runs, stage.folder, workers, watched)
         tuned = done if stage.name == SETTINGS else tuned
@@ -101,8 +101,8 @@ def carry_out(plan: Replication, out: Path, workers: int, tell: Tell, watched: W
 
 
 class Stage(NamedTuple):
-    """A study of a replication: its name and title, whether it needs the settings that the search
-    found, its runs and their folder."""
+    """A study of a replication: name, title, whether it needs settings of the search, runs and
+    folder."""
 
     name: str
     title: str
@@ -112,8 +112,7 @@ class Stage(NamedTuple):
 
 
 def stages(plan: Replication, out: Path) -> Iterator[Stage]:
-    """What there is to do, one after the other: the search, then every study with the settings that
-    were found by then."""
+    """The search, then every study, with the settings found so far."""
     if plan.tuning is not None:
         title = "as many trials for every algorithm"
         yield Stage(SETTINGS, title, False, tuning_sweep(plan), out / TUNING)
@@ -124,12 +123,12 @@ def stages(plan: Replication, out: Path) -> Iterator[Stage]:
 
 
 def planned_sweep(study: Experiment, plan: Replication, out: Path) -> Study:
-    """The runs of a study with the settings that the search has found so far."""
+    """The runs of a study with the settings found so far."""
     return sweep_of(study, plan, tuned_settings(plan, out))
 
 
 def do_runs(runs: Study, folder: Path, workers: int, watched: Watched) -> bool:
-    """Do the runs that are not done, and write their report; whether all are complete."""
+    """Execute incomplete runs and write their report; returns whether all are complete."""
     written = (folder / "report" / "report.md").exists()
     if written and {"complete"} == set(statuses_of(runs, folder).values()):
         return True

@@ -1,4 +1,4 @@
-"""How two sides stand: exploitability, everybody against everybody, best responses."""
+"""Metrics of self-play: exploitability, matches between all policies, best responses."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ MAX_GAME_CELLS = 256
 
 
 def exploited(task: Task, chaser: Policy, evader: Policy, discount: float) -> dict[str, float]:
-    """The columns of the exact exploitability in discounted steps; none where it is not known.
+    """The columns of the exact exploitability in discounted steps; empty if it is not computed.
 
-    In mazes above `MAX_GAME_CELLS` cells "nash_conv" alone, which needs no value of the game.
+    In mazes above `MAX_GAME_CELLS` cells only "nash_conv", which does not need the game's value.
     """
     if is_exact(task, chaser, evader):
         maze = task.mazes[0]
@@ -51,8 +51,8 @@ def exploited(task: Task, chaser: Policy, evader: Policy, discount: float) -> di
     }
 
 
-def told_row(row: Mapping[str, float]) -> list[str]:
-    """The figures of an evaluation in words: exploitability, steps, and both sides against A*."""
+def format_row(row: Mapping[str, float]) -> list[str]:
+    """The metrics of an evaluation as text: exploitability, steps, both sides against A*."""
     parts = []
     if "nash_conv" in row:
         parts.append(f"NashConv {row['nash_conv']:6.3f}")
@@ -68,8 +68,8 @@ def told_row(row: Mapping[str, float]) -> list[str]:
     return parts
 
 
-def scripted_beside(task: Task) -> tuple[str, ...]:
-    """The scripted agents that stand beside the learned ones: optimal only where it is so."""
+def scripted_references(task: Task) -> tuple[str, ...]:
+    """The scripted agents to compare with; "optimal" only if it is exactly optimal here."""
     solved = all(why_not_optimal(task, role) is None for role in ROLES) and (
         task.max_cells <= MAX_GAME_CELLS if task.is_duel else work_of(task) <= MAX_EXACT_WORK
     )
@@ -79,7 +79,7 @@ def scripted_beside(task: Task) -> tuple[str, ...]:
 def matches(
     task: Task, players: Mapping[str, Mapping[str, Policy]], episodes: int
 ) -> list[dict[str, Any]]:
-    """Everybody against everybody, of the players of both roles by name."""
+    """All chasers against all evaders, given as policies by role and name."""
     return [
         {"chaser": c, "evader": e, **asdict(match(task, chaser, evader, episodes))}
         for c, chaser in players["chaser"].items()
@@ -92,7 +92,7 @@ def exact_best_responses(
 ) -> dict[str, float]:
     """Mean steps of the exact best response to each learned side, the chasers as one player.
 
-    {"against_evader": steps, ...}; `tell` hears what it is at, and its share in [0, 1].
+    {"against_evader": steps, ...}; `tell` is called with a description and the progress in [0, 1].
     """
     found = {}
     for number, (role, policy) in enumerate(learned.items()):
@@ -103,10 +103,10 @@ def exact_best_responses(
 
 
 def whole_game(task: Task, pair: Mapping[str, Policy], discount: float) -> dict[str, Any]:
-    """NashConv of a game of teams or with goals, each side one player, in what the sides are paid.
+    """Exact NashConv of a game of teams or with goals, in returns, with each side as one player.
 
-    Exact, of the game without an end in time: {"nash_conv": ..., "returns": by role, "gains": by
-    role}. Empty where the game is too large (`joint_work`), hides something, or pays by a function.
+    Without time limit: {"nash_conv": ..., "returns": by role, "gains": by role}. Empty if the game
+    is too large (`joint_work`), partially observable, or has a user-defined reward function.
     """
     seats = range(task.num_agents)
     if (

@@ -1,4 +1,4 @@
-"""The runs of an ablation, arm by arm, as learning curves to the exact optimum."""
+"""Learning curves of the runs of an ablation, by variant, as gaps to the exact optimum."""
 
 from __future__ import annotations
 
@@ -19,26 +19,26 @@ NAN = float("nan")
 
 @dataclass(frozen=True)
 class Curve:
-    """One run, evaluated at the final difficulty throughout.
+    """The curve of one run, always evaluated at the final difficulty.
 
     Attributes:
         seconds, frames: [evaluations] of training.
         shortfall: [evaluations] per cent by which it is worse than the exact optimum: more steps,
             or for an evader fewer.
         optimality: [evaluations] in [0, 1]: optimum / steps, or for an evader steps / optimum.
-        lesson: [evaluations] mean of what was trained on since the evaluation before; NaN without a
+        stage: [evaluations] mean of what was trained on since the evaluation before; NaN without a
             curriculum.
         final: per cent short of the optimum in the final evaluation.
         seed, task: whose.
         on_hardest: [evaluations] of the frames of the episodes that ended since the evaluation
-            before, the share in the hardest lesson; NaN as `lesson`.
+            before, the share in the hardest stage; NaN as `stage`.
     """
 
     seconds: NDArray[np.float64]
     frames: NDArray[np.float64]
     shortfall: NDArray[np.float64]
     optimality: NDArray[np.float64]
-    lesson: NDArray[np.float64]
+    stage: NDArray[np.float64]
     on_hardest: NDArray[np.float64]
     final: float
     seed: int
@@ -46,40 +46,40 @@ class Curve:
 
     @property
     def settled_at(self) -> int:
-        """Which evaluation was the first on whose lesson training stayed; -1 without lessons."""
-        last = self.lesson[-1]
+        """The first evaluation of the last stage; -1 without a curriculum."""
+        last = self.stage[-1]
         if np.isnan(last):
             return -1
-        other = np.flatnonzero(~np.isclose(self.lesson, last))
+        other = np.flatnonzero(~np.isclose(self.stage, last))
         return int(other[-1]) + 1 if len(other) else 0
 
     @property
     def settled(self) -> float:
-        """The share of the frames that were spent on the hardest lesson; NaN without lessons."""
+        """Share of the frames spent on the hardest stage; NaN without a curriculum."""
         spent, known = np.diff(self.frames, prepend=0.0), np.isfinite(self.on_hardest)
         if not known.any():
             return NAN
         return float(np.average(self.on_hardest[known], weights=spent[known]))
 
     def time(self, unit: str) -> NDArray[np.float64]:
-        """[evaluations]: frames in millions, or seconds, as axes have them."""
+        """[evaluations] values for an axis: frames in millions, or seconds."""
         return time_scale(unit) * (self.frames if unit == "frames" else self.seconds)
 
 
-Arms = dict[str, list[Curve]]
+VariantCurves = dict[str, list[Curve]]
 
 
 def curve_of(row: Row, evaluations: list[Row], x: str | None) -> Curve:
-    """The curve of a complete run; ValueError where the optimum of its task is not known."""
+    """The curve of a complete run; ValueError if the optimum of its task is not known."""
     check(
         row["objective"] == "mean_steps",
-        f"{row['run']}: it is judged by {row['objective']}, and an ablation is measured by the gap "
-        "in steps; take a runner alone, or a chase",
+        f"{row['run']}: scored by {row['objective']}, and an ablation by the gap in steps; use a "
+        "single runner, or a chase",
     )
     check(
         row.get("optimality_gap") is not None,
-        f"{row['run']}: the exact optimum of its task is not known, and an ablation is measured "
-        "against it; take a task with one (a runner alone, or one chaser against one evader)",
+        f"{row['run']}: the exact optimum of its task is not known, and an ablation needs it; use "
+        "a single runner, or one chaser against one evader",
     )
     evader = str(row["role"]).startswith("evader") and row["num_goals"] in (None, 0)
     sign = -1.0 if evader else 1.0
@@ -93,7 +93,7 @@ def curve_of(row: Row, evaluations: list[Row], x: str | None) -> Curve:
         column("frames"),
         100.0 * sign * gap,
         1.0 + gap if evader else 1.0 / (1.0 + gap),
-        column("lesson"),
+        column("stage"),
         column("on_hardest"),
         100.0 * sign * float(row["optimality_gap"]),
         int(row["seed"]),
@@ -101,19 +101,18 @@ def curve_of(row: Row, evaluations: list[Row], x: str | None) -> Curve:
     )
 
 
-def arms_of(study: FinishedStudy) -> Arms:
-    """The curves of every arm that has some, in the order of the file."""
+def curves_by_variant(study: FinishedStudy) -> VariantCurves:
+    """The curves of every variant with complete runs, in the order of the file."""
     hints = study.hints
-    check(hints.x == study.x, f"{HINTS}: not that of this ablation; run `pursuit ablate` again")
-    arms: Arms = {name: [] for name in hints.arms}
+    check(hints.x == study.x, f"{HINTS}: not of this ablation; run `pursuit ablate` again")
+    variants: VariantCurves = {name: [] for name in hints.variants}
     for row in study.rows:
         curve = curve_of(row, study.by_run[row["run"]], hints.x)
-        arms.setdefault(row["variant"], []).append(curve)
-    return {name: curves for name, curves in arms.items() if curves}
+        variants.setdefault(row["variant"], []).append(curve)
+    return {name: curves for name, curves in variants.items() if curves}
 
 
 def strata(curves: Sequence[Curve], tasks: set[str] | None = None) -> list[list[Curve]]:
-    """The curves of each task, in the order of the tasks' names; by default of the tasks that the
-    curves have."""
+    """The curves of each task, sorted by task; by default of all tasks of the curves."""
     tasks = {curve.task for curve in curves} if tasks is None else tasks
     return [[curve for curve in curves if curve.task == task] for task in sorted(tasks)]

@@ -1,9 +1,9 @@
-"""Policies that others trained: saved Stable-Baselines3 models in any seat.
+"""Saved Stable-Baselines3 models as policies.
 
-A model file of Stable-Baselines3 is a zip whose settings are partly pickled, and loading those runs
-code. So what is loaded here is the weights alone (`torch.load(weights_only=True)`), into a policy
-whose layers the shapes of the weights tell. Its task and observation stand in a description beside
-the model, which the recipes write; for a model that `model.save()` wrote they are arguments.
+A model file of Stable-Baselines3 is a zip with partly pickled settings, and loading those runs
+code. So only the weights are loaded (`torch.load(weights_only=True)`), into a policy with layers
+derived from their shapes. Task and observation are in a description file next to the model, which
+the recipes write; for a model of `model.save()` they are arguments.
 """
 
 from __future__ import annotations
@@ -117,7 +117,7 @@ def load_stable_baselines(
         f"{path}: its description {where.name} is not beside it; give the task and "
         "what the model observed in training (--observation of pursuit evaluate, "
         "--opponent-observation of an opponent), or save it "
-        "with train.runs.third_party.save_stable_baselines",
+        "with train.runs.stable_baselines.save_stable_baselines",
     )
     assert task is not None and agent is not None and observation is not None
     seat = Seat(task, agent, observation, mask_bumps)
@@ -131,11 +131,11 @@ def load_stable_baselines(
 
 
 def _policy_in(path: Path, seat: Seat) -> Any:
-    """The policy in the zip of a model, of the layers that the shapes of its weights tell.
+    """The policy in the zip of a model, with layers derived from the shapes of the weights.
 
     Raises:
         ImportError: Stable-Baselines3 is not installed.
-        ValueError: a damaged file, or weights for another seat.
+        ValueError: a damaged file, or weights for another agent or observation.
     """
     try:
         from stable_baselines3.common.policies import ActorCriticPolicy
@@ -156,7 +156,7 @@ def _policy_in(path: Path, seat: Seat) -> Any:
         policy.load_state_dict(weights)
     except (RuntimeError, TypeError):  # torch lists every weight
         raise ValueError(
-            f"{path}: its weights are not for observation={seat.encoding!r} of {seat.agent} in "
+            f"{path}: its weights do not match observation={seat.encoding!r} of {seat.agent} in "
             f"task {task.name!r} on maze {task.mazes[0].name}; give those of its training"
         ) from None
     policy.set_training_mode(False)
@@ -173,17 +173,17 @@ def _weights_in(path: Path) -> dict[str, Any]:
         with zipfile.ZipFile(path) as file:
             part = file.getinfo("policy.pth")
             check(part.file_size <= path.stat().st_size, "compressed")
-            content = io.BytesIO(file.read(part))  # which compares its checksum
-    except Exception:  # zipfile raises whatever the bytes lead it to
-        raise ValueError(f"{path}: damaged, or no saved model; {RESTORE}") from None
+            content = io.BytesIO(file.read(part))  # which verifies its checksum
+    except Exception:  # zipfile can raise anything for damaged bytes
+        raise ValueError(f"{path}: damaged, or not a saved model; {RESTORE}") from None
     weights = loaded(content, path)
     fits = isinstance(weights, dict) and all(isinstance(w, torch.Tensor) for w in weights.values())
-    check(fits, f"{path}: damaged, its weights are no tensors by name; {RESTORE}")
+    check(fits, f"{path}: damaged, its weights are not tensors by name; {RESTORE}")
     return dict(weights)
 
 
 def _layers_of(path: Path, weights: dict[str, torch.Tensor]) -> list[int] | dict[str, list[int]]:
-    """The widths of the hidden layers: of DQN's values, or of policy and value apart.
+    """The widths of the hidden layers: of DQN's values, or separately of policy and value.
 
     Raises:
         ValueError: another kind of network.
@@ -198,35 +198,35 @@ def _layers_of(path: Path, weights: dict[str, torch.Tensor]) -> list[int] | dict
         return values[:-1]
     check(
         "action_net.weight" in weights,
-        f"{path}: no network of PPO, A2C or DQN with an MlpPolicy; other models fill a seat as "
-        "policies of your own",
+        f"{path}: not a network of PPO, A2C or DQN with an MlpPolicy; use other models as "
+        "user-defined policies",
     )
     return layers
 
 
 def _activation_in(path: Path) -> type[torch.nn.Module] | None:
-    """The activation function that stands in the zip of a model, as text; None if none was given.
+    """The activation function in the zip of a model; None if none is recorded.
 
     Raises:
-        ValueError: one that is not of torch, or another extractor of features.
+        ValueError: one that is not in torch.nn, or a custom feature extractor.
     """
     try:
         with zipfile.ZipFile(path) as file:
             given = json.loads(file.read("data")).get("policy_kwargs", {})
         text = str(given.get("activation_fn", ""))
         extractor = str(given.get("features_extractor_class", "FlattenExtractor"))
-    except Exception:  # zipfile and json raise whatever the bytes lead them to
+    except Exception:  # zipfile and json can raise anything for damaged bytes
         raise ValueError(f"{path}: damaged, its settings cannot be read; {RESTORE}") from None
     check(
         "FlattenExtractor" in extractor,
-        f"{path}: features_extractor_class={extractor}; only an MlpPolicy without one can be read",
+        f"{path}: features_extractor_class={extractor}; only an MlpPolicy without one is supported",
     )
     if not text:
         return None
     name = re.fullmatch(r"<class 'torch\.nn\.modules\.activation\.(\w+)'>", text)
     check(
         name is not None and hasattr(torch.nn, name[1]),
-        f"{path}: activation_fn={text}; one of torch.nn, such as ReLU or Tanh, can be read",
+        f"{path}: activation_fn={text}; only those of torch.nn, such as ReLU, are supported",
     )
     assert name is not None
     found: type[torch.nn.Module] = getattr(torch.nn, name[1])

@@ -1,4 +1,4 @@
-"""Exams: how far the learner, as it is now, falls short of the optimum in some mazes, exactly."""
+"""Exact scores of mazes: how far the current policy is from the optimum in each of them."""
 
 from __future__ import annotations
 
@@ -25,22 +25,22 @@ from train.settings.checks import check
 REGRET, LEARNABILITY = "regret", "learnability"
 
 
-class Exam:
-    """Marks for mazes of a task: exact, over all starts and all chance, without playing a step.
+class RegretScorer:
+    """Scores mazes of a task exactly, over all starts and random events, without simulation.
 
-    - "regret": how far the mean steps fall short of the optimum of that maze, as a share of it.
-    - "learnability": the mean over starts of p(1 - p), p the chance that an episode from there is
-      won (Rutherford et al., 2024; there of whole levels, by playing).
+    - "regret": the relative difference of the mean steps to the optimum in that maze.
+    - "learnability": the mean over starts of p(1 - p), p the success probability from that start
+      (Rutherford et al., 2024, estimate it for whole levels by simulation).
 
     Args:
         task: with all mazes of the training games.
-        agent: who learns, by name or role.
-        opponents: the policy of every other role; they stay as they are.
+        agent: the learning agent, by name or role.
+        opponents: the fixed policy of every other role.
         mark: "regret" or "learnability".
 
     Raises:
-        ValueError: a task whose policies are not solved: neither a runner with one goal nor a duel
-            against a policy that is known.
+        ValueError: a task that cannot be solved: neither a runner with one goal nor a duel
+            against a policy with a table.
     """
 
     def __init__(
@@ -51,21 +51,21 @@ class Exam:
         self.opponent = opponents.get(other_role(self.role))
         check(
             is_solvable(task, self.opponent),
-            f"exact regrets are known of a runner with one goal and of duels against policies that "
-            f"are tables, at random starts, and task {task.name!r} with these agents is neither; "
-            "take level-replay or learnability, or num_goals=1",
+            f"exact regret is known for a runner with one goal and for duels against policies with "
+            f"tables, at random starts, and task {task.name!r} with these agents is neither; use "
+            "level-replay or learnability, or num_goals=1",
         )
         self._optima: dict[int, float] = {}
 
     def marks(self, policy: Any, mazes: NDArray[np.int64]) -> NDArray[np.float64]:
-        """[mazes] float64, at least 0, of the mazes of these numbers.
+        """[mazes] float64, at least 0, the scores of the mazes with these indices.
 
         Raises:
-            ValueError: a policy that is not known at all cells, as one that remembers.
+            ValueError: a policy without a table, such as one with memory.
         """
         check(
             is_known(policy),
-            "an exact regret needs a policy that is a function of what it sees; this one remembers",
+            "an exact regret needs a policy without memory; leave out recurrent and frame_stack",
         )
         part = replace(self.task, maze=tuple(self.task.mazes[number] for number in mazes))
         others = opponent_tables(self.opponent, part, self.seat)
@@ -84,7 +84,7 @@ class Exam:
         return marks
 
     def optimum(self, number: int) -> float:
-        """The mean steps of the best play in a maze."""
+        """The mean steps of the optimal policy in a maze."""
         if number not in self._optima:
             task, maze = self.task, self.task.mazes[number]
             least = task.min_start_distance

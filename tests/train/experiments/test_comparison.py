@@ -1,4 +1,4 @@
-"""The race: it runs to its report, resumes, refuses bad files."""
+"""The comparison: it runs to its report, resumes, refuses bad files."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from train.commands.main import main
 from train.experiments import executors
 from train.experiments.comparison.contestants import CONTESTANTS, settings_of
 from train.experiments.comparison.library_run import LibraryRun, learn, world_and_contest
-from train.experiments.comparison.plan import FILES, copy_of, load_race
-from train.experiments.comparison.report import median_of, race_report, reached
-from train.experiments.comparison.run import Result, result_of, run_race
-from train.experiments.study import OUTCOME, Study, Told
+from train.experiments.comparison.plan import FILES, copy_of, load_comparison
+from train.experiments.comparison.report import comparison_report, median_of, reached
+from train.experiments.comparison.run import Result, result_of, run_comparison
+from train.experiments.study import OUTCOME, Study, Watch
 from train.settings.task import TaskSettings
 
 pytest.importorskip("stable_baselines3")
@@ -54,7 +54,7 @@ def written(folder: Path, text: str = TINY) -> str:
     return str(path)
 
 
-def unwatched(study: Study) -> Told:
+def unwatched(study: Study) -> Watch:
     return lambda statuses, progress: None
 
 
@@ -62,25 +62,25 @@ def outcomes(out: Path) -> list[Path]:
     return list(out.rglob(OUTCOME))
 
 
-# -- a race ----------------------------------------------------------------------------------------
+# -- a comparison --------------------------------------------------------------------------------
 
 
 def test_a_tiny_race_runs_to_its_report_and_does_nothing_twice(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    race = load_race(written(tmp_path))
-    standing = run_race(race, tmp_path / "out", unwatched, workers=0)
-    assert len(outcomes(tmp_path / "out")) == sum(race.count()) == 4 + 4
+    plan = load_comparison(written(tmp_path))
+    outcome = run_comparison(plan, tmp_path / "out", unwatched, workers=0)
+    assert len(outcomes(tmp_path / "out")) == sum(plan.count()) == 4 + 4
     # The settings raced with are those of the trial with the least score.
-    for (task, name), number in standing.chosen.items():
-        scores = [standing.scores[task, name, trial][0] for trial in range(2)]
+    for (task, name), number in outcome.chosen.items():
+        scores = [outcome.scores[task, name, trial][0] for trial in range(2)]
         assert number == int(np.argmin([np.inf if s is None else s for s in scores]))
-        final = standing.finals[task, name, 0]
+        final = outcome.finals[task, name, 0]
         assert final is not None
-        assert final.settings["learning_rate"] == race.trials[number]["learning_rate"]
+        assert final.settings["learning_rate"] == plan.trials[number]["learning_rate"]
         assert final.settings["minibatch_size"] <= 64  # a rollout
         assert [p["frames"] for p in final.points] == [64.0, 128.0, 192.0, 256.0]
-    report = race_report(race, standing, tmp_path / "out")
+    report = comparison_report(plan, outcome, tmp_path / "out")
     text = report.read_text(encoding="utf-8")
     for word in ("First to each gap", "Stable-Baselines3", "learning_rate", "3x3", "Processor"):
         assert word in text
@@ -92,8 +92,8 @@ def test_a_tiny_race_runs_to_its_report_and_does_nothing_twice(
 
     # Once more: nothing is done, and what it says is the same.
     monkeypatch.setattr(executors, "JobHere", pytest.fail)
-    again = run_race(race, tmp_path / "out", unwatched, workers=0)
-    assert again == standing
+    again = run_comparison(plan, tmp_path / "out", unwatched, workers=0)
+    assert again == outcome
 
 
 def test_a_bout_that_fails_is_told_of_and_tried_again(
@@ -103,15 +103,15 @@ def test_a_bout_that_fails_is_told_of_and_tried_again(
         raise RuntimeError("no luck")
 
     alone = TINY.replace('"ours", "stable-baselines3"', '"ours"')
-    race = load_race(written(tmp_path, alone))
+    plan = load_comparison(written(tmp_path, alone))
     entry = CONTESTANTS["ours"]
     monkeypatch.setitem(CONTESTANTS, "ours", replace(entry, build=broken))
     with pytest.raises(ValueError, match=r"ours failed in every trial on 'runner, 2x2'"):
-        run_race(race, tmp_path / "out", unwatched, workers=0)
+        run_comparison(plan, tmp_path / "out", unwatched, workers=0)
     errors = list((tmp_path / "out" / "trials").rglob("error.txt"))
     assert len(errors) == 2 and "no luck" in errors[0].read_text(encoding="utf-8")
     monkeypatch.setitem(CONTESTANTS, "ours", entry)
-    run_race(race, tmp_path / "out", unwatched, workers=0)
+    run_comparison(plan, tmp_path / "out", unwatched, workers=0)
     assert not list((tmp_path / "out" / "trials").rglob("error.txt"))
 
 
@@ -119,15 +119,15 @@ def test_one_seed_is_one_seed(tmp_path: Path) -> None:
     text = TINY.replace('"ours", "stable-baselines3"', '"ours"').replace(
         "seeds = [0, 1]", "seeds = [0]"
     )
-    race = load_race(written(tmp_path, text.replace("trials = 2", "trials = 1")))
-    standing = run_race(race, tmp_path / "out", unwatched, workers=0)
-    told = race_report(race, standing, tmp_path / "out").read_text(encoding="utf-8")
+    plan = load_comparison(written(tmp_path, text.replace("trials = 2", "trials = 1")))
+    outcome = run_comparison(plan, tmp_path / "out", unwatched, workers=0)
+    told = comparison_report(plan, outcome, tmp_path / "out").read_text(encoding="utf-8")
     assert "Seeds: 0;" in told and "Trials: 1," in told
 
 
 def test_damaged_results_are_refused_by_name(tmp_path: Path) -> None:
     (tmp_path / OUTCOME).write_text(json.dumps({"points": []}), encoding="utf-8")
-    with pytest.raises(ValueError, match=r"does that run again"):
+    with pytest.raises(ValueError, match=r"repeats that run"):
         result_of(tmp_path)
 
 
@@ -136,14 +136,14 @@ def test_a_folder_of_the_form_before_is_refused(tmp_path: Path) -> None:
     (tmp_path / "out" / "trials").mkdir(parents=True)
     (tmp_path / "out" / "trials" / "ours-2x2-seed1000000-0123456789.json").write_text("{}")
     with pytest.raises(ValueError, match=r"trials: not empty, .*; give a new folder"):
-        run_race(load_race(written(tmp_path)), tmp_path / "out", unwatched, workers=0)
+        run_comparison(load_comparison(written(tmp_path)), tmp_path / "out", unwatched, workers=0)
 
 
 @pytest.mark.slow
 def test_the_command_races_in_processes_of_its_own(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    main(["race", written(tmp_path), "--out", str(tmp_path / "out"), "--workers", "2"])
+    main(["compare", written(tmp_path), "--out", str(tmp_path / "out"), "--workers", "2"])
     assert "report: " in capsys.readouterr().out
     assert (tmp_path / "out" / "report" / "report.html").is_file()
 
@@ -152,19 +152,19 @@ def test_the_command_races_in_processes_of_its_own(
 
 
 def test_the_shipped_race_is_tuned_on_other_mazes_and_fits_its_time() -> None:
-    race = load_race("ppo")
-    assert race.seconds() is not None and race.seconds() <= 45 * 60  # type: ignore[operator]
-    for on in load_race("ppo", "full").tasks:
+    plan = load_comparison("ppo")
+    assert plan.seconds() is not None and plan.seconds() <= 45 * 60  # type: ignore[operator]
+    for on in load_comparison("ppo", "full").tasks:
         copies = {copy_of(task.maze) for task in (on.task, *on.held_out)}
         assert 3 <= len(on.held_out) <= 5 and len(copies) == 1 + len(on.held_out)
     # Every contestant has the same trials, seeds and budgets, and as many of each.
     alike = {
         name: [
             (job.given | {"contestant": ""}, number)
-            for (_, other, number, _), job in race.trial_jobs().items()
+            for (_, other, number, _), job in plan.trial_jobs().items()
             if other == name
         ]
-        for name in race.contestants
+        for name in plan.contestants
     }
     assert all(each == alike["ours"] for each in alike.values()) and len(alike["ours"]) == 8
     assert {path.stem for path in FILES.glob("*.toml")} == {"ppo"}
@@ -175,7 +175,7 @@ def test_times_are_censored_and_medians_need_more_than_half() -> None:
         {
             "seconds": s,
             "wall_seconds": s,
-            "cpu_seconds": s,
+            "processor_seconds": s,
             "frames": 10 * s,
             "greedy": gap,
             "sampled": 1.0,
@@ -202,13 +202,13 @@ def test_every_contestant_learns_and_is_judged_alike(name: str) -> None:
     found = learn(LibraryRun(name, RUNNER, drawn, 3, None, 200, 50, True))
     points = found["points"]
     assert [point["frames"] for point in points] == [64, 128, 192]  # a fourth would not fit
-    assert all(point["cpu_seconds"] > 0 and point["greedy"] >= 0 for point in points)
+    assert all(point["processor_seconds"] > 0 and point["greedy"] >= 0 for point in points)
     world, contest, optimum = world_and_contest(RUNNER, 50)
     assert found["optimal_steps"] == optimum.mean_steps
     # At the start everybody draws about evenly, whatever it observes.
-    racer = CONTESTANTS[name].build(world, settings_of(name, world, drawn), 3)
-    drawn_from = racer.policy(greedy=False).distribution(world.task, contest.starts().games, 0)
-    racer.close()
+    trainer = CONTESTANTS[name].build(world, settings_of(name, world, drawn), 3)
+    drawn_from = trainer.policy(greedy=False).distribution(world.task, contest.starts().games, 0)
+    trainer.close()
     assert np.allclose(drawn_from.mean(axis=0), 0.25, atol=0.1)
 
 
@@ -229,16 +229,16 @@ def test_a_discount_that_is_drawn_is_that_of_every_contestant() -> None:
     [
         ('"ours", "stable-baselines3"', '"ours", "nobody"', "unknown contestant 'nobody'"),
         ('"ours", "stable-baselines3"', '"ours", "ours"', "give each once"),
-        ('held_out = ["3x3"]', 'held_out = ["2x2"]', "is the maze of the race"),
+        ('held_out = ["3x3"]', 'held_out = ["2x2"]', "is the maze of the comparison"),
         ('held_out = ["3x3"]', "held_out = []", "held_out is empty"),
         ('held_out = ["3x3"]', 'held_out = ["suite:5x5-train"]', "is several mazes"),
         ("num_goals = 1", 'num_goals = 1, colour = "red"', "colour"),
-        ('held_out = ["3x3"]', 'held_out = ["3x3", "4x4", "3x3"]', "'3x3' stands there twice"),
+        ('held_out = ["3x3"]', 'held_out = ["3x3", "4x4", "3x3"]', "'3x3' is given twice"),
         ("width = { choices = [16] }", "breadth = { choices = [16] }", "'breadth'"),
         ("width = { choices = [16] }", "pairs = { choices = [true] }", "'pairs'; those that every"),
         ("width = { choices = [16] }", "shared = { choices = [true] }", "'shared'; those that"),
         ("width = { choices = [16] }", "samples = 3", "'samples'; those that every contestant"),
-        ("width = { choices = [16] }", "seed = 3", "'seed'; those that every contestant obeys"),
+        ("width = { choices = [16] }", "seed = 3", "'seed'; the settings that every contestant"),
         ("width = { choices = [16] }", "width = { choices = [0] }", "width=0"),
         (
             "width = { choices = [16] }",
@@ -275,7 +275,7 @@ def test_bad_files_are_refused_in_a_line(tmp_path: Path, old: str, new: str, wor
     text = TINY.replace(old, new, 1)
     assert text != TINY
     with pytest.raises(ValueError, match=words.replace("[", r"\[")) as refused:
-        load_race(written(tmp_path, text))
+        load_comparison(written(tmp_path, text))
     assert "tiny.toml" in str(refused.value)
 
 
@@ -284,17 +284,17 @@ def test_an_evader_cannot_race(tmp_path: Path) -> None:
         'task = "maze", maze = "2x2", num_goals = 1',
         'task = "chase", role = "evader", maze = "2x2"',
     )
-    with pytest.raises(ValueError, match="needs an exact optimum and few steps to be good"):
-        load_race(written(tmp_path, text))
+    with pytest.raises(ValueError, match="needs a known optimum"):
+        load_comparison(written(tmp_path, text))
 
 
 def test_no_such_file_or_version(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(ValueError, match=r"no such race file; shipped are ppo"):
-        load_race("nothing")
+    with pytest.raises(ValueError, match=r"no such comparison file; shipped are ppo"):
+        load_comparison("nothing")
     with pytest.raises(ValueError, match="short or full"):
-        load_race("ppo", "medium")
+        load_comparison("ppo", "medium")
     with pytest.raises(ValueError, match="unknown clock 'sun'"):
-        load_race("ppo", clock="sun")
+        load_comparison("ppo", clock="sun")
     with pytest.raises(SystemExit) as stopped:
-        main(["race", "ppo", "--workers", "0"])
+        main(["compare", "ppo", "--workers", "0"])
     assert stopped.value.code == 2 and "workers=0" in capsys.readouterr().err

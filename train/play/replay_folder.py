@@ -1,4 +1,4 @@
-"""Games by hand in a folder: a replay of each."""
+"""A folder with replays of the games of a user."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ PATTERN = "game-*.json"
 
 
 def replay_of(session: Session, name: str) -> Replay:
-    """The present game of a session as a replay; who left it early is no end of it."""
+    """The current game of a session as a replay; a game that the user left is not ended."""
     over = session.simulator
     episode = Episode(
         session.start,
@@ -33,30 +33,29 @@ def replay_of(session: Session, name: str) -> Replay:
     return Replay(session.task, (episode,), title, session.seed, players, own_rewards=own)
 
 
-class Keeper:
-    """Keeps the games of a user in a folder, beside those that are there, and holds the folder.
+class ReplayFolder:
+    """Saves the games of a user as replays in a folder, and locks the folder.
 
     Args:
-        folder: is made if need be.
+        folder: created if it does not exist.
         name: of the user.
 
     Raises:
-        ValueError: an empty name, a folder of something else, or another process that keeps games
-            there.
+        ValueError: an empty name, a folder with other contents, or one that another process uses.
         OSError: the folder cannot be written.
 
     Attributes:
-        added: games that it has kept.
+        added: number of saved games.
     """
 
     def __init__(self, folder: Path, name: str) -> None:
-        check(bool(name.strip()), f"name={name!r}; give one that a page can show")
+        check(bool(name.strip()), f"name={name!r}; give a name that is not empty")
         check_output_folder(folder, lambda folder: any(folder.glob(PATTERN)))
         self.folder, self.name, self.added = folder, name, 0
         self._lock = hold(folder, "game by hand", shared=True)
 
     def keep(self, session: Session) -> None:
-        """Write the game that is over.
+        """Write the finished game.
 
         Raises:
             OSError: it cannot be written.

@@ -1,4 +1,4 @@
-"""A learner in its training games: begun, saved, and put back to where it was."""
+"""The state of training: environment, teacher and learner, built, saved and restored."""
 
 from __future__ import annotations
 
@@ -15,8 +15,10 @@ from train.settings.checks import check
 from train.teaching.teacher import Teacher
 
 
-def begin(parts: Parts, state: dict[str, Any] | None) -> tuple[Any, Teacher | None, Any]:
-    """The games, who teaches in them and the learner, where `state_in_play` left them; None begins.
+def build_env_and_learner(
+    parts: Parts, state: dict[str, Any] | None
+) -> tuple[Any, Teacher | None, Any]:
+    """The environment, the teacher and the learner: new, or restored from a `training_state`.
 
     Raises:
         One of `MISFITS`: a state of other settings.
@@ -24,62 +26,62 @@ def begin(parts: Parts, state: dict[str, Any] | None) -> tuple[Any, Teacher | No
     if state is not None:
         check_learned(parts.algorithm.name, state)
     env, teacher = parts.games()
-    if state is not None:  # before there is a collector, which begins with what it finds
-        put_games(env.simulator, state["simulator"])
+    if state is not None:  # before the learner's collector reads the environment
+        restore_simulator(env.simulator, state["simulator"])
         if teacher is not None:
             teacher.load_state_dict(state["teacher"])
-        put_memories(env, state["memories"])
+        restore_policy_memories(env, state["memories"])
         env.resume = True
     learner = parts.algorithm.build(parts.hyper, env, parts.build)
     if state is not None:
-        check(state["learner"].keys() == learner.state_dict().keys(), "of another learner")
+        check(state["learner"].keys() == learner.state_dict().keys(), "state of another learner")
         learner.load_state_dict(state["learner"])
     return env, teacher, learner
 
 
-def state_in_play(env: Any, teacher: Teacher | None, learner: Any) -> dict[str, Any]:
-    """Learner, teacher and games, with what is remembered of them."""
+def training_state(env: Any, teacher: Teacher | None, learner: Any) -> dict[str, Any]:
+    """The state of learner, teacher and games, with the memories of policies."""
     return {
         "learner": learner.state_dict(),
         "teacher": None if teacher is None else teacher.state_dict(),
-        "simulator": plain_games(env.simulator),
-        "memories": memories_of(env),
+        "simulator": simulator_tensors(env.simulator),
+        "memories": policy_memories(env),
     }
 
 
-def plain_games(simulator: Any) -> dict[str, torch.Tensor]:
-    """The state of the games for a checkpoint: torch has few operations on uint64, so the bits of
-    the random streams travel as int64."""
+def simulator_tensors(simulator: Any) -> dict[str, torch.Tensor]:
+    """The state of the games for a checkpoint; random streams are stored as int64, as torch has
+    few operations on uint64."""
     return {
         name: torch.from_numpy(array.view(np.int64) if array.dtype == np.uint64 else array)
         for name, array in vars(simulator.get_state()).items()
     }
 
 
-def put_games(simulator: Any, saved: dict[str, torch.Tensor]) -> None:
-    """Put what `plain_games` gave of such games into `simulator`, which checks what it takes."""
+def restore_simulator(simulator: Any, saved: dict[str, torch.Tensor]) -> None:
+    """Restore the state of `simulator` from `simulator_tensors`; the simulator checks it."""
     arrays = {name: tensor.numpy() for name, tensor in saved.items()}
     form = type(simulator.get_state())
     simulator.set_state(form(**{**arrays, "streams": arrays["streams"].view(np.uint64)}))
 
 
-# -- what is remembered of games in the middle of an episode --------------------------------------
+# -- memories of policies during an episode -------------------------------------------------------
 
 Memories = dict[str, dict[str, torch.Tensor]]
 
 
-def memories_of(env: Any) -> Memories:
-    """Copies of everything that is remembered, by seat (and opponent) and name."""
+def policy_memories(env: Any) -> Memories:
+    """Copies of all memories, by agent index (and opponent) and name."""
     return {
         place: {name: torch.from_numpy(_plain(array).copy()) for name, array in arrays.items()}
         for place, arrays in _arrays(env)
     }
 
 
-def put_memories(env: Any, saved: Memories) -> None:
-    """Put what `memories_of` gave of such an environment back, before it is stepped.
+def restore_policy_memories(env: Any, saved: Memories) -> None:
+    """Restore `policy_memories` of such an environment, before it is stepped.
 
-    An opponent that is not there any more is passed over; one that was not there begins afresh.
+    Opponents that are missing here are ignored; new ones start with an empty memory.
     """
     for place, arrays in _arrays(env):
         if place in saved:
@@ -88,11 +90,11 @@ def put_memories(env: Any, saved: Memories) -> None:
 
 
 def _arrays(env: Any) -> Iterator[tuple[str, dict[str, NDArray[Any]]]]:
-    """The live arrays by place."""
+    """The memory arrays in use, by agent index (and opponent)."""
     if getattr(env, "stack", None) is not None:
         yield "stack", {"frames": env.frames}
     for seat, policy in enumerate(getattr(env, "policies", ())):
-        # A pool of opponents says which of its members remember.
+        # A pool of opponents lists its members with memory.
         several = getattr(policy, "remembering", None)
         found = {"": policy} if hasattr(policy, "memory") else {}
         for name, one in (found if several is None else several()).items():
@@ -100,5 +102,5 @@ def _arrays(env: Any) -> Iterator[tuple[str, dict[str, NDArray[Any]]]]:
 
 
 def _plain(array: NDArray[Any]) -> NDArray[Any]:
-    """torch has few operations on uint64: its bits travel as int64."""
+    """An array with uint64 viewed as int64, as torch has few operations on uint64."""
     return array.view(np.int64) if array.dtype == np.uint64 else array

@@ -1,4 +1,4 @@
-"""Who plays with a person, and who would play in the person's seat: by name, as everywhere."""
+"""Construction of play sessions: the user's role, its opponents, and the agent to compare with."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ ROLES = ("chaser", "evader")
 
 
 def session_of(settings: TaskSettings, beside: str, seed: int) -> Session:
-    """Games for a person in the seat that the settings name, against whom they name.
+    """A session in which the user plays the role of the settings.
 
     Args:
-        settings: the task; its role is the person's, its opponent plays the other seats.
-        beside: who plays the same starts in the person's seat: astar, optimal, random,
+        settings: the task; the user plays its role, its opponent the other agents.
+        beside: the agent that plays the same starts in the user's place: astar, optimal, random,
             package.module:Name, or the folder of a run.
         seed: of the games.
 
     Raises:
-        ValueError: settings that make no game, or somebody who does not fit in.
+        ValueError: invalid settings, or policies that do not match the task.
     """
     world = GridWorld(settings)
     check_one_maze(world.task, "a game by hand")
@@ -40,10 +40,10 @@ def session_of(settings: TaskSettings, beside: str, seed: int) -> Session:
 
 
 def game_of_run(against: str) -> TaskSettings | None:
-    """The game that a run learned, the other role's seat to be taken; None where `against` is none.
+    """The task of a run with the user in the other role; None if `against` is not a run.
 
     Raises:
-        ValueError: a damaged run, or one of an arm.
+        ValueError: a damaged run, or one of the arm.
     """
     folder = Path(against)
     if not (folder / CONFIG).exists():
@@ -57,7 +57,7 @@ def game_of_run(against: str) -> TaskSettings | None:
 
 
 def of_side(settings: TaskSettings) -> TaskSettings:
-    """The settings with the opponent's own folder, where they name one of both sides."""
+    """The settings with the folder of one side, if the opponent is a run of self-play."""
     folder = Path(str(settings.opponent))
     role = settings.agent.split("_")[0]
     if settings.opponent is None or not is_self_play(folder) or role not in ROLES:
@@ -67,7 +67,7 @@ def of_side(settings: TaskSettings) -> TaskSettings:
 
 
 def name_of(given: str, role: str) -> str:
-    """What an agent is called in results."""
+    """The name of an agent in results."""
     if given == "astar":
         return "nearest goal" if role == "runner" else "A*"
     folder = Path(given)

@@ -1,4 +1,4 @@
-"""A trained network that remembers, in any seat: no function of what is observed now."""
+"""Policies with memory: recurrent networks and stacked observations."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from train.networks.frames import FrameStack, shift
 def probabilities_of(
     logits: torch.Tensor, allowed: NDArray[np.bool_] | None, greedy: bool
 ) -> NDArray[np.float64]:
-    """[..., actions] float64: the distribution played; of a greedy policy all on one action."""
+    """[..., actions] float64: the action probabilities; one-hot for a greedy policy."""
     if allowed is not None:
         logits = masked(logits, torch.from_numpy(allowed).to(logits.device))
     if greedy:
@@ -44,56 +44,53 @@ def chosen_from(
 
 
 def numbers_fit(encoding: str, own: Task, other: Task) -> bool:
-    """Whether cells have numbers alike in two tasks, for encodings whose shape does not tell."""
+    """Whether cell numbers have the same meaning in two tasks, for encodings that contain them."""
     return encoding not in ("index", "positions") or own.max_cells == other.max_cells
 
 
 def check_looks(
     observations: NDArray[Any], shape: tuple[int, ...], own: Task, view: GameView, encoding: str
 ) -> None:
-    """ValueError unless games look like those of a policy's training.
+    """ValueError unless the observations have the form of a policy's training.
 
     Args:
         observations: [games, *shape].
-        shape: of one in its training.
-        own: the task of its training.
+        shape: of an observation in training.
+        own: the task of the training.
         view: of these games.
-        encoding: what is observed.
+        encoding: the observation.
     """
     if not numbers_fit(encoding, own, view.task):
         raise ValueError(
-            f"a policy that observes {encoding!r} in mazes of {own.max_cells} cells; these have "
-            f"{view.task.max_cells}. Mazes must be of the size of those of its training (a policy "
-            "that observes window:R plays in mazes of any size)"
+            f"this policy observes {encoding!r} in mazes of {own.max_cells} cells, and these have "
+            f"{view.task.max_cells}; use mazes of the size of its training, or a policy that "
+            "observes window:R"
         )
     if observations.shape[1:] != shape or view.task.num_actions != own.num_actions:
         raise ValueError(
-            f"a policy for observations of shape {shape} and {own.num_actions} "
-            f"actions; this task gives {observations.shape[1:]} and {view.task.num_actions}. "
-            "Agents must be those of its training, and mazes too, or of the same size (a policy "
-            "that observes window:R plays in mazes of any size)"
+            f"this policy is for observations of shape {shape} and {own.num_actions} actions, and "
+            f"this task has {observations.shape[1:]} and {view.task.num_actions}; use the agents "
+            "and the maze size of its training, or a policy that observes window:R"
         )
 
 
-class RememberingPolicy:
-    """A network that fills a seat and remembers; a `MemoryPolicy`.
+class RecurrentPolicy:
+    """A policy with a recurrent network, stacked observations, or both; a `MemoryPolicy`.
 
-    It has a GRU, or is given the last observations, or both. What it does depends on
-    what it has seen in the episode, so it is no table and no known distribution over what can be
-    seen: what it achieves is played out, never solved.
+    Its actions depend on the history of the episode, so it has no table: it is evaluated by
+    simulation, not exactly.
 
     Args:
-        network: gives `logits(observation)`; where it remembers, `remember(observation, state)`
-            gives them and the next state, and `sizes` says how many numbers a state has.
-        seat: in which it was trained, a `Seat`.
-        greedy: take the most probable action; False draws from the distribution.
+        network: has `logits(observation)`; a recurrent one has `remember(observation, state)`,
+            which returns logits and the next state, and `sizes` of its states.
+        seat: the `Seat` that it was trained in.
+        greedy: the most probable action; False draws from the distribution.
 
     Attributes:
         network, seat, greedy: the arguments.
         task, agent, encoding: of the seat.
-        memory: of every game "state" [games, numbers] float32, what the network remembers, and
-            "frames" [games, frame_stack, *shape], the last observations, the newest first; each
-            where there is such a thing.
+        memory: for every game the recurrent "state" [games, numbers] float32, and the stacked
+            "frames" [games, frame_stack, *shape], the newest first; each where it is used.
     """
 
     def __init__(self, network: Any, seat: Any, greedy: bool = True) -> None:
@@ -104,7 +101,7 @@ class RememberingPolicy:
         self._stack = FrameStack(seat.seen, seat.frame_stack) if seat.frame_stack > 1 else None
 
     def _nothing(self, view: GameView) -> dict[str, NDArray[Any]]:
-        """The memory of a batch in which nothing has been seen."""
+        """The empty memory of a batch of games."""
         found: dict[str, NDArray[Any]] = {}
         if self._recurrent:
             found["state"] = np.zeros((view.num_games, self.network.sizes[0]), dtype=np.float32)
@@ -113,7 +110,7 @@ class RememberingPolicy:
         return found
 
     def begin(self, view: GameView, games: NDArray[np.intp]) -> None:
-        """Forget all of these games of `view`."""
+        """Reset the memory of these games of `view`."""
         kept, rows = self.memory.of(view), view.rows[games]
         if self._recurrent:
             kept["state"][rows] = 0.0
@@ -121,10 +118,10 @@ class RememberingPolicy:
             self._stack.forget(kept["frames"], rows)
 
     def act(self, view: GameView) -> NDArray[np.int32]:
-        """[num_games] int32, an action for every game; random numbers from the seat's stream.
+        """[num_games] int32: actions; draws use the random stream of the view.
 
         Raises:
-            ValueError: the games look different from those that it was trained in.
+            ValueError: observations other than in training.
         """
         observed = view.observe(self.encoding)
         check_looks(observed, self.seat.seen.shape, self.task, view, self.encoding)

@@ -1,8 +1,8 @@
-"""The floor of a training objective: the gap of the policy that is best by discounted rewards.
+"""The objective gap: the gap of the policy with the best discounted return.
 
-What a learner maximises is not what it is judged by, so a gap is this floor, plus what was not
-learned. Known exactly for a duel and for a runner alone, under rewards that depend on the time of
-captures and goals only, and for one agent among teams or rivals while the whole game is solved.
+Training maximises discounted returns, evaluation counts steps. So a gap consists of the objective
+gap and of what was not learned. It is known exactly for duels and single runners with rewards that
+depend only on the time of captures and goals, and for one agent in a whole game that is solved.
 """
 
 from __future__ import annotations
@@ -20,42 +20,41 @@ from train.evaluation.games import best_reply
 from train.evaluation.joint_contest import joint_work
 
 MAX_CELLS = 256
-"""Above this number of cells the floor of a duel is not computed: some seconds."""
+"""Above this number of cells the objective gap of a duel is not computed (seconds)."""
 
-MAX_FLOOR_WORK = 50_000_000
-"""Above this size (`joint_work`) that of a whole game is not: a quarter of a minute on 5x5."""
+MAX_OBJECTIVE_WORK = 50_000_000
+"""Above this size (`joint_work`) that of a whole game is not computed (15 seconds on 5x5)."""
 
 TIE = 1e-9
-"""Relative difference below which two actions count as equally good."""
+"""Relative difference below which two actions are equally good."""
 
 
-class Floor(NamedTuple):
-    """What the best policy by the rewards loses; None where it is not known.
+class ObjectiveGap(NamedTuple):
+    """The loss of the policy with the best discounted return; None if it is not known.
 
     Attributes:
-        gap: its `optimality_gap`, a ratio less 1: negative for evaders.
-        paid: by how much less it is paid in an episode than could be, where rivals collect goals.
+        gap: its `optimality_gap`, at most 0 for evaders.
+        missing_return: its undiscounted return below the best one, if other agents collect goals.
     """
 
     gap: float | None = None
-    paid: float | None = None
+    missing_return: float | None = None
 
 
-UNKNOWN = Floor()
+UNKNOWN = ObjectiveGap()
 
 
-def objective_floor(contest: Any, discount: float) -> Floor:
-    """What the best policy by the rewards of the task with this discount loses.
+def objective_gap(contest: Any, discount: float) -> ObjectiveGap:
+    """The loss of the policy with the best discounted return, exact over all starts.
 
-    Exact, over all starts. Of policies that are equally good by the rewards the one that is best in
-    steps counts, so no policy that is best by the rewards has a smaller gap; of a whole game (a
-    team's, a race, a heist) one of them counts. In a race both floors are known: who is paid for
-    goals has no reason to end the game soon, so that of steps is large with any discount.
+    Among policies with equal return the one with the fewest steps (evader: most) counts; in a whole
+    game (team, race, heist) any of them. In a race both values are known, and that of steps is
+    large with any discount, as rewards for goals give no reason to end the game soon.
 
-    Nothing is known of games too large to be solved, masks, rewards by distance or by a user's
-    function, several mazes, starts at marks, more goals than can be enumerated, rewards by which it
-    does not pay to hurry (an evader: to live on), limited sight, no discount in a whole game, a
-    discount of 0 (of any two ways that go on all are equally good), or a contest of another world.
+    Unknown for games too large to be solved, action masks, distance or user-defined rewards,
+    several mazes, starts at marks, too many goals to enumerate, rewards that do not favour short
+    episodes (evader: long ones), a limited view, a whole game without discount, a discount of 0,
+    and the arm.
     """
     if not isinstance(contest, GameContest) or contest.is_limited or discount == 0.0:
         return UNKNOWN
@@ -66,12 +65,12 @@ def objective_floor(contest: Any, discount: float) -> Floor:
     if paid.distance != 0.0 or task.reward_function is not None:
         return UNKNOWN
     if (task.num_agents, task.num_runners) == (1, 1):
-        return Floor(_tour(task, paid, discount))
+        return ObjectiveGap(_tour(task, paid, discount))
     if contest.is_exact and not contest.mask_bumps and task.max_cells <= MAX_CELLS:
-        return Floor(_duel(contest, paid, discount))
+        return ObjectiveGap(_duel(contest, paid, discount))
     if contest.is_exact or contest.mask_bumps or discount >= 1.0:
         return UNKNOWN
-    if joint_work(task) > MAX_FLOOR_WORK:
+    if joint_work(task) > MAX_OBJECTIVE_WORK:
         return UNKNOWN
     return _whole_game(contest, discount)
 
@@ -80,7 +79,7 @@ def _tour(task: Task, paid: Rewards, discount: float) -> float | None:
     maze, step, goal = task.mazes[0], paid.step, paid.goal
     least = step < 0.0 or (step == 0.0 and discount < 1.0 and goal > 0.0)
     if least and (goal == step or (paid.on_completion and goal >= 0.0)):
-        return 0.0  # what is paid depends on the length of the tour alone
+        return 0.0  # the return depends on the length of the tour alone
     if not least or paid.on_completion:
         return None
     return tour_objective_gap(maze, task.num_goals, discount, step, goal, task.max_steps)
@@ -119,11 +118,11 @@ def _duel(contest: GameContest, paid: Rewards, discount: float) -> float | None:
     return mean_over_starts(steps, maze, least) / mean_over_starts(best.values, maze, least) - 1.0
 
 
-def _whole_game(contest: GameContest, discount: float) -> Floor:
-    """Against fixed opponents, by whole games: the best by the objective, and what it gets.
+def _whole_game(contest: GameContest, discount: float) -> ObjectiveGap:
+    """The objective gap against fixed opponents, from the solution of the whole game.
 
-    The learner does not see how many steps are left, so its best policy is that of the game without
-    an end; it is judged in the game that is cut.
+    The remaining steps are not observed, so the best policy is that of the game without time limit;
+    it is evaluated with the time limit.
     """
     steps, paid = contest.best_of_steps, contest.best_of_returns
     best = paid or steps
@@ -132,7 +131,7 @@ def _whole_game(contest: GameContest, discount: float) -> Floor:
     task, name = contest.task, best.agents[0]
     plan = solve_joint(task, [name], contest.opponents, None, discount, "return").policy
     found = evaluate_joint(task, {**contest.opponents, name: plan}, task.max_steps, agents=[name])
-    return Floor(
+    return ObjectiveGap(
         None if steps is None else found.steps[name] / steps.mean_over_starts - 1.0,
         None if paid is None else paid.mean_over_starts - found.returns[name],
     )

@@ -1,4 +1,4 @@
-"""A closer look at a policy: where it loses steps, and replays of its episodes."""
+"""Recorded episodes, and exact values and optimal moves, for report pages."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from pursuit.tasks.task import Task
 from scripted_agents import action_values
 from train.evaluation.contest import GameContest
 from train.evaluation.games import is_exact, table_in
-from train.evaluation.scores import told
+from train.evaluation.scores import label_of
 from train.evaluation.suite_contest import SuiteContest
 
 MOST_OVERLAY_CELLS = 225
-"""Tables of larger mazes would make a page heavy: they grow with the square."""
+"""Maximum number of cells for overlays, whose size grows quadratically."""
 MOST_BOTH_CELLS = 100
-"""Up to here both sides of a duel are laid over the board."""
+"""Maximum number of cells for overlays of both sides of a duel."""
 
 
 def recorded(contest: Any, policy: Any, games: Mapping[str, int], player: str) -> Replay:
-    """Episodes of a contest as a replay.
+    """Record episodes of a contest as a replay.
 
     Args:
         contest: a `Contest`.
-        policy: whose contest it is.
+        policy: the evaluated policy.
         games: the numbers of the episodes by their labels.
-        player: what `policy` is called.
+        player: the name of the policy.
     """
     episodes = []
     for label, number in games.items():
@@ -45,24 +45,23 @@ def recorded(contest: Any, policy: Any, games: Mapping[str, int], player: str) -
 
 
 def players_of(contest: Any, player: str) -> dict[str, str]:
-    """Who acts in a contest, in words, by agent."""
+    """Names of the policies of a contest by agent."""
     if not isinstance(contest, (GameContest, SuiteContest)):
         return {"arm": player}
     task, own = contest.task, contest.task.agent_names[contest.task.seat(contest.agent)]
     found = {}
     for name, role in zip(task.agent_names, task.seat_roles, strict=True):
         policy = contest.opponents.get(name, contest.opponents.get(role))
-        found[name] = player if name == own or policy is None else told(policy)
+        found[name] = player if name == own or policy is None else label_of(policy)
     return found
 
 
 def sides_of(contest: Any, policy: Any, most_both: int = MOST_BOTH_CELLS) -> list[Side]:
-    """The exact values, and learned and optimal moves, of a duel; of its learner first.
+    """Exact values, and learned and optimal moves, of a duel, for an overlay; the learner first.
 
-    Up to `most_both` cells those of both sides.
-
-    What is optimal is so with full sight, and called that where the task limits it. None where it
-    is no duel of tables, or in too large a maze.
+    Both sides in mazes of up to `most_both` cells. Values and optimal moves are those with full
+    view, and are labelled so under a limited view. Empty if the game is no duel of tables, or the
+    maze is too large.
     """
     if not isinstance(contest, GameContest) or not contest.is_exact:
         return []
@@ -81,7 +80,7 @@ def sides_of(contest: Any, policy: Any, most_both: int = MOST_BOTH_CELLS) -> lis
     names, other = task.agent_names, 1 - seat
     own: Any = task.seat_roles[seat]
     found = action_values(own, maze, theirs, **rules)
-    called = {agent: called_by_sight(task, agent) for agent in names}
+    called = {agent: side_label(task, agent) for agent in names}
     sides = [Side(called[names[seat]], seat, other, found.values, learned, found.optimal)]
     if learned is not None and maze.num_cells <= most_both:
         role: Any = task.seat_roles[other]
@@ -90,6 +89,6 @@ def sides_of(contest: Any, policy: Any, most_both: int = MOST_BOTH_CELLS) -> lis
     return sides
 
 
-def called_by_sight(task: Task, agent: str) -> str:
-    """What the side of an agent is called whose exact values are those of full sight."""
-    return f"{agent} with full sight" if task.hides_from(agent) else agent
+def side_label(task: Task, agent: str) -> str:
+    """The label of an agent in an overlay."""
+    return f"{agent} with full view" if task.hides_from(agent) else agent

@@ -1,4 +1,4 @@
-"""Settings without effect: what is set beside its default, and nothing of a new run reads."""
+"""Checks for settings that are changed from their default but have no effect in a run."""
 
 from __future__ import annotations
 
@@ -12,43 +12,43 @@ from train.settings.self_play import SelfPlaySettings, self_play_ppo
 from train.settings.task import AnyTask, ReacherSettings, TaskSettings
 
 SHARED = ("gamma", "gamma_end", "recurrent")
-"""Settings of PPO in self-play that other learners take from there, too."""
+"""Hyperparameters of PPO in self-play that other algorithms share."""
 
 
-def check_effects(settings: Any) -> None:
-    """ValueError for a setting of a new run that is not at its default and has no effect there.
+def check_unused_settings(settings: Any) -> None:
+    """ValueError for a setting of a new run that is changed from its default without effect.
 
-    Saved runs are not checked by this: they may hold such settings. Nor are the runs of a sweep,
+    Saved runs are not checked, as they may contain such settings. Nor are the runs of a sweep,
     which share settings that only some of them need.
 
     Args:
         settings: `TrainSettings` or `SelfPlaySettings`.
     """
-    check_task_effects(settings.task)
+    check_unused_task_settings(settings.task)
     if isinstance(settings, SelfPlaySettings):
-        check_self_play_effects(settings)
+        check_unused_self_play_settings(settings)
 
 
-def check_task_effects(settings: AnyTask) -> None:
-    """The same for the settings of a task."""
+def check_unused_task_settings(settings: AnyTask) -> None:
+    """As `check_unused_settings`, for the settings of a task."""
     if isinstance(settings, ReacherSettings):
         return
     task = task_of(settings)
     if task.num_agents == 1:
         only = f"task {settings.task!r} has no other agent"
         check_default(settings, TaskSettings, ["opponent_epsilon"], only)
-    paid = rewards_from_text(settings.rewards) if is_coefficients(settings.rewards) else {}
-    if len(paid) < len(ROLES):  # coefficients without a role are for all of them
-        for role in paid:
+    given = rewards_from_text(settings.rewards) if is_coefficients(settings.rewards) else {}
+    if len(given) < len(ROLES):  # coefficients without a role apply to all of them
+        for role in given:
             check(
                 role in task.seat_roles,
-                f"rewards={settings.rewards!r}: the {role} has no effect, as there is none in task "
-                f"{settings.task!r}; its roles are {', '.join(dict.fromkeys(task.seat_roles))}",
+                f"rewards={settings.rewards!r}: task {settings.task!r} has no {role}; its roles "
+                f"are {', '.join(dict.fromkeys(task.seat_roles))}",
             )
 
 
-def check_self_play_effects(settings: SelfPlaySettings) -> None:
-    """The same for what only self-play has."""
+def check_unused_self_play_settings(settings: SelfPlaySettings) -> None:
+    """As `check_unused_settings`, for the settings of self-play."""
     hyper, default = settings.hyper, self_play_ppo()
     for name, scheme in (("window", "window"), ("pfsp_power", "pfsp")):
         if settings.sampling != scheme:
@@ -59,4 +59,4 @@ def check_self_play_effects(settings: SelfPlaySettings) -> None:
         return
     if not by_ppo:
         names = [field.name for field in fields(hyper) if field.name not in SHARED]
-        check_default(hyper, default, names, "it is a setting of ppo, by which no role learns")
+        check_default(hyper, default, names, "it is a setting of ppo, which no role uses")

@@ -1,0 +1,76 @@
+"""The task for which a curriculum is built, with the opponents."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from pursuit.reacher.task import ReacherTask
+from pursuit.simulator.policy import Policy
+from pursuit.tasks.task import Task
+from train.settings.checks import check
+from train.teaching.optimum import Optimum, arm_optimum, optimum_of
+
+
+@dataclass(frozen=True)
+class CurriculumContext:
+    """A game in mazes for which a curriculum is built.
+
+    Attributes:
+        task: the task of the evaluation, which is the end of every axis.
+        agent: the learning agent, by name or role.
+        opponents: the policy of every other role.
+        opponent_epsilon: share of random moves of the scripted opponents.
+        learned_opponent: the name of an opponent that is not scripted; None without one.
+    """
+
+    task: Task
+    agent: str
+    opponents: Mapping[str, Policy] = field(default_factory=dict)
+    opponent_epsilon: float = 0.0
+    learned_opponent: str | None = None
+
+    @property
+    def default_axis(self) -> str:
+        """The axis for "auto"; ValueError where there is none."""
+        task = self.task
+        if task.num_goals:
+            return "goal-spread-start"
+        check(
+            task.num_chasers > 0 and task.num_evaders > 0,
+            f"task {task.name!r} has neither goals nor chasers with evaders; set axis",
+        )
+        return "start-distance"
+
+    def check_levels(self, name: str) -> None:
+        """ValueError unless starts are random, so that levels can be replayed."""
+        check(
+            self.task.start == "random",
+            f"curriculum={name!r} replays random starts; leave out start=marks",
+        )
+
+    def optimum(self, task: Task) -> Optimum | None:
+        """The optimum of every start of `task` (this task in other mazes); None if unknown."""
+        return optimum_of(task, self.agent, self.opponents)
+
+
+@dataclass(frozen=True)
+class ArmContext:
+    """An arm for which a curriculum is built; as `CurriculumContext`."""
+
+    task: ReacherTask
+
+    @property
+    def default_axis(self) -> str:
+        """The axis for "auto"."""
+        return "target-distance"
+
+    def check_levels(self, name: str) -> None:
+        """All starts of an arm can be replayed."""
+
+    def optimum(self, task: ReacherTask) -> Optimum | None:
+        """The least steps of any start; None for many joints, and for discrete actions."""
+        return arm_optimum(task)
+
+
+AnyContext = CurriculumContext | ArmContext
