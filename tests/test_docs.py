@@ -260,7 +260,7 @@ def test_the_sweep_files_of_a_page_load(page: str, folder: Path) -> None:
 
 @pytest.mark.parametrize("page", environment_tables.pages())
 def test_the_tables_of_an_environment_are_those_of_the_code(page: str) -> None:
-    """Where this fails, `PYTHONPATH=. python tests/environment_tables.py` writes them anew."""
+    """To update them: `PYTHONPATH=. python tests/environment_tables.py`; read the change."""
     text = (ROOT / page).read_text(encoding="utf-8")
     assert environment_tables.renewed(text) == text
 

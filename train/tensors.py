@@ -98,9 +98,7 @@ def loaded(file: BinaryIO, path: Path) -> Any:
             return torch.load(file, map_location="cpu", weights_only=True)
     except Exception:  # the unpickler can raise anything for damaged bytes
         pass
-    raise ValueError(
-        f"{path}: damaged, or it contains more than tensors and plain values; {REMEDY}"
-    )
+    raise ValueError(f"{path}: damaged, or not only tensors and plain values; {REMEDY}")
 
 
 def first_not_finite(content: Any, where: str = "") -> str | None:

@@ -64,7 +64,7 @@ def deterministic_actor_loss(
     batch: Batch,
 ) -> torch.Tensor:
     """Minus the value of the actor's action, by the first critic (Silver et al., 2014)."""
-    return -mean(critics.frozen_values(prepared, actor(prepared), 1)[0], batch)
+    return -mean(critics.frozen(prepared, actor(prepared), 1)[0], batch)
 
 
 def soft_actor_loss(
@@ -80,7 +80,7 @@ def soft_actor_loss(
         The loss, and the logarithms of the densities [batch], detached.
     """
     action, log_prob = actor.draw(prepared)
-    values = critics.frozen_values(prepared, action, len(critics.weights[0])).amin(dim=0)
+    values = critics.frozen(prepared, action, len(critics.weights[0])).amin(dim=0)
     return mean(alpha * log_prob - values, batch), log_prob.detach()
 
 

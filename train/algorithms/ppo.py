@@ -119,7 +119,7 @@ def ppo_loss(
     """The clipped surrogate objective with value loss and entropy bonus, to be minimised.
 
     Equal to TorchRL's `ClipPPOLoss` with `normalize_advantage=True` and squared value errors
-    (tested), whose fixed cost reduced training of 128x128 networks to 0.7 of the speed. With
+    (tested), which has a fixed cost that slowed training of 128x128 networks to 0.7. With
     `kl_coef` the penalty of `KLPENPPOLoss` is added, as in RLlib's PPO.
 
     Args:

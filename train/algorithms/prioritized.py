@@ -54,7 +54,7 @@ def find_leaves(sums: Any, masses: Any, index: Any) -> None:
         left, node = float(masses[number]), 1
         while node < size:
             node *= 2
-            # A right half without any priority is never entered, whatever the rounding of `left`.
+            # A right half without any priority is never entered, even if `left` is rounded.
             if left >= sums[node] and sums[node + 1] > 0.0:
                 left -= sums[node]
                 node += 1

@@ -10,7 +10,7 @@ import sys
 import textwrap
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, NoReturn, TypeVar
+from typing import Any, NoReturn, TypeVar, get_origin
 
 import tyro
 from tyro import _strings as tyro_strings
@@ -79,7 +79,7 @@ ALLOW_HELP = f"""all commands:
 
 
 def take_allow_options(arguments: Sequence[str]) -> list[str]:
-    """The arguments without every --allow MODULE, whose modules are allowed from now on.
+    """The arguments without every --allow MODULE; these modules are allowed from now on.
 
     Raises:
         ValueError: --allow without a module name.
@@ -112,42 +112,28 @@ CONFIG = (
 )
 
 
-def join_lines(text: str) -> str:
+class Wrapped(str):
+    """A text with line breaks that tyro has to keep."""
+
+
+def join_lines(helptext: str) -> str:
     """The paragraphs of a docstring as single lines, without the indentation of the source.
 
     tyro joins lines itself, but not those of an indented docstring, so that help texts would keep
     the line breaks of the source.
     """
-    return "\n\n".join(" ".join(part.split()) for part in re.split(r"\n\s*\n", text.strip()))
+    parts = re.split(r"\n\s*\n", helptext.strip())
+    wrapped = isinstance(helptext, Wrapped)
+    return helptext if wrapped else "\n\n".join(" ".join(part.split()) for part in parts)
 
 
 tyro_strings.remove_single_line_breaks = join_lines
 
 
-def wrapped(text: str) -> str:
-    """tyro's help text with its description wrapped to the terminal, as its boxes are."""
-    width = shutil.get_terminal_size().columns
-    return "\n".join(
-        textwrap.fill(line, width) if len(line) > width and "│" not in line else line
-        for line in text.split("\n")
-    )
-
-
-class HelpText(io.StringIO):
-    """Captured output with the encoding and the colours of stdout, which tyro adapts to."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._stdout = sys.stdout
-
-    @property
-    def encoding(self) -> str:  # type: ignore[override]
-        """That of stdout."""
-        return self._stdout.encoding
-
-    def isatty(self) -> bool:
-        """Whether stdout is a terminal."""
-        return self._stdout.isatty()
+def description_of(form: Any) -> str:
+    """The docstring of a command, wrapped to the terminal."""
+    width, parts = shutil.get_terminal_size().columns, join_lines(form.__doc__).split("\n\n")
+    return Wrapped("\n\n".join(textwrap.fill(part, width) for part in parts))
 
 
 def parse(
@@ -159,14 +145,15 @@ def parse(
         ValueError: options that the form does not have, or values that are not allowed.
     """
     args = add_all(take_allow_options(arguments))
-    boxed, shown = io.StringIO(), HelpText()
+    boxed = io.StringIO()
     extra: Any = {} if default is None else {"default": default}
+    extra["description"] = description_of(get_origin(form) or form)
     try:
-        with contextlib.redirect_stderr(boxed), contextlib.redirect_stdout(shown):
+        with contextlib.redirect_stderr(boxed):
             return tyro.cli(form, args=args, prog=f"pursuit {prog}", config=CONFIG, **extra)
     except SystemExit as exit_:
         if not exit_.code:
-            print(wrapped(shown.getvalue()), ALLOW_HELP, sep="")
+            print(ALLOW_HELP)
             raise
         raise ValueError(f"{in_words(boxed.getvalue())} (see pursuit {prog} --help)") from None
 

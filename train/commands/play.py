@@ -52,9 +52,7 @@ class PlayCommand(Settings):
 
 def play(arguments: Sequence[str]) -> None:
     """`pursuit play`."""
-    arguments = take_allow_options(
-        arguments
-    )  # before the run is read, which may name their modules
+    arguments = take_allow_options(arguments)  # before the run is read
     options = options_in(arguments)
     against, run = options.get("against"), None
     if against and (Path(against) / CONFIG).exists():

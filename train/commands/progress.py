@@ -32,16 +32,16 @@ class ProgressLine:
     """
 
     def __init__(self) -> None:
-        self.began = self.printed = perf_counter()
+        self.began = self.reported = perf_counter()
         self.what, self.open = "", False
 
     def __call__(self, what: str, share: float) -> None:
         """Report the current work, and its completed share in [0, 1]."""
         now, live = perf_counter(), sys.stderr.isatty()
         if what != self.what:
-            self.what, self.began, self.printed = what, now, now
-        elif now - self.printed >= (0.5 if live else 10.0) and now - self.began >= QUIET:
-            self.printed, self.open = now, live
+            self.what, self.began, self.reported = what, now, now
+        elif now - self.reported >= (0.5 if live else 10.0) and now - self.began >= QUIET:
+            self.reported, self.open = now, live
             line = f"{what}: {100 * share:3.0f} %, {now - self.began:.0f} s"
             print(
                 f"\r{line}" if live else line, end="" if live else "\n", file=sys.stderr, flush=True
@@ -101,7 +101,7 @@ class RunCommand:
     the first command."""
 
 
-def open_run(kind: str, settings: Any, given: RunCommand, name: str) -> tuple[Run, Final]:
+def start_or_resume(kind: str, settings: Any, given: RunCommand, name: str) -> tuple[Run, Final]:
     """The run that a command starts or resumes, and the settings of its final results.
 
     Args:

@@ -20,7 +20,7 @@ from train.commands.progress import (
     RunCommand,
     exit_after_signal,
     finish_run,
-    open_run,
+    start_or_resume,
 )
 from train.files import write_text
 from train.reports.tables import print_table
@@ -75,7 +75,7 @@ def self_play(arguments: Sequence[str]) -> None:
     """`pursuit self-play`."""
     given, settings = parsed(arguments)
     name = f"self-play-{Path(settings.task.maze).stem}"
-    run, final = open_run(SELF_PLAY, settings, given, name)
+    run, final = start_or_resume(SELF_PLAY, settings, given, name)
     from train.self_play.report import (  # torch is slow to import
         draw_self_play,
         write_self_play_report,

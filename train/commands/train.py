@@ -13,7 +13,7 @@ from train.commands.parse import (
     parse,
     parse_known,
 )
-from train.commands.progress import RunCommand, exit_after_signal, finish_run, open_run
+from train.commands.progress import RunCommand, exit_after_signal, finish_run, start_or_resume
 from train.commands.scores import (
     announce_solution,
     certificate_of,
@@ -73,7 +73,7 @@ def train(arguments: Sequence[str]) -> None:
     default = _defaults(arguments)
     form: Any = TrainCommand[type(default.settings.hyper)]  # type: ignore[misc]
     given: TrainCommand[Any] = parse(form, arguments, "train", default)
-    run, final = open_run(RUN, given.settings, given, given.settings.task.label)
+    run, final = start_or_resume(RUN, given.settings, given, given.settings.task.label)
     trainee: SingleAgent = run.trainee
     print(trainee.contest.line())
     if (form := getattr(trainee.learner, "update_form", None)) is not None:

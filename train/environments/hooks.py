@@ -24,7 +24,7 @@ class EpisodeHook:
         """Called after the new episodes of `games` [n] have started."""
 
     def episode_ended(self, games: NDArray[np.bool_]) -> None:
-        """Called with the mask [num_games] of the games whose episode has just ended."""
+        """Called with the mask [num_games] of episodes that have just ended."""
 
     def note_advantages(self, advantages: NDArray[Any], done: NDArray[np.bool_]) -> None:
         """Called with a rollout's advantages and ends of episodes, [num_games, steps] each."""

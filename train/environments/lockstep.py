@@ -76,7 +76,7 @@ class LockstepEnv(EnvBase):
 
         Args:
             actions: [batch, ...].
-            alive: [num_games], the games whose episode was running before the step; None for all.
+            alive: [num_games], the episodes that were running before the step; None for all.
         """
         raise NotImplementedError
 
@@ -109,7 +109,7 @@ class LockstepEnv(EnvBase):
             self.hook.after_restart(chosen)
 
     def finish(self, games: NDArray[np.bool_]) -> None:
-        """Record the games of the mask [num_games], whose episodes have just ended."""
+        """Record the episodes of the mask [num_games], which have just ended."""
         self.finished_returns.append(self._returns(games))
         self.finished_lengths.append(self.simulator.steps[games].copy())
         self.hook.episode_ended(games)
@@ -148,7 +148,7 @@ class LockstepEnv(EnvBase):
 
         Args:
             actions: [num_games, ...]; those of games that have ended are ignored.
-            running: [n] int64, the games whose episode is running.
+            running: [n] int64, the running games.
 
         Returns:
             The results of the step for all games.

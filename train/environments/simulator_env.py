@@ -134,7 +134,7 @@ class SimulatorEnv(LockstepEnv):
 
         Args:
             actions: int64.
-            alive: [num_games], the games whose episode was running before the step; None for all.
+            alive: [num_games], the episodes that were running before the step; None for all.
         """
         simulator = self.simulator
         simulator.act(self.policies, self._actions)

@@ -110,7 +110,7 @@ def panels_of(variants: VariantCurves, control: str, unit: str) -> list[list[Pan
             label = "" if upper else "gap to the optimum (%)"
             upper.append(Panel(series, label, name, "gap", marks=marks))
             taught = [Series([(c.time(unit), c.stage)], None, color, width=1.0)
-                      for c in arms[name] if not np.isnan(c.stage).all()]  # fmt: skip
+                      for c in variants[name] if not np.isnan(c.stage).all()]  # fmt: skip
             said = "as the task" if name == control else "levels, chosen one by one"
             label = "" if lower else "trained on"
             note = "" if taught else said

@@ -61,8 +61,8 @@ class GaussianActor(nn.Module):
     def draw(self, prepared: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Actions [..., actions], with gradients, and the logarithms of their densities [...].
 
-        The density of tanh(u) is that of u over the derivative 1 - tanh(u)^2 = 4 / (e^u + e^-u)^2,
-        whose logarithm 2 (log 2 - u - softplus(-2u)) is exact where tanh(u) rounds to 1.
+        The density of tanh(u) is that of u over the derivative 1 - tanh(u)^2 = 4 / (e^u + e^-u)^2.
+        Its logarithm 2 (log 2 - u - softplus(-2u)) is exact where tanh(u) rounds to 1.
         """
         mean, log_std = self(prepared)
         noise = torch.randn_like(mean)
@@ -134,9 +134,7 @@ class Critics(nn.Module):
         """
         return self._values(prepared, action, list(self.weights), list(self.biases))
 
-    def frozen_values(
-        self, prepared: torch.Tensor, action: torch.Tensor, count: int
-    ) -> torch.Tensor:
+    def frozen(self, prepared: torch.Tensor, action: torch.Tensor, count: int) -> torch.Tensor:
         """[count, batch]: values of the first `count` networks, without gradients of weights."""
         weights, biases = ([part.detach()[:count] for part in kind] for kind in
                            (self.weights, self.biases))  # fmt: skip

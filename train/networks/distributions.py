@@ -105,7 +105,7 @@ class SquashedNormal:
         return self.mean + self.log_std.exp() * torch.randn_like(self.mean)
 
     def greedy(self) -> torch.Tensor:
-        """[..., numbers], before tanh: the mean, whose tanh is the median of each number."""
+        """[..., numbers], before tanh: the mean; its tanh is the median of each number."""
         return self.mean
 
     @staticmethod

@@ -95,7 +95,7 @@ def parts_of(settings: TrainSettings[Any], rank: int = 0) -> Parts:
             "have; use regret or learnability, or ppo or a2c",
         )
         check(
-            plan.exam is None or (hyper.recurrent is None and settings.frame_stack == 1),
+            plan.scorer is None or (hyper.recurrent is None and settings.frame_stack == 1),
             f"curriculum={settings.curriculum!r} scores mazes by the policy in every cell, which a "
             "policy with memory does not have; leave out recurrent and frame_stack, or use "
             "level-replay",

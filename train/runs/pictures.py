@@ -55,11 +55,11 @@ def draw_learning_curve(
         gap = 100 * np.array([row.get("optimality_gap", np.nan) for row in rows])
         panels.append(Panel([Series([(times, gap)])], "gap to the\noptimum (%)", scale="gap"))
     if lessons:
-        panels.append(lesson_panel(lessons, float(times[-1]), taught))
+        panels.append(curriculum_panel(lessons, float(times[-1]), taught))
     draw_panels(path, [[panel] for panel in panels], "frames", title)
 
 
-def lesson_panel(lessons: list[dict[str, Any]], end: float, taught: str) -> Panel:
+def curriculum_panel(lessons: list[dict[str, Any]], end: float, taught: str) -> Panel:
     """The values of the curriculum as steps: the mean, and the range if there is one; up to `end`
     in millions of frames."""
     places = np.array([*(row["frames"] * time_scale("frames") for row in lessons), end])

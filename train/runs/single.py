@@ -65,7 +65,7 @@ class SingleAgent:
         self.policy = self.learner.policy(greedy=evaluate == "greedy")
         if self.teacher is not None:
             draws = parts.algorithm.learns_distribution
-            self.teacher.examined = self.learner.policy(greedy=not draws)
+            self.teacher.scored_policy = self.learner.policy(greedy=not draws)
         self.contest = parts.world.contest(EPISODES)
         self.optimum = self.contest.optimal()
         measure = self.contest.measure
@@ -152,7 +152,11 @@ class SingleAgent:
             "curriculum": "none" if plan is None else plan.name,
             "seed": build.seed,
             **({} if self.replica is None else {"processes": 2}),
+<<<<<<< HEAD
             **evaluation_of(scores, self.evaluated, floor, certificate, contest),
+=======
+            **evaluation_of(scores, self.evaluated, objective, certificate, contest),
+>>>>>>> main
             "device": build.device,
             "precision": "bfloat16" if build.bfloat16 else "float32",
             **self._update(),

@@ -84,13 +84,13 @@ class GridWorld:
             first_game: index of the first game among those of the seed.
         """
         number, policies = fill_seats(seat.task, seat.agent, self.opponents)
-        judge = EpisodeMetrics(
+        metrics = EpisodeMetrics(
             lambda games: won_by(games, number),
             lambda games: games.returns[:, number],
             measure_of(seat.task, seat.role) != BY_LONG_LIFE,
         )
         simulator = Simulator(seat.task, num_games, seed, first_game, auto_restart=False)
-        teacher = None if plan is None else Teacher(plan, simulator, judge)
+        teacher = None if plan is None else Teacher(plan, simulator, metrics)
         return SimulatorEnv(simulator, seat, policies, teacher), teacher
 
     def contest(self, episodes: int, seed: int = EVALUATION_SEED) -> GameContest | SuiteContest:
@@ -127,8 +127,8 @@ class ArmWorld:
     ) -> tuple[ArmEnv, Teacher | None]:
         """As in `GridWorld`."""
         simulator = ReacherSimulator(seat.task, num_games, seed, first_game, auto_restart=False)
-        judge = EpisodeMetrics(lambda arms: arms.terminated, lambda arms: arms.returns)
-        teacher = None if plan is None else Teacher(plan, simulator, judge)
+        metrics = EpisodeMetrics(lambda arms: arms.terminated, lambda arms: arms.returns)
+        teacher = None if plan is None else Teacher(plan, simulator, metrics)
         return ArmEnv(simulator, seat, teacher), teacher
 
     def contest(self, episodes: int, seed: int = EVALUATION_SEED) -> ArmContest:
@@ -136,7 +136,7 @@ class ArmWorld:
         return ArmContest(self.task, episodes, seed)
 
 
-World = GridWorld | ArmAdapter
+World = GridWorld | ArmWorld
 
 
 def world_of(settings: AnyTask) -> World:

@@ -33,12 +33,7 @@ def check_two_processes(settings: TrainSettings[Any]) -> None:
         ("algorithm", settings.algorithm, settings.algorithm == "ppo", "use ppo"),
         ("device", settings.device, settings.device == "cpu", "use cpu"),
         ("clock", settings.clock, settings.clock == "wall", "use wall"),
-        (
-            "threads",
-            settings.threads,
-            settings.threads <= 1,
-            "each process has one thread: leave threads out",
-        ),
+        ("threads", settings.threads, settings.threads <= 1, "one each: leave threads out"),
         ("recurrent", hyper.recurrent, hyper.recurrent is None, "leave it out"),
         (
             "curriculum",
@@ -51,9 +46,7 @@ def check_two_processes(settings: TrainSettings[Any]) -> None:
     for name in SHARED_OUT:
         value = getattr(hyper, name, 0)
         fits = value % 2 == 0 and value >= 4
-        found.append(
-            (name, value, fits, "each process has half of it: use an even number from 4 on")
-        )
+        found.append((name, value, fits, "each has half of it: use an even number from 4 on"))
     for name, value, fits, instead in found:
         check(fits, f"{name}={value!r} with processes=2; {instead}, or use processes=1")
 

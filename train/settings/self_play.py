@@ -85,10 +85,7 @@ class SelfPlaySettings(RunSettings):
             self.task.role == "auto",
             f"role={self.task.role!r}; both roles learn in self-play: fix one by chaser or evader",
         )
-        check(
-            self.task.opponent is None,
-            "opponent is an option of `pursuit train`; use chaser or evader",
-        )
+        check(self.task.opponent is None, "opponent is for `pursuit train`; use chaser or evader")
         check(
             self.sampling != "window" or self.window <= self.pool_size,
             f"window={self.window} is more than pool_size={self.pool_size}; raise pool_size",
@@ -101,7 +98,11 @@ class SelfPlaySettings(RunSettings):
         check(bool(self.learning), "chaser and evader are both fixed; set one of them to learn")
         for name in self.members:
             check(
+<<<<<<< HEAD
                 name in AGENTS or is_own_policy(name),
+=======
+                name in AGENTS or is_custom_policy(name),
+>>>>>>> main
                 f"unknown member {name!r}; one of {', '.join(AGENTS)}, or package.module:Name",
             )
             check(self.members.count(name) == 1, f"member {name!r} is listed twice")

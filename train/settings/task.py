@@ -42,12 +42,20 @@ def kept_text_of_rewards(name: str, given: Any) -> str:
 
 def kept_text_of_radius(name: str, given: Any) -> str | None:
     """View radii normalised to one string; None if unlimited."""
+<<<<<<< HEAD
     return radius_text(kept_radius(name, given))
+=======
+    return view_radius_text(check_view_radius(name, given))
+>>>>>>> main
 
 
 def kept_text_of_agents(name: str, given: Any) -> str:
     """Roles and agents normalised to one string."""
+<<<<<<< HEAD
     return chosen_text(kept_chosen(name, given))
+=======
+    return agent_choice_text(check_agent_choice(name, given))
+>>>>>>> main
 
 
 @dataclass(frozen=True)
@@ -90,7 +98,7 @@ class TaskSettings(Settings):
     """Agents that see along rows and columns only, up to the next wall: all (or no value), or roles
     and agents such as chaser,evader_0."""
     unknown_maze: Annotated[str, Rule(kept_text_of_agents, other_types=True)] = ""
-    """Agents that know only the part of the maze in view: all (or no value), or roles and agents."""
+    """Agents that know only the visible part of the maze: all (or no value), or roles/agents."""
     opponent_epsilon: Annotated[float, RANDOM_MOVES] = 0.2
     """Probability of a random move of the scripted opponents, in [0, 1]."""
     opponent: str | None = None

@@ -86,7 +86,7 @@ def first_rows(maze: Maze, rows: int, needed: int) -> Maze | None:
 
 def opened(maze: Maze, share: float) -> Maze:
     """`maze` without this share of its inner walls, which are removed in a fixed order."""
-    south, east = maze.joined_south.copy(), maze.joined_east.copy()
+    south, east = maze.open_south.copy(), maze.open_east.copy()
     walkable = maze.cell_numbers >= 0
     walls_south = np.argwhere(~south & walkable[:-1] & walkable[1:])
     walls_east = np.argwhere(~east & walkable[:, :-1] & walkable[:, 1:])

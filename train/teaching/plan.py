@@ -58,7 +58,7 @@ class Plan:
         task: of the training games: the task of the run, with the mazes of the curriculum.
         optimum: the exact optimum of every start, if the curriculum needs it.
         seed: of the random numbers of the curriculum.
-        exam: scores the mazes of a suite, if the curriculum chooses among them.
+        scorer: scores the mazes of a suite, if the curriculum chooses among them.
     """
 
     name: str
@@ -67,7 +67,7 @@ class Plan:
     task: Any
     optimum: Optimum | None
     seed: int
-    exam: RegretScorer | None = None
+    scorer: RegretScorer | None = None
 
     def curriculum(self) -> Curriculum:
         """A new curriculum."""
@@ -130,14 +130,14 @@ def plan_pool(name: str, lessons: MazeReplaySettings, context: Any, seed: int) -
         "suite such as --maze suite:7x7-train",
     )
     task = context.task
-    exam = RegretScorer(task, context.agent, context.opponents, lessons.SCORE)
+    scorer = RegretScorer(task, context.agent, context.opponents, lessons.SCORE)
 
     def apply(simulator: Any, games: NDArray[np.intp], values: NDArray[np.float64]) -> None:
         simulator.configure(games, maze=values.astype(np.int64))
 
     last = float(len(task.mazes) - 1)
     axis = Axis(f"{lessons.SCORE}-of mazes", 0.0, last, apply, mazes=task.mazes, ordered=False)
-    return Plan(name, lessons, axis, task, None, seed, exam)
+    return Plan(name, lessons, axis, task, None, seed, scorer)
 
 
 def axis_name(name: str, lessons: AxisSettings) -> str:

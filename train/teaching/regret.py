@@ -36,7 +36,7 @@ class RegretScorer:
         task: with all mazes of the training games.
         agent: the learning agent, by name or role.
         opponents: the fixed policy of every other role.
-        mark: "regret" or "learnability".
+        score: "regret" or "learnability".
 
     Raises:
         ValueError: a task that cannot be solved: neither a runner with one goal nor a duel
@@ -44,9 +44,9 @@ class RegretScorer:
     """
 
     def __init__(
-        self, task: Task, agent: str, opponents: Mapping[str, Policy], mark: str = REGRET
+        self, task: Task, agent: str, opponents: Mapping[str, Policy], score: str = REGRET
     ) -> None:
-        self.task, self.seat, self.mark = task, task.seat(agent), mark
+        self.task, self.seat, self.score = task, task.seat(agent), score
         self.role = task.seat_roles[self.seat]
         self.opponent = opponents.get(other_role(self.role))
         check(
@@ -57,7 +57,7 @@ class RegretScorer:
         )
         self._optima: dict[int, float] = {}
 
-    def marks(self, policy: Any, mazes: NDArray[np.int64]) -> NDArray[np.float64]:
+    def scores(self, policy: Any, mazes: NDArray[np.int64]) -> NDArray[np.float64]:
         """[mazes] float64, at least 0, the scores of the mazes with these indices.
 
         Raises:
@@ -70,18 +70,18 @@ class RegretScorer:
         part = replace(self.task, maze=tuple(self.task.mazes[number] for number in mazes))
         others = opponent_tables(self.opponent, part, self.seat)
         found = pairs_of_values(part, self.seat, tables_of(policy, part, self.seat), others)
-        marks = np.zeros(len(mazes))
+        scores = np.zeros(len(mazes))
         for place, (number, (steps, caught)) in enumerate(zip(mazes, found, strict=True)):
             least = part.min_start_distance
-            if self.mark == LEARNABILITY:
+            if self.score == LEARNABILITY:
                 chance = np.clip(caught, 0.0, 1.0)
-                marks[place] = mean_over_starts(chance * (1.0 - chance), part.mazes[place], least)
+                scores[place] = mean_over_starts(chance * (1.0 - chance), part.mazes[place], least)
             else:
                 mean = mean_over_starts(steps, part.mazes[place], least)
                 best = self.optimum(int(number))
                 short = 1.0 - mean / best if self.role == "evader" else mean / best - 1.0
-                marks[place] = max(short, 0.0)
-        return marks
+                scores[place] = max(short, 0.0)
+        return scores
 
     def optimum(self, number: int) -> float:
         """The mean steps of the optimal policy in a maze."""

@@ -47,22 +47,22 @@ class Teacher(EpisodeHook):
     Args:
         plan: of the curriculum.
         simulator: of the training games, with the plan's task and `auto_restart=False`.
-        judge: reads the outcomes of the learner's episodes.
+        metrics: reads the outcomes of the learner's episodes.
 
     Attributes:
         curriculum, axis: of the plan.
         playing: [num_games] float64, the value of the current episode.
         episodes: number of ended episodes.
         rows: of `curriculum.csv`.
-        examined: the learner's current policy, whose mazes are scored; set by the run.
+        scored_policy: the learner's current policy, for the scores of mazes; set by the run.
     """
 
-    def __init__(self, plan: Plan, simulator: Any, judge: EpisodeMetrics) -> None:
+    def __init__(self, plan: Plan, simulator: Any, metrics: EpisodeMetrics) -> None:
         self.name, self.axis = plan.name, plan.axis
-        self.curriculum, self.simulator, self.judge = plan.curriculum(), simulator, judge
+        self.curriculum, self.simulator, self.metrics = plan.curriculum(), simulator, metrics
         self.solved_within = plan.lessons.solved_within
-        self.exam, self.judge_every = plan.exam, 0
-        self.examined: Any = None
+        self.scorer, self.judge_every = plan.scorer, 0
+        self.scored_policy: Any = None
         if isinstance(plan.lessons, MazeReplaySettings):
             self.judge_every = plan.lessons.judge_every
         self.wants_advantages = plan.lessons.needs_advantages
@@ -89,25 +89,25 @@ class Teacher(EpisodeHook):
 
     def before_restart(self, games: NDArray[np.intp]) -> None:
         """Set the value of the next episode of each of `games`."""
-        lessons = self.curriculum.sample(len(games), self.rng)
+        values = self.curriculum.sample(len(games), self.rng)
         if self.axis is None:
-            self.simulator.seed_starts(games, lessons.astype(np.int64))
+            self.simulator.seed_starts(games, values.astype(np.int64))
         else:
             # A game keeps its settings, so nothing is done unless a value changed.
-            if (self.applied[games] != lessons).any():
-                self.axis.apply(self.simulator, games, lessons)
-                self.applied[games] = lessons
-        self.playing[games] = lessons
+            if (self.applied[games] != values).any():
+                self.axis.apply(self.simulator, games, values)
+                self.applied[games] = values
+        self.playing[games] = values
 
     def after_restart(self, games: NDArray[np.intp]) -> None:
         """Record the starts of `games`, for their optima."""
         self._optima.begun(self.simulator, games)
 
     def episode_ended(self, games: NDArray[np.bool_]) -> None:
-        """Record the outcomes of the games of the mask, whose episodes have just ended."""
-        simulator, judge = self.simulator, self.judge
+        """Record the outcomes of the episodes of the mask, which have just ended."""
+        simulator, metrics = self.simulator, self.metrics
         chosen = games.nonzero()[0]
-        won, returns = judge.won(simulator)[chosen], judge.returns(simulator)[chosen]
+        won, returns = metrics.won(simulator)[chosen], metrics.returns(simulator)[chosen]
         tickets = self._optima.tickets(chosen)
         self._ended.append((self.playing[chosen], won, returns, simulator.steps[chosen], tickets))
 
@@ -121,10 +121,10 @@ class Teacher(EpisodeHook):
         """Convert ended episodes to outcomes, all at once, as that is faster."""
         if not self._ended:
             return
-        lessons, won, returns, steps, tickets = map(np.concatenate, zip(*self._ended, strict=True))
+        values, won, returns, steps, tickets = map(np.concatenate, zip(*self._ended, strict=True))
         self._ended = []
         lengths, optima = steps.astype(np.int64), self._optima.settle(tickets)
-        if not self.judge.few_steps_are_good:
+        if not self.metrics.few_steps_are_good:
             regrets = np.maximum(1.0 - lengths / optima, 0.0)
             near = lengths * self.solved_within >= optima
         else:
@@ -132,8 +132,8 @@ class Teacher(EpisodeHook):
             near = lengths <= self.solved_within * optima
         if self.solved_within:
             won = won & near
-        self._outcomes.append((lessons, won, returns, lengths, regrets))
-        self._played.append(np.stack([lessons, lengths]))
+        self._outcomes.append((values, won, returns, lengths, regrets))
+        self._played.append(np.stack([values, lengths]))
         self._won.append(won)
 
     def note_advantages(self, advantages: NDArray[Any], done: NDArray[np.bool_]) -> None:
@@ -154,26 +154,26 @@ class Teacher(EpisodeHook):
     def update(self, share: float, frames: int, seconds: float) -> None:
         """Report the outcomes since the last update to the curriculum, and log its changes.
 
-        Before that, mazes that are due are scored with the policy `examined`.
+        Before that, mazes that are due are scored with the policy `scored_policy`.
         """
-        if self.exam is not None and self.examined is not None:
+        if self.scorer is not None and self.scored_policy is not None:
             pool: Any = self.curriculum
             if frames >= pool.rounds * self.judge_every:
                 mazes = pool.to_judge(self.rng)
-                pool.note(mazes, self.exam.marks(self.examined, mazes))
+                pool.note(mazes, self.scorer.scores(self.scored_policy, mazes))
         self._settle()
         if self._outcomes:
-            lessons, won, returns, lengths, regrets = map(
+            values, won, returns, lengths, regrets = map(
                 np.concatenate, zip(*self._outcomes, strict=True)
             )
         else:
-            lessons = returns = regrets = np.zeros(0)
+            values = returns = regrets = np.zeros(0)
             won, lengths = np.zeros(0, dtype=bool), np.zeros(0, dtype=np.int64)
-        errors = np.concatenate(self._errors) if self._errors else np.full(len(lessons), np.nan)
+        errors = np.concatenate(self._errors) if self._errors else np.full(len(values), np.nan)
         self._clear()
-        self.episodes += len(lessons)
+        self.episodes += len(values)
         progress = Progress(share, frames, self.episodes, seconds)
-        outcomes = Outcomes(lessons, won, returns, lengths, regrets, errors)
+        outcomes = Outcomes(values, won, returns, lengths, regrets, errors)
         for change in self.curriculum.update(outcomes, progress):
             self.rows.append(row_of(change, progress))
 
@@ -182,13 +182,13 @@ class Teacher(EpisodeHook):
         self._settle()
         if not self._played:
             return {}
-        (lessons, lengths), won = np.hstack(self._played), np.concatenate(self._won)
+        (values, lengths), won = np.hstack(self._played), np.concatenate(self._won)
         self._played, self._won = [], []
         figures = {"training_success": float(won.mean())}
         if self.axis is None or not self.axis.ordered:
             return figures
-        hardest = float(np.average(np.isclose(lessons, self.axis.hardest), weights=lengths))
-        return {"stage": float(lessons.mean()), "on_hardest": hardest, **figures}
+        hardest = float(np.average(np.isclose(values, self.axis.hardest), weights=lengths))
+        return {"stage": float(values.mean()), "on_hardest": hardest, **figures}
 
     def state_dict(self) -> dict[str, Any]:
         """Tensors and plain values from which a resumed run continues exactly."""
@@ -226,7 +226,7 @@ class Teacher(EpisodeHook):
                 getattr(self, name)[:] = tensor.numpy()
         self.episodes = state["episodes"]
         self.rows = [dict(row) for row in state["rows"]]
-        self.rng.bit_generator.state = _whole(state["rng"])
+        self.rng.bit_generator.state = _parsed(state["rng"])
         self._played = [tensor.numpy() for tensor in state["played"]]
         self._won = [tensor.numpy() for tensor in state["won"]]
         self._outcomes = [tuple(part.numpy() for part in parts) for parts in state["outcomes"]]
@@ -262,9 +262,9 @@ def _plain(state: Any) -> Any:
     return str(state) if isinstance(state, int) else state
 
 
-def _whole(state: Any) -> Any:
+def _parsed(state: Any) -> Any:
     if isinstance(state, dict):
-        return {name: _whole(value) for name, value in state.items()}
+        return {name: _parsed(value) for name, value in state.items()}
     return int(state) if isinstance(state, str) and state.isdigit() else state
 
 

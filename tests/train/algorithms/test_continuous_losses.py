@@ -320,7 +320,7 @@ def test_stacked_critics_are_networks_of_their_own() -> None:
             hidden = (hidden @ weight[index] + bias[index]).tanh()
         alone = (hidden @ critics.weights[2][index] + critics.biases[2][index]).squeeze(-1)
         torch.testing.assert_close(together[index], alone)
-    judged = critics.frozen_values(prepared, action.requires_grad_(), 2)
+    judged = critics.frozen(prepared, action.requires_grad_(), 2)
     torch.testing.assert_close(judged, together[:2])
     judged.sum().backward()
     assert action.grad is not None and all(part.grad is None for part in critics.parameters())

@@ -93,10 +93,10 @@ def test_marks_are_the_gaps_of_the_exact_contest(
     found, best = contest.in_mazes("learned", policy), contest.best
     assert best is not None
     gaps = np.abs(found.steps / best.steps - 1.0)
-    exam = RegretScorer(task, agent, opponents)
+    scorer = RegretScorer(task, agent, opponents)
     chosen = np.array([4, 1, 0])
-    assert exam.marks(policy, chosen) == pytest.approx(gaps[chosen])
-    learnable = RegretScorer(task, agent, opponents, "learnability").marks(policy, chosen)
+    assert scorer.scores(policy, chosen) == pytest.approx(gaps[chosen])
+    learnable = RegretScorer(task, agent, opponents, "learnability").scores(policy, chosen)
     assert (learnable <= 0.25).all()
     # p(1 - p) is largest where success is even, and a mean of it is at most that of the mean.
     assert (learnable <= found.success[chosen] * (1 - found.success[chosen]) + 1e-9).all()
@@ -105,7 +105,7 @@ def test_marks_are_the_gaps_of_the_exact_contest(
 def test_the_optimal_runner_has_no_regret_and_nothing_to_learn() -> None:
     task = make_task("maze", maze="suite:5x5-train/0-5", num_goals=1)
     for mark in ("regret", "learnability"):
-        marks = RegretScorer(task, "runner", {}, mark).marks(NearestGoalRunner(), np.arange(6))
+        marks = RegretScorer(task, "runner", {}, mark).scores(NearestGoalRunner(), np.arange(6))
         assert marks == pytest.approx(0.0, abs=1e-9)
 
 
@@ -146,7 +146,7 @@ def test_a_run_judges_its_mazes_and_plays_the_hard_ones(name: str, tmp_path: Pat
     assert pool.rounds >= 7 and (pool.scores[:10] >= 0).all()
     assert run.trainee.simulator.task.mazes == run.trainee.contest.task.mazes
     assert "lesson" not in run.metrics.rows[-1] and teacher.rows
-    exact = teacher.exam.marks(teacher.examined, np.arange(10))
+    exact = teacher.scorer.scores(teacher.scored_policy, np.arange(10))
     assert np.isfinite(exact).all()
 
 
