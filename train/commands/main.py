@@ -58,8 +58,8 @@ Studies with several seeds and confidence intervals:
               pursuit sweep maze_by_size --dry-run
   ablate    compare curricula at equal budgets and equal final difficulty
               pursuit ablate opponent-epsilon --dry-run
-  race      compare PPO of several libraries, each with tuned settings
-              pursuit race ppo --dry-run
+  compare   compare PPO of several libraries, each with tuned settings
+              pursuit compare ppo --dry-run
   report    figures and tables of a sweep; learning curves of several runs
               pursuit report runs/first runs/second --x seconds --log
 

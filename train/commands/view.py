@@ -13,11 +13,7 @@ import tyro
 from pursuit.replays.replay import Replay
 from pursuit.replays.viewer.data import Builder, Extras
 from train.commands.parse import parse, print_warnings
-<<<<<<< HEAD
-from train.evaluation.closeups import recorded, sides_of
-=======
 from train.evaluation.recordings import recorded, sides_of
->>>>>>> main
 from train.files import check_new_files
 from train.play.browser import open_page
 from train.reports.pages import PLAYER_ROOM, write_page

@@ -54,11 +54,7 @@ def features_of(encoder: Encoder, num_agents: int) -> Features:
         num_agents: number of agents, which precede the goals.
     """
     shape, high = tuple(encoder.shape), np.asarray(encoder.space.high)
-<<<<<<< HEAD
-    if not is_ours(encoder.encoding):  # user-defined: its bounds may be infinite
-=======
     if not is_builtin(encoder.encoding):  # user-defined: its bounds may be infinite
->>>>>>> main
         largest = np.maximum(np.abs(encoder.space.low.astype(np.float64)), np.abs(high))
         bounds = np.where(np.isfinite(largest), largest, 1.0)
         return Features("planes" if len(shape) == 3 else "flat", shape, bounds)

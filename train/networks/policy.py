@@ -156,11 +156,7 @@ class Seat:
         `RecurrentPolicy` with memory or stacked observations, else a `NetworkPolicy`."""
         if self.frame_stack > 1 or getattr(network, "policy_memory", None) is not None:
             return RecurrentPolicy(network, self, greedy)
-<<<<<<< HEAD
-        sees_more = not is_ours(self.encoding) and not sees_cells_only(self.task, self.encoding)
-=======
         sees_more = not is_builtin(self.encoding) and not sees_cells_only(self.task, self.encoding)
->>>>>>> main
         return (NetworkPolicy if sees_more else LearnedPolicy)(network, self, greedy)
 
 

@@ -85,11 +85,7 @@ def of_solved(evaluation: Mapping[str, Any]) -> str:
 
 
 def describe_loops(content: Mapping[str, Any]) -> str:
-<<<<<<< HEAD
-    """Advice for a runner whose greedy policy loops at some starts that the sampled one solves.
-=======
     """Advice for a runner with a greedy policy that loops where the sampled one does not.
->>>>>>> main
 
     Empty if there are none, or if its success rate is low.
     """

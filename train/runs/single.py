@@ -152,11 +152,7 @@ class SingleAgent:
             "curriculum": "none" if plan is None else plan.name,
             "seed": build.seed,
             **({} if self.replica is None else {"processes": 2}),
-<<<<<<< HEAD
-            **evaluation_of(scores, self.evaluated, floor, certificate, contest),
-=======
             **evaluation_of(scores, self.evaluated, objective, certificate, contest),
->>>>>>> main
             "device": build.device,
             "precision": "bfloat16" if build.bfloat16 else "float32",
             **self._update(),

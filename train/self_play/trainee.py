@@ -223,13 +223,8 @@ class SelfPlay:
         return row
 
     def log_fields(self, row: dict[str, float]) -> list[str]:
-<<<<<<< HEAD
-        """As `told_row`."""
-        return told_row(row)
-=======
         """As `format_row`."""
         return format_row(row)
->>>>>>> main
 
     def results(self, interrupted: bool, episodes: int) -> dict[str, Any]:
         """Exploitability, matches between all policies, pools; for teams best responses to each

@@ -98,11 +98,7 @@ class SelfPlaySettings(RunSettings):
         check(bool(self.learning), "chaser and evader are both fixed; set one of them to learn")
         for name in self.members:
             check(
-<<<<<<< HEAD
-                name in AGENTS or is_own_policy(name),
-=======
                 name in AGENTS or is_custom_policy(name),
->>>>>>> main
                 f"unknown member {name!r}; one of {', '.join(AGENTS)}, or package.module:Name",
             )
             check(self.members.count(name) == 1, f"member {name!r} is listed twice")

@@ -42,20 +42,12 @@ def kept_text_of_rewards(name: str, given: Any) -> str:
 
 def kept_text_of_radius(name: str, given: Any) -> str | None:
     """View radii normalised to one string; None if unlimited."""
-<<<<<<< HEAD
-    return radius_text(kept_radius(name, given))
-=======
     return view_radius_text(check_view_radius(name, given))
->>>>>>> main
 
 
 def kept_text_of_agents(name: str, given: Any) -> str:
     """Roles and agents normalised to one string."""
-<<<<<<< HEAD
-    return chosen_text(kept_chosen(name, given))
-=======
     return agent_choice_text(check_agent_choice(name, given))
->>>>>>> main
 
 
 @dataclass(frozen=True)
