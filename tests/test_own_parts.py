@@ -165,7 +165,7 @@ def test_whoever_has_left_is_paid_nothing() -> None:
             "agent 0 of game 2",
         ),
         (lambda b, a, c: 1e300 * np.ones(a.shape), "returned 1e.300 for agent 0 of game 0"),
-        (lambda b, a, c: "much", "must give numbers"),
+        (lambda b, a, c: "much", "must return numbers"),
     ],
 )
 def test_payments_that_are_none_are_refused_with_name_and_game(paid: Any, message: str) -> None:

@@ -272,9 +272,9 @@ def add_event_rewards(
 
 
 @inlined
-def pays_step(coefficients: RewardCoefficients, event: int, end: int) -> bool:
+def pays_step(rewards: RewardCoefficients, event: int, end: int) -> bool:
     """Whether the step reward applies: no event, or an event that counts only at the end."""
-    return event == 0 or (coefficients.on_completion != 0.0 and end != TERMINATED)
+    return event == 0 or (rewards.on_completion != 0.0 and end != TERMINATED)
 
 
 @inlined
@@ -288,7 +288,7 @@ def add_capture_rewards(
     end: int,
 ) -> None:
     """Write the events and rewards of captures; captors of one evader share its reward equally."""
-    row = not pays_step(rules.chaser, CAPTURED, end)
+    applies = not pays_step(rules.chaser, CAPTURED, end)
     for i in range(num_captured):
         evader = plan.captured[i]
         share = rules.chaser.capture / plan.captors[evader]
@@ -297,7 +297,7 @@ def add_capture_rewards(
             event, earned = games.event[game, chaser], outcome.rewards[game, chaser]
             more = np.float32(share + (earned if event != 0 else np.float32(0.0)))
             games.event[game, chaser] = event | (CAPTURED * met)
-            outcome.rewards[game, chaser] = more if met & row else earned
+            outcome.rewards[game, chaser] = more if met & applies else earned
         games.event[game, evader] = WAS_CAPTURED
         outcome.rewards[game, evader] = np.float32(rules.evader.capture)
 
@@ -307,14 +307,14 @@ def add_per_evader_rewards(
     games: Games, game: int, rules: Rules, plan: StepScratch, outcome: Outcome
 ) -> None:
     """Write the reward of every chaser as a sum over the evaders free before the step."""
-    teams, coefficients, total = rules.teams, rules.chaser, np.float32(0.0)
+    teams, rewards, total = rules.teams, rules.chaser, np.float32(0.0)
     for evader in evaders_of(teams):
         if is_free(games, game, evader) != 0:
             if plan.captors[evader] > 0:
-                earned = np.float32(coefficients.capture)
+                earned = np.float32(rewards.capture)
             else:
-                event, earned = goals_taken_by(games, game, evader, teams, coefficients, plan)
-                earned = earned if event != 0 else np.float32(coefficients.step)
+                event, earned = goals_taken_by(games, game, evader, teams, rewards, plan)
+                earned = earned if event != 0 else np.float32(rewards.step)
             total = np.float32(total + earned)
     for chaser in chasers_of(teams):
         outcome.rewards[game, chaser] = total
@@ -326,7 +326,7 @@ def goals_taken_by(
     game: int,
     agent: int,
     teams: Teams,
-    coefficients: RewardCoefficients,
+    rewards: RewardCoefficients,
     plan: StepScratch,
 ) -> tuple[int, float]:
     """The event and reward of a collector; agents on one goal share its reward equally."""
@@ -334,7 +334,7 @@ def goals_taken_by(
     for goal in goals_of(teams):
         if plan.takers[goal] > 0 and games.goal[game, goal] == plan.after[agent]:
             event = COLLECTED
-            earned = np.float32(earned + coefficients.goal / plan.takers[goal])
+            earned = np.float32(earned + rewards.goal / plan.takers[goal])
     return event, earned
 
 

@@ -19,19 +19,12 @@ from pursuit.rules.layout import Games, World, world_of
 
 @inlined
 def predict(
-    world: World,
-    maze: int,
-    before: int,
-    now: int,
-    chances: Any,
-    duel: Duel,
-    belief: Any,
-    workspace: Any,
+    world: World, maze: int, before: int, now: int, chances: Any, duel: Duel, belief: Any, work: Any
 ) -> None:
     """Carry a belief one step on by the opponent's chances, to games without a capture."""
     size, first = world.num_cells[maze], world.first_cell[maze]
     for cell in range(size):
-        workspace[cell] = 0.0
+        work[cell] = 0.0
     for cell in range(size):
         if belief[cell] == 0.0:
             continue
@@ -39,9 +32,9 @@ def predict(
         for action in range(chances.shape[1]):
             after = world.neighbors[first + cell, action]
             if not ends_duel(duel, before, now, cell, after):
-                workspace[after] += belief[cell] * chances[pair, action]
+                work[after] += belief[cell] * chances[pair, action]
     for cell in range(size):
-        belief[cell] = workspace[cell]
+        belief[cell] = work[cell]
 
 
 @inlined
@@ -72,14 +65,14 @@ def update_beliefs(
     belief: Any,
     known_at: Any,
     before: Any,
-    workspace: Any,
+    work: Any,
 ) -> None:
     """Update the beliefs of all games by what is in view now.
 
     `settings` is (own role chases, chasers first, minimum start distance). `rows` [games] are the
     rows of the games in the agent's memory: `belief` [all games, cells] float64, the step
     `known_at` of that belief (-1: none), and the own cell `before`, both [all games] int32.
-    `workspace` is float64 [cells].
+    `work` is float64 [cells].
     """
     own_chases, chasers_first, least = settings
     duel = Duel(own_chases, chasers_first)
@@ -97,7 +90,7 @@ def update_beliefs(
             mine[theirs] = 1.0
         elif known_at[row] < 0 or known_at[row] != games.steps[game]:
             if known_at[row] >= 0 and known_at[row] == games.steps[game] - 1:
-                predict(world, maze, np.int64(before[row]), own, chances, duel, mine, workspace)
+                predict(world, maze, np.int64(before[row]), own, chances, duel, mine, work)
             else:
                 for cell in range(size):
                     far = table_distance(world, maze, own, cell) >= least
@@ -113,21 +106,21 @@ def update_beliefs(
 
 @summing
 def least_expected(
-    first: Any, sizes: Any, belief: Any, worth: Any, most: float, workspace: Any, masks: Any
+    first: Any, sizes: Any, belief: Any, worth: Any, most: float, work: Any, masks: Any
 ) -> None:
     """Fill `masks` [games] with the actions of least expected value under `belief` [games, cells].
 
     `worth` is [actions, pairs], `first` [games] the index of the pair (own cell, cell 0), `sizes`
-    [games] the number of cells of the maze, and `workspace` is [actions]. Actions within the factor
+    [games] the number of cells of the maze, and `work` is [actions]. Actions within the factor
     `most` of the least count as equal.
     """
     for game in range(masks.shape[0]):
         least, mask = np.inf, 0
-        for action in range(workspace.shape[0]):
+        for action in range(work.shape[0]):
             total = 0.0
             for cell in range(sizes[game]):
                 total += belief[game, cell] * worth[action, first[game] + cell]
-            workspace[action], least = total, min(least, total)
-        for action in range(workspace.shape[0]):
-            mask |= (workspace[action] <= most * least) << action
+            work[action], least = total, min(least, total)
+        for action in range(work.shape[0]):
+            mask |= (work[action] <= most * least) << action
         masks[game] = mask

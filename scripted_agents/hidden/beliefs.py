@@ -48,10 +48,7 @@ class BeliefFilter:
     """
 
     def __init__(
-        self,
-        opponent: TabularPolicy,
-        view_radius: int | None = None,
-        line_of_sight: bool = False,
+        self, opponent: TabularPolicy, view_radius: int | None = None, line_of_sight: bool = False
     ) -> None:
         if not isinstance(opponent, TabularPolicy):
             raise ValueError(

@@ -38,13 +38,13 @@ LEAST_GAIN = 1e-3
 
 
 @subroutine
-def lower_at(lower: Any, own: int, size: int, weights: Any, workspace: Any, skip: int) -> Any:
+def lower_at(lower: Any, own: int, size: int, weights: Any, work: Any, skip: int) -> Any:
     """A lower bound of the cost of these weights by slot; the point `skip` is left out.
 
-    The weights hold so much of a point, left in room.ratio, and the rest costs its informed bound
+    The weights hold so much of a point, left in work.ratio, and the rest costs its informed bound
     at least. (Sawtooth: Hauskrecht, 2000; there the rest costs what its single cells do.)
     """
-    count, ratio, least = lower.count[own], workspace.ratio, workspace.least
+    count, ratio, least = lower.count[own], work.ratio, work.least
     for i in range(count):
         ratio[i], least[i] = 1e300, 1e300
     for slot in range(size):
@@ -69,9 +69,9 @@ def lower_at(lower: Any, own: int, size: int, weights: Any, workspace: Any, skip
 
 
 @subroutine
-def upper_at(upper: Any, own: int, size: int, weights: Any, workspace: Any) -> Any:
-    """The best plan for these weights by slot; its cost is left in room.product."""
-    count, product = upper.count[own], workspace.product
+def upper_at(upper: Any, own: int, size: int, weights: Any, work: Any) -> Any:
+    """The best plan for these weights by slot; its cost is left in work.product."""
+    count, product = upper.count[own], work.product
     for j in range(count):
         product[j] = 0.0
     for slot in range(size):
@@ -87,13 +87,13 @@ def upper_at(upper: Any, own: int, size: int, weights: Any, workspace: Any) -> A
 
 
 @subroutine
-def upper_after(model: Any, upper: Any, workspace: Any, own: int, action: int, belief: Any) -> Any:
+def upper_after(model: Any, upper: Any, work: Any, own: int, action: int, belief: Any) -> Any:
     """The upper bound of a belief [hidden] with this action first.
 
-    Leaves where the other may be then in room.arrived and room.after, and the cost of the
-    step in room.cost.
+    Leaves where the other may be then in work.arrived and work.after, and the cost of the
+    step in work.cost.
     """
-    arrived, after = workspace.arrived[action], workspace.after[action]
+    arrived, after = work.arrived[action], work.after[action]
     mine, cost, up = model.next_own[own, action], 0.0, 0.0
     arrived[:] = 0.0
     after[:] = 0.0
@@ -111,51 +111,47 @@ def upper_after(model: Any, upper: Any, workspace: Any, own: int, action: int, b
                     after[slot] += chance
     for cell in range(belief.shape[0]):
         up += arrived[cell] * upper.seen[mine, cell]
-    workspace.cost[action], workspace.plan[action], workspace.hidden_up[action] = cost, 0, 0.0
+    work.cost[action], work.plan[action], work.hidden_up[action] = cost, 0, 0.0
     if after.sum() > 0.0:
-        plan = upper_at(upper, mine, model.sizes[mine], after, workspace)
-        workspace.plan[action], workspace.hidden_up[action] = plan, workspace.product[plan]
-    return cost + model.discount * (up + workspace.hidden_up[action])
+        plan = upper_at(upper, mine, model.sizes[mine], after, work)
+        work.plan[action], work.hidden_up[action] = plan, work.product[plan]
+    return cost + model.discount * (up + work.hidden_up[action])
 
 
 @subroutine
-def look(model: Any, lower: Any, upper: Any, workspace: Any, own: int, belief: Any) -> None:
+def look(model: Any, lower: Any, upper: Any, work: Any, own: int, belief: Any) -> None:
     """Look one step ahead from a belief [hidden]: both bounds of every useful action."""
     for action in range(model.next_own.shape[1]):
-        workspace.low[action], workspace.up[action] = 1e300, 1e300
+        work.low[action], work.up[action] = 1e300, 1e300
         if not model.useful[own, action]:
             continue
-        workspace.up[action] = upper_after(model, upper, workspace, own, action, belief)
+        work.up[action] = upper_after(model, upper, work, own, action, belief)
         mine, arrived, after = (
             model.next_own[own, action],
-            workspace.arrived[action],
-            workspace.after[action],
+            work.arrived[action],
+            work.after[action],
         )
         low = hidden = 0.0
         for cell in range(belief.shape[0]):
             low += arrived[cell] * lower.seen[mine, cell]
         if after.sum() > 0.0:
-            hidden = lower_at(lower, mine, model.sizes[mine], after, workspace, NONE)
-        workspace.hidden_low[action] = hidden
-        workspace.low[action] = workspace.cost[action] + model.discount * (low + hidden)
+            hidden = lower_at(lower, mine, model.sizes[mine], after, work, NONE)
+        work.hidden_low[action] = hidden
+        work.low[action] = work.cost[action] + model.discount * (low + hidden)
 
 
 @compiled
-def choose_actions(
-    model: Any, upper: Any, workspace: Any, own: Any, beliefs: Any, moves: Any
-) -> None:
+def choose_actions(model: Any, upper: Any, work: Any, own: Any, beliefs: Any, moves: Any) -> None:
     """Fill `moves` [games] with the bit of the action of the least upper bound one step ahead.
 
     That is the first of them where several are; own [games] and beliefs [games, hidden].
     """
     for game in range(len(own)):
         for action in range(model.next_own.shape[1]):
-            workspace.up[action] = 1e300
+            work.up[action] = 1e300
             if model.useful[own[game], action]:
-                workspace.up[action] = upper_after(
-                    model, upper, workspace, own[game], action, beliefs[game]
-                )
-        moves[game] = 1 << least_of(workspace.up)
+                work.up[action] = upper_after(model, upper, work, own[game], action, beliefs[game])
+        moves[game] = 1 << least_of(work.up)
 
 
 @subroutine
@@ -184,14 +180,14 @@ def plan_cost(model: Any, upper: Any, own: int, cell: int, action: int, follow: 
 
 
 @subroutine
-def add_point(model: Any, lower: Any, workspace: Any, own: int, value: float, gain: float) -> None:
-    """Note that the belief in room.rest costs at least `value`, if that is news by `gain`."""
-    size, weights, index = model.sizes[own], workspace.rest, lower.count[own]
-    known = lower_at(lower, own, size, weights, workspace, NONE)
+def add_point(model: Any, lower: Any, work: Any, own: int, value: float, gain: float) -> None:
+    """Note that the belief in work.rest costs at least `value`, if that is news by `gain`."""
+    size, weights, index = model.sizes[own], work.rest, lower.count[own]
+    known = lower_at(lower, own, size, weights, work, NONE)
     if value <= known + gain:
         return
     for i in range(lower.count[own]):  # a ratio of 1 is the same belief
-        if workspace.ratio[i] > 1.0 - SAME:
+        if work.ratio[i] > 1.0 - SAME:
             index = i
             break
     if index == lower.value.shape[1]:
@@ -211,14 +207,14 @@ def add_point(model: Any, lower: Any, workspace: Any, own: int, value: float, ga
 
 
 @subroutine
-def add_plan(model: Any, upper: Any, workspace: Any, own: int, action: int, gain: float) -> None:
-    """Note the plan that `look` found to begin with `action`, if it costs the belief in room.rest
+def add_plan(model: Any, upper: Any, work: Any, own: int, action: int, gain: float) -> None:
+    """Note the plan that `look` found to begin with `action`, if it costs the belief in work.rest
     less by `gain`."""
-    size, index, follow = model.sizes[own], upper.count[own], workspace.plan[action]
+    size, index, follow = model.sizes[own], upper.count[own], work.plan[action]
     if index == upper.action.shape[1]:
         return
-    best = upper_at(upper, own, size, workspace.rest, workspace)
-    if workspace.up[action] >= workspace.product[best] - gain:
+    best = upper_at(upper, own, size, work.rest, work)
+    if work.up[action] >= work.product[best] - gain:
         return
     for slot in range(size):
         cell = model.cells[own, slot]
@@ -228,40 +224,34 @@ def add_plan(model: Any, upper: Any, workspace: Any, own: int, action: int, gain
 
 
 @subroutine
-def update(
-    model: Any, lower: Any, upper: Any, workspace: Any, own: int, seen: int, belief: Any
-) -> None:
+def update(model: Any, lower: Any, upper: Any, work: Any, own: int, seen: int, belief: Any) -> None:
     """Improve both bounds from what `look` found, where the other is seen in the cell `seen`, or at
     a belief out of view (NONE) with the sum 1."""
-    low, action = workspace.low[least_of(workspace.low)], least_of(workspace.up)
+    low, action = work.low[least_of(work.low)], least_of(work.up)
     if seen == NONE:
         for slot in range(model.sizes[own]):
-            workspace.rest[slot] = belief[model.cells[own, slot]]
-        gain = LEAST_GAIN * max(workspace.up[action] - low, 0.0)
-        add_plan(model, upper, workspace, own, action, gain)
-        add_point(model, lower, workspace, own, low, gain)
+            work.rest[slot] = belief[model.cells[own, slot]]
+        gain = LEAST_GAIN * max(work.up[action] - low, 0.0)
+        add_plan(model, upper, work, own, action, gain)
+        add_point(model, lower, work, own, low, gain)
         return
     lower.seen[own, seen] = max(lower.seen[own, seen], low)
-    if workspace.up[action] < upper.seen[own, seen]:
-        upper.seen[own, seen] = workspace.up[action]
-        upper.seen_action[own, seen], upper.seen_follow[own, seen] = action, workspace.plan[action]
+    if work.up[action] < upper.seen[own, seen]:
+        upper.seen[own, seen] = work.up[action]
+        upper.seen_action[own, seen], upper.seen_follow[own, seen] = action, work.plan[action]
 
 
 @subroutine
 def descend(
-    model: Any, lower: Any, upper: Any, workspace: Any, own: int, depth: int, allowed: float
+    model: Any, lower: Any, upper: Any, work: Any, own: int, depth: int, allowed: float
 ) -> Any:
     """Put what adds most to the distance of the bounds into the next place of the way.
 
     That is of what follows the action that may be best. A distance of `allowed` is small enough;
     returns False where none is larger.
     """
-    action = least_of(workspace.low)
-    mine, arrived, after = (
-        model.next_own[own, action],
-        workspace.arrived[action],
-        workspace.after[action],
-    )
+    action = least_of(work.low)
+    mine, arrived, after = (model.next_own[own, action], work.arrived[action], work.after[action])
     best, most = NONE, 0.0
     for cell in range(len(arrived)):
         if arrived[cell] > 0.0:
@@ -269,12 +259,12 @@ def descend(
             if arrived[cell] * excess > most:
                 best, most = cell, arrived[cell] * excess
     size, mass = model.sizes[mine], after.sum()
-    excess = workspace.hidden_up[action] - workspace.hidden_low[action] - mass * allowed
-    following = workspace.belief[depth + 1]
-    workspace.own[depth + 1] = mine
+    excess = work.hidden_up[action] - work.hidden_low[action] - mass * allowed
+    following = work.belief[depth + 1]
+    work.own[depth + 1] = mine
     following[:] = 0.0
     if excess > most:
-        workspace.seen[depth + 1] = NONE
+        work.seen[depth + 1] = NONE
         kept = 0.0
         for slot in range(size):
             if after[slot] > NEGLIGIBLE * mass:
@@ -284,30 +274,30 @@ def descend(
                 following[model.cells[mine, slot]] = after[slot] / kept
         return True
     if best != NONE:
-        workspace.seen[depth + 1] = best
+        work.seen[depth + 1] = best
         following[best] = 1.0
     return best != NONE
 
 
 @compiled
-def explore(model: Any, lower: Any, upper: Any, workspace: Any, epsilon: float) -> Any:
+def explore(model: Any, lower: Any, upper: Any, work: Any, epsilon: float) -> Any:
     """One trial from the first place of the way: down to where the bounds are close enough, given
     that they are to be within `epsilon` at the start, and up again, improving them. Returns its
-    length; room.low and room.up are of the start then. Heuristic search value iteration: Smith and
+    length; work.low and work.up are of the start then. Heuristic search value iteration: Smith and
     Simmons (2004, 2005).
     """
     depth, allowed = 0, epsilon
-    while depth + 1 < len(workspace.own):
-        own, belief = workspace.own[depth], workspace.belief[depth]
-        look(model, lower, upper, workspace, own, belief)
+    while depth + 1 < len(work.own):
+        own, belief = work.own[depth], work.belief[depth]
+        look(model, lower, upper, work, own, belief)
         allowed /= model.discount
-        if not descend(model, lower, upper, workspace, own, depth, allowed):
+        if not descend(model, lower, upper, work, own, depth, allowed):
             break
         depth += 1
     for place in range(depth, -1, -1):
-        own, belief = workspace.own[place], workspace.belief[place]
-        look(model, lower, upper, workspace, own, belief)
-        update(model, lower, upper, workspace, own, workspace.seen[place], belief)
+        own, belief = work.own[place], work.belief[place]
+        look(model, lower, upper, work, own, belief)
+        update(model, lower, upper, work, own, work.seen[place], belief)
     return depth + 1
 
 
@@ -315,20 +305,20 @@ def explore(model: Any, lower: Any, upper: Any, workspace: Any, epsilon: float) 
 
 
 @compiled
-def improve(model: Any, lower: Any, upper: Any, workspace: Any, places: Any) -> Any:
+def improve(model: Any, lower: Any, upper: Any, work: Any, places: Any) -> Any:
     """Look at all places, which are like roots, and improve both bounds there; but with `seen`
     MIXED (a belief over cells of both kinds) only look. Returns the largest change of their bounds.
     """
     change = 0.0
     for place in range(len(places.own)):
         own, belief = places.own[place], places.belief[place]
-        look(model, lower, upper, workspace, own, belief)
-        low, up = workspace.low[least_of(workspace.low)], workspace.up[least_of(workspace.up)]
+        look(model, lower, upper, work, own, belief)
+        low, up = work.low[least_of(work.low)], work.up[least_of(work.up)]
         change = max(change, low - places.low[place], places.up[place] - up)
         places.low[place] = max(places.low[place], low)
         places.up[place] = min(places.up[place], up)
         if places.seen[place] != MIXED:
-            update(model, lower, upper, workspace, own, places.seen[place], belief)
+            update(model, lower, upper, work, own, places.seen[place], belief)
     return change
 
 
@@ -356,14 +346,14 @@ def evaluate_plans(model: Any, upper: Any) -> Any:
 
 
 @compiled
-def prune_points(model: Any, lower: Any, workspace: Any, own: int, slack: float) -> None:
+def prune_points(model: Any, lower: Any, work: Any, own: int, slack: float) -> None:
     """Drop the points that add less than `slack` to what the others say, one after the other."""
     size, point = model.sizes[own], 0
     while point < lower.count[own]:
         for slot in range(size):
             inverse = lower.inverse[own, slot, point]
-            workspace.rest[slot] = 1.0 / inverse if inverse < NO_LIMIT else 0.0
-        known = lower_at(lower, own, size, workspace.rest, workspace, point)
+            work.rest[slot] = 1.0 / inverse if inverse < NO_LIMIT else 0.0
+        known = lower_at(lower, own, size, work.rest, work, point)
         if known < lower.value[own, point] - slack:
             point += 1
             continue
@@ -377,20 +367,20 @@ def prune_points(model: Any, lower: Any, workspace: Any, own: int, slack: float)
 
 
 @compiled
-def mark_best(model: Any, lower: Any, upper: Any, workspace: Any, roots: Any, used: Any) -> None:
+def mark_best(model: Any, lower: Any, upper: Any, work: Any, roots: Any, used: Any) -> None:
     """Mark in used [own, plan] the plans that are best at a point or at a root."""
     used[:] = False
-    belief = workspace.rest
+    belief = work.rest
     for own in range(len(model.sizes)):
         size = model.sizes[own]
         for point in range(lower.count[own]):
             for slot in range(size):
                 inverse = lower.inverse[own, slot, point]
                 belief[slot] = 1.0 / inverse if inverse < NO_LIMIT else 0.0
-            used[own, upper_at(upper, own, size, belief, workspace)] = True
+            used[own, upper_at(upper, own, size, belief, work)] = True
     for root in range(len(roots.own)):
         own = roots.own[root]
         if roots.seen[root] == NONE:
             for slot in range(model.sizes[own]):
                 belief[slot] = roots.belief[root, model.cells[own, slot]]
-            used[own, upper_at(upper, own, model.sizes[own], belief, workspace)] = True
+            used[own, upper_at(upper, own, model.sizes[own], belief, work)] = True

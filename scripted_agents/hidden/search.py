@@ -270,12 +270,12 @@ class HiddenSearch:
 
     def _explore_from(self, root: int, epsilon: float) -> int:
         """A trial that is to bring the bounds of a start so close; its length."""
-        roots, workspace = self.roots, self._room
-        workspace.own[0], workspace.seen[0] = roots.own[root], roots.seen[root]
-        workspace.belief[0] = roots.belief[root]
+        roots, work = self.roots, self._room
+        work.own[0], work.seen[0] = roots.own[root], roots.seen[root]
+        work.belief[0] = roots.belief[root]
         length = int(explore(*self._arrays, epsilon))
-        roots.low[root] = max(roots.low[root], workspace.low.min())
-        roots.up[root] = min(roots.up[root], workspace.up.min())
+        roots.low[root] = max(roots.low[root], work.low.min())
+        roots.up[root] = min(roots.up[root], work.up.min())
         return length
 
     def prune(self) -> None:

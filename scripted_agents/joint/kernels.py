@@ -136,24 +136,24 @@ def fill_numbers(
 
 
 @inlined
-def put_back(games: Games, rules: Rules, workspace: Workspace) -> None:
+def put_back(games: Games, rules: Rules, work: Workspace) -> None:
     """The game as it was before the step."""
     for agent in layout.agents_of(rules.teams):
-        games.position[0, agent] = workspace.cells[agent]
-        games.active[0, agent] = workspace.active[agent]
+        games.position[0, agent] = work.cells[agent]
+        games.active[0, agent] = work.active[agent]
     for goal in layout.goals_of(rules.teams):
-        games.goal[0, goal] = workspace.goals[goal]
+        games.goal[0, goal] = work.goals[goal]
     games.steps[0] = 0
 
 
 @inlined
 def without_bumps(
-    rules: Rules, world: World, players: Players, player: int, workspace: Workspace, joint: int
+    rules: Rules, world: World, players: Players, player: int, work: Workspace, joint: int
 ) -> int:
     """A player's joint action with the first of the actions that run into a wall for all these."""
     found, scale = 0, 1
     for back in range(players.begins[player + 1] - players.begins[player]):
-        cell = workspace.cells[players.seats[players.begins[player + 1] - 1 - back]]
+        cell = work.cells[players.seats[players.begins[player + 1] - 1 - back]]
         action = joint % rules.num_actions
         joint //= rules.num_actions
         if world.neighbors[cell, action] == cell:
@@ -166,29 +166,27 @@ def without_bumps(
 
 
 @subroutine
-def list_options(
-    rules: Rules, world: World, players: Players, state: int, workspace: Workspace
-) -> None:
+def list_options(rules: Rules, world: World, players: Players, state: int, work: Workspace) -> None:
     """What every player may do: one that decides all that leads to different cells, of bumps the
     first; the others what they do with some chance."""
     for player in range(players.begins.shape[0] - 1):
         first, last = players.begins[player], players.begins[player + 1]
         free, many = 0, 0
         for at in range(first, last):
-            free |= workspace.active[players.seats[at]]
+            free |= work.active[players.seats[at]]
         if not free:
-            workspace.option[player, 0], workspace.chance[player, 0], many = 0, 1.0, 1
+            work.option[player, 0], work.chance[player, 0], many = 0, 1.0, 1
         elif player < players.deciding:
-            cell, stays = workspace.cells[players.seats[first]], -1
+            cell, stays = work.cells[players.seats[first]], -1
             for action in range(rules.num_actions):
                 bumps = world.neighbors[cell, action] == cell
                 if not bumps or (stays < 0 and not players.moves_first):
-                    workspace.option[player, many], workspace.chance[player, many] = action, 1.0
+                    work.option[player, many], work.chance[player, many] = action, 1.0
                     many += 1
                 if bumps and stays < 0:
                     stays = action
             if stays >= 0 and players.moves_first:
-                workspace.option[player, many], workspace.chance[player, many] = stays, 1.0
+                work.option[player, many], work.chance[player, many] = stays, 1.0
                 many += 1
         else:
             row = np.int64(players.codes[player - players.deciding, state])
@@ -196,88 +194,86 @@ def list_options(
                 chance = players.rows[row + joint]
                 if chance == 0.0:
                     continue
-                option, at = without_bumps(rules, world, players, player, workspace, joint), many
+                option, at = without_bumps(rules, world, players, player, work, joint), many
                 for earlier in range(many):
-                    if workspace.option[player, earlier] == option:
+                    if work.option[player, earlier] == option:
                         at = earlier
                 if at == many:
-                    workspace.option[player, many], workspace.chance[player, many] = option, 0.0
+                    work.option[player, many], work.chance[player, many] = option, 0.0
                     many += 1
-                workspace.chance[player, at] += chance
-        workspace.many[player] = many
+                work.chance[player, at] += chance
+        work.many[player] = many
 
 
 @inlined
-def take(players: Players, workspace: Workspace, first: int, last: int, actions: int) -> float:
+def take(players: Players, work: Workspace, first: int, last: int, actions: int) -> float:
     """Write the actions of these players in the options that they pick; the chance of the picks."""
     chance = 1.0
     for back in range(last - first):
         player = last - 1 - back
-        option = workspace.pick[player]
-        joint, seat = workspace.option[player, option], players.begins[player + 1] - 1
+        option = work.pick[player]
+        joint, seat = work.option[player, option], players.begins[player + 1] - 1
         while seat > players.begins[player]:
-            workspace.actions[0, players.seats[seat]] = joint % actions
+            work.actions[0, players.seats[seat]] = joint % actions
             joint //= actions
             seat -= 1
-        workspace.actions[0, players.seats[seat]] = joint
-        chance *= workspace.chance[player, option]
+        work.actions[0, players.seats[seat]] = joint
+        chance *= work.chance[player, option]
     return chance
 
 
 @inlined
-def pick_next(workspace: Workspace, first: int, last: int) -> None:
+def pick_next(work: Workspace, first: int, last: int) -> None:
     """The next combination of options of these players, the last one's counting fastest."""
     for back in range(last - first):
         player = last - 1 - back
-        workspace.pick[player] += 1
-        if workspace.pick[player] < workspace.many[player]:
+        work.pick[player] += 1
+        if work.pick[player] < work.many[player]:
             return
-        workspace.pick[player] = 0
+        work.pick[player] = 0
 
 
 @inlined
 def expand(
     games: Games, rules: Rules, world: World, plan: StepScratch, outcome: Outcome,
-    numbering: Numbering, players: Players, quantities: Quantities, workspace: Workspace,
+    numbering: Numbering, players: Players, quantities: Quantities, work: Workspace,
     store: Store, state: int,
 ) -> None:  # fmt: skip
     """Store the transitions of the current state of the game."""
-    agents, cells, number = players.seats.shape[0], int(world.num_cells[0]), workspace.sums.shape[0]
+    agents, cells, number = players.seats.shape[0], int(world.num_cells[0]), work.sums.shape[0]
     for agent in layout.agents_of(rules.teams):
-        workspace.cells[agent] = games.position[0, agent]
-        workspace.active[agent] = games.active[0, agent]
+        work.cells[agent] = games.position[0, agent]
+        work.active[agent] = games.active[0, agent]
     for goal in layout.goals_of(rules.teams):
-        workspace.goals[goal] = games.goal[0, goal]
-    list_options(rules, world, players, state, workspace)
+        work.goals[goal] = games.goal[0, goal]
+    list_options(rules, world, players, state, work)
     ours, theirs, all_players = 1, 1, players.begins.shape[0] - 1
     for player in range(all_players):
-        workspace.pick[player] = 0
+        work.pick[player] = 0
         if player < players.deciding:
-            ours *= workspace.many[player]
+            ours *= work.many[player]
         else:
-            theirs *= workspace.many[player]
+            theirs *= work.many[player]
     store.shape[state, 0], store.shape[state, 1] = ours, theirs
-    store.shape[state, 2] = workspace.many[0]
+    store.shape[state, 2] = work.many[0]
     pair, edge = store.pairs[state], store.edges[state]
     for own in range(ours):
-        take(players, workspace, 0, players.deciding, rules.num_actions)
-        pick_next(workspace, 0, players.deciding)
+        take(players, work, 0, players.deciding, rules.num_actions)
+        pick_next(work, 0, players.deciding)
         joint = 0
         for seat in range(players.deciding):
-            joint = joint * rules.num_actions + workspace.actions[0, players.seats[seat]]
+            joint = joint * rules.num_actions + work.actions[0, players.seats[seat]]
         store.joints[edge + own] = joint
         for q in range(number):
             lasts = 0
             for agent in range(agents):
-                lasts |= quantities.lasting[q, agent] & workspace.active[agent]
+                lasts |= quantities.lasting[q, agent] & work.active[agent]
             store.sides[edge + own * number + q] = lasts
         for other in range(theirs):
-            chance = take(players, workspace, players.deciding, all_players, rules.num_actions)
-            pick_next(workspace, players.deciding, all_players)
-            put_back(games, rules, workspace)
-            ended = (
-                step(games, 0, workspace.actions, rules, world, plan, outcome) == layout.TERMINATED
-            )
+            chance = take(players, work, players.deciding, all_players, rules.num_actions)
+            pick_next(work, players.deciding, all_players)
+            put_back(games, rules, work)
+            ended = step(games, 0, work.actions, rules, world, plan, outcome) == layout.TERMINATED
             following = int(np.int64(-1))
             if not ended:
                 following = number_of(games, 0, rules.teams, cells, numbering)
@@ -297,7 +293,7 @@ def entry_for(duel: bool) -> Any:
     @compiled
     def fill_store(
         memory: layout.Memory, numbers: Any, coefficients: Any, mazes: Any, scratch: Any,
-        numbering: Numbering, players: Players, quantities: Quantities, workspace: Workspace,
+        numbering: Numbering, players: Players, quantities: Quantities, work: Workspace,
         store: Store, first: int, last: int,
     ) -> None:  # fmt: skip
         """Store what follows the states from `first` to `last` - 1 that the store has room for."""
@@ -312,7 +308,7 @@ def entry_for(duel: bool) -> Any:
             group = group_at(state, group, numbering)
             put(games, 0, state, group, teams, int(world.num_cells[0]), numbering)
             expand(
-                games, rules, world, plan, outcome, numbering, players, quantities, workspace,
+                games, rules, world, plan, outcome, numbering, players, quantities, work,
                 store, state,
             )  # fmt: skip
 
@@ -326,36 +322,34 @@ FILL_STORE = {duel: entry_for(duel) for duel in (True, False)}
 
 
 @inlined
-def back_up(store: Store, state: int, workspace: Workspace, aim: Objective, values: Any) -> int:
-    """Compute the values of a state into `workspace.best`; return the joint action chosen."""
-    number, ours, theirs = workspace.sums.shape[0], store.shape[state, 0], store.shape[state, 1]
+def back_up(store: Store, state: int, work: Workspace, aim: Objective, values: Any) -> int:
+    """Compute the values of a state into `work.best`; return the joint action chosen."""
+    number, ours, theirs = work.sums.shape[0], store.shape[state, 0], store.shape[state, 1]
     edge, pair = store.edges[state], store.pairs[state]
     chances, chosen, bound, least = edge + ours * number, 0, np.inf, np.inf
     for own in range(ours):
         for q in range(number):
-            workspace.sums[q] = 0.0
+            work.sums[q] = 0.0
         for other in range(theirs):
             after = np.int64(store.following[pair + own * theirs + other])
             if after >= 0:
                 for q in range(number):
-                    workspace.sums[q] += store.sides[chances + other] * values[after, q]
+                    work.sums[q] += store.sides[chances + other] * values[after, q]
         for q in range(number):
-            workspace.sums[q] = (
-                store.sides[edge + own * number + q] + aim.discount * workspace.sums[q]
-            )
-        first = aim.sign * workspace.sums[0]
+            work.sums[q] = store.sides[edge + own * number + q] + aim.discount * work.sums[q]
+        first = aim.sign * work.sums[0]
         if first < bound:
             bound, chosen = first - TIE * max(1.0, abs(first)), own
         if first < least or own == 0:
             least = first
             for q in range(number):
-                workspace.best[q] = workspace.sums[q]
+                work.best[q] = work.sums[q]
     return int(store.joints[edge + chosen])
 
 
 @compiled
 def sweep(
-    workspace: Workspace, store: Store, aim: Objective, values: Any, target: Any, choice: Any,
+    work: Workspace, store: Store, aim: Objective, values: Any, target: Any, choice: Any,
     segments: Any, changes: Any,
 ) -> None:  # fmt: skip
     """Back up all states of `segments` [n, 2] (first state, and the one after the last) once.
@@ -367,9 +361,9 @@ def sweep(
         for state in range(segments[segment, 0], segments[segment, 1]):
             if store.shape[state, 0] == 0:
                 continue
-            choice[state] = back_up(store, state, workspace, aim, values)
-            for q in range(workspace.best.shape[0]):
-                worth = workspace.best[q]
+            choice[state] = back_up(store, state, work, aim, values)
+            for q in range(work.best.shape[0]):
+                worth = work.best[q]
                 if aim.only_whether:
                     worth = 1.0 if worth > 0.0 else 0.0
                 changes[segment, 0] = max(changes[segment, 0], abs(worth - values[state, q]))

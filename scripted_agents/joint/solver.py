@@ -280,7 +280,7 @@ def _check_end(problem: Problem, for_all: bool) -> None:
         if stuck.any():
             where = int(np.argmax(stuck))
             raise ValueError(
-                f"task {task.name!r} on {task.mazes[0].name}: the end of the game can be put off "
+                f"task {task.name!r} on {task.mazes[0].name}: the end of the game can be delayed "
                 "forever, so the expectation is infinite (first from the cells "
                 f"{games.position[where].tolist()} and goals {games.goal[where].tolist()}); give a "
                 "horizon, or a discount below 1"

@@ -77,7 +77,7 @@ def render(arguments: Sequence[str]) -> None:
 
 
 def scripted_policy(contest: Any) -> Any:
-    """Who plays without learning: A* in mazes, inverse kinematics for an arm."""
+    """The scripted policy: A* in mazes, inverse kinematics for the arm."""
     if isinstance(contest, ArmContest):
         check(
             not contest.task.discrete_actions,
@@ -88,7 +88,7 @@ def scripted_policy(contest: Any) -> Any:
 
 
 def optimal_policy(contest: Any) -> Any:
-    """Who plays exactly best in a contest; ValueError where that is not known."""
+    """The exactly optimal policy in a contest; ValueError if it is not known."""
     if isinstance(contest, ArmContest):
         check(not contest.task.discrete_actions, "the optimum of discrete actions is not known")
         return LeastStepsPolicy()

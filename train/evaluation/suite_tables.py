@@ -126,7 +126,7 @@ def stays(cells: int) -> NDArray[np.float64]:
 
 
 def opponent_tables(opponent: Policy | None, task: Task, seat: int) -> Iterator[NDArray[Any]]:
-    """The tables of whoever is met in each maze: of the opponent of a duel, or of the goal."""
+    """The table of the opponent of a duel, or of the goal, in each maze."""
     if opponent is None:
         return (stays(maze.num_cells) for maze in task.mazes)
     return tables_of(opponent, task, 1 - seat)
@@ -135,7 +135,7 @@ def opponent_tables(opponent: Policy | None, task: Task, seat: int) -> Iterator[
 def values_of(
     task: Task, seat: int, own: Iterator[NDArray[Any]], others: Iterator[NDArray[Any]]
 ) -> list[Value]:
-    """The exact value of a policy in each maze, by its tables and those of whoever it meets."""
+    """The exact value of a policy in each maze, from its tables and those of the opponent."""
     least = task.min_start_distance
     return [
         Value(*(mean_over_starts(each, maze, least) for each in found))
@@ -155,5 +155,5 @@ def pairs_of_values(
             values_between(task, task.seat_roles[seat], (table, other), horizon, maze=maze).values
             for horizon in (task.max_steps, task.max_steps + 1)
         )
-        # One step more is played exactly where nobody was caught in time.
+        # An episode has one more step exactly if no capture happened in time.
         yield steps, 1.0 - (longer - steps)

@@ -1,1 +1,1 @@
-"""Sweeps and ablations: who does the runs, tables, statistics, reports."""
+"""Sweeps, ablations, comparisons and replications: execution, tables, statistics, reports."""

@@ -177,7 +177,7 @@ def import_ray() -> Any:
 
 
 def check_answers(address: str | None) -> None:
-    """Refuse an address where nobody answers; None, "auto" and "local" are for Ray to find out.
+    """Refuse an address that does not answer; None, "auto" and "local" are resolved by Ray.
 
     Raises:
         ValueError: no address, or no answer within SECONDS_TO_ANSWER.
@@ -226,7 +226,7 @@ def run_on_ray(study: Study, out: Path | str, address: str | None, watch: Watch)
     """Do all jobs that are not complete as tasks of a Ray cluster, one core each.
 
     All machines of the cluster read and write the folder `out`: it lies on a disk that they share.
-    A job whose machine dies goes on elsewhere from its checkpoint, as after Ctrl-C.
+    If its machine fails, a job is resumed elsewhere from its checkpoint, as after Ctrl-C.
 
     Args:
         study: the jobs.

@@ -21,7 +21,7 @@ Trial = TypeVar("Trial")
 
 
 def draw_samples(search: dict[str, Any], limit: int) -> list[dict[str, Any]]:
-    """The samples of a random search, drawn once: the same whoever runs them.
+    """The samples of a random search, drawn once and the same for all runs.
 
     Args:
         search: "samples" and "seed", and for every searched setting {low, high, scale="log" or

@@ -170,7 +170,7 @@ def permutation_p(ours: Sequence[Sequence[float]], theirs: Sequence[Sequence[flo
 
 
 def least_p(sizes: Sequence[tuple[int, int]]) -> float:
-    """The least p that `permutation_p` can give for so many runs, whatever they end with.
+    """The smallest p that `permutation_p` can give for these numbers of runs.
 
     All of ours below all of theirs in every task is one split of the runs, the reverse another, and
     p is the share of the splits that are as far from 0.5: 2 over their number. Where splits are

@@ -70,7 +70,7 @@ def perform_here(folder: str, given: Mapping[str, str]) -> int:
     os.environ.update(given)
     try:
         perform(Path(folder))
-    except Exception:  # whatever a job raises: the others go on
+    except Exception:  # any exception of a job: the others continue
         write_text(Path(folder) / LOG, traceback.format_exc())
         return 1
     return 0

@@ -198,7 +198,7 @@ class Session:
         }
 
     def frame(self) -> dict[str, Any]:
-        """This moment, as the viewer's `Board` shows it: cells -1 of who and what is gone."""
+        """The frame for the viewer's `Board`; cells of removed agents and goals are -1."""
         simulator = self.simulator
         here = np.where(simulator.active[0] != 0, simulator.positions[0], -1)
         paid = self.rewards[-1] if self.rewards else [0.0] * self.task.num_agents

@@ -89,7 +89,7 @@ def draw_cells(axis: Any, maze: Maze, values: NDArray[np.float64], title: str, *
 
     Args:
         axis: to draw on.
-        maze: whose cells.
+        maze: the maze.
         values: [cells]; a cell of NaN stays white.
         title: of the axis.
         **style: as `imshow` takes it.

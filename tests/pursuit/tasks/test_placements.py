@@ -194,7 +194,7 @@ def test_what_cannot_be_placed_cannot_be_configured() -> None:
         with pytest.raises(ValueError, match=message):
             simulator.configure(**wrong)
     simulator.configure(min_start_distance=[2, 7, 2, 2], maze=[1, 0, 1, -1])
-    with pytest.raises(ValueError, match=r"min_start_distance=7.*maze 3x3"):
+    with pytest.raises(ValueError, match=r"min_start_distance=7.*in 3x3"):
         simulator.configure([1], maze=-1)
     simulator.reset()
     simulator.configure(min_start_distance=1, max_start_distance=1)

@@ -100,7 +100,7 @@ def test_a_nash_conv_under_limited_sight_is_called_a_bound() -> None:
     results: dict[str, Any] = {"evaluation": {"nash_conv": 1.0}, "frames": 1, "seconds": 1.0}
     assert "0 is an equilibrium" in describe_exploitability(results)[0]
     told = describe_exploitability({**results, "limited_sight": True})[0]
-    assert "0 is an equilibrium" not in told and "see everything" in told
+    assert "0 is an equilibrium" not in told and "full view" in told
 
 
 def test_a_table_over_states_refuses_a_seat_that_does_not_see_them() -> None:

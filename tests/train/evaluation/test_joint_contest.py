@@ -119,7 +119,7 @@ def test_the_floor_of_a_whole_game_is_what_the_best_by_the_rewards_loses() -> No
             assert gap == pytest.approx(floor.gap, abs=0.03)
     # The farther it looks ahead, the nearer it is to what it is paid in the end.
     for contest in (RACE, HEIST):
-        near, far = (objective_gap(contest, discount).paid for discount in (0.5, 0.999))
+        near, far = (objective_gap(contest, discount).missing_return for discount in (0.5, 0.999))
         assert near is not None and far is not None and far <= near and far < 1e-3
     assert objective_gap(HEIST, 1.0) == (None, None)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
@@ -306,10 +307,10 @@ def test_an_ablation_runs_reports_and_is_not_done_again(
     out = ablated / "out"
     text = (out / "report" / "report.md").read_text()
     for variant in ("none", "fewer goals first"):
-        assert f"| {variant} | 2 |" in text
+        assert re.search(rf"\| {variant} \| [^|]+ \| 2 \|", text)
     assert "control |" in text and "P(better than none)" in text
-    assert "Budget of a run: 6,000 frames." in text
-    assert "frames on the hardest lesson" in text
+    assert "Budget per run: 6,000 frames." in text
+    assert "frames on the hardest stage" in text
     for name in ("final.png", "variants.png"):
         assert (out / "report" / name).stat().st_size > 15_000
     stamps = {p: p.stat().st_mtime_ns for p in out.glob("runs/*/results.json")}

@@ -384,7 +384,7 @@ def test_rules_are_kept_and_their_change_is_told(tmp_path: Path) -> None:
     written = read_json(tmp_path / "rules.json")["figure-2.2"]["written"]
     study.claims[0].percent = 50.0
     keep_rules(plan, tmp_path)  # a second start does not overwrite them
-    assert f"had begun ({written})" in changed_rules(study, tmp_path)
+    assert f"after its first run ({written})" in changed_rules(study, tmp_path)
 
 
 def test_the_page_says_claim_rule_verdict_and_evidence(tmp_path: Path) -> None:

@@ -247,7 +247,7 @@ def load_comparison(name: str, version: str | None = None, clock: str | None = N
         ImportError: the library of a contestant is not installed.
     """
     check(version in (None, "short", "full"), f"unknown version {version!r}; short or full")
-    path, content = read_file(name, FILES, "compare")
+    path, content = read_file(name, FILES, "comparison")
     file = read_as(ComparisonFile, content, path, REMEDY)
     try:
         file.clock = clock or file.clock

@@ -52,14 +52,14 @@ def tours_table(mazes: Mapping[str, str]) -> tuple[str, str, str]:
     """
     rows: list[Row] = []
     off = []
-    for side, told in TOURS.items():
+    for side, reported in TOURS.items():
         name = f"{side}x{side}"
         if mazes and name not in mazes:
             continue
         exact = float(expected_tour_length(load_maze(mazes.get(name, name)), GOALS))
-        off.append(told / exact - 1.0)
+        off.append(reported / exact - 1.0)
         row: Row = {"maze": name, "optimal mean tour, exact": f"{exact:.3f}"}
-        row |= {"table 3.1": f"{told:.2f}", "difference": f"{100 * off[-1]:+.1f} %"}
+        row |= {"table 3.1": f"{reported:.2f}", "difference": f"{100 * off[-1]:+.1f} %"}
         rows.append(row)
     table = plain_table(rows).markdown()
     if not mazes:

@@ -40,7 +40,7 @@ class Claim(msgspec.Struct, forbid_unknown_fields=True):
         text: what is claimed.
         rule: one of `RULES`, or of `EXACT_RULES` where no runs are needed.
         of: the cells that it is about: columns of the table of runs and their values, or lists.
-        than: whom those are compared with, seed by seed.
+        than: the cells that they are compared with, by seed.
         to, percent: a reference of `TO`, and how much worse than it counts as reaching it.
         part: of a gap, one of `PARTS`; `percent` is its share then.
         cause: our reading, by the verdict that it explains.
