@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 import pytest
 from played_by_hand import EAST, NORTH, SOUTH, STAY, WEST, Visitor, maze_session, serving
-from self_play_runs import make_run
 
 from pursuit.mazes.maze import Maze, load_maze
 from pursuit.replays.replay import Replay
@@ -283,11 +282,11 @@ def test_the_command_serves_a_game_keeps_it_and_ends_by_ctrl_c(
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--role", "runner"], "role 'runner' does not play"),
-        (["--against", "nobody"], "nobody: no policy"),
-        (["--beside", "nobody"], "nobody: no policy"),
+        (["--role", "runner"], "does not take part in"),
+        (["--against", "nobody"], "not a policy"),
+        (["--beside", "nobody"], "not a policy"),
         (["--against", "astar", "--opponent", "random"], "give one"),
-        (["--task", "maze", "--against", "random"], "nobody of another role"),
+        (["--task", "maze", "--against", "random"], "has no other role"),
         (["--task", "heist", "--against", "optimal"], "3 goal(s)"),
         (["--task", "reacher"], "task='reacher' is not a game in mazes"),
         (["--port", "65536"], "port=65536"),
@@ -316,8 +315,7 @@ def blocks_of(language: str) -> list[str]:
 def test_the_commands_of_the_page_run_as_they_stand(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """But that nobody sits there: whoever serves a game plays it by going north. The run is a side
-    of self-play that is quickly made."""
+    """With a player that always moves north."""
     monkeypatch.chdir(tmp_path)
 
     def go_north(session: Any, *rest: Any) -> None:
@@ -328,13 +326,8 @@ def test_the_commands_of_the_page_run_as_they_stand(
 
     monkeypatch.setattr(play_command, "on_page", go_north)
     lines = [line for block in blocks_of("") for line in block.splitlines()]
-    assert len(lines) == 10 and all(line.startswith("pursuit ") for line in lines)
-    make_run(tmp_path / "pair", frames=2000, task={"maze": "5x5"}).train()
-    (tmp_path / "runs").mkdir()
-    (tmp_path / "pair" / "chaser").rename(tmp_path / "runs" / "c")
+    assert len(lines) >= 5 and all(line.startswith("pursuit ") for line in lines)
     for line in lines:
-        if not line.startswith("pursuit train"):
-            main(shlex.split(line)[1:])
+        main(shlex.split(line)[1:])
     printed = capsys.readouterr().out
     assert "you are evader on maze 9x9" in printed and "OptimalEvader(epsilon=0)" in printed
-    assert (tmp_path / "ann.html").is_file()
