@@ -296,12 +296,12 @@ def test_networks_that_are_none_are_refused() -> None:
         settings_of(**flat, network="mpl")
     for name, told in {
         "my_parts:shaped": "takes|missing|made",
-        "my_parts:too_wide": r"made \(2, 9\) of 2 observations; .*\(2, 8\)",
+        "my_parts:too_wide": r"gave \(2, 9\) for 2 observations; .*\(2, 8\)",
         "my_parts:no_module": "is not a torch.nn.Module",
     }.items():
         with pytest.raises((ValueError, TypeError), match=told):
             SingleAgent(parts_of(settings_of(**flat, network=name, width=8)), "greedy")
-    with pytest.raises(ValueError, match="q_learning has a table over states, and no network"):
+    with pytest.raises(ValueError, match="q_learning has a table over states instead of a network"):
         settings_of(**flat, algorithm="q_learning", network="my_parts:picture")
 
 

@@ -270,11 +270,7 @@ def test_rewards_of_every_kind_come_back(tmp_path: Path) -> None:
     for step in range(300):
         recorder.step(np.random.default_rng(step).integers(4, size=(1, 2)))
     replay = Replay.load(recorder.save(tmp_path / "own.json"))
-    assert (
-        replay.has_reward_function
-        and (replay.episodes[0].rewards == 7.0).all()
-        and replay.check() == []
-    )
+    assert replay.own_rewards and (replay.episodes[0].rewards == 7.0).all() and replay.check() == []
 
 
 def test_a_page_shows_what_was_paid_by_rewards_that_it_cannot_know(tmp_path: Path) -> None:

@@ -324,7 +324,7 @@ PARTS = Maze.from_text("+-+-+-+\n|   | |\n+-+-+-+", name="two parts")
         ({"num_chasers": 1, "num_goals": 1}, "only runners and evaders.*give num_runners"),
         ({**DUEL, "maze": ()}, "an empty list; give at least one maze"),
         ({**DUEL, "maze": "5x6"}, "unknown maze '5x6'; shipped mazes"),
-        ({**DUEL, "maze": "2x2", "num_goals": 3}, "need 5 cells.*2x2 has 4.*larger maze"),
+        ({**DUEL, "maze": "2x2", "num_goals": 3}, "need 5 different cells.*2x2 has 4.*larger maze"),
         (
             {"num_runners": 1, "num_goals": 1, "maze": PARTS},
             "two parts has 2 unconnected parts.*open",

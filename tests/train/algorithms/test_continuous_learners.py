@@ -243,10 +243,10 @@ def test_the_temperature_of_sac_follows_the_entropy() -> None:
     [
         (DDPGSettings, {"noise": "pink"}, "unknown noise 'pink'; one of gaussian, ornstein"),
         (TD3Settings, {"tau": 1.5}, r"tau=1.5; must be in \[0, 1\]"),
-        (TD3Settings, {"policy_delay": 0}, "policy_delay=0; it is at least 1"),
+        (TD3Settings, {"policy_delay": 0}, "policy_delay=0; must be at least 1"),
         (TD3Settings, {"target_noise": -0.1}, "target_noise=-0.1; must be finite, at least 0"),
         (SACSettings, {"temperature": 0.0}, "temperature=0.0; must be above 0"),
-        (SACSettings, {"target_entropy": float("inf")}, "target_entropy=inf; it is finite"),
+        (SACSettings, {"target_entropy": float("inf")}, "target_entropy=inf; must be finite"),
         (SACSettings, {"critic_learning_rate": 0.0}, "critic_learning_rate=0.0; must be above 0"),
         (SACSettings, {"noise_theta": 2.0}, r"noise_theta=2.0; must be in \[0, 1\]"),
         (DDPGSettings, {"n_steps": 2}, "n_steps=2 is more than rollout_steps=1"),

@@ -40,7 +40,7 @@ def test_a_new_learner_is_one_entry() -> None:
         learner = entry("mine").build(chosen.hyper, make_env(64), Build())
         assert learner.iterate(0.0)["clip_fraction"] >= 0.0
         learner.close()
-        with pytest.raises(ValueError, match="'mine' is there already"):
+        with pytest.raises(ValueError, match="'mine' exists already"):
             register(Algorithm("mine", Mine, other.build, other.load))
     finally:
         del ALGORITHMS["mine"], HYPERPARAMETERS["mine"]

@@ -149,6 +149,7 @@ SMALL: dict[str, dict[str, Any]] = {
     "reinforce": {"num_games": 16},
     "dqn": {"num_games": 32, "batch_size": 64, "learning_starts": 100},
     "q_learning": {"num_games": 32},
+    "cross_entropy": {"num_games": 32, "population": 8, "elite_share": 0.25},
 }
 
 

@@ -213,7 +213,7 @@ def test_the_references_of_a_suite_are_exact(capsys: pytest.CaptureFixture[str])
 @pytest.mark.parametrize(
     ("command", "problem"),
     [
-        ("self-play --maze suite:5x5-train --frames 100", "self-play is in one maze"),
+        ("self-play --maze suite:5x5-train --frames 100", "self-play needs one maze"),
         (
             "train --maze suite:5x5-train --algorithm q_learning --frames 100",
             "needs a single maze",

@@ -261,7 +261,7 @@ def test_a_folder_of_other_settings_or_another_version_is_refused(
         run_locally(sweep, out, 1, silent)
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "letter.txt").write_text("dear")
-    with pytest.raises(ValueError, match="no sweep"):
+    with pytest.raises(ValueError, match="not a sweep"):
         prepare(sweep, tmp_path / "mine")
 
 
@@ -384,9 +384,9 @@ def test_a_report_says_what_the_runs_found(swept: Path) -> None:
 def test_a_report_says_which_policy_was_evaluated(swept: Path) -> None:
     rows = [row | {"_x": "", "_group": ""} for row in collect(swept)[0].to_dicts()]
     for kinds, told in (
-        (("greedy",), "Steps are those of the greedy policy; "),
-        (("sampled",), "Steps are those of the sampled policy; "),
-        (("sampled", "greedy"), "Steps are those of the greedy or sampled policy; "),
+        (("greedy",), "Steps are those of the greedy policy and "),
+        (("sampled",), "Steps are those of the sampled policy and "),
+        (("sampled", "greedy"), "Steps are those of the greedy or sampled policy and "),
     ):
         given = [row | {"evaluate": kinds[n % len(kinds)]} for n, row in enumerate(rows)]
         assert told in " ".join(sentences(given))

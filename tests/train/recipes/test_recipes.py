@@ -190,7 +190,7 @@ def test_damaged_and_foreign_models_are_refused(models: dict[str, Path], tmp_pat
     path.write_bytes(models["ppo"].read_bytes()[:500])
     with pytest.raises(ValueError, match="damaged"):
         load_opponent(path)
-    with pytest.raises(ValueError, match="folder of a run"):
+    with pytest.raises(ValueError, match="run folder"):
         load_opponent(tmp_path / "model.pt")
     with pytest.raises(ValueError, match="no distribution"):
         load_stable_baselines(models["dqn"], greedy=False)
@@ -199,10 +199,10 @@ def test_damaged_and_foreign_models_are_refused(models: dict[str, Path], tmp_pat
 @pytest.mark.parametrize(
     ("name", "value", "said"),
     [
-        ("observation", 3, "field observation: a text expected, a whole number found"),
+        ("observation", 3, "field observation: a string expected, a whole number found"),
         ("observation", "pixels", "unknown observation 'pixels'"),
-        ("task", {"maze": 5}, "maze: a text expected, a whole number found"),
-        ("task", "chase", "field task: a table expected, a text found"),
+        ("task", {"maze": 5}, "maze: a string expected, a whole number found"),
+        ("task", "chase", "field task: a table expected, a string found"),
     ],
 )
 def test_a_description_of_another_form_is_one_line(

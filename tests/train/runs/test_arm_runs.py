@@ -97,7 +97,7 @@ def test_bad_input_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     assert "--maze" in refused(capsys, *train, "--maze", "5x5")
     assert "or discrete_actions=True" in refused(capsys, *train, "--algorithm", "dqn")
     table = refused(capsys, *train, "--discrete-actions", "--algorithm", "q_learning")
-    assert "of a maze, and there is none here; take ppo" in table
+    assert "of a maze, which this task does not have; use ppo" in table
     assert "threads=100000; from 0 to 1024" in refused(capsys, *train, "--threads", "100000")
     wide = refused(capsys, *train, "--tolerance", "5", "--curriculum", "tolerance")
     assert "for the task's tolerance" in wide
@@ -153,7 +153,7 @@ def test_discrete_actions_have_a_lower_bound_only(capsys: pytest.CaptureFixture[
     contest = ArmContest(ReacherSettings(joints=2, discrete_actions=True).build(), 20)
     assert [score.name for score in contest.baselines()] == ["random", "optimal"]
     run("baseline", "--task", "reacher", "--discrete-actions", "--episodes", "20")
-    assert "as many or more" in capsys.readouterr().out
+    assert "a lower bound for discrete actions" in capsys.readouterr().out
 
 
 # -- lessons ---------------------------------------------------------------------------------------

@@ -50,7 +50,7 @@ def test_a_checkpoint_that_cannot_be_written_is_one_line_and_the_old_one_stays(
     with limited_files(4096), refused as e:
         run.save()
     told = str(e.value)
-    assert "\n" not in told and ".part" not in told and "Errno" not in told and "make room" in told
+    assert "\n" not in told and ".part" not in told and "Errno" not in told and "free space" in told
     assert (folder / "checkpoint.pt").read_bytes() == before and not list(folder.rglob("*.part"))
 
 

@@ -20,7 +20,7 @@ TINY = [
     *("--num-games", "16", "--threads", "1", "--episodes", "20", "--frames", "512"),
 ]
 SWEEP = 'title = "{}"\n{}[settings]\ntask = "maze"\nmaze = "2x2"\nframes = 64\n'
-VARIANTS = '[[arms]]\nname = "a"\n[[arms]]\nname = "b"\ncurriculum = "num-goals"\n'
+VARIANTS = '[[variants]]\nname = "a"\n[[variants]]\nname = "b"\ncurriculum = "num-goals"\n'
 
 
 @pytest.fixture(scope="module")

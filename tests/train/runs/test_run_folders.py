@@ -222,7 +222,7 @@ def test_a_second_process_is_refused_and_told_why(
         ) as other:
             assert other.stdout is not None and other.stdout.readline() == b"held\n"
             said = error_of(capsys, command, option, folder, "--maze=2x2", "--frames=64")
-            assert f"{folder}: another run works on this folder" in said
+            assert f"{folder}: another run uses this folder" in said
             assert other.stdin is not None
             other.stdin.close()
     assert not (new / "config.json").exists()

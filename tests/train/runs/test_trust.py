@@ -104,7 +104,7 @@ def test_no_code_that_a_strangers_file_names_is_run(
         said = capsys.readouterr().err.splitlines()
         assert error.value.code == 2 and "add --allow stranger" in said[-1]
     Path("sweep.toml").write_text(SWEEP.format(name="stranger:pay"))
-    Path("ablation.toml").write_text('[[arms]]\nname = "a"\nrewards = "stranger:pay"\n')
+    Path("ablation.toml").write_text('[[variants]]\nname = "a"\nrewards = "stranger:pay"\n')
     for command in ("sweep sweep.toml --dry-run", "ablate ablation.toml --dry-run"):
         with pytest.raises(SystemExit):
             main(command.split())
@@ -134,7 +134,7 @@ def test_what_is_allowed_is_read(module: str, tmp_path: Path, capsys: Any) -> No
     with pytest.raises(SystemExit):  # of who plays beside; all that comes before succeeds
         play = ["play", "--against", str(tmp_path / "run"), "--beside", "nobody"]
         main([*play, "--allow", module])
-    assert "nobody: no policy" in capsys.readouterr().err
+    assert "nobody: not a policy" in capsys.readouterr().err
     forgotten(module)
     pursuit.allow(module)
     assert load_settings(tmp_path / "run").task.rewards == f"{module}:pay"
@@ -174,7 +174,7 @@ def test_a_run_knows_the_source_of_its_parts(module: str, tmp_path: Path, recwar
     with pytest.warns(UserWarning, match=f"the source of {module} has changed"):
         row_of(folder)
     with pytest.raises(
-        ValueError, match="changed since this run began; restore it, or start a new"
+        ValueError, match="changed since this run started; restore it, or start a new"
     ):
         resume(folder, RUN)
     edited(module, scale=2)

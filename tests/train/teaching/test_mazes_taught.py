@@ -66,7 +66,7 @@ def test_the_pool_goes_on_from_its_state() -> None:
     [
         ({"levels": 0}, "at least 1 level"),
         ({"judged": 0}, "at least 1 level"),
-        ({"replay_share": 1.5}, "lies in"),
+        ({"replay_share": 1.5}, "in \\[0, 1\\]"),
         ({"temperature": 0.0}, "above 0"),
     ],
 )
@@ -114,7 +114,7 @@ def test_exams_need_games_that_are_solved() -> None:
     with pytest.raises(ValueError, match="use level-replay or learnability, or num_goals=1"):
         RegretScorer(task, "runner", {})
     settings = settings_of(task="maze", num_goals=1, maze="5x5", frames=1000)
-    one = GridWorld(settings.task).ground
+    one = GridWorld(settings.task).context
     lessons = settings_of(**SMALL, curriculum="maze-replay").lessons
     with pytest.raises(ValueError, match="chooses among mazes, and task 'maze' has one"):
         plan_curriculum("maze-replay", lessons, one, 0)

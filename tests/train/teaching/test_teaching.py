@@ -189,7 +189,7 @@ def test_stages_lie_on_the_axis_and_the_last_is_the_task(name: str, tmp_path: Pa
     run.train()
     assert seen <= {1.0, 2.0, 3.0} and len(seen) >= (1 if name == "success-gated" else 3)
     assert run.trainee.contest.task.num_goals == 3  # evaluated at the final difficulty, always
-    assert {"lesson", "on_hardest", "training_success"} <= set(run.metrics.rows[-1])
+    assert {"stage", "on_hardest", "training_success"} <= set(run.metrics.rows[-1])
     assert all(0.0 <= row.get("on_hardest", 0.0) <= 1.0 for row in run.metrics.rows)
 
 
