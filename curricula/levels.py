@@ -36,7 +36,7 @@ class Ranked(Resumable):
             raise ValueError(f"temperature={temperature}; give a number above 0")
         check_shares(replay_share=replay_share, staleness=staleness)
         self.replay_share, self.temperature, self.staleness = replay_share, temperature, staleness
-        self.told = -1
+        self.reported = -1
 
     def chances(self, scores: NDArray[np.float64], ages: NDArray[np.int64]) -> NDArray[np.float64]:
         """[levels], sampling probabilities of levels with these scores and ages (at least 0)."""
@@ -48,9 +48,9 @@ class Ranked(Resumable):
 
     def _logged(self, mark: int, scores: NDArray[np.float64], what: str) -> list[Change]:
         """The change to log if `mark` differs from the one of the last log."""
-        if mark == self.told or not len(scores):
+        if mark == self.reported or not len(scores):
             return []
-        self.told = mark
+        self.reported = mark
         mean, low, high = float(scores.mean()), float(scores.min()), float(scores.max())
         return [Change(mean, low, high, what.format(count=len(scores), mean=mean))]
 
@@ -92,7 +92,7 @@ class LevelReplay(Ranked):
 
     KIND = "level replay"
     GROWING = ("seeds", "scores", "played", "counts", "cumulative")
-    STATE = (*GROWING, "updates", "told")
+    STATE = (*GROWING, "updates", "reported")
 
     def __init__(
         self,

@@ -39,7 +39,7 @@ class PoolReplay(Ranked):
     """
 
     KIND = "this pool"
-    STATE = ("scores", "judged_at", "rounds", "told")
+    STATE = ("scores", "judged_at", "rounds", "reported")
 
     def __init__(
         self,

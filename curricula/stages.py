@@ -93,18 +93,18 @@ class Uniform(Resumable):
         stages: the values, all equally likely.
     """
 
-    KIND, STATE = "uniform", ("told",)
+    KIND, STATE = "uniform", ("reported",)
 
     def __init__(self, stages: Sequence[float]) -> None:
         self.stages = checked_stages(stages)
-        self.told = False
+        self.reported = False
 
     def update(self, outcomes: Outcomes, progress: Progress) -> list[Change]:
         """Log the distribution once; it does not change."""
         stage_numbers(self.stages, outcomes.lessons)
-        if self.told:
+        if self.reported:
             return []
-        self.told = True
+        self.reported = True
         mean, low, high = self.stages.mean(), self.stages.min(), self.stages.max()
         return [Change(float(mean), float(low), float(high), "uniform over all stages")]
 
@@ -123,7 +123,7 @@ class Shuffled(Resumable):
         seed: the seed of the order.
     """
 
-    KIND, STATE = "shuffled", ("turn", "told")
+    KIND, STATE = "shuffled", ("turn", "reported")
 
     def __init__(
         self, stages: Sequence[float], length: float, unit: str = "share", seed: int = 0
@@ -132,7 +132,7 @@ class Shuffled(Resumable):
         self.order = np.random.default_rng(seed).permutation(len(self.stages))
         self._turns = Schedule("linear", 0.0, float(len(self.stages)), unit, length)
         self.turn = 0
-        self.told: int | None = None
+        self.reported: int | None = None
 
     @property
     def value(self) -> float:
@@ -144,9 +144,9 @@ class Shuffled(Resumable):
         """Move to the next stage when its progress is reached."""
         stage_numbers(self.stages, outcomes.lessons)
         self.turn = int(self._turns(progress))
-        if self.turn == self.told:
+        if self.turn == self.reported:
             return []
-        self.told = self.turn
+        self.reported = self.turn
         over = self.turn >= len(self.order)
         reason = "shuffled stages are over" if over else f"shuffled, turn {self.turn + 1}"
         return [Change(self.value, self.value, self.value, reason)]
@@ -174,7 +174,7 @@ class SuccessGated(Resumable):
     """
 
     KIND = "success-gated"
-    STATE = ("stage", "counts", "stages", "told")
+    STATE = ("stage", "counts", "stages", "reported")
     RUNNING_SHARE = 20
     """Counts are reset when this many times more episodes have ended than are running."""
 
@@ -195,7 +195,7 @@ class SuccessGated(Resumable):
         self.promote_at, self.demote_at, self.window = promote_at, demote_at, window
         self.stage = 0
         self.counts = [0, 0, 0]  # episodes of this stage: started, ended, successful
-        self.told = False
+        self.reported = False
 
     def update(self, outcomes: Outcomes, progress: Progress) -> list[Change]:
         """Count the episodes of this stage, and change the stage if a threshold is reached."""
@@ -204,8 +204,8 @@ class SuccessGated(Resumable):
         ended += int(own.sum())
         won += int(outcomes.successes[own].sum())
         running = max(begun - ended, 0)
-        reason = "" if self.told else "first stage"
-        self.told = True
+        reason = "" if self.reported else "first stage"
+        self.reported = True
         move = 0
         if ended >= self.window:
             low, high = won / (ended + running), (won + running) / (ended + running)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Callable
 from copy import deepcopy
 from typing import Any, Generic, TypeVar
@@ -124,13 +125,13 @@ class ContinuousLearner(OffPolicyLearner, Generic[Actor]):
             self.update_targets()
         return error, figures
 
+    @abstractmethod
     def next_values(self, following: torch.Tensor) -> torch.Tensor:
         """[batch]: the values of the next observations, by the target networks."""
-        raise NotImplementedError
 
+    @abstractmethod
     def learn_actor(self, prepared: torch.Tensor, batch: Batch) -> None:
         """A gradient step of the actor."""
-        raise NotImplementedError
 
     def update_targets(self) -> None:
         """Update the target networks."""

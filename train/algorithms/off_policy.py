@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from typing import Any
 
 import torch
@@ -15,7 +16,7 @@ from train.networks.policy import Network
 from train.settings.off_policy import ReplaySettings
 
 
-class OffPolicyLearner(NetworkLearner):
+class OffPolicyLearner(NetworkLearner, ABC):
     """Each iteration adds a rollout to the replay buffer and takes `gradient_steps`.
 
     Subclasses implement exploration (`explore`) and the gradient step (`learn`).
@@ -52,13 +53,13 @@ class OffPolicyLearner(NetworkLearner):
         enough = len(self.replay) >= self.replayed.batch_size
         return enough and self.frames >= self.replayed.learning_starts
 
+    @abstractmethod
     def explore(self, progress: float) -> dict[str, float]:
         """Set the exploration of the next rollout; values for the log."""
-        raise NotImplementedError
 
+    @abstractmethod
     def learn(self, batch: Batch) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
         """A gradient step: |errors| [batch], detached, and values for the log."""
-        raise NotImplementedError
 
     def iterate(self, progress: float) -> dict[str, float]:
         """Collect one rollout into the buffer, and take `gradient_steps` from it."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Any
 
@@ -117,7 +118,7 @@ class TorchUpdate:
         return figures
 
 
-class RolloutLearner(NetworkLearner):
+class RolloutLearner(NetworkLearner, ABC):
     """Collects rollouts with advantages, and computes gradients of a loss on them.
 
     Args:
@@ -171,11 +172,11 @@ class RolloutLearner(NetworkLearner):
         kept = (self.critic, self.keep_distribution)
         return found or TorchUpdate(*sizes, self.loss, self.device, *kept)
 
+    @abstractmethod
     def loss(
         self, minibatch: Frames, coefficients: LossCoefficients
     ) -> tuple[torch.Tensor, Figures]:
         """The loss of some frames, to be minimised, and its terms for the log, detached."""
-        raise NotImplementedError
 
     @property
     def update_form(self) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from typing import Any
 
 import numpy as np
@@ -65,10 +66,11 @@ class LockstepEnv(EnvBase):
 
     # -- implemented by subclasses ---------------------------------------------------------------
 
+    @abstractmethod
     def _seen(self) -> dict[str, torch.Tensor]:
         """The observations of the learner's agents, "observation" [batch, ...], and masks."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _play(
         self, actions: torch.Tensor, alive: NDArray[np.bool_] | None = None
     ) -> tuple[dict[str, torch.Tensor], NDArray[np.bool_]]:
@@ -78,11 +80,10 @@ class LockstepEnv(EnvBase):
             actions: [batch, ...].
             alive: [num_games], the episodes that were running before the step; None for all.
         """
-        raise NotImplementedError
 
+    @abstractmethod
     def _returns(self, games: NDArray[np.bool_]) -> NDArray[Any]:
         """[n] the episode return in each game of the mask [num_games]."""
-        raise NotImplementedError
 
     def _restarted(self, games: NDArray[np.intp]) -> None:
         """Called after new episodes have started in `games` [n]."""
