@@ -95,7 +95,7 @@ def _arrays(env: Any) -> Iterator[tuple[str, dict[str, NDArray[Any]]]]:
         yield "stack", {"frames": env.frames}
     for seat, policy in enumerate(getattr(env, "policies", ())):
         # A pool of opponents lists its members with memory.
-        several = getattr(policy, "remembering", None)
+        several = getattr(policy, "recurrent_members", None)
         found = {"": policy} if hasattr(policy, "memory") else {}
         for name, one in (found if several is None else several()).items():
             yield f"{seat} {name}".strip(), one.memory.of(env.simulator.view(seat))

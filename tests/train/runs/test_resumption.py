@@ -257,9 +257,7 @@ def test_every_learner_resumes_in_every_scheme(
              "pool_size": 7},
             marks=pytest.mark.slow,
         ),
-        pytest.param(
-            {"hyper": replace(PPO, recurrent="gru"), "sampling": "pfsp"}, marks=pytest.mark.slow
-        ),
+        {"hyper": replace(PPO, recurrent="gru"), "sampling": "pfsp"},
         {"task": {"num_chasers": 2}, "hyper": replace(PPO, recurrent="gru")},
     ],
     ids=["a frozen side", "teams", "memories", "memories of a team"],
