@@ -221,11 +221,11 @@ def draw_matrix(
     label: str,
     title: str,
 ) -> None:
-    """A heat map with its numbers.
+    """A heat map with its numbers, coloured on a logarithmic scale.
 
     Args:
         path: of the figure.
-        values: [rows, columns].
+        values: [rows, columns], above 0.
         rows, columns: what they are, and the name of each.
         label: what the values are.
         title: of the figure.
@@ -234,16 +234,16 @@ def draw_matrix(
     figure, axis = pyplot().subplots(
         figsize=(3.6 + 0.85 * across, 1.8 + 0.55 * down), layout="constrained"
     )
-    image = axis.imshow(values, cmap="viridis", aspect="auto")
-    middle = values.min() + 0.6 * (values.max() - values.min())
+    image = axis.imshow(values, cmap="viridis", aspect="auto", norm="log")
     for (i, j), value in np.ndenumerate(values):
-        color = "white" if value < middle else "black"
+        color = "white" if image.norm(value) < 0.6 else "black"
         axis.text(j, i, f"{value:.1f}", ha="center", va="center", fontsize=9, color=color)
     names = [[fill(name, LABEL_WIDTH) for name in each] for _, each in (rows, columns)]
     axis.set_yticks(range(down), names[0])
     axis.set_xticks(range(across), names[1], rotation=30, ha="right")
     axis.set_ylabel(rows[0])
     axis.set_xlabel(columns[0])
-    figure.colorbar(image, label=label)
+    ticks = np.geomspace(values.min(), values.max(), 5)
+    figure.colorbar(image, label=label, ticks=ticks, format="%.3g").ax.minorticks_off()
     axis.set_title(title, fontsize=11)
     save(figure, path, also_svg=True)
