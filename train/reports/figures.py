@@ -23,7 +23,7 @@ UNITS = ("frames", "seconds")
 
 # Okabe and Ito's palette: distinct for colour-blind readers, and in print.
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7F7F7F", "#000000")
-BLUE, ORANGE, GREEN, PINK, _, _, GREY, BLACK = PALETTE
+BLUE, ORANGE, GREEN, PINK, YELLOW, SKY, GREY, BLACK = PALETTE
 KINK = 0.1
 """Per cent below which axes of gaps are linear: far below what is read from them."""
 LABEL_WIDTH = 24

@@ -11,11 +11,11 @@ import numpy as np
 from pursuit.rendering.animation import save_animation
 from train.evaluation.scores import Contest
 from train.reports.curves import Level, Panel, Series, draw_panels
-from train.reports.figures import GREEN, GREY, ORANGE, PINK, time_scale
+from train.reports.figures import BLACK, GREEN, GREY, ORANGE, PINK, SKY, YELLOW, time_scale
 
-DASHES: tuple[Any, ...] = ("--", "-.", ":", (0, (6, 2)), (0, (3, 1, 1, 1, 1, 1)))
-"""Line styles of references of the same colour."""
-COLORS = {"optimal": GREEN, "scripted": ORANGE, "random": GREY}
+COLORS = {"optimal": GREEN, "random": GREY}
+OTHERS = ((ORANGE, "--"), (YELLOW, "-."), (BLACK, ":"), (SKY, "--"), (PINK, "-."))
+"""Colour and line style of the other references, in their order."""
 LABELS = {"mean_steps": "mean episode length\n(steps, log)", "mean_goals": "mean goals collected"}
 
 
@@ -40,12 +40,12 @@ def draw_learning_curve(
         column: of the objective in `rows` and `scores`.
     """
     times = np.array([row["frames"] for row in rows]) * time_scale("frames")
-    levels, dashes = [], itertools.cycle(DASHES)
+    levels, others = [], itertools.cycle(OTHERS)
     for score in scores:
         name, value = score["name"], score.get(column)
         if not name.startswith("learned") and value is not None:
-            dash = "--" if name in COLORS else next(dashes)
-            levels.append(Level(value, f"{name}: {value:.2f}", COLORS.get(name, ORANGE), dash))
+            color, dash = (COLORS[name], "--") if name in COLORS else next(others)
+            levels.append(Level(value, f"{name}: {value:.2f}", color, dash))
     of_steps = column == "mean_steps"
     measured = Series([(times, np.array([row[column] for row in rows]))], "learned")
     label = LABELS.get(column, "mean return")
