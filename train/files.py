@@ -40,7 +40,7 @@ def write_beside(path: Path, write: Callable[[Path], object]) -> None:
 
 
 def check_utf8(name: object) -> None:
-    """ValueError for a name that is not valid UTF-8, which no file could record."""
+    """ValueError for a name that is not valid UTF-8, as files cannot contain it."""
     try:
         str(name).encode()
     except UnicodeEncodeError:
@@ -63,9 +63,9 @@ def cannot_write(path: Path, error: Exception) -> CannotWrite:
 
 
 def check_folder(path: Path) -> None:
-    """ValueError unless this folder exists."""
+    """ValueError unless `path` is an existing folder."""
     if not path.is_dir():
-        raise ValueError(f"{path}: no such folder")
+        raise ValueError(f"{path}: no such folder; give an existing one")
 
 
 def check_new_files(paths: Iterable[Path | None], overwrite: bool = False) -> None:
@@ -94,7 +94,7 @@ def check_output_folder(
 
     Args:
         folder: of the output; new, empty, or written by the same command before.
-        is_own: whether the command wrote this folder, judged by its files.
+        is_own: whether the command wrote the files of this folder.
         overwrite: whether any other folder is allowed; None for a command without this option.
     """
     if folder.exists() and not folder.is_dir():
@@ -196,7 +196,7 @@ def read_csv(path: Path) -> list[dict[str, str]]:
 
 
 def number_in(text: str, where: str) -> float:
-    """The number in a cell of a table; ValueError with its place `where` if it is not one."""
+    """The number in a cell of a table; otherwise ValueError, which starts with `where`."""
     try:
         return float(text)
     except ValueError:

@@ -38,7 +38,7 @@ def write_tensors(path: Path, content: Any) -> None:
 
 
 def _reason(beside: Path, error: RuntimeError) -> Exception:
-    """The system's reason for a failed write, which torch does not give: write again."""
+    """The operating system's reason for a failed write, from another attempt: torch gives none."""
     try:
         with beside.open("ab") as file:
             file.write(bytes(2**16))

@@ -22,7 +22,7 @@ from pursuit.replays.viewer.data import Builder, Extras
 from scripted_agents import AStarChaser
 from train.evaluation.recordings import sides_of
 from train.machine import processor
-from train.reports.pages import PLAYER_ROOM, write_page
+from train.reports.pages import PLAYER_ELEMENT, write_page
 from train.runs.parts import contest_of
 from train.settings.task import TaskSettings
 
@@ -56,7 +56,7 @@ def page_of(maze: str, folder: Path) -> Path:
     builder = Builder()
     builder.add(replay, Extras(sides=sides_of(contest, policy), seat="chaser_0", encoding="index"))
     path = folder / f"{maze}.html"
-    write_page(path, maze, [PLAYER_ROOM], builder.data(maze))
+    write_page(path, maze, [PLAYER_ELEMENT], builder.data(maze))
     return path
 
 

@@ -36,7 +36,7 @@ Figures = dict[str, torch.Tensor]
 
 
 class ContinuousLearner(OffPolicyLearner, Generic[Actor]):
-    """The common part: exploration, the update of the critics, and target networks.
+    """The base class: exploration, the update of the critics, and target networks.
 
     Args:
         settings: the hyperparameters.

@@ -124,7 +124,7 @@ class CrossEntropy:
         self.env.resume = False
 
     def close(self) -> None:
-        """There is nothing to release."""
+        """Nothing to release."""
 
 
 def check_player(settings: CrossEntropySettings, player: Player) -> None:

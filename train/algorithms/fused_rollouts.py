@@ -98,8 +98,8 @@ class FusedUpdate:
 
 
 def fused_update(env: Any, network: ActorCritic, steps: int, device: str) -> FusedUpdate | None:
-    """The fused update; None where its kernels do not support network or environment: see
-    `fused_actor_critic`; the environment must be a `LockstepEnv` without masks."""
+    """The fused update; None if its kernels do not support the network (`fused_actor_critic`) or
+    the environment, which must be a `LockstepEnv` without masks."""
     if not isinstance(env, LockstepEnv) or has_masks(env):
         return None
     fused = fused_actor_critic(network, device)

@@ -178,7 +178,7 @@ def step_adam(optimizer: torch.optim.Adam) -> None:
 
 
 class NetworkLearner:
-    """The common part of learners with a network and Adam.
+    """The base class of learners with a network and Adam.
 
     Args:
         settings: the hyperparameters.
@@ -255,7 +255,7 @@ class NetworkLearner:
         self.frames = state["frames"]
 
     def close(self) -> None:
-        """There is nothing to release."""
+        """Nothing to release."""
 
 
 def means(logged: list[dict[str, torch.Tensor]]) -> dict[str, float]:

@@ -1,4 +1,4 @@
-"""The common part of off-policy learners: the replay buffer and the update loop."""
+"""The base class of off-policy learners, with the replay buffer and the update loop."""
 
 from __future__ import annotations
 

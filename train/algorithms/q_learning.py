@@ -47,7 +47,7 @@ class StateNumbers:
     def __init__(self, task: Task) -> None:
         if len(task.mazes) != 1:
             raise ValueError(
-                f"q_learning needs a single maze, and this task has {len(task.mazes)}; use one "
+                f"q_learning needs a single maze, but this task has {len(task.mazes)}; use one "
                 "maze, or an algorithm with a network"
             )
         self.task, self.cells = task, task.mazes[0].num_cells
@@ -56,7 +56,7 @@ class StateNumbers:
         self.count = base**task.num_agents * sum(comb(cells, g) for g in range(goals + 1))
         if self.count > MAX_STATES:
             raise ValueError(
-                f"q_learning needs a table of {self.count:,} states, and the limit is "
+                f"q_learning needs a table of {self.count:,} states, but the limit is "
                 f"{MAX_STATES:,}; use a smaller maze, fewer agents or goals, or an algorithm with "
                 "a network"
             )
@@ -82,15 +82,15 @@ def check_player(settings: QLearningSettings, seat: Seat) -> None:
     """ValueError for a task without a table, a limited view, or unbounded values."""
     if seat.task.hides_from(seat.agent):
         raise ValueError(
-            f"q_learning has a table over all states, which ignores the limited view of "
-            f"{seat.agent}; use another algorithm, or an unlimited view"
+            f"q_learning has a table over all states, but {seat.agent} has a limited view; use "
+            "another algorithm, or an unlimited view"
         )
     StateNumbers(seat.task)
     rewards = seat.task.role_rewards[seat.role]
     if settings.gamma >= 1.0 and (rewards.step > 0.0 or rewards.distance > 0.0):
         raise ValueError(
-            f"gamma={settings.gamma}, and {seat.agent} has a positive reward at every step, so its "
-            "values are unbounded; use a lower gamma, such as 0.95"
+            f"gamma={settings.gamma} with a positive reward of {seat.agent} at every step makes "
+            "values unbounded; use a lower gamma, such as 0.95"
         )
 
 
@@ -141,13 +141,14 @@ class QTablePolicy:
         same = ("num_chasers", "num_evaders", "num_runners", "num_goals", "stay_action")
         if own.mazes != other.mazes or any(getattr(own, n) != getattr(other, n) for n in same):
             raise ValueError(
-                f"a table learned in task {own.name!r} on {own.mazes[0].name} needs the same maze, "
-                "agents, goals and actions"
+                f"a table learned in task {own.name!r} on {own.mazes[0].name} cannot be used in "
+                f"task {other.name!r} on {other.mazes[0].name}; use the same maze, agents, goals "
+                "and actions"
             )
         if other.hides_from(view.seat):
             raise ValueError(
-                f"a table over the states of task {own.name!r} needs full observability, and the "
-                f"view of {other.agent_names[view.seat]} is limited; use an unlimited view"
+                f"a table over the states of task {own.name!r} needs full observability, but "
+                f"{other.agent_names[view.seat]} has a limited view; use an unlimited view"
             )
         return self._best(view.games, view.seat).astype(np.int32)
 
@@ -260,7 +261,7 @@ class QLearning:
         self.frames = state["frames"]
 
     def close(self) -> None:
-        """There is nothing to release."""
+        """Nothing to release."""
 
 
 def build(settings: QLearningSettings, env: SimulatorEnv, how: Build) -> QLearning:
@@ -273,5 +274,6 @@ def load(
 ) -> QTablePolicy:
     """The policy in a `QLearning.state_dict`; ValueError for a table of another shape."""
     shape = (StateNumbers(seat.task).count, seat.num_actions)
-    check(state["q_values"].shape == shape, "a table of another shape")
+    found = tuple(state["q_values"].shape)
+    check(found == shape, f"the table has shape {found} instead of {shape}")
     return QTablePolicy(seat.task, seat.agent, state["q_values"].numpy(), seat.mask_bumps)

@@ -119,8 +119,8 @@ class Algorithm:
         able = [name for name, other in ALGORITHMS.items() if other.self_play]
         check(
             self.self_play,
-            f"{role}_algorithm={self.name!r}; of {', '.join(ALGORITHMS)} only "
-            f"{', '.join(able[:-1])} and {able[-1]} support self-play",
+            f"{role}_algorithm={self.name!r} does not support self-play; use "
+            f"{', '.join(able[:-1])} or {able[-1]}",
         )
         check(
             self.teams or agents == 1,
@@ -153,7 +153,7 @@ def entry(name: str) -> Algorithm:
     found = LEARNERS.get(name)
     check(
         isinstance(found, Algorithm),
-        f"algorithm {name!r} is {found!r}; it must be {LEARNERS.needs}",
+        f"algorithm {name!r} is {found!r}; give {LEARNERS.needs}",
     )
     return replace(found, name=name)
 

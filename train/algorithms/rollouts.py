@@ -156,16 +156,16 @@ class RolloutLearner(NetworkLearner, ABC):
             settings.rollout_steps, critic, keep_distribution,
         )  # fmt: skip
         self.frames_of_row = self.steps if network.policy_memory is not None else 1
-        own = type(self).collect is not RolloutLearner.collect  # a user-defined one is called
-        self._fused = fused and critic and not keep_distribution and not own
+        custom = type(self).collect is not RolloutLearner.collect
+        self._fused = fused and critic and not keep_distribution and not custom
         self.update = self._choose_update()
 
     def _choose_update(self) -> FusedUpdate | TorchUpdate:
         """The fused update where its kernels support everything, else the torch update.
 
-        They need fused="auto", our own `loss` and `collect`, a critic and no KL target, the CPU, a
-        `LockstepEnv` without masks (`fused_update`), and a non-recurrent actor-critic on `index`
-        with one shared trunk of two layers with ReLUs (`fused_actor_critic`).
+        They need fused="auto", the built-in `loss` and `collect`, a critic and no KL target, the
+        CPU, a `LockstepEnv` without masks (`fused_update`), and a non-recurrent actor-critic on
+        `index` with one shared trunk of two layers with ReLUs (`fused_actor_critic`).
         """
         sizes = (self.env, self.network, self.steps)
         found = fused_update(*sizes, self.device) if self._fused else None
@@ -194,20 +194,20 @@ class RolloutLearner(NetworkLearner, ABC):
         return self.update.collect(self.gamma, self.gae_lambda)
 
     @property
-    def _remembers(self) -> Collector | None:
-        """The collector that holds the states of a recurrent network; None without one."""
+    def _recurrent_collector(self) -> Collector | None:
+        """The collector with the states of a recurrent network; None without one."""
         if self.network.policy_memory is None or not isinstance(self.update, TorchUpdate):
             return None
         return self.update.collector
 
     def state_dict(self) -> dict[str, Any]:
         """The state, with the recurrent states of the games."""
-        state, collector = super().state_dict(), self._remembers
+        state, collector = super().state_dict(), self._recurrent_collector
         return state if collector is None else {**state, "memory": collector.state_dict()}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Restore the state."""
         super().load_state_dict(state)
-        collector = self._remembers
+        collector = self._recurrent_collector
         if collector is not None:
             collector.load_state_dict(state["memory"])

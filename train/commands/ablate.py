@@ -26,9 +26,9 @@ class AblateCommand(SweepCommand):
     file: Annotated[str | None, tyro.conf.Positional] = None
     """An ablation file (.toml), or the name of a shipped one."""
     list: bool = False
-    """Name the shipped ablation files."""
+    """List the shipped ablation files."""
     out: Path | None = None
-    """The folder of the ablation; ablations/NAME-VERSION if left out."""
+    """The folder of the ablation; ablations/NAME-VERSION by default."""
 
 
 def ablate(arguments: Sequence[str]) -> None:

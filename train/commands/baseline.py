@@ -1,4 +1,4 @@
-"""`pursuit baseline`: what can be said of a task without learning."""
+"""`pursuit baseline`: random, scripted and optimal agents on a task."""
 
 from __future__ import annotations
 

@@ -40,12 +40,13 @@ class CompareCommand(Settings):
     """wall, or processor: processor time of the run's process, which other load on the machine
     affects less. By default the clock of the file."""
     workers: Annotated[int, at_least(1)] = 1
-    """Parallel runs, one core each. Use 1 for timings that are to be published: cores share caches
-    and memory bandwidth."""
+    """Parallel runs, one core each. Use 1 for published timings: cores share caches and memory
+    bandwidth."""
     dry_run: bool = False
     """Check the file and print the plan without running it."""
     overwrite: bool = False
-    """Use --out although it holds another comparison. Its runs stay, its report is replaced."""
+    """Use --out even if it contains another comparison. Its runs are kept, its report is
+    replaced."""
 
 
 def compare(arguments: Sequence[str]) -> None:

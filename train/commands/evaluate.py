@@ -18,7 +18,7 @@ from train.commands.scores import (
     print_reference,
     print_scores,
 )
-from train.commands.suites import compared, exact_where_known, judged
+from train.commands.suites import compared, evaluate_in_mazes, exact_where_known
 from train.evaluation.arm_contest import ArmContest
 from train.evaluation.contest import GameContest
 from train.evaluation.joint_contest import MAX_EVALUATED_WORK
@@ -96,9 +96,9 @@ def carry_out(given: Any, replays: Path | None) -> None:
     from train.runs.single import evaluation_of
 
     is_model = isinstance(given, EvaluateModelCommand)
-    judged_by = model_to_judge(given) if is_model else run_to_judge(given)
-    task, training, policies = judged_by.task, judged_by.training, judged_by.policies
-    evaluated = "learned" if judged_by.greedy else "learned, sampled"
+    loaded = load_model(given) if is_model else load_run(given)
+    task, training, policies = loaded.task, loaded.training, loaded.policies
+    evaluated = "learned" if loaded.greedy else "learned, sampled"
     contest = contest_of(task, given.episodes, given.seed)
     if isinstance(contest, GameContest):
         contest = replace(contest, most_work=MAX_EVALUATED_WORK)
@@ -106,7 +106,7 @@ def carry_out(given: Any, replays: Path | None) -> None:
     print(contest.line())
     if isinstance(contest, SuiteContest):
         contest = exact_where_known(contest, list(policies.values()))
-        found = judged(contest, policies, given.table)
+        found = evaluate_in_mazes(contest, policies, given.table)
         scores = [each.score(given.episodes) for each in found]
         more["suite"] = {each.name: summary_of(contest, each) for each in found}
         if not is_model and given.maze is not None:
@@ -119,22 +119,22 @@ def carry_out(given: Any, replays: Path | None) -> None:
         print_scores(scores, certificate_of(contest), contest.measure)
     if isinstance(contest, ArmContest):
         print_bounds(contest)
-    floor = UNKNOWN if judged_by.gamma is None else objective_gap(contest, judged_by.gamma)
-    chosen = "greedy" if judged_by.greedy else "sampled"
-    held = evaluation_of(scores, chosen, floor, certificate_of(contest), contest)
-    print_reference(held["reference"], contest)
-    if judged_by.gamma is not None:
-        print_objective_gap(held["evaluation"], judged_by.gamma)
+    gap = UNKNOWN if loaded.gamma is None else objective_gap(contest, loaded.gamma)
+    chosen = "greedy" if loaded.greedy else "sampled"
+    results = evaluation_of(scores, chosen, gap, certificate_of(contest), contest)
+    print_reference(results["reference"], contest)
+    if loaded.gamma is not None:
+        print_objective_gap(results["evaluation"], loaded.gamma)
     if replays is not None:
         shown = policies[evaluated]
         games = {f"episode {number + 1}": number for number in range(given.replay_episodes)}
-        path = recorded(contest, shown, games, judged_by.named["algorithm"]).save(replays)
+        path = recorded(contest, shown, games, loaded.named["algorithm"]).save(replays)
         print(f"replays: {path}; watch them with: pursuit view {path}")
     if given.out is not None:
         content = {
             **contest.describe(),
-            **judged_by.named,
-            **held,
+            **loaded.named,
+            **results,
             **more,
             "versions": versions(),
             "machine": machine(),
@@ -143,7 +143,7 @@ def carry_out(given: Any, replays: Path | None) -> None:
 
 
 @dataclass(frozen=True)
-class Judged:
+class Loaded:
     """The policies and tasks of an evaluation.
 
     Attributes:
@@ -162,7 +162,7 @@ class Judged:
     named: dict[str, Any]
 
 
-def run_to_judge(given: EvaluateCommand) -> Judged:
+def load_run(given: EvaluateCommand) -> Loaded:
     """The policies of a run, and its task with the changes of the options."""
     from train.algorithms.registry import entry  # torch is slow to import
     from train.networks.policy import NO_WALLS
@@ -173,7 +173,7 @@ def run_to_judge(given: EvaluateCommand) -> Judged:
         settings, policy = load_settings(given.run), load_policy(given.run)
     if given.opponent_epsilon is not None:
         if isinstance(settings.task, ReacherSettings):
-            raise ValueError(f"--opponent-epsilon, and {given.run} moves an arm; leave it out")
+            raise ValueError(f"--opponent-epsilon, but {given.run} moves an arm; leave it out")
         task = replace(settings.task, opponent_epsilon=given.opponent_epsilon)
         check_unused_task_settings(task)
         settings = replace(settings, task=task)
@@ -185,13 +185,13 @@ def run_to_judge(given: EvaluateCommand) -> Judged:
         task = in_maze(training, f"--maze {given.maze}")
         settings = replace(settings, task=replace(task, maze=given.maze))
         if settings.observation in NO_WALLS:
-            warn(f"{given.run} observes {settings.observation!r}, which shows no walls")
+            warn(f"{given.run} observes {settings.observation!r}, which does not contain walls")
     named = {name: getattr(settings, name) for name in ("algorithm", "curriculum", "seed")}
     how = (settings.evaluate == "greedy", settings.hyper.last_gamma)
-    return Judged(settings.task, training, policies, *how, named)
+    return Loaded(settings.task, training, policies, *how, named)
 
 
-def model_to_judge(given: EvaluateModelCommand) -> Judged:
+def load_model(given: EvaluateModelCommand) -> Loaded:
     """The policies of a saved model, in the task of the options."""
     from train.runs.opponents import check_fits  # torch is slow to import
     from train.runs.stable_baselines import load_stable_baselines
@@ -207,4 +207,4 @@ def model_to_judge(given: EvaluateModelCommand) -> Judged:
     if not drawn.greedy:
         policies["learned, sampled"] = drawn
     named = {"algorithm": "Stable-Baselines3", "model": str(given.run)}
-    return Judged(given.task, given.task, policies, True, None, named)
+    return Loaded(given.task, given.task, policies, True, None, named)

@@ -39,7 +39,7 @@ class LeagueCommand(Settings):
     maze: str = "5x5"
     """The maze, if no run is given."""
     opponent_epsilon: float = 0.0
-    """Share of random moves of astar."""
+    """Probability of random moves of astar."""
     greedy: bool = False
     """Learned policies take their most probable action instead of sampling."""
     games: Annotated[int, at_least(2)] = 200
@@ -58,13 +58,13 @@ class LeagueCommand(Settings):
     """Folder for league.json, league.png, the tables (table.csv, chasers.csv and evaders.csv) and
     methods.md."""
     overwrite: bool = False
-    """Write to --out although it has other files, and replace those with the same names."""
+    """Write to --out even if it has other files, and replace those with the same names."""
 
 
 def league(arguments: Sequence[str]) -> None:
     """`pursuit league`."""
     given = parse(LeagueCommand, arguments, "league")
-    check(len(given.entries) > 0, "no entries; give folders of runs, or astar, random, optimal")
+    check(bool(given.entries), "no entries; give folders of runs, or astar, random, optimal")
     out = given.out
     check_output_folder(out, lambda folder: (folder / LEAGUE).exists(), given.overwrite)
     from train.experiments.methods import METHODS, league_methods  # torch is slow to import
@@ -118,7 +118,7 @@ def _print(task: Task, table: LeagueTable, tables: Mapping[str, ResultTable], co
         if content[f"{role}_cycle"]:
             chain = " > ".join([*content[f"{role}_cycle"], content[f"{role}_cycle"][0]])
             print(
-                f"\nwarning: the {role}s are not transitive, ratings cannot order them: {chain}",
+                f"\nwarning: the {role}s are not transitive, so ratings cannot order them: {chain}",
                 file=sys.stderr,
             )
     if content["cycle"]:

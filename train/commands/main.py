@@ -40,16 +40,16 @@ Train and evaluate an agent:
               pursuit baseline --task maze --maze 5x5 --num-goals 3
   play      play a game by hand as any agent, compared with the optimum
               pursuit play --maze 9x9 --role evader
-  view      a page that plays episodes, with exact values; reports of runs
+  view      an HTML page that plays episodes with exact values; reports of runs
               pursuit view runs/first
-  render    a replay of a run, or of scripted agents, as GIF or MP4
+  render    a replay of a run or of scripted agents as GIF or MP4
               pursuit render runs/first --out first.gif
 
 Self-play:
   self-play train both roles against each other, with exact exploitability
               pursuit self-play --maze 5x5 --seconds 60 --out runs/pair
   league    runs and scripted agents against each other: payoffs, ratings, cycles
-              pursuit league runs/pair runs/first astar random --names pair first A-star chance
+              pursuit league runs/pair runs/first astar random --names pair first A-star random
 
 Studies with several seeds and confidence intervals:
   reproduce repeat the experiments of the thesis, with a verdict for each claim
@@ -173,7 +173,7 @@ def command(name: str) -> Callable[[Sequence[str]], None]:
     have accepted their options.
     """
     if name == "race":
-        raise ValueError("unknown command 'race' (a race is a task); it is `pursuit compare` now")
+        raise ValueError("command 'race' was renamed; use `pursuit compare`")
     if name not in COMMANDS:
         return COMMAND_PARTS.get(name)
     module = name.replace("-", "_")

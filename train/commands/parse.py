@@ -35,13 +35,13 @@ def print_warnings() -> Iterator[None]:
     with warnings.catch_warnings(record=True) as noted:
         warnings.simplefilter("always", UserWarning)
         yield
-    for said in dict.fromkeys(str(warning.message) for warning in noted):
-        warn(said)
+    for text in dict.fromkeys(str(warning.message) for warning in noted):
+        warn(text)
 
 
-def warn(said: str) -> None:
+def warn(text: str) -> None:
     """Print a warning as one line on stderr."""
-    print(f"pursuit: warning: {said}", file=sys.stderr)
+    print(f"pursuit: warning: {text}", file=sys.stderr)
 
 
 def options_in(arguments: Sequence[str]) -> dict[str, str]:
@@ -192,6 +192,6 @@ def in_words(boxed: str) -> str:
     option = re.search(r"Argument helptext: (?P<name>\S+)", text)
     if number and option:
         kind = "a whole number" if number[1].startswith("invalid") else "a number"
-        return f"{option['name']} {number['value']}: {kind} is needed"
+        return f"{option['name']} {number['value']}: give {kind}"
     text = text.split(" Argument helptext:")[0]
     return re.sub(r"\{None\}\|\S+ ?|<class '\w+'>", "", text)

@@ -1,4 +1,4 @@
-"""`pursuit play`: the user in a seat of a game, in the browser."""
+"""`pursuit play`: the user plays an agent of a game in the browser."""
 
 from __future__ import annotations
 
@@ -20,24 +20,24 @@ from train.runs.interruption import Stopped
 from train.settings.checks import Settings, check, evaluation_seed, rule
 from train.settings.task import TaskSettings
 
-PORT = rule(lambda value: 0 <= value < 2**16, "0 for any that is free, to 65535")
+PORT = rule(lambda value: 0 <= value < 2**16, "give 0 (any free port) to 65535")
 
 
 @dataclass(frozen=True)
 class PlayCommand(Settings):
     """Play a game in mazes yourself, in any role, and compare with the optimum from the same start.
 
-    Opens a page that is served to this machine only. Ctrl-C ends it. Arrow keys or w, a, s, d move,
-    space stays (with the stay action), n starts the next game; --role selects your role.
+    Opens a page that only this machine can reach; Ctrl-C stops the command. Move with the arrow
+    keys or w, a, s, d; space stays (with --stay-action); n starts the next game.
     """
 
     task: TaskSettings = field(default_factory=TaskSettings)
     against: str | None = None
     """The opponent: astar (default), optimal, random, searching, sweeping, belief,
-    package.module:Name, or the folder of a run, whose task is played then."""
+    package.module:Name, or the folder of a run, which also sets the task."""
     beside: str | None = None
-    """The agent to compare with, which plays the same starts in your role: as --against; by default
-    astar, or against self-play the other side of that run."""
+    """The agent to compare with, which plays your role from the same starts. Values as of
+    --against; by default astar, or for a run of self-play its other side."""
     seed: int | None = None
     """Seed of the games; random by default. Training never uses their starts."""
     out: Path | None = None
@@ -74,7 +74,7 @@ def play(arguments: Sequence[str]) -> None:
         lost = len(session.outcomes) - keeper.added
         fail(
             f"{keeper.folder}: {lost} of {len(session.outcomes)} finished games could not be "
-            "written and are lost; free disk space, or give a writable folder",
+            "written; free disk space, or give a writable folder",
             1,
         )
 
@@ -90,7 +90,7 @@ def settings_of(given: PlayCommand, epsilon_given: bool = False) -> TaskSettings
         return task
     check(
         task.opponent is None,
-        f"against={against!r} and opponent={task.opponent!r}; both set the opponent, give one",
+        f"against={against!r} and opponent={task.opponent!r} both set the opponent; give one",
     )
     if against == "optimal" and not epsilon_given:
         task = replace(task, opponent_epsilon=0.0)
@@ -124,7 +124,7 @@ def on_page(session: Session, port: int, browser: bool, keeper: ReplayFolder | N
     with PlayServer(session, port, over) as server:
         opened = browser and open_page(server.address)
         print(f"{'opened' if opened else 'open'} {server.address}")
-        print("Ctrl-C ends it", flush=True)
+        print("stop with Ctrl-C", flush=True)
         try:
             server.serve()
         except KeyboardInterrupt as stop:

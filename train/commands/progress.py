@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from train.runs.loop import Run
 
 QUIET = 2.0
-"""Seconds of work without a report."""
+"""Work of fewer seconds is not reported."""
 
 
 class ProgressLine:

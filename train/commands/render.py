@@ -29,19 +29,19 @@ from train.settings.task import AnyTask, TaskSettings
 
 @dataclass(frozen=True)
 class RenderCommand(Settings):
-    """A replay as GIF or MP4: of a run, or of the scripted agents on a task."""
+    """Render episodes of a run, or of scripted agents on a task, as GIF or MP4."""
 
     run: Annotated[Path | None, tyro.conf.Positional, passes(check_folder)] = None
-    """The folder of the run; the scripted agents play if left out."""
+    """The folder of the run; by default the scripted agents play."""
     task: AnyTask = field(default_factory=TaskSettings)
     out: Path = Path("replay.gif")
     """A new .gif or .mp4 file."""
     overwrite: bool = False
-    """Replace --out where it exists."""
+    """Replace --out if it exists."""
     episodes: Annotated[int, at_least(1)] = 3
-    """Episodes to show."""
+    """Number of episodes."""
     optimal: bool = False
-    """Show the exactly optimal agent instead of the learned or scripted one."""
+    """The exactly optimal agent plays instead of the learned or scripted one."""
 
 
 def render(arguments: Sequence[str]) -> None:
@@ -55,8 +55,8 @@ def render(arguments: Sequence[str]) -> None:
         named = [f"--{name.replace('_', '-')}" for name in options if name in own]
         check(
             not named,
-            f"{', '.join(named)} with {given.run}, which is rendered in the task of its training; "
-            "leave them out, or leave out the run",
+            f"{', '.join(named)} with {given.run}, but a run is rendered in its training task; "
+            "leave out these options or the run",
         )
     from train.runs.opponents import load_policy  # torch is slow to import
     from train.runs.parts import contest_of
@@ -90,7 +90,8 @@ def scripted_policy(contest: Any) -> Any:
 def optimal_policy(contest: Any) -> Any:
     """The exactly optimal policy in a contest; ValueError if it is not known."""
     if isinstance(contest, ArmContest):
-        check(not contest.task.discrete_actions, "the optimum of discrete actions is not known")
+        discrete = contest.task.discrete_actions
+        check(not discrete, "optimal arm: not known for discrete actions; leave out --optimal")
         return LeastStepsPolicy()
     best, among = contest.best_response(), contest.best_team_response()
     if best is not None:

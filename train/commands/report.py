@@ -15,29 +15,29 @@ from train.reports.figures import UNITS
 from train.runs.folder import CONFIG
 from train.settings.checks import Settings, check, rule
 
-TIME_UNIT = rule(lambda value: value in (None, *UNITS), "frames or seconds")
+TIME_UNIT = rule(lambda value: value in (None, *UNITS), "give frames or seconds")
 
 
 @dataclass(frozen=True)
 class ReportCommand(Settings):
-    """Figures and tables of a sweep or an ablation, or of several folders in one figure.
+    """Write figures and tables of a sweep or an ablation, or of several folders together.
 
-    One sweep or ablation: its runs as Parquet tables, its figures and its report, in its folder.
-    Several folders, of runs, sweeps and ablations: one report on all of them, in --out. Every
-    report has table.csv and methods.md.
+    For one sweep or ablation, the Parquet tables of its runs and its report are written to its
+    folder. For several runs, sweeps and ablations, one report on all of them is written to --out.
+    Every report has table.csv and methods.md.
     """
 
     folders: Annotated[tuple[Path, ...], tyro.conf.Positional] = ()
     """Folders of runs, sweeps and ablations."""
     x: Annotated[str | None, TIME_UNIT] = None
-    """The axis of training time: frames or seconds; that of the budget if left out."""
+    """The axis of training time: frames or seconds; by default that of the budget."""
     log: bool = False
     """Make that axis logarithmic."""
     out: Path | None = None
-    """Where a report on several folders goes; comparison if left out, or the folder report of a
-    single run."""
+    """The folder of a report on several folders; by default comparison, or for a single run the
+    subfolder report."""
     overwrite: bool = False
-    """Write into --out though it holds files of others, and replace those of the same names."""
+    """Write to --out even if it has other files, and replace those with the same names."""
 
 
 def report(arguments: Sequence[str]) -> None:

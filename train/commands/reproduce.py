@@ -24,36 +24,36 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ReproduceCommand(Settings):
-    """Run the thesis' experiments again, and decide its claims one by one.
+    """Repeat the experiments of the thesis, and decide its claims.
 
-    Settings are searched first, equally long for every algorithm; then the studies run, and a page
-    with every claim, the rule that decides it, the verdict and what it rests on. What is complete
-    is not done again: Ctrl-C loses nothing, and the same command goes on. The short version is made
-    for two hours of two cores, the full one for some 40 core hours.
+    First settings are searched, with the same budget for every algorithm. Then the studies run, and
+    a page lists every claim with its rule, verdict and evidence. Complete runs are skipped, so the
+    same command continues after Ctrl-C. The short version takes two hours on two cores, the full
+    one about 40 core hours.
     """
 
     studies: Annotated[tuple[str, ...], tyro.conf.Positional] = ("all",)
     """all, or studies by name: figure-4.2, table-3.1, ... (see --list)."""
     claims: str = "thesis"
-    """thesis: what the thesis claims. optimum: hypotheses of our own, on what gaps are made of. Or
-    a file of yours in their form."""
+    """thesis: the claims of the thesis. optimum: hypotheses on the parts of gaps. Or a replication
+    file (.toml)."""
     list: bool = False
-    """Name the studies and their claims."""
+    """List the studies and their claims."""
     version: str = "short"
     """short or full."""
     mazes: Path | None = None
-    """A folder with your copy of the thesis' mazes: text files, one of each size, that stand for
-    ours of the same size."""
+    """A folder with the mazes of the thesis: text files, one of each size, that replace the shipped
+    mazes of the same size."""
     out: Path | None = None
-    """The folder of the replication; replications/CLAIMS-VERSION if left out."""
+    """The folder of the replication; replications/CLAIMS-VERSION by default."""
     workers: Annotated[int, at_least(0)] = 0
-    """Runs at a time, each on a core of its own; 0 is one for each core."""
+    """Parallel runs, one core each; 0: one per core."""
     dry_run: bool = False
-    """Say what there is to do, but do nothing."""
+    """List the runs without executing them."""
     page: bool = False
-    """Only write the page, of the runs that are complete."""
+    """Only write the page from the complete runs."""
     overwrite: bool = False
-    """Use --out though it is the folder of another replication: its runs stay, its page is
+    """Use --out even if it contains another replication. Its runs are kept, its page is
     replaced."""
 
 
@@ -75,10 +75,10 @@ def reproduce(arguments: Sequence[str]) -> None:
     workers = given.workers or os.cpu_count() or 1
     check_output_folder(out, lambda folder: is_folder_of(plan, folder), given.overwrite)
     if given.dry_run:
-        tell_plan(plan, out, workers)
+        print_plan(plan, out, workers)
         return
     if given.page:
-        check(out.is_dir(), f"{out}: no such folder; leave --page out to begin")
+        check(out.is_dir(), f"{out}: no such folder; leave out --page to start the runs")
         print(f"page: {write_replication(plan, out)}")
         return
     with resumable(f"pursuit reproduce {shlex.join(arguments)}"):
@@ -91,12 +91,12 @@ def reproduce(arguments: Sequence[str]) -> None:
         )
     print(f"page: {write_replication(plan, out)}")
     if not well:
-        print("runs failed; the same command tries them again", file=sys.stderr)
+        print("runs failed; repeat the command to retry them", file=sys.stderr)
         sys.exit(1)
 
 
-def tell_plan(plan: Replication, out: Path, workers: int) -> None:
-    """Say what there is to do, and what is done already."""
+def print_plan(plan: Replication, out: Path, workers: int) -> None:
+    """Print the number of runs of every study, and of complete ones."""
     from train.experiments.replication.run import stages  # torch is slow to import
     from train.experiments.study import statuses_of
 
@@ -107,11 +107,11 @@ def tell_plan(plan: Replication, out: Path, workers: int) -> None:
         total += len(runs) - done
         words = budget_words(stage.runs)
         print(f"{stage.name:<20}{len(runs):>4} runs, {done} complete; {words}")
-    print(f"{total} runs to do into {out}, {workers} at a time; nothing was done")
+    print(f"{total} runs to do into {out}, {workers} in parallel; nothing was done")
 
 
 def budget_words(sweep: Study) -> str:
-    """How long its runs are."""
+    """The budgets of the runs as text."""
     budgets = {(run.settings.seconds, run.settings.frames) for run in sweep.runs}
     return " or ".join(
         f"{seconds:g} s each" if seconds is not None else f"{frames:,} frames each"

@@ -1,4 +1,4 @@
-"""Scores as a table on the terminal."""
+"""Printing of scores, references and bounds."""
 
 from __future__ import annotations
 
@@ -52,15 +52,15 @@ def announce_solution(contest: Any, interrupted: bool) -> None:
     """Print to stderr that a whole game is being solved, if this takes seconds or more."""
     if not isinstance(contest, GameContest) or contest.task.num_agents == 1 or interrupted:
         return
-    judged = replace(contest.in_full_sight, most_work=MAX_EVALUATED_WORK)
-    if judged.is_exact or joint_work(judged.task) <= MAX_WORK or judged.why_not_joint():
+    solved = replace(contest.in_full_sight, most_work=MAX_EVALUATED_WORK)
+    if solved.is_exact or joint_work(solved.task) <= MAX_WORK or solved.why_not_joint():
         return
-    states = count_joint_states(judged.task)
+    states = count_joint_states(solved.task)
     print(f"solving the whole game exactly, {states:,} states ...", file=sys.stderr)
 
 
 def print_bounds(contest: ArmContest) -> None:
-    """Print how tight the bounds of the minimum steps of an arm are."""
+    """Print the bounds of the minimum steps of an arm."""
     bounds = contest.bounds()
     if contest.task.discrete_actions:
         print("optimal: minimum steps with continuous actions, a lower bound for discrete actions")

@@ -1,4 +1,4 @@
-"""`pursuit solve`: the exact game of a maze, its cop number, and a picture of both."""
+"""`pursuit solve`: the exact solution of a chase in a maze, its cop number, and a figure."""
 
 from __future__ import annotations
 
@@ -28,42 +28,41 @@ from train.files import check_new_files
 from train.reports.figures import BLUE, FORMATS, ORANGE, draw_cells, pyplot, save
 from train.settings.checks import RANDOM_MOVES, Settings, check, check_default, one_of, rule
 
-SECONDS = rule(lambda value: 0.0 < value < inf, "a finite number above 0")
+SECONDS = rule(lambda value: 0.0 < value < inf, "give a finite number above 0")
 
 
 @dataclass(frozen=True)
 class SolveCommand(Settings):
-    """Solve the simultaneous chase of a maze exactly: value, saddle points, cop number, picture."""
+    """Solve the chase in a maze exactly: value, mixed states, cop number, figure."""
 
     maze: str = "5x5"
     """A shipped maze (2x2 ... 9x9, 15x15, also -tree and -open), or the path of a maze file."""
     discount: float = 0.95
-    """Of each step, in (0, 1)."""
+    """Discount of each step, in (0, 1)."""
     horizon: int | None = None
-    """Solve for this number of steps instead, without discount."""
+    """Solve for this number of steps, without discount."""
     num_chasers: int = 1
-    """Number of chasers, which act as one player; 2 is for small mazes, and has no picture."""
+    """Number of chasers, which act as one player. 2: for small mazes, without a figure."""
     stay_action: bool = False
-    """Whether a fifth action, stay, exists."""
+    """Add a fifth action: stay."""
     move_order: str = "simultaneous"
     """simultaneous, or chasers_first."""
     chaser_cell: int | None = None
-    """Where the chaser stands in the right picture; a telling cell if left out."""
+    """Cell of the chaser in the right figure; by default one with very different values."""
     evader_cell: int | None = None
-    """Where the evader stands in the left picture; likewise."""
+    """Cell of the evader in the left figure; by default likewise."""
     view_radius: int | None = None
-    """Solve for one agent that sees so many path steps, against a scripted one, instead; an
-    interval of its optimum is proven."""
+    """Bound the optimum of one agent with this observation radius in path steps, against A*."""
     role: Annotated[str, one_of("chaser", "evader")] = "chaser"
     """The agent with the limited view: chaser or evader."""
     opponent_epsilon: Annotated[float, RANDOM_MOVES] = 0.2
-    """Share of random moves of its A* opponent."""
+    """Probability of random moves of its A* opponent."""
     seconds: Annotated[float, SECONDS] = 20.0
-    """To search with --view-radius."""
+    """Time limit of the search with --view-radius."""
     out: Path | None = None
-    """The picture (.png or .svg); solve-MAZE.png if left out."""
+    """The figure (.png or .svg); solve-MAZE.png by default."""
     overwrite: bool = False
-    """Replace the picture where it exists."""
+    """Replace the figure if it exists."""
 
 
 def solve(arguments: Sequence[str]) -> None:
@@ -78,12 +77,12 @@ def solve(arguments: Sequence[str]) -> None:
     for name, cell in cells.items():
         check(
             cell is None or 0 <= cell < maze.num_cells,
-            f"{name}={cell}; {maze.name} has the cells 0 to {maze.num_cells - 1}",
+            f"{name}={cell}; give a cell of {maze.name}, 0 to {maze.num_cells - 1}",
         )
     check(
         given.num_chasers < maze.num_cells,
-        f"num_chasers={given.num_chasers}, and the evader, need cells of their own; {maze.name} "
-        f"has {maze.num_cells}",
+        f"num_chasers={given.num_chasers} with one evader, but {maze.name} has {maze.num_cells} "
+        "cells; give fewer chasers or a larger maze",
     )
     out = given.out or Path(f"solve-{Path(given.maze).stem}.png")
     check(out.suffix[1:] in FORMATS, f"out={out}; give a .png or .svg file")
@@ -104,36 +103,36 @@ def solve(arguments: Sequence[str]) -> None:
     print(describe(solution, perf_counter() - began))
     try:
         number = cop_number(
-            maze, report=lambda done, chasers: alive(f"{chasers} chaser(s) in turns", done)
+            maze, report=lambda done, chasers: alive(f"{chasers} chaser(s), alternating", done)
         )
         text = "more than 3" if number is None else str(number)
     except ValueError as error:
         text = f"not known ({error})"
-    print(f"{'cop number (in turns)':<32}{text}")
+    print(f"{'cop number (alternating moves)':<32}{text}")
     if given.num_chasers == 1:
-        shown = zip(cells.values(), telling_cells(solution), strict=True)
+        shown = zip(cells.values(), default_cells(solution), strict=True)
         chaser, evader = (own if cell is None else cell for cell, own in shown)
         draw_solution(out, solution, chaser, evader)
-        print(f"picture: {out}")
+        print(f"figure: {out}")
 
 
-PICTURE = ("chaser_cell", "evader_cell", "out", "overwrite")
-OF_ONE_SIGHT = ("role", "opponent_epsilon", "seconds")
-"""Options of the picture, and of an agent with a limited view."""
+FIGURE = ("chaser_cell", "evader_cell", "out", "overwrite")
+LIMITED_VIEW = ("role", "opponent_epsilon", "seconds")
+"""Options of the figure, and of an agent with a limited view."""
 
 
 def check_options(given: SolveCommand) -> None:
     """ValueError for invalid values, or options that have no effect with the others."""
     if given.view_radius is None:
-        check_default(given, SolveCommand, OF_ONE_SIGHT, "it goes with --view-radius")
+        check_default(given, SolveCommand, LIMITED_VIEW, "it is an option of --view-radius")
         if given.horizon is not None:
             check_default(given, SolveCommand, ["discount"], "--horizon solves without discount")
     else:
-        names = ("num_chasers", "horizon", *PICTURE)
-        alone = "--view-radius solves for one chaser and one evader, discounted, without a picture"
-        check_default(given, SolveCommand, names, alone)
+        names = ("num_chasers", "horizon", *FIGURE)
+        why = "--view-radius solves for one chaser and one evader, discounted, without a figure"
+        check_default(given, SolveCommand, names, why)
     if given.num_chasers > 1:
-        check_default(given, SolveCommand, PICTURE, "there is a picture of one chaser only")
+        check_default(given, SolveCommand, FIGURE, "the figure is for one chaser only")
 
 
 def describe_limited_view(maze: Maze, given: SolveCommand) -> str:
@@ -176,7 +175,7 @@ def in_lines(rows: Mapping[str, str]) -> str:
 
 
 def describe(solution: ChaseSolution, seconds: float) -> str:
-    """What is printed of a solution, a line each."""
+    """The properties of a solution, one per line."""
     maze, values = solution.maze, solution.values
     chasers = solution.num_chasers
     cells = np.indices(values.shape)
@@ -185,32 +184,32 @@ def describe(solution: ChaseSolution, seconds: float) -> str:
     discount, horizon = solution.discount, solution.horizon
     how = f"horizon {horizon}" if horizon is not None else f"discount {discount:g}"
     most = float(horizon) if horizon is not None else 1.0 / (1.0 - discount)
-    own = [a != b for a, b in itertools.combinations(cells, 2)]  # at a start all stand apart
+    own = [a != b for a, b in itertools.combinations(cells, 2)]  # all start in different cells
     mean = float(values[np.logical_and.reduce(own)].mean())
     escapes = int((values[apart] >= most * (1.0 - 1e-9)).sum())
-    places = int(apart.sum())
+    states = int(apart.sum())
     text = {
         "maze": f"{maze.name}: {maze.num_cells} cells, {maze.num_loops} loops",
         "game": f"{chasers} chaser{'s' if chasers > 1 else ''}, 1 evader, {solution.move_order}, "
         f"{'with' if solution.stay_action else 'no'} stay, {how}",
         "value (mean over starts)": f"{mean:.6f} steps"
         f"{'' if horizon is not None else ', discounted'}; at most {most:g}",
-        "never caught from": f"{escapes:,} of {places:,} places",
-        "optimal play must be random at": f"{mixed:,} of {places:,} places "
-        f"({places - mixed:,} have a pure saddle point)",
+        "never caught from": f"{escapes:,} of {states:,} states",
+        "optimal policies are random in": f"{mixed:,} of {states:,} states "
+        f"({states - mixed:,} have a pure saddle point)",
     }
     text["solved in"] = f"{seconds:.2f} s, {solution.sweeps} sweeps"
     return in_lines(text)
 
 
-def telling_cells(solution: ChaseSolution) -> tuple[int, int]:
-    """A chaser and an evader cell for which the values of the other's cells differ most."""
+def default_cells(solution: ChaseSolution) -> tuple[int, int]:
+    """The chaser and evader cells with the largest standard deviation of values."""
     values = np.where(np.eye(len(solution.values), dtype=bool), np.nan, solution.values)
     return int(np.nanstd(values, axis=1).argmax()), int(np.nanstd(values, axis=0).argmax())
 
 
 def draw_solution(path: Path, solution: ChaseSolution, chaser: int, evader: int) -> None:
-    """Values as colours and policies as arrows over the maze; the other side stands still."""
+    """Values as colours and policies as arrows, for a fixed cell of the other side."""
     maze = solution.maze
     side = min(7.0, 1.5 + 0.45 * max(maze.height, maze.width))
     size = (2 * side + 1.2, side + 0.7)
@@ -224,7 +223,7 @@ def draw_solution(path: Path, solution: ChaseSolution, chaser: int, evader: int)
     colors = {"cmap": "viridis", "vmin": low, "vmax": max(high, low + 1e-9), "alpha": 0.85}
     for axis, values, policy, other, name in sides:
         mover = "chaser" if name == "evader" else "evader"
-        title = f"optimal {mover}, the {name} being at ●"
+        title = f"optimal {mover}, with the {name} at ●"
         shown = np.where(np.arange(maze.num_cells) == other, np.nan, values)
         image = draw_cells(axis, maze, shown, title, **colors)
         _draw_arrows(axis, maze, policy, other)
@@ -232,12 +231,12 @@ def draw_solution(path: Path, solution: ChaseSolution, chaser: int, evader: int)
         axis.plot(maze.columns[other], maze.rows[other], "o", ms=11, color=color)
     unit = "steps" if solution.horizon is not None else f"steps, discount {solution.discount:g}"
     figure.colorbar(image, ax=axes, shrink=0.8, label=f"value ({unit})")
-    figure.suptitle(f"{maze.name}: the exact game, {solution.move_order}", fontsize=11)
+    figure.suptitle(f"{maze.name}: exact solution, {solution.move_order}", fontsize=11)
     save(figure, path)
 
 
 def _draw_arrows(axis: Any, maze: Maze, policy: NDArray[np.float64], other: int) -> None:
-    """An arrow for every action, as long as it is probable; a dot for staying."""
+    """Arrows for actions, with lengths by their probability; a square for staying."""
     for cell in range(maze.num_cells):
         if cell == other:
             continue

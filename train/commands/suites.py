@@ -1,4 +1,4 @@
-"""What commands say of a contest in many mazes."""
+"""The output of commands for an evaluation in a suite of mazes."""
 
 from __future__ import annotations
 
@@ -20,16 +20,21 @@ from train.files import write_csv
 from train.reports.tables import print_table
 
 SEEN_MAZES = 200
-"""Of the training mazes, at most, in which a policy is played for comparison: evenly spread."""
+"""Maximum number of training mazes that a policy is evaluated in, at equal distances."""
 
 
-def judged(contest: SuiteContest, policies: dict[str, Any], table: Path | None) -> list[InMazes]:
-    """What these policies achieve in every maze, the references before them; printed and written.
+def evaluate_in_mazes(
+    contest: SuiteContest, policies: dict[str, Any], table: Path | None
+) -> list[InMazes]:
+    """Evaluate policies in every maze, and print and write the results.
 
     Args:
-        contest: in which they play.
+        contest: of the evaluation.
         policies: by name, "learned" first.
-        table: the .csv file, a row a maze; None for none.
+        table: the .csv file with a row per maze; None for none.
+
+    Returns:
+        The results of the references, then of the policies.
     """
     own = [contest.in_mazes(name, policy) for name, policy in policies.items()]
     found = [*contest.references(), *own]
@@ -38,17 +43,17 @@ def judged(contest: SuiteContest, policies: dict[str, Any], table: Path | None) 
     rows = maze_rows(contest, text)
     if rows[0]["kind"]:
         print_table(kind_table(rows))
-    tell(summary_of(contest, own[0]))
+    print_summary(summary_of(contest, own[0]))
     if table is not None:
         write_csv(table, rows)
         print(f"table: {table}")
     return found
 
 
-def tell(found: dict[str, Any]) -> None:
-    """A summary in a line."""
+def print_summary(found: dict[str, Any]) -> None:
+    """Print a summary in one line."""
     text = f"{found['mazes']} mazes: {100 * found['success_rate']:.2f} % of the tasks solved, "
-    text += f"{100 * found['solved_mazes']:.1f} % of the mazes from everywhere"
+    text += f"{100 * found['solved_mazes']:.1f} % of the mazes from all starts"
     if "mean_gap" in found:
         text += (
             f"; gap to the optimum {100 * found['optimality_gap']:+.2f} %, mean of the mazes' gaps "
@@ -58,7 +63,7 @@ def tell(found: dict[str, Any]) -> None:
 
 
 def compared(contest: SuiteContest, found: InMazes, training: SuiteContest, policy: Any) -> Any:
-    """What is lost from the mazes of the training to those of a contest; printed, too."""
+    """The generalisation gap from the training mazes to those of a contest; it is printed."""
     if len(training.task.mazes) > SEEN_MAZES:
         step = len(training.task.mazes) / SEEN_MAZES
         mazes = tuple(training.task.mazes[int(n * step)] for n in range(SEEN_MAZES))
@@ -66,7 +71,7 @@ def compared(contest: SuiteContest, found: InMazes, training: SuiteContest, poli
     seen = summary_of(training, training.in_mazes(found.name, policy))
     result = generalisation(seen, summary_of(contest, found))
     print(f"in {seen['maze']}, of its training: ", end="")
-    tell(seen)
+    print_summary(seen)
     lost = result["lost"]
     text = f"generalisation gap: {100 * lost['success_rate']:+.2f} points of success"
     if "optimality_gap" in lost:
@@ -76,5 +81,5 @@ def compared(contest: SuiteContest, found: InMazes, training: SuiteContest, poli
 
 
 def exact_where_known(contest: SuiteContest, policies: Sequence[Any]) -> SuiteContest:
-    """The same contest, solved where all these policies are known at all cells."""
+    """The same contest, exact if the distributions of all these policies are known."""
     return replace(contest, exact=all(is_known(policy) for policy in policies))

@@ -23,34 +23,35 @@ if TYPE_CHECKING:
     from train.experiments.study import Study
 
 ENDED = ("complete", "failed")
-"""Runs that a sweep has no more to do with."""
+"""Statuses of runs that have ended."""
 
 
 @dataclass(frozen=True)
 class SweepCommand(Settings):
-    """Do all runs of a sweep file; those that are complete are skipped, others are resumed.
+    """Execute all runs of a sweep file; complete runs are skipped, interrupted runs are resumed.
 
-    `pursuit sweep --list` names the shipped files, which are the experiments of the thesis.
+    `pursuit sweep --list` lists the shipped files, which are the experiments of the thesis.
     """
 
     file: Annotated[str | None, tyro.conf.Positional] = None
     """A sweep file (.toml), or the name of a shipped one."""
     list: bool = False
-    """Name the shipped sweep files."""
+    """List the shipped sweep files."""
     version: str | None = None
-    """short or full, where the file has both; short if left out."""
+    """short or full, if the file has both; by default short."""
     out: Path | None = None
-    """The folder of the sweep; sweeps/NAME-VERSION if left out."""
+    """The folder of the sweep; sweeps/NAME-VERSION by default."""
     executor: Annotated[str, one_of("local", "ray")] = "local"
     """local: processes of this machine, one core each. ray: tasks of a Ray cluster."""
     workers: Annotated[int, at_least(0)] = 0
-    """Local processes at a time; 0 is one for each core."""
+    """Parallel local processes; 0: one per core."""
     address: str | None = None
-    """Of the Ray cluster ("auto": that of this machine); one is started here if left out."""
+    """Address of the Ray cluster ("auto": that of this machine); by default one is started here."""
     dry_run: bool = False
-    """Check the file and list the runs (how far each is, what varies, its folder), but do none."""
+    """Check the file and list the runs (status, varying settings, folder) without executing
+    them."""
     overwrite: bool = False
-    """Use --out though it is the folder of another sweep: its runs stay, its report is replaced."""
+    """Use --out even if it contains another sweep. Its runs are kept, its report is replaced."""
 
 
 def sweep(arguments: Sequence[str]) -> None:
@@ -71,12 +72,12 @@ def check_options(given: SweepCommand) -> None:
     """ValueError for options that are invalid for every sweep file."""
     check(
         given.file is None or not given.list,
-        f"{given.file!r} with --list, which names the shipped files; leave one of the two out",
+        f"file {given.file!r} with --list; leave one of the two out",
     )
-    check(given.list or given.file is not None, "give a file, or --list")
+    check(given.list or given.file is not None, "no file; give one, or --list")
     check(
         given.address is None or given.executor == "ray",
-        f"address={given.address!r} is of a Ray cluster; give --executor ray, or leave it out",
+        f"address={given.address!r} is for Ray clusters; give --executor ray, or leave it out",
     )
 
 
@@ -132,13 +133,13 @@ def resumable(again: str, now: Callable[[], str] = lambda: "") -> Iterator[None]
 
 
 def counts(statuses: Iterable[str]) -> str:
-    """How many runs there are of each status, in words."""
+    """The number of runs of each status, as text."""
     found = sorted(Counter(statuses).items())
     return ", ".join(f"{number} {status}" for status, number in found)
 
 
 def list_runs(plan: Study, out: Path) -> None:
-    """Print every run: how far it is, what varies, its folder."""
+    """Print the status, the varying settings and the folder of every run."""
     from train.experiments.study import folder_of, statuses_of  # torch is slow to import
 
     statuses = statuses_of(plan, out)
@@ -159,7 +160,7 @@ class SweepWatch:
         self.done_before: set[str] | None = None
 
     def __call__(self, statuses: dict[str, str], progress: dict[str, float]) -> None:
-        """Print what is new."""
+        """Print runs that have ended, and the progress."""
         if self.done_before is None:
             self.done_before = {name for name, s in statuses.items() if s == "complete"}
             if self.done_before:
@@ -182,7 +183,7 @@ class SweepWatch:
             print(", ".join(parts), flush=True)
 
     def seconds_left(self, statuses: dict[str, str], progress: dict[str, float]) -> float | None:
-        """By how long it took what was done so far; None before there is enough of that."""
+        """The expected remaining time, from the time so far; None until that is long enough."""
         left = sum(
             1.0 - progress.get(name, 0.0)
             for name, status in statuses.items()

@@ -131,8 +131,8 @@ def show(run: Run, content: dict[str, Any]) -> None:
     write_text(run.folder / METHODS, methods([run.folder]))
     save_replay(run.folder / REPLAY, contest, trainee.policy)
     evaluation = content["evaluation"]
-    judged, settings = trainee.judged(evaluation["episodes"]), load_settings(run.folder)
-    write_report(run.folder, settings, judged, trainee.policy, content)
+    final, settings = trainee.final_contest(evaluation["episodes"]), load_settings(run.folder)
+    write_report(run.folder, settings, final, trainee.policy, content)
     column = content["objective"]["column"]
     if evaluation["optimality_gap"] is not None and column == "mean_steps":
         how = "exactly" if evaluation["exact"] else "on the same starts"
@@ -146,6 +146,6 @@ def show(run: Run, content: dict[str, Any]) -> None:
         print(advice)
     if column != "mean_steps":
         print(f"\n{headline(content)}")
-    print_reference(content.get("reference", {}), judged)
+    print_reference(content.get("reference", {}), final)
     print_objective_gap(evaluation, trainee.parts.hyper.last_gamma)
     print(f"results, curve, replay, methods and {REPORT}: {run.folder}")

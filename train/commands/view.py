@@ -16,7 +16,7 @@ from train.commands.parse import parse, print_warnings
 from train.evaluation.recordings import recorded, sides_of
 from train.files import check_new_files
 from train.play.browser import open_page
-from train.reports.pages import PLAYER_ROOM, write_page
+from train.reports.pages import PLAYER_ELEMENT, write_page
 from train.reports.tables import in_markdown
 from train.runs.folder import RESULTS, RUN, SELF_PLAY, SIDE, load_results, read_config
 from train.runs.forms import read_results
@@ -26,11 +26,11 @@ from train.settings.checks import Settings, at_least, check
 
 @dataclass(frozen=True)
 class ViewCommand(Settings):
-    """Write a page that plays episodes, and open it where there is a browser.
+    """Write a page that plays episodes, and open it in the browser if there is one.
 
-    Of one run, or of self-play, it is the report, RUN/report.html if --out is left out. Of several,
-    and of replays, it has all their episodes, to be watched one by one or side by side: those of
-    runs of one task have the same starts. The page is one file without network requests.
+    For one run, also of self-play, the page is its report. For several runs or replays, the page
+    plays their episodes one by one or side by side; episodes of runs of one task have the same
+    starts. The page is one file without network requests.
     """
 
     paths: Annotated[tuple[Path, ...], tyro.conf.Positional]
@@ -38,11 +38,11 @@ class ViewCommand(Settings):
     out: Path | None = None
     """The output page; by default report.html of a run, otherwise replay.html."""
     episodes: Annotated[int, at_least(1)] = 4
-    """Episodes of each run, where several things are shown."""
+    """Episodes of each run, if several runs or replays are shown."""
     overwrite: bool = False
-    """Replace --out where it exists."""
+    """Replace --out if it exists."""
     no_open: bool = False
-    """Only write the page, and open no browser."""
+    """Only write the page, without opening a browser."""
 
 
 def view(arguments: Sequence[str]) -> None:
@@ -50,7 +50,7 @@ def view(arguments: Sequence[str]) -> None:
     given = parse(ViewCommand, arguments, "view")
     check(bool(given.paths), "nothing to view; give the folder of a run, or a replay (.json)")
     for path in given.paths:
-        check(path.exists(), f"{path}: no such file or folder")
+        check(path.exists(), f"{path}: no such file or folder; give a run, or a replay (.json)")
     check_new_files([given.out], given.overwrite)
     with print_warnings():
         alone = len(given.paths) == 1 and given.paths[0].is_dir()
@@ -62,7 +62,7 @@ def view(arguments: Sequence[str]) -> None:
 
 
 def report_again(folder: Path, out: Path | None) -> Path:
-    """The report of a run, of what stands in its folder now."""
+    """Write the report of a run again, from the files in its folder."""
     from train.experiments.kinds import KINDS, open_run  # torch is slow to import
     from train.runs.opponents import load_policy
     from train.runs.parts import contest_of
@@ -92,12 +92,12 @@ def together(given: ViewCommand) -> Path:
     builder = Builder()
     for path in given.paths:
         add_run(builder, path, given.episodes) if path.is_dir() else add_replay(builder, path)
-    check(bool(builder.items), "no episode in any of these; play one to its end first")
+    check(bool(builder.items), "these replays contain no episodes; give others")
     title = ", ".join(path.name for path in given.paths)
     for warning in builder.warnings:
         print(f"pursuit: warning: {warning}", file=sys.stderr)
     text = [f"Warning: {in_markdown(warning)}" for warning in builder.warnings]
-    write_page(page, title, [*text, PLAYER_ROOM], builder.data(title))
+    write_page(page, title, [*text, PLAYER_ELEMENT], builder.data(title))
     return page
 
 

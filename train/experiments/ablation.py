@@ -1,7 +1,7 @@
-"""Ablations: variants against a control, with equal budgets and the same final difficulty.
+"""Reading and validation of ablation files.
 
-An ablation is a sweep with a control: runs, executors and folders are those of `pursuit sweep`. Its
-report tests every variant against the control.
+An ablation is a sweep of variants with equal budgets on the same task. Its report tests every
+variant against a control. Runs, executors and folders are those of `pursuit sweep`.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def load_ablation(
             or an invalid sweep.
     """
     path, content = read_file(name, ABLATIONS, "ablation")
-    check("arms" not in content, f"{path}: [[arms]] is not a key; it is [[variants]] now")
+    check("arms" not in content, f"{path}: [[arms]] was renamed; give [[variants]]")
     file = read_as(AblationFile, content, path, REMEDY)
     try:
         variants = check_variants(file)
@@ -77,23 +77,23 @@ def check_variants(file: AblationFile) -> list[Table]:
     )
     check(len(variants) > 1, "give at least two [[variants]], with names")
     names = [variant.get("name") for variant in variants]
-    check(control in names, f"control={control!r} is none of the variants {names}; name one")
+    check(control in names, f"control={control!r} is not a variant; give one of {names}")
     others = [name for name in names if name != control]
     check(
         primary in (None, *others),
-        f"primary={primary!r} is none of the variants other than the control: {others}; name one",
+        f"primary={primary!r} is not a variant other than the control; give one of {others}",
     )
-    check(margin is None or margin > 0, f"margin={margin}; points of the gap, above 0")
+    check(margin is None or margin > 0, f"margin={margin}; give points of the gap, above 0")
     check(
         file.threshold in THRESHOLDS,
-        f"threshold={file.threshold:g}; one of the gaps {THRESHOLDS} in %",
+        f"threshold={file.threshold:g}; give one of the gaps {THRESHOLDS} in %",
     )
     for variant in variants:
         own = sorted(set(EQUAL) & set(variant))
         check(
             not own,
-            f"variant {variant.get('name')!r} sets {', '.join(own)}; variants have equal budgets "
-            "and the same task and seeds: set it for all, in [settings]",
+            f"variant {variant.get('name')!r} sets {', '.join(own)}; all variants have the same "
+            "budget, task and seeds, so set it in [settings]",
         )
     return variants
 
@@ -103,14 +103,14 @@ def check_hints(file: SweepFile) -> None:
     grid, hints = list(file.grid or {}), file.report
     check(
         hints is None or hints.group is None,
-        "group in [report]: the curves of an ablation are its variants; leave it out",
+        "group in [report]: an ablation draws one curve per variant; leave it out",
     )
     x = None if hints is None else hints.x
-    check(x in (None, *grid), f"x={x!r} in [report] is none of the [grid] {grid}")
+    check(x in (None, *grid), f"x={x!r} in [report] is not in [grid]; give one of {grid}")
     check(
         len(grid) <= 1 and (x is not None or not grid),
-        "an ablation has at most one setting in its [grid], named as x in [report]: variants are "
-        "compared within each of its values",
+        f"[grid] {grid} and x={x!r} in [report]; give at most one setting in [grid], and name it "
+        "as x in [report]: variants are compared for each of its values",
     )
 
 
@@ -118,19 +118,19 @@ def check_runs(runs: Iterable[TrainingRun]) -> None:
     """ValueError for runs without a gap in steps to an exact optimum."""
     check(
         all(run.kind == RUN for run in runs),
-        "an ablation compares runs of one agent by their gap to the optimum; compare "
-        "self-play in a sweep, with [[variants]]",
+        "kind = self-play; an ablation compares single-agent runs by their gap to the optimum, so "
+        "compare self-play in a sweep, with [[variants]]",
     )
     for task in dict.fromkeys(run.settings.task for run in runs):
         contest = contest_of(task, 2)
         check(
             contest.optimal() is not None,
-            f"the exact optimum of task {task.task!r} with these agents is not known, and an "
+            f"the exact optimum of task {task.task!r} with these agents is not known, but an "
             "ablation needs it; use a single runner, one chaser against one evader, or a smaller "
-            "game in which evaders do not collect goals",
+            "game without goals for evaders",
         )
         check(
             contest.measure.name == "steps",
-            f"task {task.task!r} is scored by {contest.measure.name}, and an ablation by the gap "
-            "in steps; use a single runner, or a chase",
+            f"task {task.task!r} is scored by {contest.measure.name}, but an ablation needs the "
+            "gap in steps; use a single runner, or a chase",
         )

@@ -36,7 +36,7 @@ COLORS = tuple(color for color in PALETTE if color != GREY)
 def ablation_report(
     study: FinishedStudy, folder: Path, unit: str | None, log: bool
 ) -> tuple[ResultTable, list[str], list[str]]:
-    """Draw the figures of an ablation; arguments and results are those of `sweep_report`.
+    """Draw the figures of an ablation; arguments and return values are those of `sweep_report`.
 
     Raises:
         ValueError: the folder is not that of an ablation.
@@ -109,12 +109,12 @@ def panels_of(variants: VariantCurves, control: str, unit: str) -> list[list[Pan
                      if c.settled_at > 0]  # fmt: skip
             label = "" if upper else "gap to the optimum (%)"
             upper.append(Panel(series, label, name, "gap", marks=marks))
-            taught = [Series([(c.time(unit), c.stage)], None, color, width=1.0)
+            stages = [Series([(c.time(unit), c.stage)], None, color, width=1.0)
                       for c in variants[name] if not np.isnan(c.stage).all()]  # fmt: skip
-            said = "as the task" if name == control else "levels, chosen one by one"
             label = "" if lower else "trained on"
-            note = "" if taught else said
-            lower.append(Panel(taught, label, marks=marks, note=note, height=1.5))
+            note = "the task itself" if name == control else "levels instead of stages"
+            note = "" if stages else note
+            lower.append(Panel(stages, label, marks=marks, note=note, height=1.5))
         grid += [upper, lower]
     return grid
 

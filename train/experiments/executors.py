@@ -134,16 +134,16 @@ class JobHere:
 
 
 def run_locally(study: Study, out: Path | str, workers: int, watch: Watch) -> dict[str, str]:
-    """Do all jobs that are not complete in `workers` processes.
+    """Execute all jobs that are not complete in `workers` processes.
 
-    A job that failed before is tried again. Ctrl-C lets the running ones save their checkpoints.
+    Failed jobs are retried. After Ctrl-C the running jobs save their checkpoints.
     A script that calls this needs the guard `if __name__ == "__main__":`, as for
     `multiprocessing`.
 
     Args:
         study: the jobs.
         out: the folder of the study.
-        workers: processes at a time; 0 does one job after the other in this process.
+        workers: parallel processes; 0 executes the jobs one by one in this process.
         watch: called with the status and progress of all runs.
 
     Returns:
@@ -154,7 +154,7 @@ def run_locally(study: Study, out: Path | str, workers: int, watch: Watch) -> di
     """
     if not workers:
         return run_study(study, Path(out), 1, lambda folder, slot: JobHere(folder), watch)
-    os.environ.update(OF_WORKERS)  # libraries of this process have read theirs
+    os.environ.update(OF_WORKERS)  # no effect on libraries that are loaded in this process
     cores = sorted(os.sched_getaffinity(0), reverse=True) if study.pinned else []
 
     def start(folder: Path, slot: int) -> LocalJob:
@@ -167,7 +167,7 @@ def run_locally(study: Study, out: Path | str, workers: int, watch: Watch) -> di
 
 
 def import_ray() -> Any:
-    """Ray; ImportError with the remedy where it is missing."""
+    """Import Ray; ImportError with the remedy if it is not installed."""
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
     try:
         import ray
@@ -177,17 +177,17 @@ def import_ray() -> Any:
 
 
 def check_answers(address: str | None) -> None:
-    """Refuse an address that does not answer; None, "auto" and "local" are resolved by Ray.
+    """Check that a cluster can be reached; None, "auto" and "local" are resolved by Ray.
 
     Raises:
-        ValueError: no address, or no answer within SECONDS_TO_ANSWER.
+        ValueError: not an address, or no connection within SECONDS_TO_ANSWER.
     """
     if address in (None, "auto", "local"):
         return
     host, _, port = str(address).removeprefix("ray://").rpartition(":")
     check(
         bool(host) and port.isdecimal() and 0 < int(port) < 2**16,
-        f"address={address!r}; give auto, HOST:PORT or ray://HOST:PORT",
+        f"address={address!r} is not an address; give auto, HOST:PORT or ray://HOST:PORT",
     )
     try:
         socket.create_connection((host.strip("[]"), int(port)), timeout=SECONDS_TO_ANSWER).close()
@@ -200,7 +200,7 @@ def check_answers(address: str | None) -> None:
 
 
 class RayJob:
-    """A job as a task of a Ray cluster, done again where its machine dies."""
+    """A job as a task of a Ray cluster; retried on another machine if its machine fails."""
 
     def __init__(self, ray: Any, folder: Path) -> None:
         remote = ray.remote(num_cpus=1, max_retries=5)(perform_here)
@@ -223,16 +223,16 @@ class RayJob:
 
 
 def run_on_ray(study: Study, out: Path | str, address: str | None, watch: Watch) -> dict[str, str]:
-    """Do all jobs that are not complete as tasks of a Ray cluster, one core each.
+    """Execute all jobs that are not complete as tasks of a Ray cluster, one core each.
 
-    All machines of the cluster read and write the folder `out`: it lies on a disk that they share.
-    If its machine fails, a job is resumed elsewhere from its checkpoint, as after Ctrl-C.
+    The folder `out` must be on a disk that all machines of the cluster share. If a machine fails,
+    its jobs are resumed elsewhere from their checkpoints.
 
     Args:
         study: the jobs.
         out: the folder of the study.
-        address: of the cluster, "auto" for the one of this machine; None starts one here.
-        watch, returned: as `run_locally`.
+        address: of the cluster, "auto" for the one on this machine; None starts one here.
+        watch, returned: as in `run_locally`.
 
     Raises:
         KeyboardInterrupt: once the jobs have saved.
@@ -243,7 +243,7 @@ def run_on_ray(study: Study, out: Path | str, address: str | None, watch: Watch)
     if started_here:
         before = signal.getsignal(signal.SIGTERM)
         ray.init(address=address, log_to_driver=False, include_dashboard=False)
-        if current_thread() is main_thread():  # Ray's own handler would end all without saving
+        if current_thread() is main_thread():  # Ray's handler would exit without saving
             signal.signal(signal.SIGTERM, before)
     try:
         slots = max(int(ray.cluster_resources().get("CPU", 1)), 1)

@@ -16,8 +16,8 @@ from train.settings.checks import check, check_seed
 HINTS, LABEL = "sweep.json", "run.json"
 VERSIONS = ("short", "full")
 THRESHOLDS = (20.0, 10.0, 5.0, 2.0)
-"""Gaps in per cent, whose time an ablation reports."""
-REMEDY = "correct that line; the README's section on sweeps shows the form"
+"""Gaps in per cent; an ablation reports the times to reach them."""
+REMEDY = "correct that line; docs/guides shows the form"
 ANEW = "remove that file; the next `pursuit sweep` writes it again"
 
 Table = dict[str, Any]
@@ -60,7 +60,7 @@ class AblationFile(SweepFile, forbid_unknown_fields=True, omit_defaults=True):
         primary: the variant of the primary comparison. Its p is not corrected; those of the others
             are corrected for multiple comparisons.
         margin: equivalence margin in percentage points of the gap.
-        threshold: the gap in per cent whose time to reach is tested.
+        threshold: the gap in per cent; the times to reach it are tested.
     """
 
     control: str | None = None
@@ -78,13 +78,13 @@ class Range(msgspec.Struct, forbid_unknown_fields=True):
     whole: bool = False
 
     def __post_init__(self) -> None:
-        check(self.scale in ("linear", "log"), f"scale={self.scale!r}; linear or log")
+        check(self.scale in ("linear", "log"), f"scale={self.scale!r}; give linear or log")
         check(
             math.isfinite(self.low) and math.isfinite(self.high),
             f"low={self.low} and high={self.high}; give finite numbers",
         )
-        check(self.low < self.high, f"low={self.low} is not below high={self.high}")
-        check(self.scale != "log" or self.low > 0, "scale='log' needs low above 0")
+        check(self.low < self.high, f"low={self.low} is not below high={self.high}; exchange them")
+        check(self.scale != "log" or self.low > 0, f"low={self.low}; scale='log' needs low above 0")
 
 
 class Choices(msgspec.Struct, forbid_unknown_fields=True):
@@ -142,7 +142,7 @@ def check_plain(name: str, value: Any, where: str) -> None:
     """ValueError unless a setting is a number, a string, a boolean, or a list of strings."""
     plain = isinstance(value, bool | int | float | str)
     texts = isinstance(value, list) and all(isinstance(item, str) for item in value)
-    named = name in ("task", "algorithm", "curriculum", "preset")  # they select other settings
+    named = name in ("task", "algorithm", "curriculum", "preset")  # these need a name
     check(
         isinstance(value, str) if named else plain or texts,
         f"{name}={value!r} in {where}; give "
@@ -151,7 +151,7 @@ def check_plain(name: str, value: Any, where: str) -> None:
 
 
 def check_seeds(seeds: Iterable[int]) -> None:
-    """ValueError for no seeds, or for one that is out of range."""
+    """ValueError for an empty list, or for a seed that is out of range."""
     check(bool(seeds), "seeds is an empty list; give at least one value")
     for seed in seeds:
         check_seed(seed)

@@ -1,8 +1,8 @@
-"""What tells one run of a sweep from another: the content of all that decides its outcome.
+"""Fingerprints of runs: digests of everything that affects their results.
 
-Mazes count by their text, opponents by what their files hold, wherever these lie. So a sweep goes
-on after its files were moved, and a file that was changed makes another run. What a run reads
-besides its settings travels with it: mazes as text in `config.json`, opponents as files.
+Mazes are compared by their text and opponents by the content of their files, not by path. So a
+sweep can be resumed after its files were moved, and a changed file makes a different run. Mazes are
+stored as text in `config.json`, and opponents are copied to the folder of the sweep.
 """
 
 from __future__ import annotations
@@ -26,18 +26,18 @@ from train.settings.self_play import LEARN, ROLES
 from train.teaching.mazes import named_maze, names_in
 
 INPUTS = "inputs"
-"""Of the folder in which a sweep, or a run on another machine, keeps the opponents it was given."""
+"""Subfolder of a sweep with copies of opponents."""
 MODEL = "model.zip"
-"""What a saved model is called there."""
+"""File name of the copy of a saved model."""
 
 
 @dataclass(frozen=True)
 class Input:
-    """A policy that a run reads besides its settings.
+    """A policy that a run loads from files.
 
     Attributes:
         path: the folder of a run, or a saved model.
-        digest: ten hexadecimal digits of what it holds.
+        digest: ten hexadecimal digits of its content.
     """
 
     path: Path
@@ -45,7 +45,7 @@ class Input:
 
 
 def named_policies(plain: Mapping[str, Any]) -> dict[str, str]:
-    """Which policies plain settings name that are not scripted agents, by the setting's name."""
+    """The policies in plain settings that are not scripted agents, by the setting's name."""
     named = {name: plain.get(name) for name in ROLES} | {"opponent": plain["task"].get("opponent")}
     return {
         name: value
@@ -55,14 +55,14 @@ def named_policies(plain: Mapping[str, Any]) -> dict[str, str]:
 
 
 def with_policies(settings: Any, values: Mapping[str, str]) -> Any:
-    """Settings with these policies in the place of those that they name."""
+    """Settings with these policies, by the setting's name."""
     own = dict(values)
     task = {name: own.pop(name) for name in ("opponent",) if name in own}
     return replace(settings, **own, task=replace(settings.task, **task))
 
 
 def policy_files(path: Path) -> dict[str, bytes]:
-    """What the policy at `path` is read from, by the names that it gets under `INPUTS`."""
+    """The files of the policy at `path`: contents by their file names in `INPUTS`."""
     if path.is_dir():
         whole = [path / CONFIG, *sorted(path.glob(f"{CHECKPOINT.split('.')[0]}*"))]
         return {file.name: file.read_bytes() for file in whole if file.is_file()}
@@ -74,7 +74,7 @@ def policy_files(path: Path) -> dict[str, bytes]:
 
 
 def digest_of(files: Mapping[str, bytes]) -> str:
-    """Ten hexadecimal digits of the files that decide how a policy plays."""
+    """Ten hexadecimal digits of the files that determine the actions of a policy."""
     deciding = {CONFIG, CHECKPOINT, MODEL, description_of(Path(MODEL)).name}
     digest = hashlib.sha256()
     for name in sorted(deciding & set(files)):
@@ -83,7 +83,7 @@ def digest_of(files: Mapping[str, bytes]) -> str:
 
 
 def inputs_of(settings: Any) -> dict[str, Input]:
-    """The policies that settings name and that are files here, by the setting's name."""
+    """The policies in settings that are existing files, by the setting's name."""
     named = {name: Path(value) for name, value in named_policies(asdict(settings)).items()}
     return {
         name: Input(path, digest_of(policy_files(path)))
@@ -93,13 +93,13 @@ def inputs_of(settings: Any) -> dict[str, Input]:
 
 
 def fingerprint(kind: str, settings: Any, episodes: int, inputs: Mapping[str, Input]) -> str:
-    """Ten hexadecimal digits of everything that decides the outcome of a run.
+    """Ten hexadecimal digits of everything that affects the results of a run.
 
     Args:
         kind: of run.
         settings: of the run.
         episodes: of its final evaluation.
-        inputs: what stands for the policies that the settings name.
+        inputs: the policies that it loads from files, by the setting's name.
     """
     named = named_policies(asdict(settings))
     digests = {name: given.digest for name, given in inputs.items() if name in named}
@@ -119,8 +119,7 @@ def digest_of_plain(value: Any) -> str:
 
 
 def frozen_mazes(settings: Any) -> tuple[Any, dict[str, Any]]:
-    """Settings that need no maze file, and what reports call that which stands in them as text or
-    as a copy: as it was given."""
+    """Settings with mazes as text; and the names as given of mazes and policies, for reports."""
     frozen = with_mazes(settings)
     names: dict[str, Any] = dict(named_policies(asdict(settings)))
     if settings.task != frozen.task:
@@ -135,9 +134,9 @@ def frozen_mazes(settings: Any) -> tuple[Any, dict[str, Any]]:
 
 
 def copy_of(given: Input, folder: Path) -> Path:
-    """Where the copy of an input lies in the folder of a sweep, made if it is not whole yet.
+    """The path of the copy of an input in the folder of a sweep; copied if missing or incomplete.
 
-    Runs read the copy: an opponent that goes on learning is the same in all of them.
+    Runs load the copy, so that an opponent that is still training is the same for all runs.
 
     Raises:
         ValueError: the input has changed since the sweep file was read.
@@ -148,7 +147,7 @@ def copy_of(given: Input, folder: Path) -> Path:
         files = policy_files(given.path)
         check(
             digest_of(files) == given.digest,
-            f"{given.path}: has just changed; begin again when nothing writes to it",
+            f"{given.path}: has just changed; run the command again when nothing writes to it",
         )
         put_files(own, files)
     return path

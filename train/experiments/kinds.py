@@ -1,4 +1,4 @@
-"""The kinds of runs: how settings become each, by name or from a folder, and how they go on."""
+"""The kinds of runs, single-agent and self-play: creating, opening and resuming them."""
 
 from __future__ import annotations
 
@@ -48,13 +48,13 @@ class Kind:
     """One kind of run.
 
     Attributes:
-        settings_of: settings by their names on the command line, checked.
-        from_plain: settings from `config.json`.
-        check: ValueError for settings that cannot run.
-        complete: the same settings with all that a run would fill in.
-        make: the run of settings in a folder, from its beginning (None) or from a checkpoint.
-        again: the command that goes on with one.
-        pictures: what that command draws of the results.
+        settings_of: makes and validates settings from values by command line name.
+        from_plain: makes settings from `config.json`.
+        check: raises ValueError for settings that cannot run.
+        complete: fills in values that are chosen at the start of a run.
+        make: makes a run from settings, folder, and the state of a checkpoint (None for a new run).
+        again: the command that resumes a run.
+        pictures: the files that this command draws from the results.
     """
 
     settings_of: Callable[..., Any]
@@ -89,21 +89,20 @@ KINDS = {
 
 
 def start(kind: str, settings: Any, path: Path | str, final: Final | None = None) -> Run:
-    """A new run in a new folder, held: its settings are on disk before anything is learned.
+    """Make a run in a new folder, lock the folder, and write `config.json`.
 
     Args:
-        kind: "single", one agent that learns, or "self-play".
-        settings: `TrainSettings` of the one, `SelfPlaySettings` of the other.
+        kind: "single" for one learning agent, or "self-play".
+        settings: `TrainSettings` or `SelfPlaySettings`.
         path: of the folder.
-        final: what its final results are to be made with, also after it was resumed;
-            None for the defaults.
+        final: options of the final results, also used after resuming; None for the defaults.
 
     Returns:
         The run: `train()` learns, `results()` evaluates and writes `results.json`.
 
     Raises:
-        ValueError: settings that cannot run here or have no effect (no folder is made then), or a
-            folder that holds something, or that another process has begun to fill.
+        ValueError: settings cannot run here or have no effect (then no folder is made), or the
+            folder is not empty or used by another process.
     """
     path = Path(path)
     check_new(path)
@@ -121,13 +120,13 @@ def start(kind: str, settings: Any, path: Path | str, final: Final | None = None
 
 
 def write_config(kind: str, settings: Any, folder: Path, final: Final | None = None) -> None:
-    """Write `config.json`; the mazes of a curriculum that were files stand in it as their texts."""
+    """Write `config.json`, with maze files replaced by their text."""
     plain = replace(with_mazes(settings), task=settings.task)
     save_config(folder, kind, plain, maze_text_of(settings.task), final)
 
 
 def with_mazes(settings: Any) -> Any:
-    """The same settings with the texts of all mazes that were files, which they need no more."""
+    """The same settings with maze files replaced by their text."""
     task = settings.task
     if hasattr(task, "maze"):
         task = replace(task, maze=as_text(task.maze))
@@ -140,21 +139,21 @@ def with_mazes(settings: Any) -> Any:
 
 
 def read_settings(folder: Path | str) -> tuple[str, Any]:
-    """The kind of a run and its settings; ValueError for no run, or a side of self-play."""
+    """The kind of a run and its settings; ValueError without a run, or for a side of self-play."""
     folder = Path(folder)
     kind, plain = load_config(folder)
     check(
         kind in KINDS,
-        f"{folder}: one side of self-play, which trains with the other; give {folder.parent}",
+        f"{folder}: one side of self-play, not a whole run; give {folder.parent}",
     )
     return kind, KINDS[kind].from_plain(plain, str(folder / CONFIG))
 
 
 def open_run(folder: Path | str) -> Run:
-    """The run in a folder, held, where it was left: at its checkpoint, or without one at the start.
+    """Lock the run in a folder and load it from its checkpoint, or make it new without one.
 
     Raises:
-        ValueError: no run there, a damaged one, or one that another process works on.
+        ValueError: there is no run, it is damaged, or it is used by another process.
     """
     folder = Path(folder)
     kind, settings = read_settings(folder)
@@ -177,23 +176,22 @@ def is_complete(folder: Path) -> bool:
 
 
 def is_drawn(folder: Path, kind: str) -> bool:
-    """Whether the pictures of its results are there."""
+    """Whether the figures of its results exist."""
     return all((folder / name).exists() for name in KINDS[kind].pictures)
 
 
 def resume(folder: Path | str, kind: str) -> Run:
-    """Go on with the run in `folder`; one that has only its results or pictures to write does that.
+    """Open the run in `folder` for resuming, also if only results or figures are missing.
 
     Raises:
-        ValueError: no run there, a damaged one, one of another kind, or complete.
+        ValueError: there is no run, or it is damaged, of another kind, or complete.
     """
     folder = Path(folder)
     check(folder.is_dir(), f"{folder}: no such folder")
     found, _ = read_settings(folder)
     check(
         found == kind,
-        f"{folder}: a run of kind {found!r}; go on with it by `{KINDS[found].again} --resume "
-        f"{folder}`",
+        f"{folder}: a run of kind {found!r}; resume it by `{KINDS[found].again} --resume {folder}`",
     )
     check(
         not is_complete(folder) or not is_drawn(folder, kind),

@@ -23,15 +23,15 @@ class Curve:
 
     Attributes:
         seconds, frames: [evaluations] of training.
-        shortfall: [evaluations] per cent by which it is worse than the exact optimum: more steps,
-            or for an evader fewer.
+        shortfall: [evaluations] per cent by which the policy is worse than the exact optimum: more
+            steps, or fewer for an evader.
         optimality: [evaluations] in [0, 1]: optimum / steps, or for an evader steps / optimum.
-        stage: [evaluations] mean of what was trained on since the evaluation before; NaN without a
+        stage: [evaluations] mean training stage since the previous evaluation; NaN without a
             curriculum.
-        final: per cent short of the optimum in the final evaluation.
-        seed, task: whose.
-        on_hardest: [evaluations] of the frames of the episodes that ended since the evaluation
-            before, the share in the hardest stage; NaN as `stage`.
+        final: `shortfall` in the final evaluation.
+        seed, task: of the run.
+        on_hardest: [evaluations] share of frames in the hardest stage, of episodes that ended since
+            the previous evaluation; NaN without a curriculum.
     """
 
     seconds: NDArray[np.float64]
@@ -73,12 +73,12 @@ def curve_of(row: Row, evaluations: list[Row], x: str | None) -> Curve:
     """The curve of a complete run; ValueError if the optimum of its task is not known."""
     check(
         row["objective"] == "mean_steps",
-        f"{row['run']}: scored by {row['objective']}, and an ablation by the gap in steps; use a "
-        "single runner, or a chase",
+        f"{row['run']}: scored by {row['objective']}, but an ablation needs the gap in steps; use "
+        "a single runner, or a chase",
     )
     check(
         row.get("optimality_gap") is not None,
-        f"{row['run']}: the exact optimum of its task is not known, and an ablation needs it; use "
+        f"{row['run']}: the exact optimum of its task is not known, but an ablation needs it; use "
         "a single runner, or one chaser against one evader",
     )
     evader = str(row["role"]).startswith("evader") and row["num_goals"] in (None, 0)
@@ -104,7 +104,7 @@ def curve_of(row: Row, evaluations: list[Row], x: str | None) -> Curve:
 def curves_by_variant(study: FinishedStudy) -> VariantCurves:
     """The curves of every variant with complete runs, in the order of the file."""
     hints = study.hints
-    check(hints.x == study.x, f"{HINTS}: not of this ablation; run `pursuit ablate` again")
+    check(hints.x == study.x, f"{HINTS}: from another ablation; run `pursuit ablate` again")
     variants: VariantCurves = {name: [] for name in hints.variants}
     for row in study.rows:
         curve = curve_of(row, study.by_run[row["run"]], hints.x)

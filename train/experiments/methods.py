@@ -1,4 +1,4 @@
-"""How runs were made, as one table: every fact from `config.json` and `results.json`."""
+"""The methods table of runs: settings, results and versions from their files."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from train.settings.task import learning_agent
 METHODS = "methods.md"
 METHODS_LINE = f"How these runs were made: [{METHODS}]({METHODS})."
 OUR_PATH = re.compile(r"^\S*(bin/pursuit|commands/main\.py)(?= |$)")
-"""How a command begins, by where `pursuit` is installed."""
+"""The path of `pursuit` in a recorded command, which depends on the installation."""
 SPANS = ("frames trained", "seconds trained")
-"""Of these the least and the largest value are given, of other facts all that there are."""
+"""Entries given as minimum and maximum; of others all different values are listed."""
 
 
 def methods(folders: Sequence[Path | str], title: str = "# Methods") -> str:
-    """How runs were made, as Markdown: settings, results and commands, each value once.
+    """A Markdown table of settings, results and commands of runs, with each value once.
 
     Args:
         folders: of the runs, at least one.
         title: the heading.
 
     Raises:
-        ValueError: a folder that holds no run, or a damaged one.
+        ValueError: a folder contains no run, or a damaged one.
     """
     runs = [facts_of(Path(folder)) for folder in folders]
     found = {"runs": [len(runs)]}
@@ -42,10 +42,10 @@ def methods(folders: Sequence[Path | str], title: str = "# Methods") -> str:
 
 
 def facts_of(folder: Path) -> dict[str, Any]:
-    """What the files of a run say of it, by name.
+    """The entries of one run, by name.
 
     Raises:
-        ValueError: no run there, or a damaged one.
+        ValueError: the folder contains no run, or a damaged one.
     """
     kind, plain = read_config(folder)
     results = load_results(folder) if (folder / RESULTS).exists() else {}
@@ -74,27 +74,27 @@ def facts_of(folder: Path) -> dict[str, Any]:
 
 
 def league_methods(content: Mapping[str, Any], folders: Sequence[Path]) -> str:
-    """What was done in a league, and how the runs in it were made.
+    """The methods tables of a league and of its runs, as Markdown.
 
     Args:
         content: of `league.json`.
-        folders: of its runs; one role of self-play counts as the run that it was trained in.
+        folders: of its runs; a side of self-play stands for its whole run.
 
     Raises:
-        ValueError: a folder that holds no run, or a damaged one.
+        ValueError: a folder contains no run, or a damaged one.
     """
     names = ("task", "maze", "max_steps", "greedy", "opponent_epsilon", "games", "seed", "command")
     found = {name: text_of(content[name]) for name in names}
     found["payoffs"] = "mean steps until capture, exact over all starts"
     if any(half for row in content["ci95"] for half in row):
-        found["payoffs"] += f"; where ± stands, of {content['games']} games (95 % intervals)"
+        found["payoffs"] += f"; values with ± are means of {content['games']} games (95 % interval)"
     found["ratings"] = (
-        f"of {content['games']} games a pair from the same held-out starts: Elo by maximum "
+        f"from {content['games']} games per pair with the same held-out starts: Elo by maximum "
         "likelihood (Bradley and Terry) with bootstrap intervals, Nash averaging (Balduzzi et al., "
         "2018)"
     )
     page = as_page(found | where_they_ran(content), "# Methods")
-    # One role of self-play belongs to the run in the folder above.
+    # The run of a side of self-play is in the parent folder.
     runs = dict.fromkeys(
         folder.parent if read_config(folder)[0] == SIDE else folder for folder in folders
     )
@@ -116,12 +116,12 @@ def as_page(found: Mapping[str, str], title: str) -> str:
 
 
 def listed(values: Iterable[str]) -> str:
-    """Different values, each once."""
+    """All different values as text."""
     return " or ".join(dict.fromkeys(values))
 
 
 def text_of(value: Any) -> str:
-    """A value as people read it."""
+    """A value as text."""
     if isinstance(value, list | tuple):
         return " ".join(map(text_of, value)) or "none"
     if isinstance(value, float):

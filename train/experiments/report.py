@@ -15,20 +15,19 @@ from train.reports.pages import write_markdown
 from train.reports.tables import in_markdown
 
 SEVERAL = "Runs of "
-"""Begins the titles of reports on several folders."""
+"""Start of the titles of reports on several folders."""
 
 
 def report_on(out: Path, unit: str | None = None, log: bool = False) -> Path:
-    """Collect the runs of a sweep or an ablation, draw their figures and write their tables.
+    """Write the tables and figures of a sweep or an ablation.
 
     Args:
         out: the folder of the study.
         unit: of training time in figures: frames or seconds; that of the budget if None.
-        log: whether its axis is logarithmic.
+        log: whether the axis of training time is logarithmic.
 
     Returns:
-        The folder: `report.md` and the same as a page, `report.html`; `methods.md`, `table.csv`
-        and the figures.
+        The folder of the report: `report.md`, `report.html`, `methods.md`, `table.csv` and figures.
 
     Raises:
         ValueError: neither a sweep nor an ablation in `out`, or none of its runs has results.
@@ -39,16 +38,15 @@ def report_on(out: Path, unit: str | None = None, log: bool = False) -> Path:
 def report_several(
     folders: Sequence[Path], out: Path, unit: str | None = None, log: bool = False
 ) -> Path:
-    """The same of several runs, sweeps and ablations of one kind, beside each other.
+    """Write one report of several runs, sweeps or ablations.
 
     Args:
-        folders: of them.
-        out: where the report is written.
-        unit, log: as `report_on`.
+        folders: of the runs and studies.
+        out: the folder of the report.
+        unit, log: as in `report_on`.
 
     Raises:
-        ValueError: a folder without anything that is complete, or runs that are judged by different
-            measures.
+        ValueError: a folder contains no complete run, or runs have different measures.
     """
     study = read_several(folders)
     study.hints.title = SEVERAL + study.hints.title
@@ -79,7 +77,7 @@ def write_study(study: FinishedStudy, folder: Path, unit: str | None, log: bool)
 
 
 def ran_on(rows: list[dict[str, Any]]) -> str:
-    """How many runs, of which seeds, on which machines."""
+    """A sentence with the number of runs, their seeds and their machines."""
     seeds = ", ".join(map(str, sorted({row["seed"] for row in rows})))
     machines = "; ".join(sorted({str(row["machine"]) for row in rows}))
     return f"{len(rows)} runs, seeds {seeds}, on {in_markdown(machines)}."

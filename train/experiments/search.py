@@ -1,4 +1,4 @@
-"""Random search: the settings of [search] in a sweep file, drawn once."""
+"""Random search: sampling of the settings in [search] of a sweep file."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from train.schemas import read_as
 from train.settings.checks import check, check_seed
 
 LEAST_GAP = 1e-3
-"""Gaps below this count alike where settings are chosen."""
+"""Gaps below this count as equal in the selection of settings."""
 FORMS = "give {low=, high=, scale='log'} or {choices=[]}"
 
 
@@ -21,18 +21,18 @@ Trial = TypeVar("Trial")
 
 
 def draw_samples(search: dict[str, Any], limit: int) -> list[dict[str, Any]]:
-    """The samples of a random search, drawn once and the same for all runs.
+    """The samples of a random search, the same for all tasks and seeds.
 
     Args:
         search: "samples" and "seed", and for every searched setting {low, high, scale="log" or
             "linear", whole=false} or {choices=[...]}.
-        limit: of samples.
+        limit: maximum number of samples.
 
     Returns:
-        One dict for each sample; [{}] where there is no search.
+        One dict per sample; [{}] without a search.
 
     Raises:
-        ValueError: something else, or an empty range.
+        ValueError: `search` has another form, or a range is empty.
     """
     if not search:
         return [{}]
@@ -40,9 +40,9 @@ def draw_samples(search: dict[str, Any], limit: int) -> list[dict[str, Any]]:
     samples, seed = given.pop("samples", 10), given.pop("seed", 0)
     check(
         type(samples) is int and 1 <= samples <= limit,
-        f"samples={samples!r} in [search]; a number from 1 to {limit:,}",
+        f"samples={samples!r} in [search]; give a whole number from 1 to {limit:,}",
     )
-    check(type(seed) is int, f"seed={seed!r} in [search]; a whole number")
+    check(type(seed) is int, f"seed={seed!r} in [search]; give a whole number")
     check_seed(seed)
     check(bool(given), "[search] names no setting; give learning_rate = {low=1e-4, high=1e-2}, say")
     ranges = {name: range_of(name, spec) for name, spec in given.items()}
@@ -51,7 +51,7 @@ def draw_samples(search: dict[str, Any], limit: int) -> list[dict[str, Any]]:
 
 
 def range_of(name: str, spec: Any) -> Range | Choices:
-    """What one setting is drawn from; ValueError for something else, or nothing to draw from."""
+    """The distribution of one setting; ValueError for another form, or an empty list."""
     where = f"search of {name}"
     if isinstance(spec, dict) and "choices" in spec:
         found = read_as(Choices, spec, where, FORMS)
@@ -62,7 +62,7 @@ def range_of(name: str, spec: Any) -> Range | Choices:
 
 
 def draw(spec: Range | Choices, generator: np.random.Generator) -> Any:
-    """One value."""
+    """A sample of one setting."""
     if isinstance(spec, Choices):
         return spec.choices[int(generator.integers(len(spec.choices)))]
     if spec.scale == "log":
@@ -73,12 +73,12 @@ def draw(spec: Range | Choices, generator: np.random.Generator) -> Any:
 
 
 def log_gap(gap: float) -> float:
-    """The logarithm of a gap to the optimum: settings are chosen by its mean over mazes."""
+    """The logarithm of a gap to the optimum; its mean over mazes selects settings."""
     return math.log(max(gap, LEAST_GAP))
 
 
 def best_of(scores: Mapping[Trial, Sequence[float | None]]) -> Trial | None:
-    """The trial of the least mean score, the first of those; trials with a None have failed."""
+    """The first trial with the lowest mean score; trials with a failed run (None) are ignored."""
     means = {
         trial: sum(each) / len(each)  # type: ignore[arg-type]
         for trial, each in scores.items()

@@ -1,9 +1,9 @@
-"""Statistics over few seeds.
+"""Confidence intervals and significance tests for few seeds.
 
-Of means Student's intervals, of probabilities of improvement Newcombe's: percentile bootstraps of 3
-to 9 values cover the truth in 50 to 90 % of the cases instead of 95, and shrink to a point where
-all values lie apart; these hold at 3 (a test simulates it). SciPy permutes, tests and trims; ours
-are the weights of values at the quartiles, and what takes several tasks at once.
+Means have Student's intervals, probabilities of improvement have Newcombe's. A percentile bootstrap
+of 3 to 9 values covers the true value in 50 to 90 % of the cases instead of 95, and shrinks to a
+point if all values of one side are lower. The intervals used here are valid from 3 values on, which
+a test simulates. SciPy provides the tests; this module adds the stratification by task.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ Interval = tuple[float, float]
 
 
 def interquartile_mean(values: Sequence[float]) -> float:
-    """The mean of the middle half; needs at least one value.
+    """The mean of the middle half of at least one value.
 
-    Values at the quartiles count with the share of them that lies inside, so that it is defined for
-    any number; where that is a multiple of 4 it equals `scipy.stats.trim_mean(values, 0.25)`.
+    Values at the quartiles have the weight of their part inside the middle half, so any number of
+    values is allowed. For a multiple of 4 this is `scipy.stats.trim_mean(values, 0.25)`.
     """
     return float(trim_mean(np.repeat(np.asarray(values, dtype=np.float64), 4), 0.25))
 
@@ -34,25 +34,24 @@ def interquartile_mean(values: Sequence[float]) -> float:
 def mean_interval(tasks: Sequence[Sequence[float]], level: float = 0.95) -> Interval:
     """Student's interval of the mean over tasks of the mean of their runs.
 
-    With one task the usual one; with several Welch's, its degrees of freedom by Satterthwaite
-    (1946). It covers as often as it says where runs are spread about evenly around their mean, and
-    somewhat less where few lie far on one side. Of runs that either solve their task or do not no
-    interval of a mean says much: count them.
+    For several tasks the degrees of freedom are those of Welch and Satterthwaite (1946). The
+    coverage is the nominal one if the values are distributed symmetrically, and lower if they are
+    skewed. If some runs solve their task and others do not, report their numbers instead.
 
     Args:
-        tasks: the values of every task, one for each seed.
-        level: how often it is to cover the truth.
+        tasks: the values of every task, one per seed.
+        level: the confidence level.
 
     Returns:
-        (nan, nan) where a task has a single value, which tells of no spread.
+        (nan, nan) if a task has a single value.
     """
     return _welch([(np.asarray(task, dtype=np.float64), 1.0) for task in tasks], level)
 
 
 def distance_interval(tasks: Sequence[Sequence[float]], level: float = 0.95) -> Interval:
-    """`mean_interval` of what lies on one side of 0 by its nature, such as a gap to an optimum.
+    """`mean_interval` of values that all have one sign, such as gaps to an optimum.
 
-    It ends at 0 where Student's goes on beyond: no mean can lie there, so it covers as often.
+    The interval is cut off at 0, which does not change its coverage.
     """
     low, high = mean_interval(tasks, level)
     if np.mean([np.mean(task) for task in tasks]) >= 0.0:
@@ -63,18 +62,18 @@ def distance_interval(tasks: Sequence[Sequence[float]], level: float = 0.95) -> 
 def difference_interval(
     ours: Sequence[Sequence[float]], theirs: Sequence[Sequence[float]], level: float = 0.95
 ) -> Interval:
-    """Welch's interval of the mean of ours minus that of theirs, as `mean_interval` has it.
+    """Welch's interval of the difference of two means, `ours` minus `theirs`, as `mean_interval`.
 
-    At level 0.9 it lies within a margin exactly where two one-sided tests at 0.05 say that the
-    means differ by no more (Schuirmann, 1987).
+    It lies within a margin at level 0.9 exactly if two one-sided tests at 0.05 show that the means
+    differ by less than the margin (Schuirmann, 1987).
     """
     signed = [(own, 1.0) for own in ours] + [(other, -1.0) for other in theirs]
     both = [(np.asarray(task, dtype=np.float64), sign * 2.0) for task, sign in signed]
-    return _welch(both, level)  # the mean over half of them: those of either side
+    return _welch(both, level)  # times 2, because each mean is over half of the samples
 
 
 def _welch(samples: Sequence[tuple[NDArray[np.float64], float]], level: float) -> Interval:
-    """Of the mean over samples of their means, each times its weight."""
+    """The interval of the mean over samples of their means, each times its weight."""
     if min(len(sample) for sample, _ in samples) < 2:
         return float("nan"), float("nan")
     weights = np.array([weight for _, weight in samples]) / len(samples)
@@ -88,13 +87,16 @@ def _welch(samples: Sequence[tuple[NDArray[np.float64], float]], level: float) -
 
 
 def improvement(ours: ArrayLike, theirs: ArrayLike) -> NDArray[np.float64]:
-    """[...]: the share of pairs in which ours is the lower one, ties counted half.
+    """The share of pairs with the lower value in `ours`; ties count half.
 
-    Mann and Whitney's U over the number of pairs.
+    This is Mann and Whitney's U divided by the number of pairs.
 
     Args:
         ours: [..., n].
         theirs: [..., m].
+
+    Returns:
+        [...].
     """
     difference = np.asarray(theirs)[..., None, :] - np.asarray(ours)[..., :, None]
     return np.asarray(0.5 + 0.5 * np.sign(difference).mean(axis=(-1, -2)))
@@ -108,17 +110,17 @@ def _mean_improvement(ours: Sequence[Any], theirs: Sequence[Any]) -> Any:
 def probability_of_improvement(
     ours: Sequence[Sequence[float]], theirs: Sequence[Sequence[float]]
 ) -> tuple[float, Interval]:
-    """How likely a run of ours ends lower than one of theirs, and the 95 % interval of that.
+    """The probability that a run of `ours` ends lower than one of `theirs`, with its 95 % interval.
 
-    The mean over tasks of `improvement`. The interval is Newcombe's (2006, Confidence intervals for
-    an effect size measure based on the Mann-Whitney statistic, part 2, method 5), which stays wide
-    where all of ours lie below all of theirs; of several tasks, with the mean of their variances.
+    It is the mean over tasks of `improvement`. The interval is that of Newcombe (2006, Confidence
+    intervals for an effect size measure based on the Mann-Whitney statistic, part 2, method 5),
+    with the mean variance of the tasks. It does not shrink to a point at 0 and 1.
 
     Args:
-        ours, theirs: for each task, in the same order, one value for each seed; lower is better.
+        ours, theirs: one value per seed for each task, in the same order; lower is better.
 
     Returns:
-        The interval is (nan, nan) where a task has a single run of either.
+        The interval is (nan, nan) if a task has a single run of one side.
     """
     point = float(_mean_improvement(ours, theirs))
     sizes = [(len(own), len(other)) for own, other in zip(ours, theirs, strict=True)]
@@ -134,18 +136,18 @@ def probability_of_improvement(
     def beyond(p: float) -> float:
         return (p - point) ** 2 - z**2 * variance(p)
 
-    inner = min(max(point, 1e-9), 1.0 - 1e-9)  # at 0 and 1 the variance is 0: a root, but not ours
+    inner = min(max(point, 1e-9), 1.0 - 1e-9)  # the roots at 0 and 1 are not meant
     low = 0.0 if point == 0.0 else float(brentq(beyond, 0.0, inner))
     high = 1.0 if point == 1.0 else float(brentq(beyond, inner, 1.0))
     return point, (low, high)
 
 
 def permutation_p(ours: Sequence[Sequence[float]], theirs: Sequence[Sequence[float]]) -> float:
-    """Two-sided p of `probability_of_improvement` if ours and theirs were drawn alike.
+    """The p of a two-sided permutation test of `probability_of_improvement` against 0.5.
 
-    With one task exact, over all ways to split the runs (for values without ties that of Mann and
-    Whitney); with several tasks, very many ways or a single run, from `PERMUTATIONS` random splits
-    within the tasks.
+    For one task it is exact, over all splits of the runs; without ties it is that of Mann and
+    Whitney. `PERMUTATIONS` random splits within the tasks are used for several tasks, for a single
+    run, and if there are more splits than that.
     """
     sizes, rng = [len(own) for own in ours], np.random.default_rng(0)
     pools = [np.array([*task[0], *task[1]], float) for task in zip(ours, theirs, strict=True)]
@@ -163,7 +165,7 @@ def permutation_p(ours: Sequence[Sequence[float]], theirs: Sequence[Sequence[flo
         return float(
             permutation_test((ours[0], theirs[0]), lambda a, b, axis: apart([a], [b]), **how).pvalue
         )
-    anew: Any = [  # SciPy takes one for each sample; its stubs know of one alone
+    anew: Any = [  # one per sample, which SciPy's stubs do not allow
         lambda size, pool=pool: rng.permuted(np.broadcast_to(pool, size), axis=-1) for pool in pools
     ]
     return float(monte_carlo_test(pools, anew, apart_in, **how).pvalue)
@@ -172,12 +174,12 @@ def permutation_p(ours: Sequence[Sequence[float]], theirs: Sequence[Sequence[flo
 def least_p(sizes: Sequence[tuple[int, int]]) -> float:
     """The smallest p that `permutation_p` can give for these numbers of runs.
 
-    All of ours below all of theirs in every task is one split of the runs, the reverse another, and
-    p is the share of the splits that are as far from 0.5: 2 over their number. Where splits are
-    drawn instead of counted (`PERMUTATIONS`), the one that was found counts too.
+    Two splits are the most extreme: all runs of `ours` are lower than all of `theirs` in every
+    task, or the reverse. So the smallest p is 2 over the number of splits. With random splits
+    (`PERMUTATIONS`) it is also at least 1 over their number plus 1.
 
     Args:
-        sizes: the runs of ours and theirs, for each task; at least one each.
+        sizes: the numbers of runs of `ours` and `theirs` for each task, at least 1.
     """
     splits = prod(comb(ours + theirs, ours) for ours, theirs in sizes)
     least = 2.0 / splits
@@ -186,12 +188,11 @@ def least_p(sizes: Sequence[tuple[int, int]]) -> float:
 
 
 def holm(ps: Sequence[float]) -> list[float]:
-    """The p of several comparisons, corrected so that in all of them together chance is taken for a
-    difference as rarely as in one (Holm, 1979). Those that are nan stay so, and do not count."""
+    """Holm's correction (1979) for multiple comparisons; nan are kept and not counted."""
     order = sorted((number for number, p in enumerate(ps) if p == p), key=lambda n: ps[n])
     corrected, least = list(ps), 0.0
-    for place, number in enumerate(order):
-        least = max(least, min(1.0, (len(order) - place) * ps[number]))
+    for rank, number in enumerate(order):
+        least = max(least, min(1.0, (len(order) - rank) * ps[number]))
         corrected[number] = least
     return corrected
 
@@ -201,19 +202,17 @@ def logrank_p(
     theirs: Sequence[Sequence[float]],
     ends: tuple[Sequence[Sequence[float]], Sequence[Sequence[float]]],
 ) -> float:
-    """Two-sided p of the log-rank test (Mantel, 1966) that ours and theirs get there alike soon.
+    """The p of a two-sided log-rank test (Mantel, 1966) of times to an event, stratified by task.
 
-    Stratified by task: runs are compared within their task alone. Observed minus expected numbers
-    and their hypergeometric variances are summed over tasks before one is divided by the other. A
-    task in which only one side has runs adds nothing.
+    Observed minus expected numbers and their hypergeometric variances are summed over tasks. A task
+    with runs of one side only has no effect.
 
     Args:
-        ours, theirs: for each task, in the same order, when each run got there; inf for one that
-            did not.
-        ends: likewise, when each run ended: one that did not get there by then is censored.
+        ours, theirs: the times of all runs for each task, in the same order; inf without an event.
+        ends: likewise, the durations of all runs: runs without an event are censored at their end.
 
     Returns:
-        nan where no run got there, or all did at the same time.
+        nan if there is no event, or all events are at the same time.
     """
     difference = variance = 0.0
     for own, other, own_ends, other_ends in zip(ours, theirs, *ends, strict=True):
@@ -229,15 +228,15 @@ def logrank_p(
     return float(2.0 * norm.sf(abs(difference) / np.sqrt(variance)))
 
 
-def first_below(places: ArrayLike, values: ArrayLike, threshold: float) -> float:
-    """The first of `places` at which `values` is at most the threshold; inf where none is."""
+def first_below(x: ArrayLike, values: ArrayLike, threshold: float) -> float:
+    """The first `x` at which `values` is at most the threshold; inf if there is none."""
     below = np.flatnonzero(np.asarray(values) <= threshold)
-    return float(np.asarray(places)[below[0]]) if len(below) else float("inf")
+    return float(np.asarray(x)[below[0]]) if len(below) else float("inf")
 
 
-def mean_over(places: ArrayLike, values: ArrayLike) -> float:
-    """The mean of a curve over the range of its places: its area (trapezoids) over its length."""
-    x, y = np.asarray(places, dtype=np.float64), np.asarray(values, dtype=np.float64)
+def mean_over(x: ArrayLike, values: ArrayLike) -> float:
+    """The mean of a curve over the range of `x`: its area (trapezoids) divided by the range."""
+    x, y = np.asarray(x, dtype=np.float64), np.asarray(values, dtype=np.float64)
     if len(x) == 1 or x[-1] == x[0]:
         return float(y[-1])
     return float(np.trapezoid(y, x) / (x[-1] - x[0]))

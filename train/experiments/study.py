@@ -182,16 +182,18 @@ def prepare(study: Study, out: Path | str) -> list[tuple[Any, Path]]:
 
 
 def check_format(out: Path) -> None:
-    """ValueError if the study in a folder has another format; a damaged `sweep.json` is ignored, as
-    it is written again."""
+    """ValueError if the study in a folder has another format.
+
+    A damaged `sweep.json` is ignored, because it is written again.
+    """
     try:
         found = read_hints(out).format if (out / HINTS).exists() else FORMAT
     except ValueError:
         return
     check(
         found == FORMAT,
-        f"{out}: created by another version of pursuit (format {FORMAT} needed); use that version, "
-        "or a new folder",
+        f"{out}: has format {found}, this version of pursuit needs {FORMAT}; use the version that "
+        "made it, or a new folder",
     )
 
 

@@ -79,16 +79,16 @@ def read_file(name: str, folder: Path, kind: str) -> tuple[Path, dict[str, Any]]
     try:
         content = tomllib.loads(path.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise ValueError(f"{path}: not TOML: {error}") from None
+        raise ValueError(f"{path}: not TOML: {error}; {REMEDY}") from None
     check_trusted(path, content)
     return path, content
 
 
 def choose_version(file: SweepFile, version: str | None) -> SweepFile:
     """The file overridden by the chosen version."""
-    check(version in (None, *VERSIONS), f"unknown version {version!r}; short or full")
+    check(version in (None, *VERSIONS), f"unknown version {version!r}; give short or full")
     has = [name for name in VERSIONS if getattr(file, name) is not None]
-    check(version is None or version in has, f"no version {version!r}; it has {has or 'none'}")
+    check(version is None or version in has, f"no version {version!r}; give one of {has or 'none'}")
     chosen = version or (has[0] if has else None)
     over: dict[str, Any] = dict.fromkeys(VERSIONS)
     for name in Version.__struct_fields__ if chosen else ():
@@ -102,7 +102,7 @@ def choose_version(file: SweepFile, version: str | None) -> SweepFile:
 def multiply_out(file: SweepFile, stem: str) -> Study:
     """All combinations as validated settings."""
     kind = RUN if file.kind is None else file.kind
-    check(kind in KINDS, f"unknown kind {kind!r}; one of {', '.join(KINDS)}")
+    check(kind in KINDS, f"unknown kind {kind!r}; give one of {', '.join(KINDS)}")
     common, grid = file.settings or {}, file.grid or {}
     variants, seeds = file.variants, [0] if file.seeds is None else file.seeds
     check_table(common, "[settings]")
@@ -110,14 +110,12 @@ def multiply_out(file: SweepFile, stem: str) -> Study:
     check_seeds(seeds)
     check_variants(variants)
     count = math.prod(map(len, grid.values())) * len(variants or [{}]) * len(seeds)
-    check(count <= MAX_RUNS, f"{count:,} runs; a sweep has at most {MAX_RUNS:,}: leave some out")
+    check(count <= MAX_RUNS, f"{count:,} runs; give values for at most {MAX_RUNS:,}")
     drawn = draw_samples(file.search or {}, MAX_RUNS // count)
     sources = [grid, drawn[0], {name: 0 for variant in variants or () for name in variant}]
     for one, two in itertools.combinations(sources, 2):
         for name in one.keys() & two.keys():
-            raise ValueError(
-                f"{name!r} is set by two of grid, search and variants; leave it to one"
-            )
+            raise ValueError(f"{name!r} is set by two of grid, search and variants; set it in one")
     check(bool(common or grid or variants), "nothing to do; give [settings] and [grid]")
     runs: dict[str, TrainingRun] = {}
     for values in itertools.product(*grid.values()):
@@ -141,7 +139,7 @@ def multiply_out(file: SweepFile, stem: str) -> Study:
 def episodes_of(file: SweepFile) -> int:
     """Episodes of the final evaluation; ValueError if too few for an interval."""
     episodes = 1000 if file.episodes is None else file.episodes
-    check(episodes >= 2, f"episodes={episodes!r}; at least 2")
+    check(episodes >= 2, f"episodes={episodes!r}; give at least 2")
     return episodes
 
 
@@ -153,7 +151,7 @@ def check_variants(variants: list[dict[str, Any]] | None) -> None:
     names = [variant.get("name") for variant in variants]
     check(
         all(isinstance(name, str) for name in names) and len(set(map(str, names))) == len(names),
-        f"variants need a name each, all different; these are {names}",
+        f"names of variants are {names}; give each a different name",
     )
     for variant in variants:
         check_table({k: v for k, v in variant.items() if k != "name"}, repr(variant["name"]))
@@ -174,7 +172,7 @@ def runs_of(
         inputs = inputs_of(settings)
     except ValueError as error:
         which = run_label(label | {"seed": seeds[0]})
-        raise ValueError(f"the combination {which} cannot run: {error}") from None
+        raise ValueError(f"combination {which}: {error}") from None
     if "name" in label:
         varying["variant"] = label["name"]
     for seed in seeds:
@@ -226,7 +224,7 @@ def report_hints(
         column = MEASURED.get(name, name)
         check(
             column in known,
-            f"{name!r} in [report] is no setting of these runs; what varies is "
+            f"{name!r} in [report] is not a setting of these runs; give one that varies: "
             f"{', '.join(['variant'] * bool(file.variants) + varying) or 'nothing'}",
         )
         return column

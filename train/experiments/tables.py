@@ -49,7 +49,7 @@ def collect(out: Path | str) -> tuple[polars.DataFrame, polars.DataFrame]:
     named = read_hints(out).runs
     if named is not None:  # leave out runs of an earlier version of the sweep file
         folders = [folder for folder in folders if folder.name in named]
-    check(bool(folders), f"{out}: no runs of a sweep here; `pursuit sweep FILE --out {out}` first")
+    check(bool(folders), f"{out}: no runs of a sweep; run `pursuit sweep FILE --out {out}` first")
     runs = polars.DataFrame([row_of(folder) for folder in folders], infer_schema_length=None)
     rows = [
         {"run": folder.name, **row}
@@ -89,7 +89,7 @@ def read_study(out: Path) -> FinishedStudy:
     runs, evaluations = collect(out)
     everything, hints = runs.to_dicts(), read_hints(out)
     rows = [row for row in everything if row["status"] == "complete"]
-    check(bool(rows), f"{out}: no run is complete yet; repeat the command to continue them")
+    check(bool(rows), f"{out}: no run is complete; repeat the command of the study to continue")
     by_run: dict[str, list[dict[str, Any]]] = {}
     for row in evaluations.to_dicts():
         by_run.setdefault(row["run"], []).append(row)
@@ -139,10 +139,10 @@ def read_several(folders: Sequence[Path]) -> FinishedStudy:
             group = ", ".join(parts) if len(folders) == 1 else f"{name}: {', '.join(parts)}"
             whole.rows.append(row | {"run": run, "_group": group, "_x": ""})
         whole.folders += study.folders
-    judged = sorted({str(row["objective"]) for row in whole.rows})
+    objectives = sorted({str(row["objective"]) for row in whole.rows})
     check(
-        len(judged) == 1,
-        f"these runs are scored by {' and '.join(judged)}, which cannot share an axis; give runs "
+        len(objectives) == 1,
+        f"these runs have different objectives ({' and '.join(objectives)}); give runs "
         "with the same objective",
     )
     whole.everything = whole.rows

@@ -1,7 +1,7 @@
-"""A job of a study in a process of its own.
+"""Execution of one job of a study, in a separate process.
 
-The process ends when the one that started it has ended, however that ended. Only one process at a
-time works on the folder of a job: the next one waits.
+The process exits when its parent has ended for any reason. The folder of a job is locked, so that
+only one process executes it at a time.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ from train.runs.loop import Run
 
 LOG = "log.txt"
 SECONDS_TO_SAVE = 60.0
-"""Given to a run whose study has ended, before it is ended."""
+"""Time to save before the process of a job exits, after its parent has ended."""
 
 
 def perform(folder: Path) -> None:
-    """Do the job in `folder`, or go on with it, to its results."""
+    """Execute or resume the job in `folder`, and write its results."""
     with FileLock(folder / ".worker.lock"):  # a worker of a killed sweep may still be saving
         if status_of(folder) == "complete":
             return
@@ -47,11 +47,11 @@ def perform(folder: Path) -> None:
 
 
 def train(folder: Path) -> None:
-    """Do the run of a learner, and evaluate what it learned."""
+    """Train the run in `folder`, or resume it, and evaluate the trained policy."""
     run = open_run(folder)
 
     def report(run: Run, row: dict[str, float]) -> None:
-        if row:  # the checkpoint has been written, and all that belongs to it
+        if row:  # the checkpoint and its files have been written
             write_text(folder / PROGRESS, str(run.progress))
 
     if run.progress < 1.0:
@@ -61,16 +61,19 @@ def train(folder: Path) -> None:
 
 
 def perform_here(folder: str, given: Mapping[str, str]) -> int:
-    """Do the job in `folder` in this process; its exit status. An error is written to its log.
+    """Execute the job in `folder` in this process; errors are written to its log.
 
     Args:
         folder: of the job.
-        given: environment variables: the modules of users that it may import.
+        given: environment variables that list the modules of users.
+
+    Returns:
+        The exit status.
     """
     os.environ.update(given)
     try:
         perform(Path(folder))
-    except Exception:  # any exception of a job: the others continue
+    except Exception:  # other jobs continue after any exception of one
         write_text(Path(folder) / LOG, traceback.format_exc())
         return 1
     return 0
@@ -80,9 +83,9 @@ def perform_here(folder: str, given: Mapping[str, str]) -> int:
 
 
 def start_worker(folder: Path) -> BaseProcess:
-    """Start a process that does the job in `folder`; its output goes to `log.txt`.
+    """Start a process that executes the job in `folder`; its output goes to `log.txt`.
 
-    It is forked from a server process that has imported this module (and torch) once.
+    The process is forked from a server that has imported this module and torch once.
     """
     context: Any = get_context("forkserver")
     context.set_forkserver_preload([__name__])
@@ -92,8 +95,8 @@ def start_worker(folder: Path) -> BaseProcess:
 
 
 def work(folder: str, given: Mapping[str, str]) -> None:
-    """What the process of a job does."""
-    os.setsid()  # Ctrl-C reaches the study alone, which passes it on once
+    """The main function of a job's process."""
+    os.setsid()  # Ctrl-C reaches only the study's process, which stops its jobs
     with (Path(folder) / LOG).open("ab") as log:
         for stream in (1, 2):
             os.dup2(log.fileno(), stream)
@@ -103,7 +106,7 @@ def work(folder: str, given: Mapping[str, str]) -> None:
 
 
 def end_with_parent() -> None:
-    """Stop this process, once it has saved, when the process that asked for it has ended."""
+    """When the parent process has ended, make this one save and exit."""
     parent = parent_process()
     assert parent is not None
     parent.join()
@@ -126,7 +129,7 @@ def record_end(folder: Path, code: int) -> None:
 
 
 def progress_of(folder: Path) -> float:
-    """How far a running run says it is, in [0, 1]."""
+    """The progress that a running job has reported, in [0, 1]."""
     with contextlib.suppress(OSError, ValueError):
         found = float((folder / PROGRESS).read_text())
         return min(max(found, 0.0), 1.0) if math.isfinite(found) else 0.0

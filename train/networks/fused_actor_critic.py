@@ -146,7 +146,7 @@ def _arrays(tensors: tuple[torch.Tensor, ...]) -> list[Any]:
 
 
 def fused_actor_critic(network: ActorCritic, device: str) -> FusedActorCritic | None:
-    """The fused form of a network; None where it has none.
+    """The fused form of a network; None if it is not supported.
 
     Supported are discrete actions and one trunk for policy and value that has `fused_layers`,
     without recurrence, on the CPU. Subclasses are not, as they may compute something else.

@@ -184,13 +184,14 @@ class Own(nn.Module):
         if features.kind == "index":
             self.form, self.scale = torch.int64, torch.ones((), dtype=torch.int64)
         made = NETWORKS.get(features.network)(features, width)
-        check(isinstance(made, nn.Module), f"network {features.network!r} is not a torch.nn.Module")
+        made_by = f"network {features.network!r} returned {type(made).__name__}"
+        check(isinstance(made, nn.Module), f"{made_by}; return a torch.nn.Module")
         with torch.no_grad():  # also initialises lazy layers
             given = made.eval()(torch.zeros(2, *self.shape, dtype=self.form))
         found = tuple(given.shape)
         check(
             found == (2, width),
-            f"network {features.network!r} gave {found} for 2 observations; it must give "
+            f"network {features.network!r} returned {found} for 2 observations; return "
             f"[batch, width], here {(2, width)}",
         )
         self.network = made.train()

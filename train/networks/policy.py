@@ -71,7 +71,7 @@ class ActionNetwork(Network, Protocol):
 
 
 class Player(Protocol):
-    """The learning agent as a learner knows it, beside the specs of the environment."""
+    """The properties of the learning agent that are not in the specs of the environment."""
 
     @property
     def features(self) -> Features:
@@ -87,7 +87,7 @@ class Player(Protocol):
 
     @property
     def members(self) -> int:
-        """The number of agents that have its role, itself included."""
+        """The number of agents with its role, including itself."""
 
     def policy(self, network: Any, greedy: bool = True) -> Any:
         """A policy of this agent with the given network."""
@@ -316,8 +316,8 @@ class LearnedPolicy(NetworkPolicy):
         return found.reshape(size, size, task.num_actions)
 
     def plays_in(self, maze: Maze) -> bool:
-        """Whether it can play in a maze: one of its training, or one where an observation with
-        walls has the same shape."""
+        """Whether it can play in a maze: a training maze, or any maze if the observation contains
+        walls and has the same shape."""
         if maze in self.task.mazes:
             return True
         if self.encoding in NO_WALLS:
@@ -325,5 +325,5 @@ class LearnedPolicy(NetworkPolicy):
         return tuple(Encoder(self._in_maze(maze), self.encoding).shape) == self._shape
 
     def _in_maze(self, maze: Maze) -> Task:
-        """The task of its training, in this maze alone where it is another maze."""
+        """The training task; for another maze, the same task in this maze only."""
         return self.task if maze in self.task.mazes else replace(self.task, maze=maze)

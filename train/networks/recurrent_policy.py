@@ -51,7 +51,7 @@ def numbers_fit(encoding: str, own: Task, other: Task) -> bool:
 def check_looks(
     observations: NDArray[Any], shape: tuple[int, ...], own: Task, view: GameView, encoding: str
 ) -> None:
-    """ValueError unless the observations have the form of a policy's training.
+    """ValueError unless the observations have the form of those in a policy's training.
 
     Args:
         observations: [games, *shape].
@@ -62,13 +62,13 @@ def check_looks(
     """
     if not numbers_fit(encoding, own, view.task):
         raise ValueError(
-            f"this policy observes {encoding!r} in mazes of {own.max_cells} cells, and these have "
+            f"this policy observes {encoding!r} in mazes of {own.max_cells} cells, but these have "
             f"{view.task.max_cells}; use mazes of the size of its training, or a policy that "
             "observes window:R"
         )
     if observations.shape[1:] != shape or view.task.num_actions != own.num_actions:
         raise ValueError(
-            f"this policy is for observations of shape {shape} and {own.num_actions} actions, and "
+            f"this policy is for observations of shape {shape} and {own.num_actions} actions, but "
             f"this task has {observations.shape[1:]} and {view.task.num_actions}; use the agents "
             "and the maze size of its training, or a policy that observes window:R"
         )

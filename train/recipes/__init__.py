@@ -1,1 +1,1 @@
-"""Third-party learners on our games: each a script to run, read and change."""
+"""Example scripts that train learners of other libraries in the environments of Pursuit."""

@@ -1,4 +1,4 @@
-"""What recipes share: the command line, and the budget and file of a model of another library."""
+"""The command line of recipes, and the budget and file of a Stable-Baselines3 model."""
 
 from __future__ import annotations
 
@@ -18,8 +18,10 @@ Form = TypeVar("Form")
 def main_of(
     form: type[Form], run: Callable[[Form], object], *errors: type[Exception]
 ) -> Callable[..., None]:
-    """The command line of a recipe: `run` with its options as a `form`; errors, those of a library
-    too, are one line and exit status 2."""
+    """The command line of a recipe, which calls `run` with the options as a `form`.
+
+    Errors, also `errors` of libraries, are printed in one line, with exit status 2.
+    """
     caught: tuple[type[Exception], ...] = (ValueError, OSError, ImportError, *errors)
 
     def main(arguments: Sequence[str] | None = None) -> None:
@@ -33,30 +35,30 @@ def main_of(
 
 @dataclass(frozen=True, kw_only=True)
 class LibraryRecipe:
-    """How long Stable-Baselines3 trains, and where the model goes."""
+    """The budget and the output file of a recipe with Stable-Baselines3."""
 
     seconds: float = 60.0
     """Budget of training time."""
     frames: int | None = None
-    """Budget in frames instead, which repeats better than seconds."""
+    """Budget in frames instead of seconds, for reproducible results."""
     out: Path | None = None
     """A new .zip file for the model."""
 
     def __post_init__(self) -> None:
-        check(self.seconds > 0, f"seconds={self.seconds}; it is above 0")
-        check(self.frames is None or self.frames > 0, f"frames={self.frames}; it is above 0")
+        check(self.seconds > 0, f"seconds={self.seconds}; give a number above 0")
+        check(self.frames is None or self.frames > 0, f"frames={self.frames}; give at least 1")
         if self.out is not None:
             check(self.out.suffix == ".zip", f"{self.out}: give a .zip file")
             check(not self.out.exists(), f"{self.out}: exists already; give a new file")
 
     def train(self, model: Any) -> None:
-        """Have a model of Stable-Baselines3 learn until the budget is spent."""
+        """Train a Stable-Baselines3 model until the end of the budget."""
         from stable_baselines3.common.callbacks import BaseCallback
 
         frames, seconds = self.frames, self.seconds
 
         class Budget(BaseCallback):
-            """Ends the training when its time is over."""
+            """Stops the training after `seconds`."""
 
             began = 0.0
 

@@ -1,8 +1,8 @@
-"""Stable-Baselines3's PPO, A2C or DQN through the VecEnv, beside the exact optimum.
+"""Stable-Baselines3's PPO, A2C or DQN through the VecEnv, compared with the exact optimum.
 
     python -m train.recipes.stable_baselines --algorithm ppo --maze 5x5 --seconds 60 --out ppo.zip
 
-The saved model fills an opponent's seat: pursuit train --role evader --maze 5x5 --opponent ppo.zip
+Train against the saved model: pursuit train --role evader --maze 5x5 --opponent ppo.zip
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ SETTINGS: dict[str, dict[str, Any]] = {
         "exploration_fraction": 0.1,
     },
 }
-"""By algorithm: settings that learn these games."""
+"""Settings for games in mazes, by algorithm."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,20 +51,23 @@ class Recipe(LibraryRecipe):
     algorithm: str = "ppo"
     """ppo, a2c or dqn."""
     observation: str = "one_hot"
-    """What it observes; the index encoding needs an embedding, which MlpPolicy has not."""
+    """Observation of the model; not index, which needs an embedding."""
     seed: int = 0
-    """Of the games and of the network."""
+    """Seed of the games and of the network."""
     out: Path = Path("model.zip")
-    """A new .zip file for the model; its description goes beside it."""
+    """A new .zip file for the model; its description file is written next to it."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         check_choice("algorithm", self.algorithm, SETTINGS)
-        check(self.observation != "index", "observation='index'; MlpPolicy needs one_hot, say")
+        check(
+            self.observation != "index",
+            "observation='index' is not supported by MlpPolicy; use another, such as one_hot",
+        )
         check(
             not self.task.mask_bumps,
-            "mask_bumps=True; these learners know no masks: leave it out, or train sb3-contrib's "
-            "MaskablePPO over StableBaselinesVecEnv",
+            "mask_bumps=True is not supported by these learners; leave it out, or train "
+            "sb3-contrib's MaskablePPO with StableBaselinesVecEnv",
         )
 
 
@@ -80,7 +83,7 @@ def run(recipe: Recipe) -> None:
         "MlpPolicy",
         vec_env,
         seed=recipe.seed,
-        device="cpu",  # small networks are best there
+        device="cpu",  # faster for small networks
         gamma=0.95,
         policy_kwargs={"net_arch": [128, 128]},
         **SETTINGS[recipe.algorithm],

@@ -2,10 +2,10 @@
 
     python -m train.recipes.supersuit_sharing --maze 5x5 --seconds 60 --out runners.zip
 
-Every agent is one more environment to SuperSuit's vector environment, so one PPO learns from all of
-them: right where the agents have one role and observations that begin with themselves, as in a
-race. Limits of SuperSuit: it cannot be seeded, and hands truncation on as termination, so that
-values are not bootstrapped at the time limit.
+SuperSuit's vector environment treats every agent as an environment, so that one PPO learns from all
+agents. This is valid if all agents have one role and their observations start with their own cell,
+as in a race. SuperSuit cannot be seeded, and reports truncation as termination, so that values are
+not bootstrapped at the time limit.
 """
 
 from __future__ import annotations
@@ -34,15 +34,15 @@ class Recipe(LibraryRecipe):
     maze: str = "5x5"
     """A shipped maze, or the path of a maze file."""
     num_goals: int = 3
-    """Goals that the two collect."""
+    """Number of goals."""
     games: int = 16
-    """Games that SuperSuit steps one after the other."""
+    """Number of games, which SuperSuit steps in sequence."""
     out: Path = Path("runners.zip")
-    """A new .zip file for the model; its description goes beside it."""
+    """A new .zip file for the model; its description file is written next to it."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check(self.games >= 1, f"games={self.games}; at least 1")
+        check(self.games >= 1, f"games={self.games}; give at least 1")
 
     @property
     def task(self) -> TaskSettings:
@@ -51,7 +51,7 @@ class Recipe(LibraryRecipe):
 
 
 def mean_length(task: TaskSettings, policy: Policy, episodes: int = 1000) -> float:
-    """Mean episode length with `policy` in every seat, on the starts of every evaluation."""
+    """Mean episode length if all agents play `policy`, from the starts of all evaluations."""
     built = task_of(task)
     simulator = Simulator(built, episodes, EVALUATION_SEED, auto_restart=False)
     actions = np.zeros((episodes, built.num_agents), dtype=np.int32)
@@ -84,12 +84,14 @@ def run(recipe: Recipe) -> None:
         gamma=0.95,
         ent_coef=0.01,
         policy_kwargs={"net_arch": [128, 128]},
-        # No seed: Stable-Baselines3 would seed the environments as well, which SuperSuit cannot.
+        # No seed: Stable-Baselines3 would also seed the environments, which SuperSuit cannot do.
         device="cpu",
     )
     recipe.train(model)
     save_stable_baselines(model, recipe.out, "ppo", recipe.task, "one_hot")
-    print(f"race on {recipe.maze}, 2 runners, {recipe.num_goals} goals; all seats play alike")
+    print(
+        f"race on {recipe.maze}, 2 runners, {recipe.num_goals} goals; all agents share one policy"
+    )
     print(f"{model.num_timesteps:,} frames of single agents")
     learned = load_stable_baselines(recipe.out, greedy=False)
     policies: tuple[tuple[str, Policy], ...] = (

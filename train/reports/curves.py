@@ -21,17 +21,17 @@ from train.reports.figures import (
 )
 
 Curve = tuple[NDArray[Any], NDArray[Any]]
-"""The places of the values on the axis, and the values."""
+"""Points on the axis, and values."""
 
 GRID = 60
-"""Points of a mean of curves."""
+"""Number of points of a mean curve."""
 
 BAND_FROM = 10
-"""So many runs are drawn as a band: fewer are drawn one by one."""
+"""Least number of runs that are drawn as a band; fewer are drawn as lines."""
 
 
 class Level(NamedTuple):
-    """A line across a panel, such as a reference."""
+    """A horizontal line in a panel, such as a reference."""
 
     value: float
     label: str | None = None
@@ -41,14 +41,14 @@ class Level(NamedTuple):
 
 @dataclass(frozen=True)
 class Series:
-    """Curves of one colour: runs that differ in their seeds alone, or a single one.
+    """Curves of runs that differ only in their seeds, drawn in one colour.
 
     Attributes:
         curves: of the runs.
-        label: in the legend; none if left out.
+        label: in the legend; None for none.
         color, style, width: of the line.
-        interval: of the mean of some values, for the band of many runs; thin lines if left out.
-        middle: how several curves become the thick one.
+        interval: computes the band of many runs from values; None for thin lines.
+        middle: computes the thick curve, such as the mean.
     """
 
     curves: Sequence[Curve]
@@ -65,13 +65,13 @@ class Panel:
     """One pair of axes with curves over training time.
 
     Attributes:
-        series: what is drawn.
-        ylabel, title: its texts.
+        series: the curves.
+        ylabel, title: texts.
         scale: "linear"; "from 0"; "log"; or "gap", in per cent: linear near 0, where the optimum
             is, and logarithmic beyond.
-        levels: lines across.
-        marks: lines down, as (place, colour).
-        note: text in the middle, where there is nothing to draw.
+        levels: horizontal lines.
+        marks: vertical lines, as (position, colour).
+        note: text in the middle of an empty panel.
         height: relative to other panels in the same column.
     """
 
@@ -86,10 +86,10 @@ class Panel:
 
 
 def on_one_axis(curves: Sequence[Curve], log: bool = False) -> Curve:
-    """Curves over a common axis: its points, and [curves, points] values.
+    """Curves interpolated linearly on a common axis: its points, and [curves, points] values.
 
-    The axis ends where the first curve ends; between evaluations a curve is a straight line. The
-    points lie evenly on the axis, which is logarithmic if `log`; that has no place for 0.
+    The axis ends with the shortest curve. Its points have equal distances, on a logarithmic scale
+    without 0 if `log`.
     """
     if log:
         kept = [(points > 0, points, values) for points, values in curves]
@@ -112,10 +112,10 @@ def draw_panels(
 
     Args:
         path: of the figure.
-        grid: the panels, line by line; a last line may be shorter.
-        unit: of the times in the curves: frames (which come in millions) or seconds.
+        grid: the panels by row; the last row may be shorter.
+        unit: of the times in the curves: frames (in millions) or seconds.
         title: of the whole figure.
-        beside: one legend beside all panels, instead of one in each.
+        beside: draw one legend next to the panels instead of one in each.
         log: whether the axis of training time is logarithmic.
     """
     lines, columns = len(grid), max(map(len, grid))
@@ -153,7 +153,7 @@ def draw_panels(
 
 
 def _draw_panel(axis: Any, panel: Panel, log: bool, gaps: Sequence[NDArray[Any]]) -> None:
-    """One panel; `gaps` are those of all panels of the figure, which share their limits."""
+    """Draw one panel; panels of scale "gap" share the limits of all `gaps` in the figure."""
     for series in panel.series:
         _draw_series(axis, series, log)
     for value, label, color, style in panel.levels:
@@ -177,7 +177,7 @@ def _draw_panel(axis: Any, panel: Panel, log: bool, gaps: Sequence[NDArray[Any]]
 
 
 def _draw_series(axis: Any, series: Series, log: bool) -> None:
-    """The middle of the runs, and every run, or from `BAND_FROM` runs on a band."""
+    """Draw the middle of the runs, and every run, or a band for at least `BAND_FROM` runs."""
     style: dict[str, Any] = {"ls": series.style, "color": series.color}
     thick = {**style, "lw": series.width, "label": series.label}
     if len(series.curves) == 1:

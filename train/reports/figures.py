@@ -1,4 +1,4 @@
-"""Figures: their style, intervals, heat maps, the walls of mazes, and how all are saved."""
+"""Figures: style, interval plots, heat maps, mazes, and saving."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ FORMATS = ("png", "svg")
 """.png is what pages show; .svg holds lines and letters, as journals ask for."""
 
 UNITS = ("frames", "seconds")
-"""What training time is counted in."""
+"""Units of training time."""
 
 # Okabe and Ito's palette: distinct for colour-blind readers, and in print.
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7F7F7F", "#000000")
 BLUE, ORANGE, GREEN, PINK, YELLOW, SKY, GREY, BLACK = PALETTE
 KINK = 0.1
-"""Per cent below which axes of gaps are linear: far below what is read from them."""
+"""Gaps below this number of per cent are on the linear part of the axis."""
 LABEL_WIDTH = 24
-"""Letters in a line of a label."""
+"""Characters per line of a label."""
 
 
 def pyplot() -> Any:
@@ -41,13 +41,13 @@ def pyplot() -> Any:
 
 
 def tidy(axis: Any) -> None:
-    """No frame above and on the right, and a faint grid."""
+    """Remove the upper and right frame, and add a faint grid."""
     axis.spines[["top", "right"]].set_visible(False)
     axis.grid(alpha=0.25, lw=0.6)
 
 
 def log_axis(axis: Any, which: str) -> None:
-    """Make x or y logarithmic, with plain numbers."""
+    """Make the axis x or y logarithmic, with plain numbers."""
     from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
     getattr(axis, f"set_{which}scale")("log")
@@ -60,7 +60,7 @@ def log_axis(axis: Any, which: str) -> None:
 
 
 def gap_axis(axis: Any, which: str, values: ArrayLike) -> None:
-    """Make x or y the axis of these gaps in per cent: linear near 0, logarithmic beyond."""
+    """Make the axis x or y fit these gaps in per cent: linear near 0, logarithmic beyond."""
     from matplotlib.ticker import FormatStrFormatter
 
     low, high = float(np.nanmin(values)), float(np.nanmax(values))
@@ -72,7 +72,7 @@ def gap_axis(axis: Any, which: str, values: ArrayLike) -> None:
 
 
 def draw_walls(axis: Any, maze: Maze) -> None:
-    """The walls of a maze as lines; cell (row, column) has its middle at x = column, y = row."""
+    """Draw the walls of a maze; cell (row, column) has its centre at x = column, y = row."""
     steps = {0: (0, -0.5), 1: (0, 0.5), 2: (0.5, 0), 3: (-0.5, 0)}
     for cell in range(maze.num_cells):
         x, y = maze.columns[cell], maze.rows[cell]
@@ -85,7 +85,7 @@ def draw_walls(axis: Any, maze: Maze) -> None:
 
 
 def draw_cells(axis: Any, maze: Maze, values: NDArray[np.float64], title: str, **style: Any) -> Any:
-    """The cells of a maze in the colours of their values, and its walls; the image of the colours.
+    """Draw the cells of a maze in the colours of their values, and its walls; returns the image.
 
     Args:
         axis: to draw on.
@@ -105,22 +105,22 @@ def draw_cells(axis: Any, maze: Maze, values: NDArray[np.float64], title: str, *
 
 
 def time_scale(unit: str) -> float:
-    """What seconds or frames are multiplied by on an axis."""
+    """The factor from seconds or frames to the unit of the axis."""
     return 1e-6 if unit == "frames" else 1.0
 
 
 def time_head(unit: str) -> str:
-    """What that axis is called."""
+    """The label of the axis of seconds or frames."""
     return "frames (millions)" if unit == "frames" else "training time (s)"
 
 
 def save(figure: Any, path: Path, also_svg: bool = False, dpi: int = 130) -> None:
-    """Write a figure atomically, in the format of its suffix and as .svg beside it; close it.
+    """Write a figure atomically, in the format of its suffix and as .svg, and close it.
 
-    The same figure makes the same bytes: without a date, and in .svg with its letters as text.
+    Equal figures give equal bytes: files contain no date, and .svg contains text as text.
 
     Raises:
-        ValueError: a suffix that is none of `FORMATS`.
+        ValueError: the suffix is not in `FORMATS`.
     """
     import matplotlib
 
@@ -137,14 +137,14 @@ def save(figure: Any, path: Path, also_svg: bool = False, dpi: int = 130) -> Non
 
 
 class Estimate(NamedTuple):
-    """A value with its interval (NaN where none is known), on a line of an interval plot.
+    """A value with its interval (NaN if unknown), on a line of an interval plot.
 
     Attributes:
-        line: which one, by its name.
-        value, low, high: what is drawn.
-        points: of the single runs.
-        color: of all of it.
-        group: in the legend; groups lie side by side on a line.
+        line: name of the line.
+        value, low, high: the value and its interval.
+        points: values of single runs.
+        color: of all of them.
+        group: in the legend; groups are drawn side by side on a line.
     """
 
     line: str
@@ -162,14 +162,14 @@ def draw_intervals(
     title: str,
     ylabel: str = "",
 ) -> None:
-    """Values with their intervals, a line each.
+    """Draw an interval plot: values with their intervals, one per line.
 
     Args:
         path: of the figure.
-        panels: what is on the axis: its scale ("linear", "gap" or "share", from 0 to 1), and what
-            is drawn.
+        panels: by label of the axis: its scale ("linear", "gap" or "share", from 0 to 1), and the
+            values.
         title: of the figure.
-        ylabel: what the lines are.
+        ylabel: label of the lines.
     """
     everything = [each for _, estimates in panels.values() for each in estimates]
     lines = list(dict.fromkeys(each.line for each in everything))
@@ -221,13 +221,13 @@ def draw_matrix(
     label: str,
     title: str,
 ) -> None:
-    """A heat map with its numbers, coloured on a logarithmic scale.
+    """Draw a heat map with numbers, coloured on a logarithmic scale.
 
     Args:
         path: of the figure.
         values: [rows, columns], above 0.
-        rows, columns: what they are, and the name of each.
-        label: what the values are.
+        rows, columns: label of the axis, and the name of each row or column.
+        label: of the values.
         title: of the figure.
     """
     down, across = values.shape

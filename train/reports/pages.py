@@ -1,4 +1,4 @@
-"""Pages of results: Markdown as HTML in one file, with its figures inside."""
+"""Conversion of Markdown reports to single HTML files with embedded figures."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ LINK = re.compile(r'<(?P<tag>a|img)\b[^>]*? (?:href|src)="(?P<address>[^"]*)"[^>
 
 
 class Html(str):
-    """A part of a page that is HTML already; every text of others in it is escaped."""
+    """A part of a page in HTML, with escaped texts."""
 
 
-PLAYER_ROOM = Html('<div id="pursuit"></div>')
-"""Where the player goes, if the page has replays."""
+PLAYER_ELEMENT = Html('<div id="pursuit"></div>')
+"""The HTML element of the player, for pages with replays."""
 
 
 def in_html(text: str) -> Html:
-    """Markdown as HTML, with tables; HTML in it stands there as text."""
+    """Convert Markdown with tables to HTML; HTML in the text is escaped."""
     converter = markdown.Markdown(extensions=["tables"])
     converter.preprocessors.deregister("html_block")
     converter.inlinePatterns.deregister("html")
@@ -46,33 +46,33 @@ def pairs(found: Mapping[str, Any]) -> str:
 
 
 def section(title: str, *parts: str) -> list[str]:
-    """A heading and what stands under it; nothing where all parts are empty."""
+    """A heading followed by parts; empty if all parts are empty."""
     return [f"## {title}", *parts] if any(parts) else []
 
 
 def picture(path: Path, text: str) -> Html:
-    """A picture inside the page; nothing where there is no such file."""
+    """An embedded picture; empty if the file does not exist."""
     if not path.is_file():
         return Html()
     return Html(f'<figure><img alt="{escape(text)}" src="{_embedded(path)}"></figure>')
 
 
 def details(title: str, text: str) -> Html:
-    """Markdown that is folded away at first."""
+    """Markdown in a collapsed section."""
     return Html(f"<details><summary>{escape(title)}</summary>\n{in_html(text)}\n</details>")
 
 
 def write_page(path: Path, title: str, parts: Iterable[str], data: Any = None) -> None:
-    """Write a page of results, beside `path` and renamed; with `data` it has the player.
+    """Write a page atomically; with `data` it contains the player.
 
     Args:
         path: of the page.
         title: plain text.
         parts: Markdown, or `Html`.
-        data: what the player shows.
+        data: of the player.
 
     Raises:
-        ValueError: data that JSON cannot hold.
+        ValueError: data that JSON does not support.
         OSError: it cannot be written.
     """
     found = [part if isinstance(part, Html) else in_html(part) for part in parts if part]
@@ -82,11 +82,10 @@ def write_page(path: Path, title: str, parts: Iterable[str], data: Any = None) -
 
 
 def page_of(report: Path) -> Path:
-    """Write `report.html` beside a `report.md`; where it is.
+    """Write the HTML page of a Markdown report into its folder; returns its path.
 
-    Nothing in the text is HTML, and nothing leads out of the report's folder: other links are left
-    as text, and other pictures out. So are figures that are not there, or of another kind than .png
-    and .svg.
+    HTML in the text is escaped. Links to other folders are replaced by their text. Pictures in
+    other folders, missing ones, and those other than .png and .svg are left out.
 
     Raises:
         OSError: it cannot be read or written.
@@ -108,13 +107,13 @@ def page_of(report: Path) -> Path:
 
 
 def _embedded(path: Path) -> str:
-    """The content of a picture as an address."""
+    """The content of a picture as a data URL."""
     content = base64.b64encode(path.read_bytes()).decode("ascii")
     return f"data:{KINDS[path.suffix]};base64,{content}"
 
 
 def write_markdown(path: Path, title: str, parts: Iterable[str]) -> Path:
-    """Write a report as Markdown, and as a page beside it; empty parts are left out."""
+    """Write a report as Markdown and as an HTML page; empty parts are left out."""
     text = "\n\n".join(part for part in [f"# {in_markdown(title)}", *parts] if part)
     write_text(path, text + "\n")
     page_of(path)

@@ -1,4 +1,4 @@
-"""Tables of results: the same rows as Markdown, CSV and on the terminal."""
+"""Tables of results as Markdown, CSV and terminal output."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ Row = dict[str, Any]
 
 @dataclass(frozen=True)
 class Column:
-    """One column as people read it.
+    """A column of Markdown and terminal tables.
 
     Attributes:
         head: its heading.
-        cell: the text of a row's cell, in plain Unicode.
-        left: whether it is set flush left, as words are; numbers stand flush right.
+        cell: makes the plain text of a cell from a row.
+        left: whether it is aligned left, for text; numbers are aligned right.
     """
 
     head: str
@@ -35,22 +35,22 @@ class Column:
 
 @dataclass(frozen=True)
 class ResultTable:
-    """Rows of results, and how they are read.
+    """A table of results.
 
     Attributes:
-        rows: plain values by name; all of them stand in the CSV file, unrounded.
-        columns: what people read of them, in Markdown and on the terminal.
+        rows: plain values by name, all of which are written to CSV, unrounded.
+        columns: of Markdown and terminal tables.
     """
 
     rows: list[Row]
     columns: list[Column] = field(default_factory=list)
 
     def cells(self) -> list[list[str]]:
-        """The texts of all rows, before anything in them is escaped."""
+        """The texts of all rows, not escaped."""
         return [[column.cell(row) for column in self.columns] for row in self.rows]
 
     def markdown(self) -> str:
-        """A table of Markdown, without a newline at its end."""
+        """The table in Markdown, without a final newline."""
         heads = [in_markdown(column.head) for column in self.columns]
         sides = ("---|" if column.left else "---:|" for column in self.columns)
         lines = ["| " + " | ".join(heads) + " |", "|" + "".join(sides)]
@@ -63,12 +63,12 @@ class ResultTable:
 
 
 def words(head: str, name: str | None = None) -> Column:
-    """A column of the values called `name` (as the heading, if left out), as they are."""
+    """A column of the unformatted values of `name`, by default the heading."""
     return Column(head, lambda row: str(row[head if name is None else name]), left=True)
 
 
 def numeric(head: str, name: str, form: str = "", scale: float = 1, unit: str = "") -> Column:
-    """A column of numbers, times `scale`, in a format; empty where a row has none, or NaN."""
+    """A column of formatted numbers, times `scale`; empty for a missing value or NaN."""
 
     def cell(row: Row) -> str:
         value = row.get(name)
@@ -80,14 +80,14 @@ def numeric(head: str, name: str, form: str = "", scale: float = 1, unit: str = 
 
 
 def plain_table(rows: list[Row]) -> ResultTable:
-    """A table of rows with the same names, as they are."""
+    """A table of unformatted rows with equal names."""
     return ResultTable(rows, [words(name) for name in rows[0]] if rows else [])
 
 
 def print_table(table: ResultTable, width: int = 120) -> None:
-    """Print a table; `width` is that of a page where the output is no terminal.
+    """Print a table, `width` characters wide if the output is not a terminal.
 
-    Names that are too long for their column are broken, never cut: two must not read alike.
+    Texts that are too long for their column are wrapped.
     """
     grid = Table(box=None, pad_edge=False)
     for column in table.columns:
@@ -106,15 +106,15 @@ _HTML = re.compile(r"<(?=[A-Za-z/!?])|&(?=[#\w]+;)|~(?=~)")
 
 
 def in_markdown(text: str) -> str:
-    """A text of others in Markdown, letter by letter: one line, nothing in it is markup.
+    """Escape a text for Markdown, in one line and without markup.
 
-    It may stand in a cell of a table, in a heading, and anywhere in a paragraph but at its start.
+    It can be used in table cells, in headings, and anywhere in a paragraph except at its start.
     """
     escaped = _HTML.sub(lambda found: f"&#{ord(found[0])};", one_line(text))
     return _MARKUP.sub(r"\\\g<0>", escaped)
 
 
 def one_line(text: str) -> str:
-    """A text without line breaks, control characters and others that show nothing."""
+    """A text without line breaks, control characters and invisible characters."""
     kept = (" " if c.isspace() else c for c in text)
     return " ".join("".join(c for c in kept if unicodedata.category(c)[0] != "C").split())

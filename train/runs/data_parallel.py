@@ -1,15 +1,13 @@
 """Data parallel training in two processes, each with half of the games.
 
 Both processes start with the same weights and average their gradients before each step of Adam, so
-that the weights stay equal without being sent. Gradients are exchanged in shared memory; all other
-messages go through two connected sockets. So a waiting process notices at once if the other one has
-ended, and the shared memory, which has no name, is freed with both. The second process only acts on
-messages of the first one.
+that the weights stay equal. Gradients are exchanged in shared memory without a name, which is freed
+when both processes have ended. All other messages go through two connected sockets, so that a
+waiting process notices if the other one ends. The second process only reacts to messages.
 
-`torch.distributed` is slower: on the 27,013 weights of PPO's default network an all_reduce by gloo
-took 1.2 to 1.4 ms of each processor, and this exchange 0.23 to 0.31 (2,000 each, alternating, three
-times). A gradient step with its share of the rollout takes 10 ms, so a run would be more than a
-tenth slower.
+`torch.distributed` is slower: an all_reduce by gloo of PPO's 27,013 weights took 1.2 to 1.4 ms of
+each processor, this exchange takes 0.23 to 0.31 ms. A gradient step with its part of the rollout
+takes 10 ms.
 """
 
 from __future__ import annotations
@@ -57,8 +55,8 @@ class Replica:
 
     def __init__(self, connection: Any, shared: Any, rank: int) -> None:
         self.connection, self.rank = connection, rank
-        # Two slots each, used alternately: the faster process must not overwrite a slot that the
-        # other one still reads. Two turns later the other has sent a message, and so has read it.
+        # Two slots each, used alternately, so that the faster process does not overwrite a slot
+        # that the other one still reads.
         self.slots = torch.frombuffer(shared, dtype=torch.float32).view(2, 2, -1)
         self.turn = 0
 
@@ -109,7 +107,7 @@ class SecondProcess(Replica):
 
     Raises:
         ProcessEnded: it could not be started.
-        ValueError: a checkpoint of a run of one process.
+        ValueError: the checkpoint is from a run with one process.
     """
 
     def __init__(
@@ -176,8 +174,8 @@ class SecondProcess(Replica):
         if code is not None and code < 0:
             text += f", killed by signal {-code} ({signal.Signals(-code).name})"
         if not (self.folder / CHECKPOINT).exists():
-            return f"{text}; it has no checkpoint yet: start the run again"
-        return f"{text}; its last checkpoint is kept: resume it by --resume"
+            return f"{text}; the run has no checkpoint yet: start it again"
+        return f"{text}; the last checkpoint is kept: resume the run by --resume"
 
 
 def end(connection: Any, process: Any) -> None:
@@ -220,21 +218,21 @@ def serve_messages(replica: Replica, settings: TrainSettings[Any]) -> None:
         apart = np.random.SeedSequence([settings.seed, replica.rank])
         torch.manual_seed(int(apart.generate_state(1, np.uint64)[0]))  # for the actions
     else:
-        check("partner" in state, "checkpoint of a run of one process")
+        check("partner" in state, "the checkpoint is from a run with processes=1")
         env, teacher, learner = build_env_and_learner(parts, {**state, **state["partner"]})
         torch.set_rng_state(state["partner"]["torch_rng"])
     learner.average = replica.average
     replica.send(digest_of(learner))
     while True:
-        asked = replica.receive()
-        if asked is None:
+        message = replica.receive()
+        if message is None:
             if teacher is not None:
                 teacher.figures()  # clears values that only the first process logs
             own = {**training_state(env, teacher, learner), "torch_rng": torch.get_rng_state()}
             del own["learner"]
             replica.send((own, digest_of(learner)))
             continue
-        progress, seconds = asked
+        progress, seconds = message
         if teacher is not None:
             teacher.update(progress, learner.frames * settings.processes, seconds)
         replica.send((learner.iterate(progress), env.finished_returns, env.finished_lengths))

@@ -1,7 +1,7 @@
 """The folder of a run of any kind.
 
-`config.json`, `metrics.csv`, `results.json`, `checkpoint.pt`, `learning_curve.png`, `replay.gif`,
-`replays.json`, `report.html`, TensorBoard events; `.lock` while a process works on it.
+It contains `config.json`, `metrics.csv`, `results.json`, `checkpoint.pt`, `learning_curve.png`,
+`replay.gif`, `replays.json`, `report.html`, TensorBoard events, and `.lock` while it is in use.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ def read_config(folder: Path) -> tuple[str, dict[str, Any]]:
     """As `load_config`, for uses that never load user-defined parts, without checking them."""
     path = folder / CONFIG
     if not path.exists():
-        raise ValueError(f"{folder}: no run here ({CONFIG} is missing)")
+        raise ValueError(f"{folder}: no run here ({CONFIG} is missing); give the folder of a run")
     plain = read_json(path)
     check(isinstance(plain, dict), f"{path}: damaged, not settings of a run; {forms.RESTORE}")
     check(
@@ -154,7 +154,7 @@ def check_learned(algorithm: str, trainee: Mapping[str, Any]) -> None:
     from train.tensors import first_not_finite  # torch is slow to import
 
     own = trainee.get("algorithm", algorithm)
-    check(own == algorithm, f"algorithm {own!r} instead of {algorithm!r}")
+    check(own == algorithm, f"it is of algorithm {own!r} instead of {algorithm!r}")
     where = first_not_finite(trainee["learner"])
     check(where is None, f"{where} is not finite")
 
@@ -177,8 +177,8 @@ class MetricsFile:
 
     Args:
         folder: of the run.
-        up_to_frames: of a resumed run: rows beyond are dropped, as they will be repeated. There is
-            a row before every checkpoint, so the file must exist. None starts a new file.
+        up_to_frames: frames of a resumed run. Later rows are dropped, as they will be repeated. The
+            file must exist, as every checkpoint follows a row. None starts a new file.
         column: the column of the objective, which every row must have.
     """
 

@@ -25,7 +25,7 @@ class Final(msgspec.Struct, frozen=True):
     episodes: int = 1000
 
     def __post_init__(self) -> None:
-        check(self.episodes >= 2, f"episodes={self.episodes}; must be at least 2")
+        check(self.episodes >= 2, f"episodes={self.episodes}; give at least 2")
 
 
 class Config(msgspec.Struct, kw_only=True):

@@ -1,4 +1,4 @@
-"""Events that end training early: Ctrl-C and SIGTERM, and divergence."""
+"""Signals and divergence, which end training early."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Diverged(ArithmeticError):
 
 
 class Signals:
-    """A context in which `handle` is called on Ctrl-C and SIGTERM; here it ends the work.
+    """A context in which Ctrl-C and SIGTERM call `handle`, which raises `Stopped`.
 
     Attributes:
         status: the exit status for the last signal; 0 before the first one.
@@ -50,19 +50,19 @@ class Signals:
         self.handle(number)
 
     def handle(self, number: int) -> None:
-        """End the work at once."""
+        """Raise `Stopped`."""
         raise Stopped(number)
 
 
 class Interruption(Signals):
-    """A context in which the first signal sets `asked`, and a second one ends the work at once."""
+    """A context in which the first signal sets `asked`, and a second one raises `Stopped`."""
 
     def __init__(self) -> None:
         super().__init__()
         self.asked = False
 
     def handle(self, number: int) -> None:
-        """Record the signal, or end the work."""
+        """Set `asked`, or raise `Stopped` if it is set."""
         if self.asked:
             raise Stopped(number)
         self.asked = True

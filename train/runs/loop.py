@@ -104,8 +104,8 @@ class Budget:
     """The budget of a run: seconds of training, or frames; and torch's threads.
 
     With 0 threads and a budget in seconds, one or all threads are used, whichever is faster.
-    Seconds are wall time, or the CPU time of the process (`clock` "processor"), which depends less
-    on other programs and includes the time of all threads.
+    Seconds are wall time, or the processor time of this process (`clock` "processor"), which
+    depends less on other programs and includes the time of all threads.
     """
 
     seconds: float | None
@@ -142,8 +142,8 @@ class Run:
     """A trainee in a run folder.
 
     Args:
-        trainee: is trained; already restored from `state`.
-        folder: its `config.json` is written.
+        trainee: the learners to train, restored from `state`.
+        folder: of the run, with its `config.json`.
         budget: of the training.
         state: the checkpoint of a resumed run; None for a new one.
 
@@ -173,7 +173,7 @@ class Run:
         self._drop_row_of_interruption()
 
     def _drop_row_of_interruption(self) -> None:
-        """Drop a last row that is due to a signal: an uninterrupted run does not have it."""
+        """Drop a last row that was added by an interruption: other runs do not have it."""
         rows = self.metrics.rows
         done = [
             int(EVALUATIONS * self.budget.progress(row["seconds"], int(row["frames"])))
@@ -197,7 +197,7 @@ class Run:
             Diverged: a value is not finite; the last checkpoint is kept.
         """
         trainee, cores = self.trainee, os.cpu_count() or 1
-        # The number of threads changes the last bits, so it is fixed in runs that must be exact.
+        # Results depend on the number of threads in the last bits, so it may be fixed.
         free = self.budget.free_threads and cores > 1
         choice = ThreadChoice(cores) if free else None
         with (
@@ -221,7 +221,7 @@ class Run:
                 self.stopped, self.exit_status = interruption.asked, interruption.status
                 report(self, {})
                 if self.progress * EVALUATIONS >= self.evaluations + 1 or self.stopped:
-                    # Counted by progress, not by time, so that a resumed run evaluates equally.
+                    # Counted by progress, so that a resumed run has the same evaluations.
                     self.evaluations = int(self.progress * EVALUATIONS)
                     self._record(figures, board, report)
 

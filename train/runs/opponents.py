@@ -113,8 +113,8 @@ def opponents_of(
     role = role_of(policy)
     check(
         role in others,
-        f"opponent={opponent!r} is a policy for {role!r}, and the other agents of task "
-        f"{task.name!r} are {', '.join(others) or 'none'}; give a policy for one of these roles",
+        f"opponent={opponent!r} is a policy for {role!r}; give one for another agent of task "
+        f"{task.name!r}: {', '.join(others) or 'none'}",
     )
     return {**default_policies(task, epsilon, own=agent), role: policy}
 

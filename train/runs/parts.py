@@ -1,7 +1,7 @@
-"""Builds the parts of a run from its settings, and validates them.
+"""Validation of the settings of a run, and construction of its parts.
 
-Other modules do not use the settings of a run: a learner gets its hyperparameters and an
-environment, a teacher its plan, a contest its task and opponents.
+Parts do not depend on all settings: a learner gets its hyperparameters and an environment, a
+teacher gets its plan, and a contest gets its task and opponents.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class Parts:
 
 
 def parts_of(settings: TrainSettings[Any], rank: int = 0) -> Parts:
-    """The parts of a run, or of the process of this rank of the two of one.
+    """The parts of a run; in data parallel training those of the process with this rank.
 
     Raises:
         ValueError: settings that are not valid for the task, the agent, the opponent, the
@@ -68,7 +68,8 @@ def parts_of(settings: TrainSettings[Any], rank: int = 0) -> Parts:
     algorithm, hyper, seat = entry(settings.algorithm), settings.hyper, player_of(settings)
     check(
         type(hyper) is algorithm.settings,
-        f"algorithm={algorithm.name!r} with settings of {type(hyper).__name__}",
+        f"algorithm={algorithm.name!r} with {type(hyper).__name__}; give "
+        f"{algorithm.settings.__name__}",
     )
     algorithm.check(hyper, seat, settings.device, settings.evaluate == "greedy")
     if isinstance(hyper, ReplaySettings):
@@ -96,9 +97,8 @@ def parts_of(settings: TrainSettings[Any], rank: int = 0) -> Parts:
         )
         check(
             plan.scorer is None or (hyper.recurrent is None and settings.frame_stack == 1),
-            f"curriculum={settings.curriculum!r} scores mazes by the policy in every cell, which a "
-            "policy with memory does not have; leave out recurrent and frame_stack, or use "
-            "level-replay",
+            f"curriculum={settings.curriculum!r} evaluates the policy in every cell, which needs a "
+            "policy without memory; leave out recurrent and frame_stack, or use level-replay",
         )
     check_sizes(hyper, seat)
     if settings.processes == 2:

@@ -13,7 +13,7 @@ from train.evaluation.hidden_contest import Certificate
 from train.evaluation.recordings import recorded, sides_of
 from train.evaluation.scores import Reference, Score, score_table
 from train.files import read_json
-from train.reports.pages import PLAYER_ROOM, details, pairs, picture, section, write_page
+from train.reports.pages import PLAYER_ELEMENT, details, pairs, picture, section, write_page
 from train.reports.tables import in_markdown
 from train.runs.folder import CONFIG, CURVE, REPLAYS, REPORT
 from train.settings.run import TrainSettings
@@ -66,10 +66,10 @@ def write_report(
     parts = [
         in_markdown(about),
         in_markdown(summary(results)),
-        PLAYER_ROOM,
+        PLAYER_ELEMENT,
         *section("Scores", table.markdown()),
         *section("Learning", picture(folder / CURVE, "mean steps, gap and curriculum over frames")),
-        *section("How it was made", *provenance_parts(folder, settings, results)),
+        *section("Settings and command", *provenance_parts(folder, settings, results)),
     ]
     path = path or folder / REPORT
     write_page(path, title, parts, builder.data(title))
@@ -85,16 +85,16 @@ def of_solved(evaluation: Mapping[str, Any]) -> str:
 
 
 def describe_loops(content: Mapping[str, Any]) -> str:
-    """Advice for a runner with a greedy policy that loops where the sampled one does not.
+    """Advice for a runner with a greedy policy that loops from starts that the sampled one solves.
 
-    Empty if there are none, or if its success rate is low.
+    Empty if there are no such starts, or if its success rate is low.
     """
     solved = {score["name"]: score["success_rate"] for score in content["scores"]}
     greedy, drawn = solved.get("learned"), solved.get("learned, sampled")
-    alone = content["objective"]["column"] == "mean_steps"
+    by_steps = content["objective"]["column"] == "mean_steps"
     if (
         content["role"] != "runner"
-        or not alone
+        or not by_steps
         or greedy is None
         or drawn is None
         or greedy < LEARNED
@@ -143,13 +143,13 @@ def summary(results: Mapping[str, Any]) -> str:
     held = results.get("reference") or {}
     if held.get("kind") in ("bound", "best known"):
         text += f"; {Reference(**held).line()}"
-    floor, paid = found.get("objective_floor"), found.get("return_floor")
-    if floor is not None or paid is not None:
-        known = [] if floor is None or paid is not None else [f"{100 * floor:+.2f} %"]
-        known += [] if paid is None else [f"{paid:.4f} paid less"]
-        text += f" (floor of the objective: {', '.join(known)})"
+    gap, missing = found.get("objective_gap"), found.get("return_gap")
+    if missing is not None:
+        text += f" (objective gap: return {missing:.4f} below the optimum)"
+    elif gap is not None:
+        text += f" (objective gap: {100 * gap:+.2f} %)"
     text += f". {results['frames']:,} frames in {results['seconds']:.1f} s"
-    text += " of CPU time" if results.get("clock") == "processor" else ""
+    text += " of processor time" if results.get("clock") == "processor" else ""
     return text + (", interrupted." if results["interrupted"] else ".")
 
 

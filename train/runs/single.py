@@ -49,7 +49,7 @@ class SingleAgent:
         parts, simulator, env, learner, teacher: its parts; no teacher without a curriculum.
         replica: the second process of data parallel training; None without one.
         contest, optimum: of the evaluations, and the exact optimum if it is known.
-        policy: the learner's current policy, greedy or sampled as `evaluate` says.
+        policy: the learner's current policy, greedy or sampled.
     """
 
     kind: ClassVar[str] = RUN
@@ -58,7 +58,7 @@ class SingleAgent:
     def __init__(self, parts: Parts, evaluate: str, state: dict[str, Any] | None = None) -> None:
         self.parts, self.evaluated = parts, evaluate
         self.replica: SecondProcess | None = None
-        self._judged: Any = None
+        self._final_contest: Any = None
         self._solved_work = 0
         self.env, self.teacher, self.learner = build_env_and_learner(parts, state)
         self.simulator = self.env.simulator
@@ -123,23 +123,23 @@ class SingleAgent:
             parts.append(f"gap {100 * row['optimality_gap']:+7.2f} %")
         return parts
 
-    def judged(self, episodes: int, most_work: int = MAX_WORK) -> Any:
+    def final_contest(self, episodes: int, most_work: int = MAX_WORK) -> Any:
         """The contest of the final results, with exact solutions of games of up to `most_work`.
 
-        It is kept with its solutions for later calls with at most this work.
+        It is cached with its solutions for later calls with at most this work.
         """
-        kept = self._judged
+        kept = self._final_contest
         if kept is None or kept.episodes != episodes or self._solved_work < most_work:
             contest: Any = self.parts.world.contest(episodes)
             own = isinstance(contest, GameContest)
-            self._judged = replace(contest, most_work=most_work) if own else contest
+            self._final_contest = replace(contest, most_work=most_work) if own else contest
             self._solved_work = most_work
-        return self._judged
+        return self._final_contest
 
     def results(self, interrupted: bool, episodes: int) -> dict[str, Any]:
         """Scores of the references and of the trained policy, greedy and sampled."""
         # An interrupted run should end soon.
-        contest = self.judged(episodes, MAX_WORK if interrupted else MAX_EVALUATED_WORK)
+        contest = self.final_contest(episodes, MAX_WORK if interrupted else MAX_EVALUATED_WORK)
         scores = [*contest.baselines(), contest.score("learned", self.learner.policy())]
         if self.parts.algorithm.learns_distribution:
             scores.append(contest.score("learned, sampled", self.learner.policy(greedy=False)))
@@ -190,7 +190,7 @@ class SingleAgent:
 def measured(measure: Measure, score: Score) -> float:
     """The value of a measured score; ValueError if it has none."""
     value = measure.of(score)
-    check(value is not None, f"score {score.name!r} has no {measure.column}; play its games")
+    check(value is not None, f"score {score.name!r} has no {measure.column}; evaluate by games")
     return float(value or 0.0)
 
 

@@ -1,9 +1,9 @@
 """Saved Stable-Baselines3 models as policies.
 
-A model file of Stable-Baselines3 is a zip with partly pickled settings, and loading those runs
-code. So only the weights are loaded (`torch.load(weights_only=True)`), into a policy with layers
-derived from their shapes. Task and observation are in a description file next to the model, which
-the recipes write; for a model of `model.save()` they are arguments.
+The settings in a model file of Stable-Baselines3 are partly pickled, and unpickling can run code.
+So only the weights are loaded (`torch.load(weights_only=True)`), and layers are derived from their
+shapes. Task and observation are read from a description file next to the model, which the recipes
+write. For a model of `model.save()` they are arguments.
 """
 
 from __future__ import annotations
@@ -51,21 +51,21 @@ class StableBaselinesNetwork(torch.nn.Module):
 
 
 def description_of(path: Path | str) -> Path:
-    """Where the description of the model in `path` lies."""
+    """The path of the description file of a model."""
     return Path(path).with_suffix(".json")
 
 
 def save_stable_baselines(
     model: Any, path: Path | str, algorithm: str, task: TaskSettings, encoding: str
 ) -> None:
-    """Save a model, and beside it what is needed to load its weights as a policy.
+    """Save a model and its description file, from which `load_stable_baselines` makes a policy.
 
     Args:
         model: PPO, A2C or DQN of Stable-Baselines3, with an "MlpPolicy".
         path: a .zip file.
         algorithm: "ppo", "a2c" or "dqn".
-        task: that it was trained in.
-        encoding: that it observes.
+        task: of the training.
+        encoding: name of the observation.
     """
     model.save(path)
     write_json(
@@ -86,16 +86,16 @@ def load_stable_baselines(
     observation: str | None = None,
     mask_bumps: bool = False,
 ) -> NetworkPolicy:
-    """A saved model as a policy; no code that the file may hold is run.
+    """A saved model as a policy; no code from the file is run.
 
     Args:
-        path: the .zip that `save_stable_baselines` wrote, its description beside it; or, with
-            `task`, `agent` and `observation`, the one that `model.save()` wrote.
-        greedy: take the most probable action; False draws (PPO and A2C only); None draws where
-            there is a distribution.
-        task, agent, observation, mask_bumps: the game that the model was trained in, its agent or
-            role there, what it observes, and whether moves into walls are forbidden to it. A
-            description beside the model goes first.
+        path: a .zip file of `save_stable_baselines` with its description file; or one of
+            `model.save()`, with `task`, `agent` and `observation`.
+        greedy: take the most probable action; False samples (PPO and A2C only); None samples if the
+            model has a distribution.
+        task, agent, observation, mask_bumps: the game of the training, the agent or role, its
+            observation, and whether moves into walls are masked. Values of a description file are
+            used instead.
 
     Raises:
         ImportError: Stable-Baselines3 is not installed.
@@ -114,10 +114,9 @@ def load_stable_baselines(
         agent, mask_bumps = agent_of(settings, task), settings.mask_bumps
     check(
         task is not None and agent is not None and observation is not None,
-        f"{path}: its description {where.name} is not beside it; give the task and "
-        "what the model observed in training (--observation of pursuit evaluate, "
-        "--opponent-observation of an opponent), or save it "
-        "with train.runs.stable_baselines.save_stable_baselines",
+        f"{path}: its description file {where.name} is missing; give the task and observation of "
+        "its training (--observation of pursuit evaluate, --opponent-observation of an opponent), "
+        "or save it with train.runs.stable_baselines.save_stable_baselines",
     )
     assert task is not None and agent is not None and observation is not None
     seat = Seat(task, agent, observation, mask_bumps)
@@ -125,7 +124,7 @@ def load_stable_baselines(
     draws = not hasattr(policy, "q_net")
     greedy = not draws if greedy is None else check_bool("greedy", greedy)
     check(
-        greedy or draws, f"{path}: dqn learns no distribution over actions; take the greedy policy"
+        greedy or draws, f"{path}: dqn learns no distribution over actions; use the greedy policy"
     )
     return seat.policy(StableBaselinesNetwork(policy), greedy)
 

@@ -48,11 +48,11 @@ def task_of(settings: TaskSettings) -> Task:
 
 
 def check_one_maze(task: Task, what: str) -> None:
-    """ValueError if a task has several mazes; `what` is the beginning of the message."""
+    """ValueError if a task has several mazes; `what` is the subject of the message."""
     name = task.mazes[0].name
     check(
         len(task.mazes) == 1,
-        f"{what} needs one maze, and the task has {len(task.mazes)}; use one of them, such as "
+        f"{what} needs one maze, but the task has {len(task.mazes)}; use one of them, such as "
         f"{PREFIX if '/' in name else ''}{name}",
     )
 
@@ -82,11 +82,11 @@ def maze_text_of(settings: AnyTask) -> str | None:
 
 
 def agent_of(settings: TaskSettings, task: Task) -> str:
-    """The learning agent; ValueError unless it takes part in the task."""
+    """The learning agent; ValueError unless the task has it."""
     known = {*task.agent_names, *task.seat_roles}
     check(
         settings.agent in known,
-        f"role {settings.agent!r} does not take part in task {settings.task!r}; use one of "
+        f"role {settings.agent!r} does not exist in task {settings.task!r}; use one of "
         f"{', '.join(sorted(known))}",
     )
     return settings.agent

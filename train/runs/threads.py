@@ -37,8 +37,7 @@ def keep_freed_memory() -> None:
 
 
 def can_fork() -> bool:
-    """Whether a forked process would be usable: it must not inherit locks of other threads or an
-    open GPU. False on systems other than Linux."""
+    """Whether this process can fork: it runs on Linux, with one thread and no open GPU."""
     try:
         threads = len(os.listdir("/proc/self/task"))
         opened = [os.path.realpath(path) for path in Path("/proc/self/fd").iterdir()]
@@ -90,9 +89,9 @@ def uses_bfloat16(precision: str, device: str) -> bool:
 class ThreadChoice:
     """Chooses between one thread and all of them, by the time of rollouts with each.
 
-    Threads wait for each other in every operation. On idle cores several are faster; where other
-    programs use a core at times, one is faster, by up to ten times. So the other choice is tried
-    for two rollouts in every 24.
+    Threads wait for each other in every operation. Several threads are faster on idle cores; one
+    thread is up to ten times faster if other programs use a core. So the other choice is tried in
+    two of every 24 rollouts.
 
     Args:
         most: number of all threads.

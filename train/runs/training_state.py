@@ -26,7 +26,7 @@ def build_env_and_learner(
     if state is not None:
         check_learned(parts.algorithm.name, state)
     env, teacher = parts.games()
-    if state is not None:  # before the learner's collector reads the environment
+    if state is not None:  # before the collector of the learner reads the environment
         restore_simulator(env.simulator, state["simulator"])
         if teacher is not None:
             teacher.load_state_dict(state["teacher"])
@@ -34,7 +34,8 @@ def build_env_and_learner(
         env.resume = True
     learner = parts.algorithm.build(parts.hyper, env, parts.build)
     if state is not None:
-        check(state["learner"].keys() == learner.state_dict().keys(), "state of another learner")
+        found, needed = set(state["learner"]), set(learner.state_dict())
+        check(found == needed, f"the learner's state has {sorted(found)}, not {sorted(needed)}")
         learner.load_state_dict(state["learner"])
     return env, teacher, learner
 

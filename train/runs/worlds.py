@@ -48,7 +48,7 @@ class GridWorld:
 
     @cached_property
     def agent(self) -> str:
-        """The learning agent; ValueError unless it takes part in the task."""
+        """The learning agent; ValueError unless the task has it."""
         return agent_of(self.settings, self.task)
 
     @cached_property

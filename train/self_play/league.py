@@ -99,7 +99,7 @@ def enter(
         for name, role, observation in zip(bare, roles, observations, strict=False)
     }
     for role in roles:
-        check(role in ROLES, f"model_roles: {role!r}; a league has chasers and evaders")
+        check(role in ROLES, f"model_roles: {role!r}; give chaser or evader")
     entries = []
     for name, path in [*paths, *((name, Path(name)) for name in models)]:
         played = "greedy" if greedy else "sampled"
@@ -128,11 +128,11 @@ def _folders_of(name: str) -> list[Path]:
         f"{name}: neither a folder of a run nor a scripted agent ({', '.join(AGENTS)}, or "
         "package.module:Name)",
     )
-    check((folder / CONFIG).exists(), f"{name}: not a run ({CONFIG} is missing)")
+    check((folder / CONFIG).exists(), f"{name}: no run here ({CONFIG} is missing); give a run")
     if not is_self_play(folder):
         return [folder]
     inner = [folder / role for role in ROLES if (folder / role / CONFIG).exists()]
-    check(bool(inner), f"{name}: self-play without a checkpoint yet")
+    check(bool(inner), f"{name}: self-play without a checkpoint yet; resume it first")
     return inner
 
 
@@ -170,14 +170,14 @@ def play_league(task: Task, entries: Sequence[Entry], games: int, seed: int) -> 
 
     `seed` is an evaluation seed, which training never uses.
     """
-    begun = evaluation_seed(seed)
+    starts = evaluation_seed(seed)
     sides = {role: [entry for entry in entries if entry.role == role] for role in ROLES}
     shape = (len(sides["chaser"]), len(sides["evader"]))
     payoff, ci95 = np.zeros(shape), np.zeros(shape)
     lengths = np.zeros((*shape, games), dtype=np.int64)
     for i, chaser in enumerate(sides["chaser"]):
         for j, evader in enumerate(sides["evader"]):
-            lengths[i, j], _ = play_pair(task, chaser.policy, evader.policy, games, begun)
+            lengths[i, j], _ = play_pair(task, chaser.policy, evader.policy, games, starts)
             if can_solve(task, chaser.policy, evader.policy):
                 payoff[i, j] = match(task, chaser.policy, evader.policy).steps
             else:
@@ -202,14 +202,14 @@ def survival(table: LeagueTable) -> dict[str, Any]:
     horizon = np.inf if table.horizon is None else table.horizon
     late = (table.lengths >= horizon).mean(axis=2)
     # Exact payoffs cover all starts, not only the sampled ones.
-    for_ever = (late >= 1.0) & (table.payoff >= horizon - 1e-9)
-    evaders = [n for n, alive in zip(table.evaders, for_ever.all(axis=0), strict=True) if alive]
-    chasers = [n for n, empty in zip(table.chasers, for_ever.all(axis=1), strict=True) if empty]
+    never = (late >= 1.0) & (table.payoff >= horizon - 1e-9)
+    evaders = [n for n, alive in zip(table.evaders, never.all(axis=0), strict=True) if alive]
+    chasers = [n for n, empty in zip(table.chasers, never.all(axis=1), strict=True) if empty]
     several = {"chaser": len(table.chasers) > 1, "evader": len(evaders) > 1}
     roles = [role for role in ROLES if evaders and several[role]]
     return {
         "out_of_time": late.tolist(),
-        "never": for_ever.tolist(),
+        "never": never.tolist(),
         "never_caught": evaders,
         "never_catches": chasers,
         "ranks_mean_nothing": roles,

@@ -35,8 +35,8 @@ def entry_names(
             f"{len(chosen)} names for {len(entries)} entries; give one for each, in their order",
         )
         for name in chosen:
-            check(bool(name.strip()), "an empty name; give a text")
-            check(list(chosen).count(name) == 1, f"two entries would be called {name!r}")
+            check(bool(name.strip()), f"name {name!r} is empty; give a text")
+            check(list(chosen).count(name) == 1, f"two names are {name!r}; give different ones")
         return list(chosen)
     agents = {entry for entry in entries if entry not in paths}
     return [

@@ -117,14 +117,14 @@ def check_sides(settings: SelfPlaySettings, task: Task) -> None:
     """ValueError unless the task has chasers and evaders only, and the algorithms support it."""
     check(
         bool(task.num_chasers and task.num_evaders),
-        f"task {task.name!r} has no chasers or no evaders; self-play needs both",
+        f"task {task.name!r} has no chasers or no evaders; use chase or heist",
     )
     check(
         not task.num_goals or settings.task.rewards == "zero_sum",
         f"rewards={settings.task.rewards!r} with goals; use zero_sum: opponents are scored by "
         "steps, so chasers must be rewarded for short episodes",
     )
-    check(not task.num_runners, f"task {task.name!r} has runners; take chase or heist")
+    check(not task.num_runners, f"task {task.name!r} has runners; use chase or heist")
     for role in ROLES:
         members = [name for name in settings.members if role in SEARCHERS.get(name, ROLES)]
         for name in (getattr(settings, role), *members):

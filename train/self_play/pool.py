@@ -72,7 +72,7 @@ class OpponentPool:
         load: Callable[[dict[str, Any]], Policy],
         newest: bool = False,
     ) -> None:
-        check(capacity >= 1, f"pool_size={capacity}; at least 1")
+        check(capacity >= 1, f"pool_size={capacity}; give at least 1")
         self.folder, self.capacity, self._load = folder, capacity, load
         self.newest, self.offered = newest, 0
         self.members = [Member(LATEST, latest, True)]
@@ -188,7 +188,7 @@ def weights(
     power: float = 2.0,
     mixture: NDArray[np.float64] | None = None,
 ) -> NDArray[np.float64]:
-    """[members] float64 with sum 1: how often each member is drawn.
+    """[members] float64 with sum 1: the sampling probabilities.
 
     Args:
         pool: the pool.
@@ -199,15 +199,15 @@ def weights(
             equilibrium of the payoff matrix (McMahan et al., 2003); until there is one, the latest.
             Scripted members are included in all but "latest", in "double-oracle" by the mixture.
             Any other name is a user-defined function (pool) -> [members].
-        window: snapshots that count.
-        power: how strongly "pfsp" prefers hard opponents.
+        window: number of snapshots of "window".
+        power: exponent of "pfsp"; larger values prefer stronger opponents.
         mixture: [members] of "double-oracle".
 
     Raises:
         ValueError: an empty pool, or invalid weights of a user-defined function.
     """
     members = pool.members
-    check(bool(members), f"{pool.folder}: an empty pool; add a member")
+    check(bool(members), f"{pool.folder}: the pool is empty; add a member")
     chosen = np.zeros(len(members))
     if sampling == "double-oracle" and mixture is not None:
         chosen[:] = mixture
@@ -226,8 +226,8 @@ def weights(
         chosen = np.asarray(SAMPLING_PARTS.get(sampling)(pool), dtype=np.float64)
         check(
             chosen.shape == (len(members),) and 0.0 < chosen.sum() < inf and chosen.min() >= 0.0,
-            f"sampling {sampling!r} gave {chosen!r}; give every member of the pool a weight, "
-            "finite and at least 0, and one of them more than 0",
+            f"sampling {sampling!r} returned {chosen!r}; return one finite weight of at least 0 "
+            "for each member of the pool, with a positive sum",
         )
     total: NDArray[np.float64] = chosen / chosen.sum()
     return total

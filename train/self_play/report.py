@@ -17,7 +17,7 @@ from train.evaluation.recordings import MOST_OVERLAY_CELLS, recorded, sides_of
 from train.files import read_json
 from train.reports.curves import Panel, Series, draw_panels
 from train.reports.figures import BLACK, BLUE, ORANGE
-from train.reports.pages import PLAYER_ROOM, details, pairs, picture, section, write_page
+from train.reports.pages import PLAYER_ELEMENT, details, pairs, picture, section, write_page
 from train.reports.tables import in_markdown
 from train.runs.folder import CONFIG, CURVE, REPLAYS, REPORT
 from train.runs.report import made_with
@@ -103,7 +103,7 @@ def write_self_play_report(
     parts = [
         in_markdown(about),
         *describe_exploitability(results),
-        PLAYER_ROOM,
+        PLAYER_ELEMENT,
         *section("Exploitability over time", picture(folder / CURVE, "exploitability over time")),
         *section("Matches at the end", matches_table(results["matches"]).markdown()),
         *section(
@@ -111,7 +111,7 @@ def write_self_play_report(
             picture(payoff, "payoff matrix of snapshots"),
             cycle_in_words(league),
         ),
-        *section("How it was made", *made(folder, results)),
+        *section("Settings and command", *made(folder, results)),
     ]
     write_page(path, title, parts, builder.data(title))
     return path
@@ -161,8 +161,8 @@ def describe_exploitability(results: Mapping[str, Any]) -> list[str]:
 def describe_whole_game(found: Mapping[str, Any]) -> str:
     """NashConv in returns as a sentence."""
     each = ", ".join(
-        f"return of the {role} {paid:.3f}, a best response gains {found['gains'][role]:.3f}"
-        for role, paid in found["returns"].items()
+        f"return of the {role} {value:.3f}, a best response gains {found['gains'][role]:.3f}"
+        for role, value in found["returns"].items()
     )
     return (
         f"NashConv in discounted returns: {found['nash_conv']:.3f} ({each}; "

@@ -119,7 +119,7 @@ class Side:
         self.env = self._games()
         if state is not None:
             check_learned(parts.algorithm.name, state)
-            # before there is a collector, which begins with what it finds
+            # before the collector of the learner reads the environment
             restore_simulator(self.simulator, state["simulator"])
             self.opponents.policy.opponents[:] = state["opponents"].numpy()
             self.opponents.rng.bit_generator.state = state["rng"]

@@ -36,7 +36,7 @@ class CellTables:
         self._known: dict[int, int] = {}  # the version of the weights in the table of each place
         self._cumulative = np.empty((0, 0, 0))
         self._key: tuple[int, ...] = ()
-        self._members: list[Policy] = []  # held, so that no other takes the identity of one
+        self._members: list[Policy] = []  # kept alive, as they are identified by id()
         self._places = np.zeros(0, dtype=np.int64)
 
     @property

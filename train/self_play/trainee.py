@@ -54,8 +54,8 @@ PAIR_EPISODES = 200
 class SelfPlay:
     """Both roles learn against each other; a `Trainee`.
 
-    In the folder of its run `chaser/` and `evader/` are saved as separate policies, for
-    `pursuit evaluate`, `render` and `league`; `pool/` holds the snapshots.
+    The run folder contains `chaser/` and `evader/`, saved as separate policies for
+    `pursuit evaluate`, `render` and `league`, and `pool/` with the snapshots.
 
     Args:
         settings: of the run.
@@ -326,7 +326,7 @@ class SelfPlay:
             before = [entry["name"] for entry in state["pools"][role]["members"]]
             pool.load_state_dict(state["pools"][role])
             self._keep_opponents(role, before)
-        for role, side in self.sides.items():  # once their opponents are there
+        for role, side in self.sides.items():  # after their opponents are restored
             restore_policy_memories(side.env, state["memories"][role])
         self.rng.bit_generator.state = state["rng"]
         self.taken, self.mixtures = state["taken"], state["mixtures"]

@@ -1,4 +1,4 @@
-"""Validation of settings: rules as annotations of the fields of frozen dataclasses.
+"""Validation of settings: rules are annotations of the fields of frozen dataclasses.
 
 @dataclass(frozen=True)
 class Example(Settings):
@@ -34,7 +34,7 @@ def check_default(settings: Any, default: Any, names: Iterable[str], why: str) -
 def check_choice(what: str, value: object, choices: Iterable[str]) -> None:
     """ValueError unless `value` is one of `choices`; the message lists them."""
     known = tuple(choices)
-    check(value in known, f"unknown {what} {value!r}; one of {', '.join(known)}")
+    check(value in known, f"unknown {what} {value!r}; give one of {', '.join(known)}")
 
 
 # -- rules of fields -------------------------------------------------------------------------------
@@ -65,7 +65,7 @@ def rule(holds: Callable[[Any], bool], text: str) -> Rule:
 
 def at_least(least: int) -> Rule:
     """Numbers not below `least`."""
-    return rule(lambda value: value >= least, f"at least {least}")
+    return rule(lambda value: value >= least, f"give at least {least}")
 
 
 def one_of(*choices: str) -> Rule:
@@ -131,7 +131,8 @@ held-out seeds."""
 
 RANDOM_MOVES = rule(lambda value: 0 <= value <= 1, "a share of random moves must be in [0, 1]")
 SEED = rule(
-    lambda value: 0 <= value < EVALUATION_SEED, "0 to 2**62-1 (seeds above are for evaluation)"
+    lambda value: 0 <= value < EVALUATION_SEED,
+    "give 0 to 2**62-1 (seeds above are for evaluation)",
 )
 
 
@@ -139,7 +140,7 @@ def threads_from(least: int) -> Rule:
     """Allowed numbers of torch threads."""
     return rule(
         lambda value: least <= value <= MOST_THREADS,
-        f"from {least} to {MOST_THREADS}; give no more threads than there are cores",
+        f"give {least} to {MOST_THREADS} threads, no more than there are cores",
     )
 
 

@@ -39,7 +39,7 @@ def with_memory(given: Mapping[str, Any]) -> dict[str, Any]:
 
 FrameStack = Annotated[
     int,
-    rule(lambda value: 1 <= value <= MOST_FRAMES, f"from 1 (no stacking) to {MOST_FRAMES}"),
+    rule(lambda value: 1 <= value <= MOST_FRAMES, f"give 1 (no stacking) to {MOST_FRAMES}"),
 ]
 
 
@@ -52,16 +52,16 @@ class RunSettings(Settings):
     unseen mazes), recurrent (auto with a GRU), or package.module:Name of a user-defined network.
     auto: planning for a runner in a suite of mazes, convolutions for other planes, else mlp."""
     frame_stack: FrameStack = 1
-    """Number of latest observations that the network receives. Before the first step of an episode
-    they are zero."""
+    """Number of latest observations that the network receives; zeros before the first step of an
+    episode."""
     seconds: float | None = None
     """Budget of training time in seconds, without evaluations."""
     clock: Annotated[str, one_of(*CLOCKS)] = "wall"
-    """Time that the budget in seconds counts: wall, or processor (CPU time of this run on all
-    cores, which depends less on other programs)."""
+    """Clock of the budget in seconds: wall, or processor (processor time of this run on all cores,
+    which depends less on other programs)."""
     frames: int | None = None
-    """Budget of environment steps, summed over games and learning agents. With it, a resumed run
-    gives bit for bit the results of an uninterrupted one."""
+    """Budget of environment steps, summed over games and learning agents. With this budget, resumed
+    and uninterrupted runs have bitwise equal results."""
     seed: Annotated[int, SEED] = 0
     """Seed of the games, the networks, the exploration and the opponents."""
     device: str = "cpu"
@@ -84,10 +84,9 @@ class RunSettings(Settings):
         check(frames is None or frames < 2**63, f"frames={frames}; must be below 2**63")
         check(
             re.fullmatch("cpu|cuda(:(0|[1-9][0-9]?))?", device) is not None,
-            f"unknown device {device!r}; cpu, cuda, or one GPU of several: cuda:0, cuda:1, ...",
+            f"unknown device {device!r}; give cpu, cuda, or one GPU of several: cuda:0, cuda:1 ...",
         )
         check(
             self.clock == "wall" or device == "cpu",
-            f"clock={self.clock!r} with device={device!r}; GPU time is not measured: use "
-            "clock='wall'",
+            f"clock={self.clock!r} does not measure device={device!r}; use clock='wall'",
         )

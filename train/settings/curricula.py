@@ -71,7 +71,7 @@ class CurriculumSettings(Settings):
 
 @dataclass(frozen=True)
 class AxisSettings(CurriculumSettings):
-    """Range of the task parameter that a curriculum varies."""
+    """The range of the task parameter that a curriculum varies."""
 
     easiest: float | None = None
     """Value at the beginning. None: epsilon 1; a radius or distance of 3 (0 around fixed goals);
@@ -90,7 +90,7 @@ SolvedWithin = Annotated[
     float,
     rule(
         lambda value: value == 0 or 1 <= value < inf,
-        "0, or a finite number from 1 (the optimum) on",
+        "give 0, or a finite number of at least 1 (the optimum)",
     ),
 ]
 
@@ -99,12 +99,12 @@ def check_unit(name: str, value: float, unit: str) -> None:
     """ValueError for a value that cannot be in this unit: 500 budgets, or half a frame."""
     check(
         unit != "share" or value <= 1.0,
-        f"{name}={value:g} shares of the budget is never reached; give at most 1, or set "
+        f"{name}={value:g} is more than the budget (schedule_unit=share); give at most 1, or set "
         "schedule_unit to frames, episodes or seconds",
     )
     check(
         unit not in ("frames", "episodes") or value == 0 or value >= 1.0,
-        f"{name}={value:g} {unit} ends at once; give a number of {unit}, or schedule_unit=share",
+        f"{name}={value:g} {unit} is less than 1; give a number of {unit}, or schedule_unit=share",
     )
 
 
@@ -174,7 +174,7 @@ class StagedSettings(AxisSettings):
 
 @dataclass(frozen=True)
 class UniformSettings(StagedSettings):
-    """A control: every game draws from all stages, during the whole run."""
+    """A control: stages are drawn uniformly during the whole run."""
 
 
 @dataclass(frozen=True)
@@ -208,7 +208,7 @@ class SuccessGatedSettings(StagedSettings):
     promote_at: Share = 0.9
     """Success rate that promotes to the next stage."""
     demote_at: Share = 0.0
-    """Success rate below which the previous stage returns; 0 disables it."""
+    """Success rate below which games return to the previous stage; 0 disables it."""
     window: Annotated[int, at_least(1)] = 1024
     """Number of latest episodes of which the success rate is computed."""
     solved_within: SolvedWithin = 0.0
@@ -282,9 +282,9 @@ class MazeReplaySettings(CurriculumSettings):
     staleness: Share = 0.1
     """Weight of mazes that were not scored recently."""
     judged: Annotated[int, at_least(1)] = 8
-    """Number of mazes scored at a time, exactly and without playing."""
+    """Number of mazes in each exact scoring."""
     judge_every: Annotated[int, at_least(1)] = 25_000
-    """Frames between two times of scoring."""
+    """Frames between two scorings."""
 
 
 @dataclass(frozen=True)

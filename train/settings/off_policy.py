@@ -69,7 +69,7 @@ class DQNSettings(ReplaySettings):
     exploration_share: Share = 0.3
     """Fraction of the budget over which epsilon is annealed."""
     exploration_frames: Annotated[
-        int | None, rule(lambda value: value >= 1, "at least 1, or leave it out")
+        int | None, rule(lambda value: value >= 1, "give at least 1, or leave it out")
     ] = None
     """Frames over which epsilon is annealed, instead of exploration_share."""
     double: bool = True

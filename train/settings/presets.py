@@ -56,18 +56,18 @@ class TaskProfile:
 
     @property
     def many_goals(self) -> float:
-        """How many goals there are: 0 up to 3, 1 from 8 on."""
+        """Position of the number of goals between 3 (0) and 8 (1)."""
         return on_the_way(self.goals, 3, 8)
 
     @property
     def far_evader(self) -> float:
-        """How rarely a chaser meets an evader by chance: 0 up to 25 cells, 1 from 49 on."""
+        """Position of a chaser's maze size between 25 cells (0) and 49 (1)."""
         far = self.random_start and self.role == "chaser"
         return on_the_way(self.cells, 25, 49) if far else 0.0
 
     @property
     def far_goals(self) -> float:
-        """How rarely a runner finds goals by chance: 0 up to 25 cells, 1 from 81 on."""
+        """Position of a runner's maze size between 25 cells (0) and 81 (1)."""
         far = self.random_start and self.role == "runner"
         return on_the_way(self.cells, 25, 81) if far else 0.0
 
@@ -98,7 +98,7 @@ def towards(near: Any, far: Any, share: float, discount: bool) -> Any:
     return round(found / 256) * 256 if isinstance(near, int) else found
 
 
-# The thesis' tables of settings; what a table does not list is RLlib's default of 2020.
+# The settings of the thesis. Settings that its tables do not list are RLlib's defaults of 2020.
 
 # Table A.5. RLlib collected 4000 frames with few environments; 20 games × 200 steps are that many.
 _PPO = PPOSettings(
@@ -144,9 +144,9 @@ _CONTINUOUS: dict[str, Any] = {
 
 THESIS: dict[str, Hyperparameters] = {
     "thesis-ppo": _PPO,
-    # Table A.3, with "use critic: False" applied literally: nothing is subtracted from the returns.
-    # RLlib's PPO of 2020 first ignored that option while generalised advantages, its default, were
-    # on, and later refused the combination. Which version the thesis used is unknown.
+    # Table A.3, with "use critic: False": no baseline is subtracted from the returns. RLlib's PPO
+    # of 2020 first ignored that option with generalised advantages, its default, and later refused
+    # the combination. The version that the thesis used is unknown.
     "thesis-reacher-ppo": replace(_PPO, critic=False, kl_target=0.005, clip=0.3, width=512),
     # Table A.6 (no critic, no generalised advantages). RLlib's batch of 200 frames in fragments of
     # 20: 10 games × 20 steps. It did not standardise advantages.
@@ -218,7 +218,7 @@ def preset_algorithm(preset: str) -> str | None:
     Raises:
         ValueError: an unknown preset.
     """
-    check(preset in PRESETS, f"unknown preset {preset!r}; one of {', '.join(PRESETS)}")
+    check(preset in PRESETS, f"unknown preset {preset!r}; give one of {', '.join(PRESETS)}")
     return None if preset == TUNED else preset.removeprefix("thesis-").removeprefix("reacher-")
 
 
@@ -236,7 +236,7 @@ def hyperparameters(
     owner = preset_algorithm(preset)
     check(
         owner in (None, algorithm),
-        f"preset={preset!r} is for algorithm {owner!r}, not {algorithm!r}",
+        f"preset={preset!r} is for algorithm {owner!r}, not {algorithm!r}; leave one of them out",
     )
     hyper = tuned(algorithm, setting) if owner is None else THESIS[preset]
     if own_gamma and isinstance(hyper, ActorCriticSettings):
@@ -246,8 +246,7 @@ def hyperparameters(
 
 _BOTH_GRADIENTS = (A2CSettings, ReinforceSettings)
 TUNED_SETTINGS: tuple[tuple[Any, Callable[[TaskProfile], float], dict[str, Any]], ...] = (
-    # With random opponents, averages over visits are needed instead of the last outcome. With a
-    # reward at every step, a discount keeps the values bounded.
+    # Random opponents need averages over visits. A discount bounds values of rewards per step.
     (QLearningSettings, lambda s: s.task != "maze", {"learning_rate_power": 0.7}),
     (QLearningSettings, lambda s: s.task != "maze" and s.role == "evader", {"gamma": 0.95}),
     (DQNSettings, lambda s: s.role == "runner", {"gamma": 0.98}),
@@ -300,20 +299,19 @@ def tuned(algorithm: str, setting: TaskProfile) -> Hyperparameters:
     The defaults were tuned on maze 5x5 with 3 goals. In larger mazes rewards are farther away, so
     that exploration is longer. See `curriculum_for` for the curriculum.
 
-    Runners are evaluated by the length of the tour, and the tour that is optimal for discounted
-    rewards is longer: on 5x5 with 3 goals by 0.49 % at discount 0.95, and 0 at 0.99; with 8 goals
-    by 0.35 % at 0.99. PPO and DQN learn with 0.99. REINFORCE does not learn with 0.99 from the
-    start, and one run of A2C in three then stayed at long tours: both anneal the discount from 0.95
-    to 0.99. PPO anneals it from 0.99 to 0.997 where there are many goals. In races and heists
-    discounts are constant.
+    Runners are evaluated by tour length, but the optimal tour for discounted rewards is longer: on
+    5x5 with 3 goals by 0.49 % at discount 0.95 and 0 at 0.99, with 8 goals by 0.35 % at 0.99. PPO
+    and DQN learn with 0.99. REINFORCE does not learn with 0.99 from the start, and a third of the
+    runs of A2C end with long tours. So both anneal the discount from 0.95 to 0.99. PPO anneals it
+    from 0.99 to 0.997 with many goals. Discounts are constant in races and heists.
 
-    PPO standardises advantages, and needs an entropy bonus of 0.1 and four times the usual weight
-    of the value loss: runners then end at half the gap, chasers at a fifth. With eight goals such a
-    weight left some runs at long tours.
+    PPO standardises advantages. With an entropy bonus of 0.1 and a value loss of four times the
+    usual weight, the final gap of runners is half as large, that of chasers a fifth. With eight
+    goals some runs with this weight end with long tours.
 
-    A2C's advantages have a standard deviation of about 0.2 in a maze at first, and 0.07 later.
-    Scaling it to 1 makes the entropy bonus 5 to 15 times weaker in comparison: some policies then
-    became deterministic before they solved anything.
+    The standard deviation of A2C's advantages in a maze is 0.2 at first and 0.07 later. Scaling it
+    to 1 would make the entropy bonus 5 to 15 times weaker: some policies became deterministic
+    before they solved any episode.
     """
     hyper = hyperparameter_form(algorithm)()
     if algorithm not in HYPERPARAMETERS:  # user-defined: its defaults are used
@@ -338,10 +336,10 @@ def tuned(algorithm: str, setting: TaskProfile) -> Hyperparameters:
 def tuned_for_arms(hyper: ActorCriticSettings, joints: int) -> ActorCriticSettings:
     """Tuned hyperparameters of actor-critic algorithms on an arm, with separate networks.
 
-    The returns are far larger than in mazes, so the value loss would dominate shared hidden layers.
-    PPO starts with a wide distribution and an annealed entropy bonus: with 2 joints and one minute
-    (seeds other than those of the tables) it ended 10.5 % above the least steps, and 16.2 % with a
-    narrower distribution, no bonus and a discount of 0.9.
+    Returns are far larger than in mazes, so the value loss would dominate shared hidden layers. PPO
+    starts with a wide distribution and an annealed entropy bonus. After one minute with 2 joints it
+    was 10.5 % above the minimum steps, and 16.2 % with a narrower distribution, no bonus and a
+    discount of 0.9.
     """
     hyper = replace(hyper, shared=False, width=64)
     if not isinstance(hyper, PPOSettings):
@@ -355,8 +353,8 @@ def curriculum_for(
 ) -> tuple[str, CurriculumSettings]:
     """The named curriculum and its settings, or the curriculum of the preset.
 
-    In mazes too large to find the goal or the evader by chance, the tuned one starts episodes near
-    their end.
+    In large mazes random actions rarely reach goals or evaders, so the curriculum of the preset
+    starts episodes near their end.
 
     Raises:
         ValueError: an unknown curriculum.

@@ -45,7 +45,7 @@ def check_names(given: Iterable[str], known: Iterable[str], where: str = "") -> 
         check(
             name in names,
             f"unknown setting {name!r}{where}"
-            + (f"; did you mean {close[0]!r}?" if close else f"; one of {', '.join(names)}"),
+            + (f"; did you mean {close[0]!r}?" if close else f"; give one of {', '.join(names)}"),
         )
 
 
@@ -64,7 +64,7 @@ def typed(form: type[Any], given: Mapping[str, Any]) -> dict[str, Any]:
                 value = msgspec.convert(value, hint)
             except (msgspec.ValidationError, OverflowError):
                 word = next(word for kind, word in TYPES.items() if kind in str(hint))
-                raise ValueError(f"{name}={shortened(value)}; {word} is needed") from None
+                raise ValueError(f"{name}={shortened(value)}; give {word}") from None
         found[name] = value
     return found
 
@@ -76,7 +76,7 @@ def shortened(value: Any) -> str:
 
 
 def picked(form: type[Form], given: Mapping[str, Any], default: Mapping[str, Any]) -> Form:
-    """A `form` of those of `given` that are its fields, over `default`; ValueError as `typed`."""
+    """A `form` with `default` values, overridden by `given`; ValueError as `typed`."""
     return form(**{**default, **typed(form, given)})
 
 
@@ -91,7 +91,7 @@ def whole(form: type[Any], given: Any, name: str = "") -> dict[str, Any]:
     Raises:
         ValueError: not a table, a missing or unknown setting, or a value of another type.
     """
-    check(isinstance(given, Mapping), f"{name}={shortened(given)}; a table is needed")
+    check(isinstance(given, Mapping), f"{name}={shortened(given)}; give a table")
     names = names_of(form)
     own = {key: value for key, value in given.items() if name or key not in INNER}
     missing = next((known for known in names if known not in own), None)

@@ -33,20 +33,20 @@ def check_two_processes(settings: TrainSettings[Any]) -> None:
         ("algorithm", settings.algorithm, settings.algorithm == "ppo", "use ppo"),
         ("device", settings.device, settings.device == "cpu", "use cpu"),
         ("clock", settings.clock, settings.clock == "wall", "use wall"),
-        ("threads", settings.threads, settings.threads <= 1, "one each: leave threads out"),
+        ("threads", settings.threads, settings.threads <= 1, "leave it out (one thread each)"),
         ("recurrent", hyper.recurrent, hyper.recurrent is None, "leave it out"),
         (
             "curriculum",
             settings.curriculum,
             alike,
-            "it depends on the episodes of one process: use a scheduled one with another unit than "
-            "episodes",
+            "use a scheduled one in frames, seconds or shares, as others depend on the episodes of "
+            "one process",
         ),
     ]
     for name in SHARED_OUT:
         value = getattr(hyper, name, 0)
         fits = value % 2 == 0 and value >= 4
-        found.append((name, value, fits, "each has half of it: use an even number from 4 on"))
+        found.append((name, value, fits, "use an even number of at least 4"))
     for name, value, fits, instead in found:
         check(fits, f"{name}={value!r} with processes=2; {instead}, or use processes=1")
 
@@ -94,11 +94,12 @@ class TrainSettings(RunSettings, Generic[S]):
         check(
             self.network != "planning" or (planned and self.device == "cpu"),
             f"network='planning' with observation={self.observation!r} on device={self.device!r}; "
-            "it plans in planes or window:R, on the cpu",
+            "use planes or window:R, on the cpu",
         )
         check(
             type(self.lessons) is curriculum_form(self.curriculum),
-            f"curriculum={self.curriculum!r} with settings of {type(self.lessons).__name__}",
+            f"curriculum={self.curriculum!r} with {type(self.lessons).__name__}; give "
+            f"{curriculum_form(self.curriculum).__name__}",
         )
         if self.processes == 2:
             check_two_processes(self)

@@ -83,45 +83,50 @@ class SelfPlaySettings(RunSettings):
         super().__post_init__()
         check(
             self.task.role == "auto",
-            f"role={self.task.role!r}; both roles learn in self-play: fix one by chaser or evader",
+            f"role={self.task.role!r}, but both roles learn in self-play; leave role out, and give "
+            "the fixed policy of one as chaser or evader",
         )
-        check(self.task.opponent is None, "opponent is for `pursuit train`; use chaser or evader")
+        check(
+            self.task.opponent is None,
+            f"opponent={self.task.opponent!r} is for `pursuit train`; use chaser or evader",
+        )
         check(
             self.sampling != "window" or self.window <= self.pool_size,
             f"window={self.window} is more than pool_size={self.pool_size}; raise pool_size",
         )
         check(
             self.sampling != "double-oracle" or self.snapshots <= self.pool_size,
-            f"snapshots={self.snapshots} is more than pool_size={self.pool_size}, and "
-            "double-oracle keeps all: raise pool_size, or take fewer snapshots",
+            f"snapshots={self.snapshots} is more than pool_size={self.pool_size}, but "
+            "double-oracle keeps all; raise pool_size, or take fewer snapshots",
         )
         check(bool(self.learning), "chaser and evader are both fixed; set one of them to learn")
         for name in self.members:
             check(
                 name in AGENTS or is_custom_policy(name),
-                f"unknown member {name!r}; one of {', '.join(AGENTS)}, or package.module:Name",
+                f"unknown member {name!r}; give one of {', '.join(AGENTS)}, or package.module:Name",
             )
-            check(self.members.count(name) == 1, f"member {name!r} is listed twice")
+            check(self.members.count(name) == 1, f"member {name!r} is given twice; give it once")
         for role in ROLES:
             check(
                 getattr(self, f"{role}_hyper") is None or role in self.other_learners,
-                f"{role}_hyper is for algorithms other than ppo, and the {role}s do not learn with "
-                f"one; leave it out, or set {role}_algorithm",
+                f"{role}_hyper is for algorithms other than ppo; leave it out, or set "
+                f"{role}_algorithm to one that the {role}s learn with",
             )
         discounts = {}
         for prefix, hyper in self._hypers().items():
-            check(hyper is not None, "hyper=None, but a role learns with PPO; leave it out")
+            check(hyper is not None, "hyper=None, but a role learns with ppo; leave hyper out")
             last = "gamma" if getattr(hyper, "gamma_end", None) is None else "gamma_end"
             discounts[f"{prefix}{last}"] = hyper.last_gamma
         for name, discount in discounts.items():
             check(
                 0.0 < discount < 1.0,
-                f"{name}={discount} is outside (0, 1); it is also the discount of the exact game",
+                f"{name}={discount} is outside (0, 1); give one inside, as it is also the discount "
+                "of the exact game",
             )
         check(
             len(set(discounts.values())) == 1,
-            f"{', '.join(f'{name}={value}' for name, value in discounts.items())}; both roles "
-            "learn in the same discounted game: give them the same discount",
+            f"{', '.join(f'{name}={value}' for name, value in discounts.items())}; give both roles "
+            "the same discount, as they learn in the same game",
         )
 
     @property

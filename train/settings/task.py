@@ -26,8 +26,8 @@ Steps = Annotated[
     int,
     rule(
         lambda value: value <= MOST_STEPS,
-        f"must be at most {MOST_STEPS}: evaluations play every episode to its end, and agents that "
-        "are never caught reach the limit; take fewer",
+        f"give at most {MOST_STEPS}, as evaluations play every episode to this limit if no agent "
+        "is caught",
     ),
 ]
 
@@ -188,12 +188,12 @@ AnyTask = TaskSettings | ReacherSettings
 
 
 def in_maze(task: AnyTask, what: str) -> TaskSettings:
-    """`task`, if it is a game in mazes; otherwise ValueError with `what` as its beginning."""
+    """`task` if it is a game in mazes, otherwise ValueError; `what` starts the message."""
     if isinstance(task, ReacherSettings):
-        raise ValueError(f"{what}: needs a game in mazes, not task {task.task!r}")
+        raise ValueError(f"{what}: not for task {task.task!r}; use a game in mazes")
     return task
 
 
 def task_form(name: Any) -> type[AnyTask]:
-    """The settings class of a task; that of mazes for an unknown name, which it then refuses."""
+    """The settings class of a task; `TaskSettings` for an unknown name, which it refuses."""
     return ReacherSettings if name == REACHER else TaskSettings

@@ -21,7 +21,7 @@ from pursuit.replays.viewer.page import json_for_html, page
 from scripted_agents import AStarChaser, AStarEvader, action_values
 from train.commands.main import main
 from train.evaluation.recordings import sides_of
-from train.reports.pages import PLAYER_ROOM, page_of, write_page
+from train.reports.pages import PLAYER_ELEMENT, page_of, write_page
 from train.runs.parts import contest_of
 from train.settings.task import TaskSettings
 
@@ -158,7 +158,7 @@ def test_values_and_moves_are_the_exact_ones(browser: Any, tmp_path: Path) -> No
     sides = sides_of(contest, policy)
     builder.add(recorder.stop(), Extras(sides=sides, seat="chaser_0", encoding="index"))
     path = tmp_path / "sides.html"
-    write_page(path, "sides", [PLAYER_ROOM], builder.data(""))
+    write_page(path, "sides", [PLAYER_ELEMENT], builder.data(""))
     sheet = Sheet(browser, path)
     sheet.press("v", "p", "o", "ArrowRight")
     evader = AStarEvader(0.2).action_probabilities(maze)

@@ -1,10 +1,10 @@
 """The learners that are compared: PPO of several libraries, each with its native environment API.
 
-All take the same settings dataclass, start from their library's defaults, and get the same one-hot
+All use the same settings dataclass with the defaults of their library, and the same one-hot
 observation: own cell, cells of the others, goals. All anneal the learning rate to 0 over the budget
-and have two hidden layers. Features of one library are kept: ours sums the rows of its first layer,
-shares it between policy and value, uses bfloat16 where the processor supports it, and starts large
-mazes with a curriculum.
+and have two hidden layers. Features of a library are not switched off. Ours sums the rows of its
+first layer, shares this layer between policy and value, uses bfloat16 if the processor supports
+it, and uses a curriculum in large mazes.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ OBEYED = (
     *("num_games", "rollout_steps", "minibatch_size", "epochs", "learning_rate", "gamma"),
     *("gae_lambda", "clip", "entropy_coef", "value_coef", "max_grad_norm", "width", "activation"),
 )
-"""The settings that every contestant implements: what a search may draw."""
+"""The settings that every contestant implements; a search may draw these."""
 
 
 def seat_of(world: GridWorld) -> Seat:
@@ -56,7 +56,7 @@ class Trainer(Protocol):
         """A rollout and an update; `progress` in [0, 1] is the used share of the budget."""
 
     def policy(self, greedy: bool) -> Policy:
-        """The current policy; it follows further updates."""
+        """The current policy; later updates change it."""
 
     def close(self) -> None:
         """Release resources."""
@@ -77,8 +77,7 @@ class Ours:
     def __init__(self, world: GridWorld, settings: PPOSettings, seed: int) -> None:
         prepare_torch(1, seed)
         name, lessons = curriculum_for("ppo", profile_of(world.settings))
-        # The budget is the comparison's: frames only say here that threads are not chosen by the
-        # clock.
+        # The comparison counts the budget. Frames are given so that threads are not chosen by time.
         whole = TrainSettings(
             world.settings, settings, lessons, "ppo", name, frames=10**12, seed=seed, threads=1
         )
@@ -93,7 +92,7 @@ class Ours:
         """As `Trainer`."""
         self.clock.progress = progress
         self.learner.iterate(self.clock)
-        # Returns and lengths of the training episodes are not used here.
+        # Not used here; they would accumulate.
         self.learner.env.finished_returns.clear()
         self.learner.env.finished_lengths.clear()
 

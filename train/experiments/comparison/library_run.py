@@ -37,7 +37,7 @@ class LibraryRun:
         seed: of games, weights and sampled actions.
         seconds, frames: the budget, one of the two.
         episodes: per evaluation.
-        watched: whether to evaluate throughout the budget, or only at the end.
+        watched: whether to evaluate throughout training, or only at the end.
         clock: one of `CLOCKS`, in which seconds are measured.
     """
 
@@ -61,15 +61,13 @@ def world_and_contest(task: TaskSettings, episodes: int) -> tuple[GridWorld, Gam
     world = GridWorld(task)
     contest = world.contest(episodes)
     one = isinstance(contest, GameContest)
-    check(
-        one, f"maze={task.maze!r} is several mazes; a comparison needs one, such as {task.maze}/0"
-    )
+    check(one, f"maze={task.maze!r} is several mazes; give one of them, such as {task.maze}/0")
     assert isinstance(contest, GameContest)
     optimum = contest.optimal()
     check(
         optimum is not None and contest.measure == BY_STEPS,
-        f"the {world.agent} of {task.task} in {task.maze}: a comparison needs a known optimum and "
-        "a task with short episodes as aim; use a runner with up to 15 goals, or a chaser of one "
+        f"{world.agent} of {task.task} in {task.maze}: a comparison needs a known optimum, and an "
+        "agent that minimises episode length; use a runner with up to 15 goals, or a chaser of one "
         "evader",
     )
     assert optimum is not None

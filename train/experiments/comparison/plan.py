@@ -27,7 +27,7 @@ from train.settings.task import TaskSettings
 from train.teaching.mazes import as_text
 
 FILES = Path(__file__).with_name("files")
-REMEDY = "mend that line; docs/results/libraries.md shows the form"
+REMEDY = "correct that line; docs/results/libraries.md shows the form"
 FIRST_TRIAL_SEED = 10**6
 """The first seed of trials; final runs have seeds below it."""
 PERFORM = "train.experiments.comparison.library_run:perform"
@@ -52,7 +52,7 @@ class Budgets(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
             f"seconds={self.seconds} and frames={self.frames}; give one of the two",
         )
         budget = self.seconds if self.frames is None else self.frames
-        check(budget is not None and 0 < budget < 1e9, f"a budget of {budget}; give one above 0")
+        check(budget is not None and 0 < budget < 1e9, f"budget {budget}; give one in 0..1e9")
 
 
 class Tuning(Budgets, forbid_unknown_fields=True, kw_only=True):
@@ -62,7 +62,7 @@ class Tuning(Budgets, forbid_unknown_fields=True, kw_only=True):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check(self.trials > 0, f"trials={self.trials} in [tuning]; at least 1")
+        check(self.trials > 0, f"trials={self.trials} in [tuning]; give at least 1")
 
 
 class Final(Budgets, forbid_unknown_fields=True, kw_only=True):
@@ -100,10 +100,10 @@ class Version(msgspec.Struct, forbid_unknown_fields=True):
     held_out: int | None = None
 
     def __post_init__(self) -> None:
-        check(self.episodes >= 2, f"episodes={self.episodes}; at least 2")
+        check(self.episodes >= 2, f"episodes={self.episodes}; give at least 2")
         check(
             self.held_out is None or self.held_out > 0,
-            f"held_out={self.held_out}; at least 1, or leave it out to use all",
+            f"held_out={self.held_out}; give at least 1, or leave it out to use all",
         )
 
 
@@ -246,7 +246,7 @@ def load_comparison(name: str, version: str | None = None, clock: str | None = N
             task or setting, or a held-out maze that is also the maze of a task.
         ImportError: the library of a contestant is not installed.
     """
-    check(version in (None, "short", "full"), f"unknown version {version!r}; short or full")
+    check(version in (None, "short", "full"), f"unknown version {version!r}; give short or full")
     path, content = read_file(name, FILES, "comparison")
     file = read_as(ComparisonFile, content, path, REMEDY)
     try:
@@ -266,15 +266,14 @@ def comparison_of(file: ComparisonFile, version: Version) -> Comparison:
     wanted = version.tasks or list(known)
     check_once("tasks", wanted)
     for name in wanted:
-        check(name in known, f"no task {name!r}; the file has {', '.join(known)}")
+        check(name in known, f"unknown task {name!r}; give one of {', '.join(known)}")
     tasks = tuple(compared_task(known[name], version.held_out) for name in wanted)
     for one, other in combinations(tasks, 2):
         same = f"tasks {one.name!r} and {other.name!r} are the same; leave one out"
         check(one.task != other.task, same)
     tuning = version.tuning
     for name in file.space:
-        known_to_all = f"the settings that every contestant implements are {', '.join(OBEYED)}"
-        check(name in OBEYED, f"[space] has {name!r}; {known_to_all}")
+        check(name in OBEYED, f"unknown setting {name!r} in [space]; give some of {OBEYED}")
     search = {**file.space, "samples": tuning.trials, "seed": file.search_seed}
     drawn = draw_samples(search, 10_000)
     for name in names:
@@ -294,7 +293,7 @@ def comparison_of(file: ComparisonFile, version: Version) -> Comparison:
 
 def compared_task(task: TaskEntry, most: int | None) -> ComparedTask:
     """A task with at most `most` of its held-out mazes."""
-    check("maze" in task.settings, f"task {task.name!r} has no maze in its settings")
+    check("maze" in task.settings, f"task {task.name!r} has no maze; give one in its settings")
     learned = read_as(TaskSettings, task.settings, f"task {task.name!r}", REMEDY)
     mazes = task.held_out[:most]
     check(bool(mazes), f"task {task.name!r}: held_out is empty; give mazes for the search")
@@ -302,7 +301,7 @@ def compared_task(task: TaskEntry, most: int | None) -> ComparedTask:
     for maze in mazes:
         where = f"task {task.name!r}: held-out maze {maze!r}"
         before = copies.get(copy_of(maze))
-        check(before != learned.maze, f"{where} is the maze of the comparison; take another")
+        check(before != learned.maze, f"{where} is the maze of the comparison; give another")
         same = "is given twice" if before == maze else f"is a copy of {before!r}"
         check(before is None, f"{where} {same}; give each once")
         copies[copy_of(maze)] = maze

@@ -257,7 +257,7 @@ def shown(value: float | None, scale: float, unit: str) -> str:
     return "–" if value is None else f"{value * scale:.2f}{unit}"
 
 
-# -- how it was made -------------------------------------------------------------------------------
+# -- methods ---------------------------------------------------------------------------------------
 
 
 def how(plan: Comparison, outcome: Outcome) -> list[str]:

@@ -44,7 +44,7 @@ class Result(msgspec.Struct):
     def __post_init__(self) -> None:
         check(bool(self.points), "points is an empty list")
         wanted = {"seconds", "wall_seconds", "processor_seconds", "frames", *WAYS_AND_SHARES}
-        check(all(wanted <= set(point) for point in self.points), f"points have {sorted(wanted)}")
+        check(all(wanted <= set(point) for point in self.points), f"points need {sorted(wanted)}")
 
     @property
     def score(self) -> float:
@@ -84,7 +84,7 @@ def run_comparison(plan: Comparison, out: Path, watched: Watched, workers: int =
         KeyboardInterrupt: completed runs are kept; unfinished runs restart the next time.
     """
     check(not out.is_file(), f"{out}: a file; give a folder")
-    check(workers >= 0, f"workers={workers}; at least 0")
+    check(workers >= 0, f"workers={workers}; give at least 0")
 
     def do(what: str, jobs: Mapping[Key, Call], folder: str) -> dict[Key, Result | None]:
         runs = tuple(jobs.values())

@@ -1,4 +1,4 @@
-"""The claims of a replication with their decisions, and the tables of them."""
+"""Decisions on the claims of a replication, and their tables."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from train.experiments.replication.run import changed_rules, complete_runs, fold
 
 @dataclass(frozen=True)
 class Decided:
-    """A claim with what came of it.
+    """A claim with its decisions.
 
     Attributes:
         claim: see `Claim`.
-        cells: of a claim about runs, the decision of each cell.
-        exact: of a claim that needs no runs, its verdict.
-        note: the reason where that is undecided.
-        table: what the verdict rests on as Markdown, where that is not runs.
+        cells: the decision of each cell; empty for a claim that needs no runs.
+        exact: the verdict of a claim that needs no runs.
+        note: the reason if `exact` is undecided.
+        table: the evidence for `exact`, as Markdown.
     """
 
     claim: Claim
@@ -41,13 +41,13 @@ class Decided:
 
     @property
     def verdicts(self) -> list[str]:
-        """Of every cell."""
+        """The verdict of every cell."""
         return [cell.verdict for cell in self.cells] or [self.exact]
 
 
 @dataclass(frozen=True)
 class DecidedExperiment:
-    """A study with what came of it."""
+    """A study with its decided claims and complete runs."""
 
     study: Experiment
     claims: list[Decided]
@@ -57,7 +57,7 @@ class DecidedExperiment:
 
 
 def decided(study: Experiment, plan: Replication, out: Path) -> DecidedExperiment:
-    """One study; the p of its cells are not corrected yet."""
+    """Decide the claims of one study; p are not corrected yet."""
     if study.exact:
         tables = [
             states_table() if c.rule == "states" else tours_table(plan.mazes) for c in study.claims
@@ -74,7 +74,7 @@ def decided(study: Experiment, plan: Replication, out: Path) -> DecidedExperimen
 
 
 def corrected(studies: Sequence[DecidedExperiment]) -> list[DecidedExperiment]:
-    """The same with the p of all cells of all studies corrected together."""
+    """The same studies, with the p of all cells corrected together."""
     found = iter(correct(cells_of_page(studies)))
     return [
         replace(
@@ -108,7 +108,7 @@ def claim_rows(studies: Sequence[DecidedExperiment]) -> list[dict[str, object]]:
 
 
 def cell_row(cell: Decision) -> dict[str, object]:
-    """What was decided of a cell."""
+    """The test and the verdict of a cell."""
     return {
         "cell": named(cell.groups[0].cell) if cell.groups else "",
         "supports": "" if math.isnan(cell.test.p) else cell.test.supports,
@@ -126,7 +126,7 @@ def _number(value: float) -> object:
 
 
 def value_rows(studies: Sequence[DecidedExperiment]) -> list[dict[str, object]]:
-    """A row for each run of each cell of each claim: all that the tests are made of."""
+    """A row for each run of each cell of each claim: the data of the tests."""
     return [
         {
             "study": each.study.id,

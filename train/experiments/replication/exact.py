@@ -1,4 +1,4 @@
-"""Table 3.1 of the thesis, which needs no runs: numbers against numbers."""
+"""Table 3.1 of the thesis against exact values; it needs no runs."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from train.reports.tables import Row, plain_table
 
 GOALS = 3
 STATES = {3: 855, 4: 9304, 5: 58375, 6: 258894, 7: 906255, 8: 2672480, 9: 6920559}
-"""By the maze's side, 3 goals: unique states as the thesis' table 3.1 has them."""
+"""Unique states with 3 goals in table 3.1 of the thesis, by side length of the maze."""
 TOURS = {3: 4.97, 4: 6.91, 5: 8.99, 6: 13.6, 7: 14.07, 8: 19.91, 9: 23.42}
-"""The same of the mean baselines, in steps."""
+"""Mean baselines in steps in the same table, by side length of the maze."""
 NEAR = 0.05
-"""Of the optimum: means over 1000 episodes lie within it nearly always."""
+"""Relative tolerance; means over 1000 episodes are nearly always this close to the optimum."""
 
 
 def swapped_states(num_cells: int) -> int:
     """Formula 3.2 for 3 goals with the factors of one and of two goals swapped.
 
-    The formula is the sum of C(n, i) (n - i) over i = 1, 2, 3 goals. This has n - 2 with one goal
-    and n - 1 with two.
+    The formula is the sum of C(n, i) (n - i) over i = 1, 2, 3 goals. This function uses n - 2 for
+    one goal and n - 1 for two.
     """
     return sum(comb(num_cells, i) * (num_cells - k) for i, k in ((1, 2), (2, 1), (3, 3)))
 
 
 def states_table() -> tuple[str, str, str]:
-    """Whether the table's unique states are those of formula 3.2, a note, and a table of both."""
+    """The verdict on "the table's unique states are those of formula 3.2", a note, and a table."""
     found = {side: num_states(side * side, GOALS) for side in STATES}
     rows: list[Row] = [
         {
@@ -44,11 +44,11 @@ def states_table() -> tuple[str, str, str]:
 
 
 def tours_table(mazes: Mapping[str, str]) -> tuple[str, str, str]:
-    """Whether the table's mean tours are the optimal ones of a user's mazes, a note, and a table.
+    """The verdict on "the table's mean tours are optimal", a note, and a table.
 
     Args:
-        mazes: files by their size; without any, those of ours stand in the table and decide
-            nothing.
+        mazes: maze files of the thesis by size; if empty, our mazes are tabulated and the verdict
+            is undecided.
     """
     rows: list[Row] = []
     off = []
@@ -63,5 +63,5 @@ def tours_table(mazes: Mapping[str, str]) -> tuple[str, str, str]:
         rows.append(row)
     table = plain_table(rows).markdown()
     if not mazes:
-        return UNDECIDED, "these are our mazes; give the thesis' with --mazes FOLDER", table
+        return UNDECIDED, "mazes of pursuit; give those of the thesis with --mazes FOLDER", table
     return CONFIRMED if max(map(abs, off)) <= NEAR else REFUTED, "", table

@@ -1,4 +1,4 @@
-"""What is to be reproduced: a file of studies, their claims and the rules that decide them."""
+"""Replication files: studies, their claims, and the rules that decide the claims."""
 
 from __future__ import annotations
 
@@ -26,24 +26,24 @@ from train.settings.checks import check, check_choice
 
 FILES = Path(__file__).with_name("files")
 EXACT_RULES = ("states", "tours")
-"""Of studies that need no runs."""
+"""Rules of studies that need no runs."""
 SHIPPED = "as shipped"
 FIRST_TRIAL_SEED = 10**6
-"""Of the trials: no study is run with it."""
+"""Seed of the trials; studies use other seeds."""
 BY_SIZE = re.compile(r"(\d+)x(\d+)")
 
 
 class Claim(msgspec.Struct, forbid_unknown_fields=True):
-    """One claim and how it is decided.
+    """A claim and its decision rule.
 
     Attributes:
-        text: what is claimed.
-        rule: one of `RULES`, or of `EXACT_RULES` where no runs are needed.
-        of: the cells that it is about: columns of the table of runs and their values, or lists.
-        than: the cells that they are compared with, by seed.
-        to, percent: a reference of `TO`, and how much worse than it counts as reaching it.
-        part: of a gap, one of `PARTS`; `percent` is its share then.
-        cause: our reading, by the verdict that it explains.
+        text: the claim.
+        rule: one of `RULES`, or of `EXACT_RULES` if no runs are needed.
+        of: the cells of the claim: columns of the table of runs with a value or a list of values.
+        than: the cells that they are compared with.
+        to, percent: a reference of `TO`, and the tolerance around it in per cent.
+        part: a part of the gap, one of `PARTS`; `percent` is its share then.
+        cause: our interpretation, by verdict.
     """
 
     text: str
@@ -61,22 +61,23 @@ class Claim(msgspec.Struct, forbid_unknown_fields=True):
         check_choice("part", self.part, PARTS)
         check(
             (self.rule in ("lower", "higher")) == bool(self.than),
-            f"rule={self.rule!r} and than={self.than}; lower and higher need others, the rest none",
+            f"rule={self.rule!r} and than={self.than}; give than for lower and higher only",
         )
 
 
 class Experiment(msgspec.Struct, forbid_unknown_fields=True):
-    """A figure or table: its claims, and the experiment that decides them.
+    """[[studies]]: a figure or table, its claims, and the experiment that decides them.
 
     Attributes:
-        id: on the command line.
-        title: what it is about.
-        thesis, differs: under which conditions it was claimed, and what is different here.
+        id: its name on the command line.
+        title: of its section in the report.
+        thesis, differs: the conditions in the thesis, and the differences here.
         claims: see `Claim`.
-        sweep, ablation: the name of the shipped file whose runs it needs; or neither and `exact`.
-        tuned: whether every algorithm plays with the settings that the search found for it.
-        versions: that it is part of.
-        least_frames: of a run, for it to say anything.
+        sweep, ablation: the name of a shipped file with the runs; neither if `exact`.
+        exact: whether the claims need no runs.
+        tuned: whether every algorithm uses the settings found by the search.
+        versions: the versions that include this study.
+        least_frames: a cell with a shorter run is not tested.
     """
 
     id: str
@@ -94,29 +95,29 @@ class Experiment(msgspec.Struct, forbid_unknown_fields=True):
     def __post_init__(self) -> None:
         given = [bool(self.sweep), bool(self.ablation), self.exact]
         check(sum(given) == 1, f"study {self.id!r}: give one of sweep, ablation and exact")
-        check(bool(self.claims), f"study {self.id!r}: it has no claims; give [[studies.claims]]")
+        check(bool(self.claims), f"study {self.id!r}: no claims; give [[studies.claims]]")
         for claim in self.claims:
             check(
                 (claim.rule in EXACT_RULES) == self.exact,
-                f"study {self.id!r}: rule {claim.rule!r}; {' and '.join(EXACT_RULES)} are for "
-                "studies with exact = true, the others for those with runs",
+                f"study {self.id!r}: rule {claim.rule!r}; give {' or '.join(EXACT_RULES)} exactly "
+                "if exact = true",
             )
 
 
 class Trials(msgspec.Struct, forbid_unknown_fields=True):
-    """[tuning.short] or [tuning.full]: how many settings of each algorithm, and how long each."""
+    """[tuning.short] or [tuning.full]: trials per algorithm, and seconds per trial."""
 
     samples: int
     seconds: float
 
 
 class Tuning(msgspec.Struct, forbid_unknown_fields=True):
-    """[tuning]: the search of settings, as long for every algorithm, on mazes of its own.
+    """[tuning]: the search for settings, with the same budget for every algorithm.
 
     Attributes:
-        mazes: that no study is run on.
+        mazes: of the search; studies use other mazes.
         settings: of all trials.
-        space: what is searched, by algorithm, as [search] of a sweep says it.
+        space: the searched settings by algorithm, in the form of [search] in a sweep file.
     """
 
     mazes: list[str]
@@ -127,7 +128,7 @@ class Tuning(msgspec.Struct, forbid_unknown_fields=True):
 
 
 class ReplicationFile(msgspec.Struct, forbid_unknown_fields=True):
-    """A file of studies as it is written."""
+    """The contents of a replication file."""
 
     title: str
     studies: list[Experiment]
@@ -143,16 +144,16 @@ class ReplicationFile(msgspec.Struct, forbid_unknown_fields=True):
 
 @dataclass(frozen=True)
 class Replication:
-    """A file of studies, checked, with what a user wants of it.
+    """The selected studies of a validated replication file.
 
     Attributes:
         name: of the file.
-        title: of the page.
+        title: of the report.
         version: "short" or "full".
-        studies: that are to be done, in the order of the file.
-        left_out: the ids of those that are part of the other version alone.
-        tuning: the search, where a study needs one.
-        mazes: a user's own by the names of ours that they stand for.
+        studies: the selected studies, in the order of the file.
+        left_out: the ids of studies that only the other version includes.
+        tuning: the search; None if no study needs it.
+        mazes: paths of user-defined mazes, by the names of the shipped mazes that they replace.
     """
 
     name: str
@@ -170,24 +171,24 @@ def load_replication(
     mazes: Path | None = None,
     file: str = "thesis",
 ) -> Replication:
-    """Read the file of studies and check it.
+    """Read and validate a replication file.
 
     Args:
         wanted: the ids of studies, or "all".
         version: "short" or "full".
-        mazes: a folder of maze files that stand for ours of the same size.
-        file: of the studies: a path, or the name of a shipped one.
+        mazes: a folder of maze files that replace the shipped mazes of the same size.
+        file: a path, or the name of a shipped file.
 
     Raises:
-        ValueError: no such file, study or version, a study that the version has not, or no maze
-            or several of a size in the folder.
+        ValueError: unknown file, study or version, a study that the version does not include, or a
+            folder without mazes or with several of one size.
     """
     path, content = read_file(file, FILES, "replication")
     found = read_as(ReplicationFile, content, path, REMEDY)
     check_choice("version", version, VERSIONS)
     ids = [study.id for study in found.studies]
     for name in set(wanted) - {"all"}:
-        check(name in ids, f"unknown study {name!r}; all, or some of {', '.join(ids)}")
+        check(name in ids, f"unknown study {name!r}; give all, or some of {', '.join(ids)}")
     chosen = [s for s in found.studies if ("all" in wanted or s.id in wanted)]
     for study in chosen if "all" not in wanted else ():
         check(
@@ -203,12 +204,10 @@ def load_replication(
 
 
 def mazes_by_size(folder: Path) -> dict[str, str]:
-    """The maze files of a folder by the names of ours of the same size: "5x5" and so on.
-
-    Files that are no mazes are left out.
+    """The maze files of a folder by size, such as "5x5"; other files are ignored.
 
     Raises:
-        ValueError: no folder, no maze in it, or two of a size.
+        ValueError: no folder, no maze in it, or two of one size.
     """
     check(folder.is_dir(), f"{folder}: no such folder; give one with maze files")
     found: dict[str, str] = {}
@@ -222,10 +221,10 @@ def mazes_by_size(folder: Path) -> dict[str, str]:
         name = f"{maze.height}x{maze.width}"
         check(
             name not in found,
-            f"{folder}: {found.get(name)} and {path} are both {name}; leave one of each size there",
+            f"{folder}: {found.get(name)} and {path} are both {name}; keep one of each size",
         )
         found[name] = str(path.resolve())
-    check(bool(found), f"{folder}: no maze file in it")
+    check(bool(found), f"{folder}: contains no maze file; give a folder with maze files")
     return found
 
 
@@ -233,9 +232,9 @@ def mazes_by_size(folder: Path) -> dict[str, str]:
 
 
 def tuning_sweep(plan: Replication) -> Study:
-    """The trials: as shipped, and drawn settings, for every algorithm."""
+    """The trials: shipped settings and random samples, for every algorithm."""
     tuning = plan.tuning
-    assert tuning is not None  # only tuned studies ask for it, and they need one
+    assert tuning is not None  # a file with tuned studies has [tuning]
     trials: Trials = getattr(tuning, plan.version)
     variants = []
     for algorithm, space in tuning.space.items():
@@ -248,7 +247,7 @@ def tuning_sweep(plan: Replication) -> Study:
         ]
     return multiply_out(
         SweepFile(
-            title="Settings for everybody, found with as many trials on other mazes",
+            title="Search for the settings of each algorithm, on other mazes",
             settings={**tuning.settings, "seconds": trials.seconds},
             grid={"maze": tuning.mazes},
             variants=variants,
@@ -263,11 +262,11 @@ def sweep_of(study: Experiment, plan: Replication, tuned: Mapping[str, Table]) -
 
     Args:
         study: with a sweep or an ablation.
-        plan: that it is part of.
-        tuned: the settings that were found for every algorithm.
+        plan: of the study.
+        tuned: the settings found by the search, by algorithm.
 
     Raises:
-        ValueError: runs that cannot be, or a claim about runs that there are not.
+        ValueError: an invalid sweep, or a claim about runs that the sweep does not have.
     """
 
     def change(file: SweepFile) -> SweepFile:
@@ -281,7 +280,12 @@ def sweep_of(study: Experiment, plan: Replication, tuned: Mapping[str, Table]) -
 
 
 def check_cells(study: Experiment, sweep: Study, names: Mapping[str, str]) -> None:
-    """ValueError for a claim about runs that the sweep has not; `names` of mazes by their files."""
+    """ValueError for a claim about runs that the sweep does not have.
+
+    Args:
+        study, sweep: with the claims, and with the runs.
+        names: of mazes by path.
+    """
     rows = []
     for run in sweep.runs:
         row = {**flat_settings(run.settings), **run.given, **run.label}
@@ -290,13 +294,13 @@ def check_cells(study: Experiment, sweep: Study, names: Mapping[str, str]) -> No
         for cell in [cell for table in (claim.of, *claim.than) for cell in cells_of(table)]:
             check(
                 any(all(row.get(n) == value for n, value in cell.items()) for row in rows),
-                f"study {study.id!r}: the claim {claim.text!r} is about {cell}, and no run of "
-                f"{study.sweep or study.ablation} is; mend the claim or the experiment",
+                f"study {study.id!r}: the claim {claim.text!r} is about {cell}, but "
+                f"{study.sweep or study.ablation} has no such run; correct the claim or the file",
             )
 
 
 def with_mazes(file: SweepFile, mazes: Mapping[str, str]) -> SweepFile:
-    """The same on a user's mazes, wherever it names one of ours that is there by its size."""
+    """The same sweep file with user-defined mazes in place of shipped ones."""
 
     def other(table: Table | None) -> Table | None:
         if table is None or "maze" not in table:
@@ -307,7 +311,7 @@ def with_mazes(file: SweepFile, mazes: Mapping[str, str]) -> SweepFile:
             lacking = [n for n in names if BY_SIZE.fullmatch(n) and n not in mazes]
             check(
                 not lacking,
-                f"--mazes has no maze of {', '.join(lacking)}; it has {', '.join(mazes)}",
+                f"--mazes has {', '.join(mazes)}, but not {', '.join(lacking)}; add these sizes",
             )
         found = [mazes.get(name, name) for name in names]
         return {**table, "maze": found if isinstance(given, list) else found[0]}
@@ -316,7 +320,7 @@ def with_mazes(file: SweepFile, mazes: Mapping[str, str]) -> SweepFile:
 
 
 def with_settings(file: SweepFile, tuned: Mapping[str, Table]) -> SweepFile:
-    """The same with the settings that were found, instead of [grid] algorithm."""
+    """The same sweep file with the settings found by the search, instead of [grid] algorithm."""
     grid, settings = dict(file.grid or {}), dict(file.settings or {})
     names = grid.pop("algorithm", None) or [settings.pop("algorithm", None)]
     variants = [{"name": name, "algorithm": name, **tuned.get(str(name), {})} for name in names]

@@ -1,4 +1,4 @@
-"""The replication report: claim, conditions, rule, verdict, evidence and cause, on one page."""
+"""The report of a replication: claims with conditions, rule, verdict, evidence and cause."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ from train.reports.tables import Column, ResultTable, Row, in_markdown, plain_ta
 
 PAGE = "replication.md"
 PICTURES = ("final.png", "learning_curves.png")
-"""Of a study's report, the first that there is."""
+"""Figures of a study's report; the first one that exists is shown."""
 PART_WORDS = {"floor": "objective gap", "learning": "not learned", "loops": "loops"}
 SIDES = {True: "for", False: "against"}
 HOW = f"""## How claims are decided
@@ -56,9 +56,8 @@ two-sided permutation test (of Mann and Whitney's U; runs are permuted within a 
 several rivals is confirmed by the largest of their p, and refuted by the smallest, times their
 number. A claim about a threshold is decided by the sign test: whether more than half of all runs
 meet it. All p are corrected together by Holm's method. **Confirmed** and **refuted** mean a
-corrected p below {LEVEL:g}; otherwise a cell is **undecided**, which does not mean that there is no
-effect. Intervals are Student's, and Welch's of a difference; they cover 95 % each and are not
-corrected."""
+corrected p below {LEVEL:g}. Otherwise a cell is **undecided**, which does not mean that there is no
+effect. 95 % intervals are Student's for means and Welch's for differences, and not corrected."""
 REFERENCES = {
     "optimal": "the optimum",
     "scripted": "the scripted reference",
@@ -67,11 +66,11 @@ REFERENCES = {
 
 
 def write_replication(plan: Replication, out: Path) -> Path:
-    """Decide every claim by the runs that are complete, and write the page.
+    """Decide every claim with the complete runs, and write the report.
 
     Returns:
-        `report/replication.md` in `out`; beside it `replication.html`, `claims.csv` (a row for each
-        cell of a claim), `values.csv` (a row for each of its runs) and a figure for each study.
+        The path of `report/replication.md` in `out`. Also written: `replication.html`, `claims.csv`
+        (a row per cell of a claim), `values.csv` (a row per run) and a figure per study.
     """
     folder = out / "report"
     folder.mkdir(parents=True, exist_ok=True)
@@ -86,39 +85,39 @@ def write_replication(plan: Replication, out: Path) -> Path:
 
 
 def is_folder_of(plan: Replication, out: Path) -> bool:
-    """Whether `out` was begun for these claims, and has no page of others."""
+    """Whether `out` is the folder of this replication, or of one with the same title."""
     page = out / "report" / PAGE
     own = not page.exists() or begins_with(page, f"# {in_markdown(plan.title)}\n")
     return own and (out / RULES_KEPT).exists()
 
 
-# -- words -----------------------------------------------------------------------------------------
+# -- text ------------------------------------------------------------------------------------------
 
 
 def rule_words(claim: Claim) -> str:
-    """What is tested, in a sentence."""
+    """The decision rule of a claim, as text."""
     others = " and of ".join(named(other) for other in claim.than)
     reference = f"{claim.percent:g} % worse than {REFERENCES[claim.to]}"
-    stuck = "more than half of the starts stay unsolved and nothing falls in the last third of it"
-    part = f"{claim.percent:g} % of the gap is {PART_WORDS[claim.part]}"
+    stuck = "most starts are unsolved and episode lengths do not fall in its last third"
+    part = f"{claim.percent:g} % of the gap in the part: {PART_WORDS[claim.part]}"
     more = "The claim holds if more than half of all runs"
     nearer = "The claim holds if the distance to the optimum"
     return {
-        "diverges": f"{more} diverge. A run diverges where {stuck}.",
-        "learns": f"{more} learn. A run does not learn where {stuck}.",
+        "diverges": f"{more} diverge. A run diverges if {stuck}.",
+        "learns": f"{more} learn. A run does not learn if {stuck}.",
         "lower": f"{nearer} is smaller than that of {others}.",
         "higher": f"{nearer} is larger than that of {others}.",
         "within": f"{more} end no more than {reference}.",
         "beyond": f"{more} end more than {reference}.",
-        "part_above": f"{more} end so that at least {part}.",
-        "part_below": f"{more} end so that less than {part}.",
-        "states": "Confirmed where all numbers are the same.",
-        "tours": "Confirmed where all lie within 5 % (the table's are means over 1000 episodes).",
+        "part_above": f"{more} end with at least {part}.",
+        "part_below": f"{more} end with less than {part}.",
+        "states": "Confirmed if all numbers are equal.",
+        "tours": "Confirmed if all differ by at most 5 %, as the table has means of 1000 episodes.",
     }[claim.rule]
 
 
 def evidence(claim: Claim, cells: Sequence[Decision]) -> str:
-    """The table of what the verdicts rest on: a row for each setting of each cell."""
+    """The table of evidence: a row for each setting of each cell."""
     runs = [run for cell in cells for group in cell.groups for run in group.runs]
     if not runs:
         return ""
@@ -163,21 +162,21 @@ def bounded(value: float, interval: tuple[float, float]) -> str:
 
 
 def p_words(p: Any) -> str:
-    """A p with two digits; empty where nothing was tested."""
+    """A p with two digits; empty without a test."""
     if p == "":
         return ""
     return f"{p:.2g}" if p >= 0.001 else "below 0.001"
 
 
 def figure(value: float) -> str:
-    """A number with as many digits as matter."""
-    if abs(value) < 1e-9:  # sums in another order
+    """A number with three significant digits."""
+    if abs(value) < 1e-9:  # rounding errors of sums
         return "0"
     return f"{value:.0f}" if abs(value) >= 99.5 else f"{value:.3g}"
 
 
 def page(plan: Replication, studies: Sequence[DecidedExperiment], out: Path) -> list[str]:
-    """All of it as Markdown, a paragraph or a table each."""
+    """The paragraphs and tables of the report, as Markdown."""
     parts = [*head(plan, studies, out), "## Verdicts", *summary(studies), HOW]
     if plan.tuning is not None:
         parts += ["## Settings", *settings_part(plan, plan.tuning, out)]
@@ -187,7 +186,7 @@ def page(plan: Replication, studies: Sequence[DecidedExperiment], out: Path) -> 
 
 
 def head(plan: Replication, studies: Sequence[DecidedExperiment], out: Path) -> list[str]:
-    """What was run, where and for how long."""
+    """The number of runs, their duration and their machines."""
     runs = [run for each in studies for run in each.runs] + complete_runs(out / TUNING, {})
     planned = sum(each.planned for each in studies)
     done = sum(len(each.runs) for each in studies)
@@ -200,9 +199,9 @@ def head(plan: Replication, studies: Sequence[DecidedExperiment], out: Path) -> 
         f"The **{plan.version}** version: {done} of {planned} runs are complete, {hours:.1f} core "
         f"hours of learning, on {in_markdown(', '.join(machines) or 'no machine')} (commit "
         f"{', '.join(commits) or 'none'}), on {mazes}. Distances are those of the greedy policy to "
-        "the exact optimum. A verdict is one about our learners with these budgets. Again: "
+        "the exact optimum. Verdicts hold for these learners and budgets. Command: "
         f"`pursuit reproduce all --claims {plan.name} --version {plan.version}`.",
-        f"Part of the other version alone, and not run here: {left_out}.",
+        f"Studies that only the other version includes: {left_out}.",
     ]
 
 
@@ -220,13 +219,14 @@ def summary(studies: Sequence[DecidedExperiment]) -> list[str]:
     return [
         f"Of {cells.total()} cells of claims about runs: {text}.",
         ResultTable(claim_rows(studies), columns).markdown(),
-        "Side: whether the runs lie on that of the claim. Least p: the smallest that so many runs "
-        f"can give; cells in which it is not below {LEVEL:g} are not counted by Holm's correction.",
+        "Side: whether the runs are for or against the claim. Least p: the smallest p that is "
+        f"possible with so many runs. Cells with a least p of {LEVEL:g} or more are not counted in "
+        "Holm's correction.",
     ]
 
 
 def settings_part(plan: Replication, tuning: Tuning, out: Path) -> list[str]:
-    """What the search of settings found."""
+    """The results of the search for settings."""
     found, scores = tuned_settings(plan, out), trial_scores(plan, out)
     trials = getattr(tuning, plan.version)
     rows = []
@@ -235,10 +235,10 @@ def settings_part(plan: Replication, tuning: Tuning, out: Path) -> list[str]:
         row: Row = {"algorithm": algorithm, "settings, where not as shipped": own or SHIPPED}
         rows.append(row | {"trials complete": len(scores.get(algorithm, {}))})
     return [
-        f"For every algorithm {trials.samples} settings, {trials.seconds:g} s each on each of "
-        f"{in_markdown(', '.join(tuning.mazes))}: those shipped and draws around them; the least "
-        "mean logarithm of the gap was taken. Settings as shipped had been searched before, PPO's "
-        "for longer than the others'.",
+        f"Trials per algorithm: {trials.samples}, the shipped settings and random samples around "
+        f"them, {trials.seconds:g} s each on each of {in_markdown(', '.join(tuning.mazes))}. The "
+        "trial with the smallest mean logarithm of the gap is selected. The shipped settings were "
+        "found by an earlier search, which was longer for PPO than for the others.",
         plain_table(rows).markdown(),
     ]
 
@@ -264,7 +264,7 @@ def study_part(each: DecidedExperiment, out: Path) -> list[str]:
             found.table or evidence(claim, found.cells),
         ]
         parts += [
-            f"Our reading: {in_markdown(claim.cause[verdict])}"
+            f"Our interpretation: {in_markdown(claim.cause[verdict])}"
             for verdict in dict.fromkeys(verdicts)
             if verdict in claim.cause
         ]

@@ -21,14 +21,14 @@ from train.settings.checks import check
 
 CONFIRMED, REFUTED, UNDECIDED = "confirmed", "refuted", "undecided"
 LEVEL = 0.05
-"""The corrected p of a cell that has a verdict is below it."""
+"""A cell has a verdict if its corrected p is below this."""
 FALL = 0.01
-"""Of the time limit: what the episodes must grow shorter by in the last third to be falling."""
+"""Episode lengths fall if they decrease by more than this share of the time limit."""
 TO = {"optimal": "optimal_steps", "scripted": "scripted_steps", "limit": "max_steps"}
-"""References by the column of the table of runs that has them."""
+"""Columns of references in the table of runs."""
 
 PARTS = ("floor", "learning", "loops")
-"""Of a gap."""
+"""Parts of a gap, see `part_of`."""
 
 Cell = dict[str, Any]
 
@@ -106,7 +106,7 @@ def part_of(run: Ran, part: str) -> float:
     return 100.0 * parts[part] / gap if gap > 0.0 else 0.0
 
 
-# -- what a run shows ------------------------------------------------------------------------------
+# -- values of runs --------------------------------------------------------------------------------
 
 
 THRESHOLDS: dict[str, Callable[[Ran, Any], bool]] = {
@@ -156,7 +156,7 @@ def threshold_test(meets: Sequence[bool]) -> CellTest:
     Exact (binomial), without assumptions on the distribution, so it is robust to a few failed runs.
 
     Args:
-        meets: of each run; at least one.
+        meets: whether each run meets the rule; at least one.
     """
     count, runs = sum(meets), len(meets)
     p = float(binomtest(count, runs).pvalue)
@@ -166,15 +166,14 @@ def threshold_test(meets: Sequence[bool]) -> CellTest:
 def comparison_test(
     ours: Sequence[Sequence[float]], rivals: Sequence[Sequence[Sequence[float]]]
 ) -> CellTest:
-    """Whether ours end lower than every rival: permutation tests, runs permuted within a maze.
+    """Permutation tests of the claim that `ours` end lower than every rival.
 
-    The claim is that ours are lower than all rivals. So where they are ahead of all of them, p is
-    the largest one (an intersection-union test). Where they are not, the claim fails if they are
-    behind a single rival: p is the smallest one of those that ours are not ahead of, times the
-    number of rivals (Bonferroni).
+    Runs are permuted within a maze. If `ours` are lower than all rivals, p is the largest of the
+    tests (intersection-union test). Otherwise one better rival refutes the claim: p is the smallest
+    of the tests against rivals that are not higher, times the number of rivals (Bonferroni).
 
     Args:
-        ours: the values of every maze, one for each run.
+        ours: the values of all runs, by maze.
         rivals: likewise, for each rival.
     """
     ps = [permutation_p(ours, other) for other in rivals]
@@ -225,9 +224,9 @@ class Decision:
         groups: the runs that the claim is about, then those of every rival.
         test: of these.
         corrected: p corrected for the number of cells of the page (`correct`); nan before that,
-            and where no result could have given a verdict.
-        meets: the number of runs that meet the rule, of a rule with a threshold.
-        note: the reason why nothing was tested.
+            and if no result could have given a verdict.
+        meets: the number of runs that meet a rule with a threshold.
+        note: the reason if there is no test.
     """
 
     groups: tuple[Group, ...] = ()
@@ -269,12 +268,13 @@ def headline(verdicts: Sequence[str]) -> str:
 def decide(claim: Any, runs: Sequence[Ran], least_frames: int) -> list[Decision]:
     """Test every cell of a claim; p is not corrected yet (`correct`).
 
-    One decision without a test, which says why, where a run has not what the rule asks for.
+    If a run lacks a value that the rule needs, there is one decision without a test and with a
+    note.
 
     Args:
         claim: with a rule of `RULES`.
-        runs: the complete ones of its study.
-        least_frames: a cell in which a run has fewer is not tested.
+        runs: the complete runs of its study.
+        least_frames: a cell with a run of fewer frames is not tested.
     """
     try:
         ours = groups_of(runs, claim.of)
@@ -282,7 +282,7 @@ def decide(claim: Any, runs: Sequence[Ran], least_frames: int) -> list[Decision]
         for groups in others:
             check(
                 len(groups) in (1, len(ours)),
-                f"{len(ours)} cells are compared with {len(groups)}; name what is to be compared",
+                f"{len(ours)} cells are compared with {len(groups)}; give as many in than, or one",
             )
         # The first cell of ours is compared with the first of each of the others, and so on.
         return [
@@ -294,7 +294,7 @@ def decide(claim: Any, runs: Sequence[Ran], least_frames: int) -> list[Decision]
 
 
 def _decide(claim: Any, groups: tuple[Group, ...], least_frames: int) -> Decision:
-    """One cell."""
+    """The decision on one cell."""
     if not all(maze for group in groups for maze in group.mazes):
         return Decision(groups, note="no complete runs")
     fewest = min(run.row["frames"] for group in groups for run in group.runs)
@@ -329,30 +329,30 @@ def runs_of(runs: Sequence[Ran], cell: Cell) -> tuple[Ran, ...]:
 def groups_of(runs: Sequence[Ran], table: Cell) -> list[Group]:
     """The cells of a table with their runs.
 
-    What a table leaves open and its experiment varies makes several of one: {"algorithm": "ppo"}
-    is a cell for each size of the maze. Mazes of one suite are one cell with several mazes.
+    There is a cell for each combination of settings that the experiment varies and the table does
+    not fix: {"algorithm": "ppo"} is a cell per maze size. Mazes of one suite are one cell.
     """
-    places: list[Cell] = []
+    cells: list[Cell] = []
     for cell in cells_of(table):
         labels = [run.label for run in runs_of(runs, cell)]
         names = dict.fromkeys(name for label in labels for name in label if name not in cell)
         open_ = [name for name in names if len({str(label.get(name)) for label in labels}) > 1]
         found = [{name: label.get(name) for name in open_} for label in labels]
         apart = {str(more): {**cell, **more} for more in found}
-        places += [apart[key] for key in sorted(apart)] or [cell]
+        cells += [apart[key] for key in sorted(apart)] or [cell]
     by_suite: dict[str, list[Cell]] = {}
-    for cell in places:
+    for cell in cells:
         by_suite.setdefault(str({**cell, "maze": _suite_of(cell)}), []).append(cell)
     return [
         Group(
-            cells[0] if len(cells) == 1 else {**cells[0], "maze": _suite_of(cells[0])},
-            tuple(runs_of(runs, cell) for cell in cells),
+            same[0] if len(same) == 1 else {**same[0], "maze": _suite_of(same[0])},
+            tuple(runs_of(runs, cell) for cell in same),
         )
-        for cells in by_suite.values()
+        for same in by_suite.values()
     ]
 
 
 def _suite_of(cell: Cell) -> object:
-    """The suite that the maze of a cell is from, or the maze."""
+    """The suite of a cell's maze, or the maze if it is not from a suite."""
     maze = cell.get("maze")
     return maze.partition("/")[0] if isinstance(maze, str) and is_suite(maze) else maze

@@ -114,7 +114,7 @@ class Stage(NamedTuple):
 def stages(plan: Replication, out: Path) -> Iterator[Stage]:
     """The search, then every study, with the settings found so far."""
     if plan.tuning is not None:
-        title = "as many trials for every algorithm"
+        title = "search for the settings of every algorithm"
         yield Stage(SETTINGS, title, False, tuning_sweep(plan), out / TUNING)
     for study in plan.studies:
         if not study.exact:
@@ -138,17 +138,22 @@ def do_runs(runs: Study, folder: Path, workers: int, watched: Watched) -> bool:
     return statuses == {"complete"}
 
 
-# -- what came of it -------------------------------------------------------------------------------
+# -- results ---------------------------------------------------------------------------------------
 
 
 def complete_runs(folder: Path, mazes: Mapping[str, str]) -> list[Ran]:
-    """The complete runs of a sweep's folder; a user's mazes under the names that they stand for."""
+    """The complete runs in the folder of a sweep.
+
+    Args:
+        folder: of the sweep.
+        mazes: paths of user-defined mazes, by the names of the mazes that they replace.
+    """
     if not (folder / "runs").is_dir():
         return []
     names = {path: name for name, path in mazes.items()}
     runs, curves = collect(folder)
     lengths: dict[str, list[float]] = {}
-    for row in curves.to_dicts() if "mean_steps" in curves.columns else ():  # of one that learns
+    for row in curves.to_dicts() if "mean_steps" in curves.columns else ():  # not of self-play
         lengths.setdefault(row["run"], []).append(row["mean_steps"])
     found = []
     for row in runs.to_dicts():
@@ -161,13 +166,13 @@ def complete_runs(folder: Path, mazes: Mapping[str, str]) -> list[Ran]:
 
 
 def trial_scores(plan: Replication, out: Path) -> dict[str, dict[str, float]]:
-    """For every algorithm the mean logarithm of the gap of each of its settings, where complete."""
+    """The mean logarithm of the gap of every complete trial, by algorithm and name."""
     if plan.tuning is None:
         return {}
     found: dict[str, dict[str, list[float]]] = {}
     for run in complete_runs(out / TUNING, {}):
         algorithm, _, name = str(run.row["variant"]).partition(", ")
-        score = log_gap(run.distance / 100.0)  # without its sign: an evader's is negative
+        score = log_gap(run.distance / 100.0)  # absolute, as evaders have negative gaps
         found.setdefault(algorithm, {}).setdefault(name, []).append(score)
     wanted = len(plan.tuning.mazes)
     return {
@@ -177,7 +182,7 @@ def trial_scores(plan: Replication, out: Path) -> dict[str, dict[str, float]]:
 
 
 def tuned_settings(plan: Replication, out: Path) -> dict[str, Table]:
-    """The settings of the least mean logarithm of the gap, for every algorithm."""
+    """The settings with the smallest mean logarithm of the gap, by algorithm."""
     best = {
         algorithm: min(scores, key=lambda name: scores[name])
         for algorithm, scores in trial_scores(plan, out).items()
