@@ -90,8 +90,7 @@ def scripted_policy(contest: Any) -> Any:
 def optimal_policy(contest: Any) -> Any:
     """The exactly optimal policy in a contest; ValueError if it is not known."""
     if isinstance(contest, ArmContest):
-        discrete = contest.task.discrete_actions
-        check(not discrete, "optimal arm: not known for discrete actions; leave out --optimal")
+        check(not contest.task.discrete_actions, "unknown for discrete actions: omit --optimal")
         return LeastStepsPolicy()
     best, among = contest.best_response(), contest.best_team_response()
     if best is not None:

@@ -184,8 +184,7 @@ class Own(nn.Module):
         if features.kind == "index":
             self.form, self.scale = torch.int64, torch.ones((), dtype=torch.int64)
         made = NETWORKS.get(features.network)(features, width)
-        made_by = f"network {features.network!r} returned {type(made).__name__}"
-        check(isinstance(made, nn.Module), f"{made_by}; return a torch.nn.Module")
+        check(isinstance(made, nn.Module), f"network {features.network!r} is not a torch.nn.Module")
         with torch.no_grad():  # also initialises lazy layers
             given = made.eval()(torch.zeros(2, *self.shape, dtype=self.form))
         found = tuple(given.shape)

@@ -60,10 +60,7 @@ class Recipe(LibraryRecipe):
     def __post_init__(self) -> None:
         super().__post_init__()
         check_choice("algorithm", self.algorithm, SETTINGS)
-        check(
-            self.observation != "index",
-            "observation='index' is not supported by MlpPolicy; use another, such as one_hot",
-        )
+        check(self.observation != "index", "observation='index'; use one_hot, as for any MlpPolicy")
         check(
             not self.task.mask_bumps,
             "mask_bumps=True is not supported by these learners; leave it out, or train "

@@ -130,10 +130,7 @@ EVALUATION_SEED = 2**62
 held-out seeds."""
 
 RANDOM_MOVES = rule(lambda value: 0 <= value <= 1, "a share of random moves must be in [0, 1]")
-SEED = rule(
-    lambda value: 0 <= value < EVALUATION_SEED,
-    "give 0 to 2**62-1 (seeds above are for evaluation)",
-)
+SEED = rule(lambda value: 0 <= value < EVALUATION_SEED, "give 0 to 2**62-1 (others: evaluation)")
 
 
 def threads_from(least: int) -> Rule:

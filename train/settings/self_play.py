@@ -86,10 +86,7 @@ class SelfPlaySettings(RunSettings):
             f"role={self.task.role!r}, but both roles learn in self-play; leave role out, and give "
             "the fixed policy of one as chaser or evader",
         )
-        check(
-            self.task.opponent is None,
-            f"opponent={self.task.opponent!r} is for `pursuit train`; use chaser or evader",
-        )
+        check(self.task.opponent is None, "opponent is for `pursuit train`; use chaser or evader")
         check(
             self.sampling != "window" or self.window <= self.pool_size,
             f"window={self.window} is more than pool_size={self.pool_size}; raise pool_size",
