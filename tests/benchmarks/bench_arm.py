@@ -20,7 +20,7 @@ from train.machine import processor
 
 
 def least_steps_of_starts(joints: int, starts: int, tolerance: float) -> None:
-    """Print the time for each start, and how many are exact."""
+    """Print the time per start, and the share of exact solutions."""
     arms = ReacherSimulator(ReacherTask(joints=joints, tolerance=tolerance), starts)
     times, exact, steps = [], 0, 0
     for pose, target in zip(arms.angles[:, None], arms.targets[:, None], strict=True):
@@ -41,7 +41,7 @@ def least_steps_of_starts(joints: int, starts: int, tolerance: float) -> None:
 
 
 def decisions(joints: int, games: int = 4096, steps: int = 50) -> None:
-    """Print the time of a decision of every policy, in a batch."""
+    """Print the time per action of every policy, in a batch."""
     policies = {
         "random": RandomArm(),
         **{method: InverseKinematics(method) for method in IK_METHODS},
@@ -59,16 +59,16 @@ def decisions(joints: int, games: int = 4096, steps: int = 50) -> None:
             actions = policy.act(arms.view())
             spent += time.process_time() - began
             arms.step(actions)
-        print(f"{name:15s} {joints} joint(s): {1e9 * spent / games / steps:9.0f} ns a decision")
+        print(f"{name:15s} {joints} joint(s): {1e9 * spent / games / steps:9.0f} ns per action")
 
 
 def main() -> None:
-    """Run all of it."""
+    """Run all benchmarks."""
     print(processor())
     arms = ReacherSimulator(ReacherTask(joints=2))
     began = time.process_time()
     least_steps_of(arms.angles, arms.targets)
-    print(f"first call, which may compile: {time.process_time() - began:.1f} s")
+    print(f"first call, including compilation: {time.process_time() - began:.1f} s")
     for tolerance, starts in ((0.2, 1000), (0.02, 100)):
         for joints in range(1, 9):
             least_steps_of_starts(joints, starts, tolerance)

@@ -1,9 +1,10 @@
-"""What every curriculum costs: its share of PPO's training time at 1024 games.
+"""The overhead of every curriculum: its share of PPO's training time with 1024 games.
 
     python tests/benchmarks/bench_curricula.py [--seconds 6] [--maze 5x5]
 
-The clock runs inside the teacher: sampling lessons, setting games, noting outcomes, updating. What
-the simulator needs to restart games is not counted; it does that without a curriculum too.
+The time of the teacher is measured: sampling stages, configuring games, recording outcomes, and
+updates. Restarts of games by the simulator are not included, as they also happen without a
+curriculum.
 """
 
 from __future__ import annotations
@@ -76,10 +77,10 @@ def share(curriculum: str, maze: str, seconds: float, more: dict[str, Any]) -> t
 
 
 def main() -> None:
-    """Print a line for each curriculum."""
+    """Print one line per curriculum."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seconds", type=float, default=6.0, help="for each curriculum")
-    parser.add_argument("--maze", default="5x5", help="smaller ones have more episodes")
+    parser.add_argument("--seconds", type=float, default=6.0, help="duration per curriculum")
+    parser.add_argument("--maze", default="5x5", help="episodes are shorter in small ones")
     given = parser.parse_args()
     print(f"{'curriculum':<26}{'share of training':>18}{'episodes/s':>12}")
     for name, more in CASES.items():

@@ -21,7 +21,7 @@ from scripted_agents.tours.tour import (
 
 
 def greedy_table(maze: Maze, epsilon: float, flees: bool) -> NDArray[np.float64]:
-    """With probability epsilon any move, otherwise one that shortens (or lengthens) the way."""
+    """A random move with probability epsilon, otherwise one that shortens (lengthens) the path."""
     after = maze.neighbors[:, :4]
     moves = after != np.arange(maze.num_cells)[:, None]
     distances = maze.distances[after].transpose(0, 2, 1) * (-1 if flees else 1)
@@ -35,7 +35,7 @@ def greedy_table(maze: Maze, epsilon: float, flees: bool) -> NDArray[np.float64]
 
 
 def show(name: str, call: Callable[..., Any], *arguments: Any, **settings: Any) -> None:
-    """Print the shortest of three runs, and the one before them, which may compile."""
+    """Print the shortest of three calls, and the first call, which includes compilation."""
     times = []
     for _ in range(4):
         start = time.perf_counter()
@@ -45,7 +45,7 @@ def show(name: str, call: Callable[..., Any], *arguments: Any, **settings: Any) 
 
 
 def main() -> None:
-    """Run all of it."""
+    """Run all benchmarks."""
     for size in (5, 9, 15, 31):
         maze = generate_maze("prim", height=size, width=size, loops=0.1, seed=0)
         chaser, evader = greedy_table(maze, 0.2, False), greedy_table(maze, 0.2, True)

@@ -1,9 +1,9 @@
-"""How the cost of a step grows with cells, agents and games: a table, and a plot on log axes.
+"""Scaling of the simulator with cells, agents and games: a table, and a plot on log axes.
 
 python tests/benchmarks/bench_growth.py [--seconds 0.5] [--large 1000] [--plot docs/growth.png]
 
-One core; agents are half chasers, half evaders; agent steps a second are game steps times agents.
-Random: actions drawn beforehand. Scripted: A* agents in every seat, with the time they take.
+One core; half of the agents are chasers, half are evaders. Agent steps per second are game steps
+times agents. Random: precomputed random actions. Scripted: all agents are A*, with their time.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from scripted_agents import AStarChaser, AStarEvader
 from train.reports.figures import pyplot, save
 
 Row = tuple[str, int, int, int, float, float, float]
-"""What grows, cells, agents, games, agent steps a second: random, scripted evaders, scripted."""
+"""Varied quantity, cells, agents, games; agent steps per second: random, A* evaders, all A*."""
 
 
 def agent_steps(task: Task, games: int, seconds: float, roles: tuple[str, ...]) -> float:
-    """Agent steps a second, the best of five parts; `roles` are played by A* agents."""
+    """Agent steps per second, the best of five measurements; A* agents play `roles`."""
     simulator = Simulator(task, games)
     players = {"chaser": AStarChaser(0.2), "evader": AStarEvader(0.2)}
     seats = [players[role] if role in roles else None for role in task.seat_roles]
@@ -64,7 +64,7 @@ def measured(what: str, maze: Maze, agents: int, games: int, seconds: float) -> 
 
 
 def draw(rows: list[Row], path: str) -> None:
-    """Three plots on log axes: agent steps a second by cells, by agents, by games."""
+    """Three plots on log axes: agent steps per second by cells, by agents, by games."""
     figure, axes = pyplot().subplots(1, 3, figsize=(11, 3.4), sharey=True)
     names = (("cells", "cells of the maze"), ("agents", "agents"), ("games", "games"))
     for axis, (column, (what, label)) in zip(axes, enumerate(names, start=1), strict=True):
@@ -78,7 +78,7 @@ def draw(rows: list[Row], path: str) -> None:
             )
         axis.set_xlabel(label)
         axis.grid(visible=True, which="major", alpha=0.3)
-    axes[0].set_ylabel("agent steps a second")
+    axes[0].set_ylabel("agent steps per second")
     axes[0].legend()
     figure.tight_layout()
     save(figure, Path(path), dpi=110)
@@ -91,8 +91,8 @@ def main() -> None:
     parser.add_argument("--large", type=int, default=1000, help="rows of the largest maze")
     parser.add_argument("--plot", help="where to write the plot")
     given = parser.parse_args()
-    heads = ("grows", "cells", "agents", "games", "random", "evaders", "all scripted")
-    print("agent steps a second\n{:<8}{:>10}{:>8}{:>8}{:>16}{:>16}{:>16}".format(*heads))
+    heads = ("varied", "cells", "agents", "games", "random", "evaders", "all scripted")
+    print("agent steps per second\n{:<8}{:>10}{:>8}{:>8}{:>16}{:>16}{:>16}".format(*heads))
 
     def maze(size: int) -> Maze:
         return generate_maze("prim", size, loops=0.1, seed=0)
@@ -105,7 +105,7 @@ def main() -> None:
     for size in (10, 20, 50, 100, 300, given.large):
         rows.append(measured("cells", maze(size), 100, 1, given.seconds))
     most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    print(f"most memory of the process: {most:,.0f} MB")
+    print(f"peak memory of the process: {most:,.0f} MB")
     if given.plot:
         draw(rows, given.plot)
 

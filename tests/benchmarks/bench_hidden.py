@@ -1,5 +1,6 @@
-"""How soon the interval of an optimum under limited sight is how narrow: the table of
-docs/results/partial_observability.md. In processor seconds, after compilation.
+"""Processor time until the bounds of an optimum with limited view reach given widths.
+
+This is the table of docs/results/partial_observability.md; compilation is not included.
 
     python tests/benchmarks/bench_hidden.py
 """
@@ -18,7 +19,7 @@ PROBLEMS = (("5x5", 0, 60), ("5x5", 1, 60), ("5x5", 2, 20), ("5x5", 3, 5), ("7x7
 
 
 def main() -> None:
-    """Print a line a problem."""
+    """Print one line per problem."""
     for name, radius, seconds in PROBLEMS:
         maze = load_maze(name)
         table = AStarEvader(epsilon=0.2).action_probabilities(maze)

@@ -1,10 +1,10 @@
-"""Speed of learning: forms of the first layer, frames per second and time to a gap against SB3.
+"""Speed of training: forms of the first layer, frames per second and time to a gap against SB3.
 
 python tests/benchmarks/bench_learning.py [--parts layers speed products gap] [--seconds 10]
 python tests/benchmarks/bench_learning.py --against 400a755 [--turns 7] [--only a2c] [--seconds 1]
 
-`--against` measures this version and another one, as `bench_simulator.py` does: seconds of the
-processor for a million frames, on one thread.
+`--against` compares this version with another one, as `bench_simulator.py` does: processor seconds
+per million frames, on one thread.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ SAME = PPOSettings(num_games=512, rollout_steps=16, minibatch_size=2048, epochs=
 
 
 def layers(seconds: float) -> None:
-    """Thousands of samples a second of forward, backward and Adam, by form and precision."""
+    """Thousands of samples per second of forward, backward and Adam, by form and precision."""
     print("first layer: thousand samples/s (minibatch 4096, one runner and 3 goals)")
     print(f"{'cells, width':<16}{'bag f32':>10}{'bag bf16':>10}{'dense f32':>11}{'dense bf16':>11}")
     for width in (128, 256):
@@ -104,14 +104,14 @@ def sb3_model(settings: PPOSettings, seed: int = 0) -> object:
 
 
 def our_run(settings: TrainSettings) -> Run:
-    """A run in a folder that is thrown away."""
+    """A run in a temporary folder."""
     return start(RUN, settings, Path(tempfile.mkdtemp()) / "run")
 
 
 def speed(seconds: float, rounds: int = 4) -> None:
-    """Frames per second of learning with the same networks, batches and epochs.
+    """Frames per second of training with the same networks, batches and epochs.
 
-    Machines speed up and slow down, so everybody is measured in turns and the best turn counts.
+    Measurements alternate, and the best one of each learner is reported.
     """
     print("\nPPO, maze 5x5 with 3 goals, 128x128, 512 games x 16, minibatch 2048, 3 epochs")
     model = sb3_model(SAME)
@@ -149,8 +149,8 @@ def speed(seconds: float, rounds: int = 4) -> None:
 def gap(limit: float, target: float = 0.02) -> None:
     """Seconds of training until the greedy policy is within `target` of the optimum.
 
-    Each with its best settings. The learning rate is annealed over the budget, so budgets are
-    tried from short to long and the first that ends within the target counts.
+    Each learner has its best settings. The learning rate is annealed over the budget, so budgets
+    are tried in increasing order until one ends within the target.
     """
     print(f"\nseconds to a greedy gap of {100 * target:.0f} % on maze 5x5 with 3 goals")
     budgets = [b for b in (10.0, 15.0, 20.0, 30.0, 45.0, 60.0, 90.0, 120.0, 240.0) if b <= limit]
@@ -181,11 +181,11 @@ def gap(limit: float, target: float = 0.02) -> None:
 
 
 def sb3_gap(settings: PPOSettings, budget: float, contest: GameContest, optimum: object) -> float:
-    """The greedy gap of Stable-Baselines3 after `budget` seconds, its learning rate annealed."""
+    """The greedy gap of Stable-Baselines3 after `budget` seconds, with annealed learning rate."""
     from stable_baselines3.common.callbacks import BaseCallback
 
     class Clock(BaseCallback):
-        """Ends learning when time is up; progress for the schedule is that of time."""
+        """Stops learning after the budget; progress of the schedule is the elapsed time."""
 
         def _on_step(self) -> bool:
             spent = perf_counter() - began
@@ -212,12 +212,11 @@ def sb3_gap(settings: PPOSettings, budget: float, contest: GameContest, optimum:
 def product_seconds(
     batch: int, rows: int, width: int, outputs: int, backward: bool, form: torch.dtype
 ) -> float:
-    """Seconds of the processor for the matrix products of a pass over `batch`, the median of 31.
+    """Processor seconds for the matrix products of a pass over `batch`, the median of 31.
 
-    Forward: observation to hidden, hidden to hidden, hidden to outputs; backward: the gradients of
-    the three weight matrices and of the two hidden layers. Everything lies ready in memory, as
-    layers of PyTorch have it: there are layouts in which products of few columns take five times
-    as long.
+    Forward: observation to hidden, hidden to hidden, hidden to outputs. Backward: the gradients of
+    the three weight matrices and of the two hidden layers. Operands have the memory layout of
+    PyTorch's layers; in other layouts products with few columns take up to five times as long.
     """
     pairs: list[tuple[torch.Tensor, torch.Tensor]] = []
     for layer, (before, after) in enumerate(pairwise([rows, width, width, outputs])):
@@ -239,7 +238,7 @@ def product_seconds(
 
 
 def products(seconds: float) -> None:
-    """Frames in a second of the processor, against those of matrix products alone, in turns."""
+    """Frames per processor second, compared with the matrix products alone, alternating."""
     print("\nshare of the speed of the matrix products alone (maze 5x5, 3 goals, one thread)")
     torch.set_num_threads(1)
     forms = {"float32": torch.float32, "bfloat16": torch.bfloat16}
@@ -286,7 +285,7 @@ def products(seconds: float) -> None:
         )
 
 
-# Runs under either version, so it keeps to what both know.
+# Runs in both versions, so it uses only names that exist in both.
 MEASURE = """
 import json, sys, tempfile, warnings
 from pathlib import Path
@@ -326,7 +325,7 @@ for line in sys.stdin:
 
 
 def main() -> None:
-    """Print the parts asked for."""
+    """Print the selected parts."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--parts", nargs="+", default=["layers", "speed", "products", "gap"])
     parser.add_argument("--seconds", type=float, default=10.0, help="time of each measurement")

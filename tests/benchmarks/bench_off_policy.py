@@ -1,7 +1,7 @@
-"""Speed of TD3 and SAC against Stable-Baselines3's: frames a second of the whole of learning.
+"""Speed of TD3 and SAC against Stable-Baselines3's: frames per second of the whole training.
 
-Both play the same arm with as many games, two hidden layers of the same width, the same batches and
-as many gradient steps for as many frames; they take turns, so that both see the machine alike.
+Both use the same arm, number of games, two hidden layers of the same width, batches, and gradient
+steps per frame. Measurements alternate, as the speed of the machine changes.
 
 python tests/benchmarks/bench_off_policy.py [--games 64] [--gradient-steps 8] [--threads 1 2]
 """
@@ -32,7 +32,7 @@ WIDTH, BATCH, BUFFER, WARM_UP = 256, 256, 100_000, 2048
 
 
 def ours(name: str, games: int, gradient_steps: int) -> Callable[[int], None]:
-    """What plays and learns for so many rounds with our learner, warmed up."""
+    """A function that trains our learner for a number of rounds; warmed up."""
     settings: Any = entry(name).settings(
         num_games=games,
         gradient_steps=gradient_steps,
@@ -55,7 +55,7 @@ def ours(name: str, games: int, gradient_steps: int) -> Callable[[int], None]:
 
 
 def theirs(name: str, games: int, gradient_steps: int) -> Callable[[int], None]:
-    """The same with that of Stable-Baselines3."""
+    """A function that trains the learner of Stable-Baselines3 for a number of rounds; warmed up."""
     model = getattr(stable_baselines3, name.upper())(
         "MlpPolicy",
         StableBaselinesVecEnv(ReacherVectorEnv(TASK, games, autoreset_mode="SAME_STEP")),
@@ -77,7 +77,7 @@ def theirs(name: str, games: int, gradient_steps: int) -> Callable[[int], None]:
 
 
 def speeds(learners: list[Callable[[int], None]], games: int, seconds: float) -> list[float]:
-    """The median frames a second of each, in turns."""
+    """The median frames per second of each, with alternating measurements."""
     counts, found = [1] * len(learners), [[0.0] for _ in learners]
     for turn in range(7):
         for number, learner in enumerate(learners):
@@ -92,15 +92,15 @@ def speeds(learners: list[Callable[[int], None]], games: int, seconds: float) ->
 
 
 def main() -> None:
-    """Print frames a second of both, and their ratios."""
+    """Print frames per second of both, and their ratios."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--games", type=int, default=64, help="in lockstep")
-    parser.add_argument("--gradient-steps", type=int, default=8, help="for a step of all games")
-    parser.add_argument("--threads", type=int, nargs="+", default=[1, 2], help="of torch")
-    parser.add_argument("--seconds", type=float, default=20.0, help="for each figure")
+    parser.add_argument("--games", type=int, default=64, help="parallel games")
+    parser.add_argument("--gradient-steps", type=int, default=8, help="per step of all games")
+    parser.add_argument("--threads", type=int, nargs="+", default=[1, 2], help="threads of torch")
+    parser.add_argument("--seconds", type=float, default=20.0, help="per measurement")
     given = parser.parse_args()
     print(f"{processor()}; 2 joints, {WIDTH}x{WIDTH}, batches of {BATCH}, {given.games} games,")
-    print(f"{given.gradient_steps} gradient steps for each of their steps; frames/s")
+    print(f"{given.gradient_steps} gradient steps per step of all games; frames/s")
     print(f"{'threads':<9}{'':<6}{'ours':>10}{'SB3':>10}{'ratio':>8}")
     for threads in given.threads:
         torch.set_num_threads(threads)

@@ -1,8 +1,8 @@
-"""Speed of the arm: steps per second on one core, and ratios against Gymnasium's own environments.
+"""Speed of the arm: steps per second on one core, and ratios to environments of Gymnasium.
 
 python tests/benchmarks/bench_reacher.py [--seconds 1]
 
-MuJoCo's Reacher-v5, which simulates masses and contacts, is measured too where mujoco is installed.
+MuJoCo's Reacher-v5, which simulates masses and contacts, is included if mujoco is installed.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ BARS = {2: 10e6, 8: 3e6}
 
 
 def rate(step: Callable[[], object], per_call: int, seconds: float) -> float:
-    """How many of `per_call` things a call there are in a second of processor time, best of five.
+    """`per_call` times the calls per second of processor time, the best of five.
 
-    All that is measured here runs in one thread, and other programs then count less.
+    All measured code runs in one thread; processor time depends less on other programs.
     """
     step()
     best = 0.0
@@ -41,7 +41,7 @@ def rate(step: Callable[[], object], per_call: int, seconds: float) -> float:
 
 
 def simulator_rate(joints: int, seconds: float, encoding: str | None = None) -> float:
-    """Arm steps a second of the simulator, random actions, drawn beforehand."""
+    """Arm steps per second of the simulator with precomputed random actions."""
     simulator = ReacherSimulator(ReacherTask(joints), ARMS)
     drawn = np.random.default_rng(0).uniform(-1.0, 1.0, (16, ARMS, joints))
     out = simulator.observe(encoding) if encoding else None
@@ -58,7 +58,7 @@ def simulator_rate(joints: int, seconds: float, encoding: str | None = None) -> 
 
 
 def single_rate(env: gymnasium.Env, seconds: float) -> float:
-    """Steps a second of one Gymnasium environment, resets included."""
+    """Steps per second of one Gymnasium environment, including resets."""
     env.reset(seed=0)
     env.action_space.seed(0)
     drawn = [env.action_space.sample() for _ in range(64)]
@@ -75,7 +75,7 @@ def single_rate(env: gymnasium.Env, seconds: float) -> float:
 
 
 def vector_rate(envs: gymnasium.vector.VectorEnv, seconds: float) -> float:
-    """Steps a second of a Gymnasium vector environment."""
+    """Steps per second of a Gymnasium vector environment."""
     envs.reset(seed=0)
     envs.action_space.seed(0)
     drawn = [envs.action_space.sample() for _ in range(8)]
@@ -90,7 +90,7 @@ def vector_rate(envs: gymnasium.vector.VectorEnv, seconds: float) -> float:
 
 
 def parallel_rate(seconds: float) -> float:
-    """Steps a second of the PettingZoo environment, two joints."""
+    """Steps per second of the PettingZoo environment with two joints."""
     env = reacher_v0.parallel_env()
     env.reset(seed=0)
     turns = np.random.default_rng(0).uniform(-1.0, 1.0, (64, 2, 1)).astype(np.float32)
@@ -108,11 +108,11 @@ def parallel_rate(seconds: float) -> float:
 
 
 def main() -> None:
-    """Print everything."""
+    """Run all benchmarks."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=1.0, help="time of each measurement")
     seconds = parser.parse_args().seconds
-    print(f"{processor()}, one thread; millions of arm steps a second, {ARMS} arms")
+    print(f"{processor()}, one thread; millions of arm steps per second, {ARMS} arms")
     print(f"{'joints':>8}{'simulator':>12}{'positions':>12}{'with angles':>13}")
     for joints in (1, 2, 4, 8):
         speeds = [
@@ -150,7 +150,7 @@ def main() -> None:
     if importlib.util.find_spec("mujoco") is not None:
         peers["MuJoCo Reacher-v5"] = lambda: single_rate(make("Reacher-v5"), seconds)
     measured = {name: measure() for name, measure in peers.items()}
-    print("\nsteps a second, two joints, and how many times each peer's")
+    print("\nsteps per second with two joints, and ratios to other environments")
     print(f"{'':<26}{'steps/s':>12}" + "".join(f"{name:>26}" for name in measured))
     for name, speed in ours.items():
         ratios = "".join(f"{speed / other:>25.3g}x" for other in measured.values())

@@ -1,7 +1,6 @@
-"""Agents of limited sight: `python tests/benchmarks/bench_searchers.py`.
+"""Speed of scripted agents with limited view: `python tests/benchmarks/bench_searchers.py`.
 
-Game steps a second on 5x5 with 4096 games and a scripted agent in either seat, beside A* in the
-same run.
+Game steps per second on 5x5 with 4096 games of two scripted agents, compared with A*.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ GAMES = 4096
 
 
 def steps_a_second(task: Task, policies: list[Policy]) -> float:
-    """Game steps a second of a batch."""
+    """Game steps per second of a batch."""
     simulator = Simulator(task, GAMES, seed=0)
     actions = np.zeros((GAMES, task.num_agents), dtype=np.int32)
 
@@ -39,7 +38,7 @@ def steps_a_second(task: Task, policies: list[Policy]) -> float:
 
 
 def main() -> None:
-    """Run all of it."""
+    """Run all benchmarks."""
     evader = AStarEvader(epsilon=0.2)
     maze = make_task("maze", maze="5x5")
     for radius in (1, 2):

@@ -1,10 +1,10 @@
-"""The exact game, exploitability, pools, and speed of learning against another version.
+"""Speed of exact solutions, exploitability, pools and training; also against another version.
 
 python tests/benchmarks/bench_self_play.py
 python tests/benchmarks/bench_self_play.py --against 400a755 [--turns 7] [--only 2v2] [--seconds 1]
 
-`--against` measures this version and another one in turns: seconds of the processor for a million
-frames of both sides, on one thread.
+`--against` compares this version with another one: processor seconds per million frames of both
+sides, on one thread.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ from train.settings.task import TaskSettings
 
 
 def seconds(call: Any) -> float:
-    """How long one call takes."""
+    """Duration of one call."""
     began = time.perf_counter()
     call()
     return time.perf_counter() - began
 
 
 def exact_game() -> None:
-    """Times of the solvers; nothing is kept from one to the next."""
+    """Times of the solvers, without caches."""
     solve_chase(load_maze("2x2"))
     for name in ("5x5", "7x7", "9x9", "9x9-tree", "15x15", "15x15-tree"):
         maze = load_maze(name)
@@ -54,7 +54,7 @@ def exact_game() -> None:
 
 
 def exploitabilities(folder: Path) -> None:
-    """The time of a checkpoint's exploitability, forward passes included."""
+    """The time of a checkpoint's exploitability, including forward passes."""
     for name in ("5x5", "7x7", "9x9", "15x15"):
         task = TaskSettings(maze=name, rewards="zero_sum")
         run = start(SELF_PLAY, SelfPlaySettings(task=task, frames=1), folder / name)
@@ -74,7 +74,7 @@ def exploitabilities(folder: Path) -> None:
 
 
 def pools(folder: Path) -> None:
-    """Frames per second against pools of 1 and 16 opponents, in turn, medians of three."""
+    """Frames per second against pools of 1 and 16 opponents, alternating, medians of three."""
     speeds: dict[int, list[float]] = {1: [], 16: []}
     for repeat in range(3):
         for size in speeds:
@@ -101,7 +101,7 @@ def pools(folder: Path) -> None:
     print(f"the same with a pool of 16: {many / 1e3:.1f} k frames/s, {100 * many / one:.0f} %")
 
 
-# Runs under either version, so it keeps to what both know.
+# Runs in both versions, so it uses only names that exist in both.
 MEASURE = """
 import json, sys, tempfile, warnings
 from dataclasses import replace
@@ -136,7 +136,7 @@ for line in sys.stdin:
 
 
 def main() -> None:
-    """Run all of it, or the comparison."""
+    """Run all benchmarks, or the comparison."""
     parser = argparse.ArgumentParser(description=__doc__)
     add_options(parser)
     parser.add_argument("--seconds", type=float, default=1.0, help="time of each measurement")

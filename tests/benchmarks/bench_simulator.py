@@ -1,11 +1,11 @@
-"""Speed of the world: steps per second, ratios against peers in the same run, and how it scales.
+"""Speed of the simulator: steps per second, ratios to other environments, and scaling.
 
 python tests/benchmarks/bench_simulator.py [--seconds 1]
 python tests/benchmarks/bench_simulator.py --against 501f81b [--turns 15] [--only 8v8]
 
-`--against` measures this version and another one, a folder or a git revision, each in a process of
-its own, and prints how long a step takes in both and the ratio. They take turns at every case, as a
-machine may be another one a minute later.
+`--against` compares this version with another one, a folder or a git revision, in separate
+processes, and prints the time per step of both and the ratio. Measurements of a case alternate, as
+the speed of a machine changes.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from scripted_agents.environments import default_policies
 
 
 def rate(step: Callable[[], object], per_call: int, seconds: float) -> float:
-    """How many of `per_call` things a call there are in a second; best of three tries."""
+    """`per_call` times the calls per second, the best of three measurements."""
     step()
     best = 0.0
     for _ in range(3):
@@ -48,14 +48,14 @@ def simulator_rate(
     scripted: bool = True,
     encoding: str | None = None,
 ) -> float:
-    """Game steps a second: one seat plays random moves, scripted agents fill the others.
+    """Game steps per second: the first agent moves at random, the others are scripted.
 
     Args:
         task: the task.
         num_games: games in the batch.
         seconds: time of the measurement.
-        scripted: False has all seats play random moves drawn beforehand.
-        encoding: also encode what the first seat observes in each step.
+        scripted: whether the others are scripted; False: precomputed random moves for all.
+        encoding: also encode the observation of the first agent in each step.
     """
     simulator = Simulator(task, num_games)
     generator = np.random.default_rng(0)
@@ -78,7 +78,7 @@ def simulator_rate(
 
 
 def parallel_env_rate(seconds: float = 1.0) -> float:
-    """Steps a second through the PettingZoo environment: chase 5x5, default observation."""
+    """Steps per second of the PettingZoo environment: chase on 5x5, default observation."""
     env = chase_v0.parallel_env(maze="5x5")
     env.reset(seed=0)
     generator = np.random.default_rng(0)
@@ -96,7 +96,7 @@ def parallel_env_rate(seconds: float = 1.0) -> float:
 
 
 def peers() -> dict[str, Callable[[float], float]]:
-    """Steps per second of other environments, one process, random actions; those installed."""
+    """Steps per second of other installed environments: one process, random actions."""
     found: dict[str, Callable[[float], float]] = {}
 
     def parallel(env: object, seconds: float) -> float:
@@ -165,7 +165,7 @@ SIGHTS: dict[str, dict[str, object]] = {
 
 
 def sights(seconds: float, turns: int = 5) -> None:
-    """Print steps per second by encoding and sight, the best of turns, and their share of full."""
+    """Print the best steps per second by encoding and view, and their ratio to full view."""
     drawn = np.random.default_rng(0).integers(4, size=(16, 4096, 2), dtype=np.int32)
     for encoding in ("index", "one_hot", "planes", "window:2"):
 
@@ -193,9 +193,9 @@ def sights(seconds: float, turns: int = 5) -> None:
             print(f"{encoding:>10}  {name:<24}{4096 / least:>14,.0f}{share:>8.0%}")
 
 
-# -- two versions in turns -------------------------------------------------------------------------
+# -- comparison of two versions --------------------------------------------------------------------
 
-# Runs under either version, so it keeps to what both know.
+# Runs in both versions, so it uses only names that exist in both.
 MEASURE = """
 import json, sys
 from time import perf_counter
@@ -276,7 +276,7 @@ for line in sys.stdin:
 
 
 def main() -> None:
-    """Print everything."""
+    """Run all benchmarks."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=1.0, help="time of each measurement")
     add_options(parser, turns=15)
@@ -298,7 +298,7 @@ def main() -> None:
         "PettingZoo env chase_v0 5x5, one game, one_hot": parallel_env_rate(seconds),
     }
     others = {name: measure(seconds) for name, measure in peers().items()}
-    print("steps per second, and how many times each peer's")
+    print("steps per second, and ratios to other environments")
     print(f"{'':<52}{'steps/s':>14}" + "".join(f"{name.split(',')[0]:>26}" for name in others))
     for name, speed in ours.items():
         ratios = "".join(f"{speed / other:>25,.0f}x" for other in others.values())
@@ -311,7 +311,7 @@ def main() -> None:
         maze = generate_maze("prim", size, loops=0.1, seed=0)
         speed = simulator_rate(make_task("chase", maze=maze), 4096, seconds)
         print(f"{f'{size}x{size}':>10}{speed:>16,.0f}")
-    print("\nby sight, 7x7, random actions, both agents observe, 4096 games: steps/s in turns")
+    print("\nby view, 7x7, random actions, both agents observe, 4096 games: steps/s")
     sights(seconds)
     print("\nby agents, 7x7, all but the first chaser scripted, 4096 games")
     for team in (1, 2, 4, 8):

@@ -1,9 +1,9 @@
-"""How fast the page is: scrubbing, in Chromium; and its size.
+"""Speed of the viewer page when scrubbing in Chromium, and its size.
 
 python tests/benchmarks/bench_viewer.py
 
-Every step is drawn in an animation frame of its own; with a screen of 60 frames a second that is
-the most there is. "drawing" is the time in our own code, from which the last column is made.
+Every step is drawn in one animation frame, so the screen's rate, such as 60 per second, is the
+limit. "drawing" is the time in the code of the page; "could be" is the rate that it would allow.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ SCRUB = """() => new Promise((done) => {
 
 
 def page_of(maze: str, folder: Path) -> Path:
-    """An evader that lives for 200 steps, with everything laid over it."""
+    """An episode of 200 steps, with data for all overlays."""
     contest: Any = contest_of(TaskSettings(maze=maze, role="chaser", opponent_epsilon=0.0), 2)
     policy = AStarChaser(1.0)
     for number in range(1000):
@@ -61,7 +61,7 @@ def page_of(maze: str, folder: Path) -> Path:
 
 
 def main() -> None:
-    """Print a line for each maze, plain and with all overlays."""
+    """Print one line per maze, without and with all overlays."""
     chromium = shutil.which("chromium") or shutil.which("google-chrome")
     if chromium is None:
         sys.exit("no Chromium found (apt install chromium)")

@@ -1,4 +1,7 @@
-"""Two versions that take turns, each in a process of its own: machines change within minutes."""
+"""Comparison of the speed of two versions in separate processes, with alternating measurements.
+
+Measurements alternate because the speed of a machine changes within minutes.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +23,7 @@ ROOT = Path(__file__).parents[2]
 
 @contextmanager
 def checkout(version: str) -> Iterator[Path]:
-    """The folder of another version: a folder as it is, or a revision in a worktree for now."""
+    """The folder of another version: a given folder, or a temporary worktree of a revision."""
     if Path(version).is_dir():
         yield Path(version).resolve()
         return
@@ -36,7 +39,10 @@ def checkout(version: str) -> Iterator[Path]:
 
 @contextmanager
 def measuring(script: str, folder: Path) -> Iterator[Callable[[object], Any]]:
-    """Asks a process of the version in `folder`: (case, seconds) -> a time; first None."""
+    """Start a process of the version in `folder`; yields a function (case, seconds) -> time.
+
+    The first call has None instead, and returns the names of the cases.
+    """
     environment = {**os.environ, "PYTHONPATH": str(folder)}
     pipes: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
     command = [sys.executable, "-c", script]
@@ -53,25 +59,25 @@ def measuring(script: str, folder: Path) -> Iterator[Callable[[object], Any]]:
 
 
 def add_options(parser: argparse.ArgumentParser, turns: int = 7) -> None:
-    """What `compare` is asked for on the command line, but for the seconds."""
+    """Add the options of `compare`, except the seconds."""
     parser.add_argument("--against", help="another version: a folder, or a git revision")
-    parser.add_argument("--turns", type=int, default=turns, help="of both versions")
+    parser.add_argument("--turns", type=int, default=turns, help="measurements per version")
     parser.add_argument("--only", default="", help="cases with this in their names")
 
 
 def compare(
-    script: str, version: str, seconds: float, turns: int, only: str, what: str = "ns a game step"
+    script: str, version: str, seconds: float, turns: int, only: str, what: str = "ns per game step"
 ) -> None:
-    """Print the least time now and then, and the median over turns of now / then.
+    """Print the least time of both versions, and the median of the ratios now / then.
 
     Args:
-        script: Python that runs under either version, so it keeps to what both know. It prints its
-            cases as a JSON list; for every line [case, seconds] that it reads, a time.
+        script: Python code for both versions, so it uses only names that exist in both. It prints
+            its cases as a JSON list, and a time for every line [case, seconds] that it reads.
         version: a folder, or a git revision.
         seconds: of each measurement.
-        turns: of both versions.
+        turns: number of measurements per version.
         only: cases with this in their names.
-        what: the times are.
+        what: unit of the times.
     """
     with (
         checkout(version) as folder,
@@ -80,7 +86,7 @@ def compare(
     ):
         names = now(None)
         then(None)
-        print(f"{what}, the least of {turns} turns; the median of their ratios")
+        print(f"{what}, the minimum of {turns} measurements; the median of their ratios")
         print(f"{'':<36}{'now':>12}{version[-24:]:>26}{'ratio':>8}")
         for name in names:
             if only not in name:

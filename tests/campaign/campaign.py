@@ -1,11 +1,11 @@
-"""Attack everything that a user can reach, for five minutes: `make campaign`.
+"""Randomised robustness tests of the command line, for five minutes: `make campaign`.
 
-2000 maze texts, 300 commands with nonsense in them, 40 runs killed at any moment and carried on,
-500 folders with a damaged or hostile file. What is promised: no traceback, no code of a file run,
-no dead end, exit status 2 with one line (or the one that the README promises), and a run that was
-killed ends bit for bit as one that was not. Exit status 1 where anything is otherwise.
+There are 2000 maze texts, 300 commands with invalid arguments, 40 runs that are killed at random
+moments and resumed, and 500 folders with a damaged or malicious file. Requirements: no traceback,
+no code from files is run, errors are one line with exit status 2 (or a documented status), and
+every killed run can be resumed to a bitwise equal result. The exit status is 1 if a case fails.
 
-    python tests/campaign/campaign.py --part commands --only 17 --seed 0     one case again
+    python tests/campaign/campaign.py --part commands --only 17 --seed 0     repeat one case
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ PARTS = {"mazes": mazes.CASES, "kills": kills.CASES, "damage": damage.CASES}
 PARTS["commands"] = commands.CASES
 
 
-def one_case(part: str, number: int, seed: int, room: Path) -> tuple[str, list[str]]:
-    """Case `number` of a part: what it was, and what is wrong with it."""
+def one_case(part: str, number: int, seed: int, root: Path) -> tuple[str, list[str]]:
+    """Execute case `number` of a part: its description, and its faults."""
     random = Random(f"{seed} {part} {number}")
-    folder = room / f"{part}-{number}"
+    folder = root / f"{part}-{number}"
     rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     try:
@@ -46,31 +46,31 @@ def one_case(part: str, number: int, seed: int, room: Path) -> tuple[str, list[s
         if part == "kills":
             return kills.case(random, folder, number)
         attack = commands.case if part == "commands" else damage.case
-        return attack(random, folder, room / "stock")
+        return attack(random, folder, root / "stock")
     except Exception as error:
         return "the case itself", [f"{type(error).__name__}: {error}"]
     finally:
         rmtree(folder, ignore_errors=True)
 
 
-def work(numbers: list[tuple[str, int]], seed: int, room: Path, until: float, out: object) -> None:
-    """Do these cases, and put what they brought into the queue `out`."""
+def work(numbers: list[tuple[str, int]], seed: int, root: Path, until: float, out: object) -> None:
+    """Execute these cases, and put their results into the queue `out`."""
     for part, number in numbers:
         if monotonic() > until:
             break
-        out.put((part, number, *one_case(part, number, seed, room)))  # type: ignore[attr-defined]
+        out.put((part, number, *one_case(part, number, seed, root)))  # type: ignore[attr-defined]
     out.put(None)  # type: ignore[attr-defined]
 
 
 def main() -> int:
-    """Do all cases, or those asked for; 1 where anything is not as promised."""
+    """Execute all or the selected cases; returns 1 if one fails."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--part", choices=list(PARTS), help="this part only")
-    parser.add_argument("--only", type=int, help="this case of the part only")
-    parser.add_argument("--seed", type=int, default=0, help="of all cases (default: 0)")
+    parser.add_argument("--part", choices=list(PARTS), help="execute only this part")
+    parser.add_argument("--only", type=int, help="execute only this case of the part")
+    parser.add_argument("--seed", type=int, default=0, help="seed of all cases (default: 0)")
     parser.add_argument("--cases", type=float, default=1.0, help="share of the cases (default: 1)")
-    parser.add_argument("--seconds", type=float, default=300.0, help="the bound (default: 300)")
-    parser.add_argument("--workers", type=int, default=os.cpu_count(), help="processes at a time")
+    parser.add_argument("--seconds", type=float, default=300.0, help="time limit (default: 300)")
+    parser.add_argument("--workers", type=int, default=os.cpu_count(), help="parallel processes")
     given = parser.parse_args()
     began = monotonic()
     warnings.simplefilter("ignore")
@@ -81,18 +81,18 @@ def main() -> int:
             chosen = [(given.part, given.only)]
     context, faults, done = get_context("fork"), [], dict.fromkeys(PARTS, 0)
     with tempfile.TemporaryDirectory(prefix="pursuit-campaign-") as temporary:
-        room = Path(temporary)
-        prepare(room)
-        damage.make_stock(room / "stock")
+        root = Path(temporary)
+        prepare(root)
+        damage.make_stock(root / "stock")
         queue = context.SimpleQueue()
-        # Every worker has a room of its own for the kinds of killed runs, which it compares with.
+        # Every worker has its own uninterrupted runs for comparison.
         shares = [
             [c for i, c in enumerate(chosen) if _worker(c, i, given.workers) == w]
             for w in range(given.workers)
         ]
         workers = [
             context.Process(
-                target=work, args=(share, given.seed, room, began + given.seconds, queue)
+                target=work, args=(share, given.seed, root, began + given.seconds, queue)
             )
             for share in shares
         ]
@@ -114,14 +114,14 @@ def main() -> int:
                 print(f"{shown - began:4.0f} s  {_counts(done, chosen)}", flush=True)
         for worker in workers:
             worker.join()
-    print(f"{monotonic() - began:.0f} s  {_counts(done, chosen)}: {len(faults)} not as promised")
+    print(f"{monotonic() - began:.0f} s  {_counts(done, chosen)}: {len(faults)} cases failed")
     if sum(done.values()) < len(chosen):
-        print("not all were done in the time; give --seconds more")
+        print("the time limit was reached before all cases were done; raise --seconds")
     return int(bool(faults) or sum(done.values()) < len(chosen))
 
 
 def _worker(case: tuple[str, int], index: int, workers: int) -> int:
-    """Which worker does a case: all kills of one kind go to the same."""
+    """The worker of a case: the same one for all kills of one kind."""
     part, number = case
     return (number % len(kills.KINDS) if part == "kills" else index) % workers
 

@@ -1,4 +1,4 @@
-"""Commands in children of a process that has imported everything: a command costs no start-up."""
+"""Execution of commands in forked processes, which saves the time of imports."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ import torch
 
 from train.commands.main import COMMANDS, main
 
-PROMISED = {0: "done", 1: "diverged", 2: "refused", 130: "SIGINT", 141: "SIGPIPE", 143: "SIGTERM"}
+STATUSES = {0: "done", 1: "diverged", 2: "refused", 130: "SIGINT", 141: "SIGPIPE", 143: "SIGTERM"}
 
 
 WARM = (
@@ -32,9 +32,9 @@ WARM = (
 
 
 def prepare(folder: Path) -> None:
-    """Import every command and load what they compile, so that the children need not.
+    """Import all commands and load compiled functions before forking.
 
-    One thread: a process with more cannot be forked.
+    Torch has one thread, as a process with more cannot be forked.
     """
     torch.set_num_threads(1)
     matplotlib.use("Agg")
@@ -50,12 +50,12 @@ def prepare(folder: Path) -> None:
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a command ended.
+    """The result of a command.
 
     Attributes:
-        status: its exit status; minus the signal that killed it; None where it ran out of time.
-        out, err: what it printed.
-        seconds: how long it took.
+        status: its exit status; minus the signal that killed it; None after the time limit.
+        out, err: its output.
+        seconds: its duration.
     """
 
     status: int | None
@@ -63,25 +63,25 @@ class Outcome:
     err: str
     seconds: float
 
-    def faults(self, promised: tuple[int, ...] = tuple(PROMISED)) -> list[str]:
-        """What is wrong with it: a traceback, a status that nobody promised, no end."""
+    def faults(self, allowed: tuple[int, ...] = tuple(STATUSES)) -> list[str]:
+        """The faults: a traceback, a status that is not allowed, or the time limit."""
         found = []
         if self.status is None:
             found.append(f"did not end within {self.seconds:.0f} s")
-        elif self.status not in promised:
+        elif self.status not in allowed:
             found.append(f"exit status {self.status}")
         if "Traceback (most recent call last)" in self.out + self.err:
             found.append("a traceback")
         if self.status == 2:
             lines = [line for line in self.err.splitlines() if line.strip()]
             if not any(line.startswith("pursuit: error: ") for line in lines[-1:]):
-                found.append("status 2 without its one line")
+                found.append("status 2 without an error line")
             if "| None" in self.err or ".part" in self.err or "[Errno" in self.err:
-                found.append("a message of Python's own")
+                found.append("an internal message of Python")
         return found
 
-    def told(self) -> str:
-        """The last line that it said."""
+    def last_line(self) -> str:
+        """The last line of its output."""
         return (self.err.strip() or self.out.strip() or "(nothing)").splitlines()[-1]
 
 
@@ -96,8 +96,8 @@ def call(
     Args:
         arguments: of the command.
         folder: its working directory.
-        limit: seconds after which it is ended.
-        kill: seconds after which it is sent a signal, and which.
+        limit: time limit in seconds.
+        kill: seconds until a signal is sent, and the signal.
     """
     began = monotonic()
     with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
@@ -105,7 +105,7 @@ def call(
         sys.stderr.flush()
         child = os.fork()
         if child == 0:
-            _be_the_command(arguments, folder, out.fileno(), err.fileno())
+            _run_and_exit(arguments, folder, out.fileno(), err.fileno())
         status, sent = None, False
         while monotonic() - began < limit:
             ended, code = os.waitpid(child, os.WNOHANG)
@@ -126,8 +126,8 @@ def call(
     return Outcome(status, *texts, monotonic() - began)
 
 
-def _be_the_command(arguments: list[str], folder: Path, out: int, err: int) -> None:
-    """Never returns."""
+def _run_and_exit(arguments: list[str], folder: Path, out: int, err: int) -> None:
+    """Run the command in this process, and exit."""
     status = 1
     try:
         os.setsid()

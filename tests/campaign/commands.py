@@ -1,4 +1,4 @@
-"""Commands with nonsense in them: each is done, or refused with one line and exit status 2."""
+"""Commands with invalid arguments: each succeeds, or exits with one line and status 2."""
 
 from __future__ import annotations
 
@@ -147,7 +147,7 @@ OPTIONS = (
 
 
 def case(random: Random, folder: Path, stock: Path) -> tuple[str, list[str]]:
-    """One command: what it was, and what is wrong."""
+    """Execute one command: its description, and its faults."""
     words = nonsense(random)
     paths = {
         "RUN": stock / "ppo",
@@ -159,11 +159,11 @@ def case(random: Random, folder: Path, stock: Path) -> tuple[str, list[str]]:
     }
     arguments = [_placed(word, paths) for word in words]
     outcome: Outcome = call(arguments, folder)
-    return f"pursuit {' '.join(words)}", [f"{f}: {outcome.told()}" for f in outcome.faults()]
+    return f"pursuit {' '.join(words)}", [f"{f}: {outcome.last_line()}" for f in outcome.faults()]
 
 
 def nonsense(random: Random) -> list[str]:
-    """A command that works, with one to three mistakes in it."""
+    """A valid command with one to three random mistakes."""
     words = random.choice(BASES).split()
     for _ in range(random.choice((1, 1, 2, 3))):
         at = random.randrange(1, len(words)) if len(words) > 1 else 0

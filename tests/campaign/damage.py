@@ -1,4 +1,4 @@
-"""Folders in which a file was damaged, or made by somebody hostile: read, or refused in a line."""
+"""Folders with a damaged or malicious file: each is read, or refused with one line."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ VALUES: tuple[Any, ...] = (
 
 
 class Payload:
-    """Unpickled, it would leave a mark."""
+    """An object that writes a file when it is unpickled."""
 
     def __init__(self, mark: Path) -> None:
         self.mark = mark
@@ -87,7 +87,7 @@ class Payload:
 
 
 def make_stock(stock: Path) -> None:
-    """One finished run of each kind, an empty folder, and a module that leaves a mark."""
+    """Make one finished run of each kind, an empty folder, and a module that writes a file."""
     stock.mkdir(parents=True, exist_ok=True)
     (stock / "empty").mkdir(exist_ok=True)
     (stock / "sweep.toml").write_text(SWEEP)
@@ -98,7 +98,7 @@ def make_stock(stock: Path) -> None:
 
 
 def case(random: Random, folder: Path, stock: Path) -> tuple[str, list[str]]:
-    """One damaged folder and one command that reads it: what it was, and what is wrong."""
+    """Execute a command that reads a damaged folder: its description, and its faults."""
     name = random.choice([*STOCK, *STOCK, "ppo", "q_learning", "dqn"])  # the others take longer
     mark = folder / "mark"
     (folder / "evil.py").write_text(f"open({str(mark)!r}, 'w')\nPayload = print\n")
@@ -110,14 +110,14 @@ def case(random: Random, folder: Path, stock: Path) -> tuple[str, list[str]]:
     quick = READERS[name][:2]
     command = random.choice((*READERS[name], *quick, *quick)).replace("X", name)
     outcome = call(command.split(), folder, limit=60.0)
-    faults = [f"{fault}: {outcome.told()}" for fault in outcome.faults()]
+    faults = [f"{fault}: {outcome.last_line()}" for fault in outcome.faults()]
     if mark.exists():
         faults.append("code from a file was run")
     return f"{path.relative_to(folder)} {what}; pursuit {command}", faults
 
 
 def damage(path: Path, random: Random, mark: Path) -> str:
-    """Damage a file, and say how."""
+    """Damage a file; returns a description."""
     kind = random.random()
     content = path.read_bytes()
     if kind < 0.08:
@@ -183,7 +183,7 @@ def _damage_csv(path: Path, random: Random) -> str:
 
 
 def _somewhere(content: Any, random: Random) -> tuple[str, Any]:
-    """A random dict or list within, and the way there."""
+    """A random nested dict or list, and its path."""
     place, holder = "$", content if isinstance(content, dict | list) and content else None
     while holder is not None:
         inner = [

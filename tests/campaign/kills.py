@@ -1,4 +1,4 @@
-"""Runs that are killed at any moment: one command carries each on, to the same end."""
+"""Runs that are killed at random moments: one command resumes each to the same result."""
 
 from __future__ import annotations
 
@@ -35,32 +35,32 @@ KINDS = {
     "sweep": "sweep two.toml --workers 1",
 }
 SIGNALS = (signal.SIGKILL, signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
-PROMISED = {signal.SIGKILL: -9, signal.SIGTERM: 143, signal.SIGINT: 130}
+STATUSES = {signal.SIGKILL: -9, signal.SIGTERM: 143, signal.SIGINT: 130}
 
 
 def case(random: Random, folder: Path, number: int) -> tuple[str, list[str]]:
-    """One run, killed once or twice and carried on: what it was, and what is wrong."""
+    """Kill a run once or twice and resume it: the description, and the faults."""
     kind = list(KINDS)[number % len(KINDS)]
     whole, seconds = uninterrupted(kind, folder.parent / f"whole-{kind}")
-    told, faults = [kind], []
+    steps, faults = [kind], []
     command = first = begin(kind, folder)
     for _ in range(random.choice((1, 1, 2))):
         number_sent = random.choice(SIGNALS)
         moment = random.uniform(0.0, 1.1 * seconds)
         outcome = call(command, folder, limit=60.0, kill=(moment, number_sent))
-        told.append(f"{signal.Signals(number_sent).name} after {moment:.2f} s")
-        done = 2 if "complete" in outcome.err else 0  # it was killed when it had nothing left to do
-        begun = (folder / "run").exists()  # before, a signal may find nobody who listens yet
-        unheard = PROMISED[number_sent] if begun else -number_sent
-        faults += outcome.faults((0, done, unheard, PROMISED[number_sent]))
+        steps.append(f"{signal.Signals(number_sent).name} after {moment:.2f} s")
+        done = 2 if "complete" in outcome.err else 0  # the previous kill was after its end
+        begun = (folder / "run").exists()  # before, there may be no signal handler
+        unhandled = STATUSES[number_sent] if begun else -number_sent
+        faults += outcome.faults((0, done, unhandled, STATUSES[number_sent]))
         command = carry_on(kind, folder, first)
     if outcome.status != 0:
         outcome = call(command, folder, limit=60.0)
-        told.append(f"then `pursuit {' '.join(command)}`")
-        faults += [f"{fault}: {outcome.told()}" for fault in outcome.faults((0, 2))]
+        steps.append(f"then `pursuit {' '.join(command)}`")
+        faults += [f"{fault}: {outcome.last_line()}" for fault in outcome.faults((0, 2))]
         faults += dead_end(outcome, kind, folder)
     faults += [] if faults else compare(kind, whole, folder)
-    return ", ".join(told), faults
+    return ", ".join(steps), faults
 
 
 def begin(kind: str, folder: Path) -> list[str]:
@@ -70,23 +70,23 @@ def begin(kind: str, folder: Path) -> list[str]:
 
 
 def carry_on(kind: str, folder: Path, first: list[str]) -> list[str]:
-    """The command that goes on: what was killed before it was a run is begun again."""
+    """The command that resumes a run, or starts it again without `config.json`."""
     if kind == "sweep" or not (folder / "run" / "config.json").exists():
         return first
     return [first[0], "--resume", "run"]
 
 
 def dead_end(outcome: Outcome, kind: str, folder: Path) -> list[str]:
-    """Nothing, where the run is complete now, or was before it was killed."""
+    """The faults of a resumed run that is not complete."""
     if outcome.status == 2 and "complete" in outcome.err and missing(kind, folder) == []:
         return []
     if outcome.status != 0:
-        return [f"a dead end: {outcome.told()}"]
+        return [f"cannot be resumed: {outcome.last_line()}"]
     return [f"{name} is missing" for name in missing(kind, folder)]
 
 
 def missing(kind: str, folder: Path) -> list[str]:
-    """The files that a complete run has and this one has not."""
+    """The missing files of complete runs, and leftover temporary files."""
     names = ["config.json", "metrics.csv", "results.json", "checkpoint.pt"]
     if kind != "sweep":
         names.append("learning_curve.png")
@@ -103,7 +103,7 @@ def runs(kind: str, folder: Path) -> list[Path]:
 
 
 def compare(kind: str, whole: Path, folder: Path) -> list[str]:
-    """What differs from the run that nobody killed; budgets in frames end bit for bit alike."""
+    """The differences to the uninterrupted run; with budgets in frames, results are equal."""
     pairs = list(zip(runs(kind, whole), runs(kind, folder), strict=False))
     if not pairs:
         return ["no run"]
@@ -119,7 +119,7 @@ def compare(kind: str, whole: Path, folder: Path) -> list[str]:
 
 
 def different(one: Any, other: Any, place: str = "trainee") -> list[str]:
-    """The places at which two states differ."""
+    """The paths at which two states differ."""
     if type(one) is not type(other):
         return [place]
     if isinstance(one, dict):
@@ -128,7 +128,7 @@ def different(one: Any, other: Any, place: str = "trainee") -> list[str]:
         return [
             d
             for key in one
-            if key != "seconds"  # of the clock on the wall
+            if key != "seconds"  # wall time
             for d in different(one[key], other[key], f"{place}.{key}")
         ]
     if isinstance(one, list | tuple):
@@ -152,5 +152,5 @@ def uninterrupted(kind: str, folder: Path) -> tuple[Path, float]:
     folder.mkdir(parents=True)
     outcome = call(begin(kind, folder), folder, limit=120.0)
     if outcome.status != 0:
-        raise RuntimeError(f"{kind}: {outcome.told()}")
+        raise RuntimeError(f"{kind}: {outcome.last_line()}")
     return folder, outcome.seconds

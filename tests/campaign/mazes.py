@@ -1,4 +1,4 @@
-"""Maze texts that nobody would draw: each can be played, or one line says why not."""
+"""Random maze texts: each is valid and can be played, or is refused with one line."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ TASKS = ("chase", "maze", "race", "heist")
 
 
 def case(random: Random, folder: Path) -> tuple[str, list[str]]:
-    """One text, read and played: what it was, and what is wrong."""
+    """Read one text and play in it: its description, and its faults."""
     text = draw(random)
     faults: list[str] = []
     try:
@@ -60,7 +60,7 @@ def _played(maze: pursuit.Maze, random: Random) -> list[str]:
 
 
 def draw(random: Random) -> str:
-    """A text: a shipped maze that was tampered with, a grid of noise, or anything."""
+    """A random text: a modified maze of the library, a random grid, or random characters."""
     kind = random.random()
     if kind < 0.6:
         text = pursuit.load_maze(random.choice(library_names())).to_text()

@@ -86,7 +86,7 @@ def read_file(name: str, folder: Path, kind: str) -> tuple[Path, dict[str, Any]]
 
 def choose_version(file: SweepFile, version: str | None) -> SweepFile:
     """The file overridden by the chosen version."""
-    check(version in (None, *VERSIONS), f"unknown version {version!r}; give short or full")
+    check(version in (None, *VERSIONS), f"unknown version {version!r}; short or full")
     has = [name for name in VERSIONS if getattr(file, name) is not None]
     check(version is None or version in has, f"no version {version!r}; give one of {has or 'none'}")
     chosen = version or (has[0] if has else None)
@@ -102,7 +102,7 @@ def choose_version(file: SweepFile, version: str | None) -> SweepFile:
 def multiply_out(file: SweepFile, stem: str) -> Study:
     """All combinations as validated settings."""
     kind = RUN if file.kind is None else file.kind
-    check(kind in KINDS, f"unknown kind {kind!r}; give one of {', '.join(KINDS)}")
+    check(kind in KINDS, f"unknown kind {kind!r}; one of {', '.join(KINDS)}")
     common, grid = file.settings or {}, file.grid or {}
     variants, seeds = file.variants, [0] if file.seeds is None else file.seeds
     check_table(common, "[settings]")

@@ -34,7 +34,7 @@ def check_default(settings: Any, default: Any, names: Iterable[str], why: str) -
 def check_choice(what: str, value: object, choices: Iterable[str]) -> None:
     """ValueError unless `value` is one of `choices`; the message lists them."""
     known = tuple(choices)
-    check(value in known, f"unknown {what} {value!r}; give one of {', '.join(known)}")
+    check(value in known, f"unknown {what} {value!r}; one of {', '.join(known)}")
 
 
 # -- rules of fields -------------------------------------------------------------------------------

@@ -218,7 +218,7 @@ def preset_algorithm(preset: str) -> str | None:
     Raises:
         ValueError: an unknown preset.
     """
-    check(preset in PRESETS, f"unknown preset {preset!r}; give one of {', '.join(PRESETS)}")
+    check(preset in PRESETS, f"unknown preset {preset!r}; one of {', '.join(PRESETS)}")
     return None if preset == TUNED else preset.removeprefix("thesis-").removeprefix("reacher-")
 
 

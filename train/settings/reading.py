@@ -45,7 +45,7 @@ def check_names(given: Iterable[str], known: Iterable[str], where: str = "") -> 
         check(
             name in names,
             f"unknown setting {name!r}{where}"
-            + (f"; did you mean {close[0]!r}?" if close else f"; give one of {', '.join(names)}"),
+            + (f"; did you mean {close[0]!r}?" if close else f"; one of {', '.join(names)}"),
         )
 
 

@@ -100,7 +100,7 @@ class SelfPlaySettings(RunSettings):
         for name in self.members:
             check(
                 name in AGENTS or is_custom_policy(name),
-                f"unknown member {name!r}; give one of {', '.join(AGENTS)}, or package.module:Name",
+                f"unknown member {name!r}; one of {', '.join(AGENTS)}, or package.module:Name",
             )
             check(self.members.count(name) == 1, f"member {name!r} is given twice; give it once")
         for role in ROLES:

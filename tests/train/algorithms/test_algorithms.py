@@ -156,7 +156,7 @@ def test_advantages_with_and_without_gae_and_critic_equal_a_plain_loop(
 
 
 @pytest.mark.parametrize("standardize", [True, False])
-def test_a2c_standardizes_advantages_unless_told_otherwise(standardize: bool) -> None:
+def test_a2c_standardizes_advantages_by_default(standardize: bool) -> None:
     env = make_env(16)
     chosen = A2CSettings(16, standardize_advantages=standardize)
     learner = A2C(chosen, env, make_network(env, hidden=NOT_FUSED), "cpu")
@@ -185,7 +185,7 @@ def test_the_weights_of_prioritised_replay_are_annealed_over_the_run() -> None:
     assert found == pytest.approx([0.4, 0.7, 1.0])  # Schaul et al. (2016)
 
 
-def test_reinforces_discount_is_annealed_by_how_far_it_looks_ahead() -> None:
+def test_reinforces_discount_is_annealed_by_its_horizon() -> None:
     settings = ReinforceSettings(16, 0.9, gamma_end=0.999)
     assert [settings.gamma_at(time) for time in (0.0, 0.5, 1.0)] == pytest.approx(
         [0.9, 0.99, 0.999]
@@ -218,7 +218,7 @@ def test_advantages_are_those_of_the_annealed_discount(recurrent: str | None) ->
         assert learner.update_form == ("fused" if recurrent is None else "torch")
         learner.set_schedules(0.5)
         frames = learner.collect()
-        assert frames["value_target"].abs().max() > 0.1  # something was earned
+        assert frames["value_target"].abs().max() > 0.1  # rewards are not all 0
         found.append(frames["advantage"])
         learner.close()
     torch.testing.assert_close(*found)
@@ -327,7 +327,7 @@ def test_the_loss_of_dqn_and_its_gradients_equal_torchrls(double: bool, weighted
 
 
 @pytest.mark.parametrize("n_steps", [1, 3])
-def test_what_dqn_remembers_equals_a_plain_loop(n_steps: int) -> None:
+def test_the_replay_buffer_of_dqn_equals_a_plain_loop(n_steps: int) -> None:
     env = make_env(16)
     networks = make_network(env, QNetwork), make_network(env, QNetwork)
     chosen = DQNSettings(16, 0.9, rollout_steps=20, n_steps=n_steps, buffer_size=1000, batch_size=8)
@@ -400,7 +400,7 @@ class Line(EnvBase):
 
 
 class Point:
-    """Who learns on the line."""
+    """The player on the line."""
 
     features = Features("flat", (1,), np.ones(1))
     num_actions, members, continuous = 2, 1, False

@@ -1,4 +1,4 @@
-"""DDPG, TD3 and SAC on arms: what they explore with, remember, keep and learn."""
+"""DDPG, TD3 and SAC on arms: exploration, replay, resumption and learning."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def test_gaussian_noise_forgets_and_games_have_their_own() -> None:
     assert len(one.unique()) > 9000
 
 
-def test_noise_begins_anew_with_the_episode_of_its_game() -> None:
+def test_noise_is_reset_with_the_episode_of_its_game() -> None:
     learner = make("td3", noise_start=0.3, rollout_steps=1)
     learner.random_actions, learner.noise.std, ended = False, 0.3, 0
     for _ in range(410):
@@ -105,7 +105,7 @@ def test_actions_are_uniform_until_learning_starts_and_the_actors_then() -> None
 
 
 @pytest.mark.parametrize("n_steps", [1, 3])
-def test_what_is_remembered_of_arms_equals_a_plain_loop(n_steps: int) -> None:
+def test_the_replay_buffer_of_arms_equals_a_plain_loop(n_steps: int) -> None:
     learner = make("sac", n_steps=n_steps, rollout_steps=20, gamma=0.9, buffer_size=1000)
     rollout = learner.collector.rollout()
     done = torch.rand(16, 20) < 0.2
@@ -252,7 +252,7 @@ def test_the_temperature_of_sac_follows_the_entropy() -> None:
         (DDPGSettings, {"n_steps": 2}, "n_steps=2 is more than rollout_steps=1"),
     ],
 )
-def test_settings_that_make_no_sense_are_refused(form: Any, given: Any, message: str) -> None:
+def test_invalid_settings_are_refused(form: Any, given: Any, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         form(**given)
 

@@ -1,4 +1,4 @@
-"""Whole runs of every learner: they learn, resume, and say what they cannot do."""
+"""Whole runs of every learner: learning, resumption, and refused settings."""
 
 from __future__ import annotations
 
@@ -178,7 +178,7 @@ def test_a_policy_without_a_distribution_says_so(tmp_path: Path) -> None:
         load_policy(tmp_path, greedy="no")  # type: ignore[arg-type]
 
 
-def test_what_a_learner_cannot_do_it_says_at_once() -> None:
+def test_unsupported_settings_of_a_learner_are_refused() -> None:
     for flat, message in (
         ({"algorithm": "q_learning", "observation": "cells"}, "table over states"),
         ({"algorithm": "q_learning", "device": "cuda"}, "instead of a network, on the cpu"),
@@ -189,13 +189,13 @@ def test_what_a_learner_cannot_do_it_says_at_once() -> None:
         ({"preset": "thesis-sac"}, "unknown preset"),
         ({"preset": "thesis-dqn", "algorithm": "ppo"}, "is for algorithm 'dqn'"),
         ({"algorithm": "dqn", "clip": 0.2}, "unknown setting 'clip'"),
-        ({"width": 1.5}, "a whole number is needed"),
+        ({"width": 1.5}, "give a whole number"),
     ):
         with pytest.raises(ValueError, match=message):
             settings_of(**{"seconds": 1, **flat})
 
 
-def test_runners_look_as_far_ahead_as_their_learner_can() -> None:
+def test_discounts_of_runners_by_learner() -> None:
     """At 0.95 the best tour by discounted goals is 0.49 % longer than the shortest on 5x5."""
     small = {"ppo": 0.99, "a2c": 0.95, "reinforce": 0.95, "dqn": 0.99, "q_learning": 1.0}
     for algorithm, gamma in small.items():
@@ -217,7 +217,7 @@ def test_runners_look_as_far_ahead_as_their_learner_can() -> None:
     assert ends == sorted(ends) and (ends[0], *ends[-2:]) == pytest.approx((0.99, 0.997, 0.997))
 
 
-def test_a_discount_that_is_given_stays() -> None:
+def test_a_given_discount_is_constant() -> None:
     given: dict[str, Any] = {"algorithm": "a2c", "task": "maze", "frames": 1}
     assert settings_of(**given, gamma=0.97).hyper.last_gamma == 0.97
     own: Any = settings_of(**given, gamma=0.97, gamma_end=0.98).hyper
@@ -228,7 +228,7 @@ def test_a_discount_that_is_given_stays() -> None:
     assert hyper.gamma_end is None
 
 
-def test_chance_is_kept_by_runners_and_chasers() -> None:
+def test_entropy_bonuses_of_runners_and_chasers() -> None:
     """Beside standardised advantages a small bonus is too weak there."""
     near: list[dict[str, Any]] = [{"task": "maze", "maze": maze} for maze in ("3x3", "5x5", "9x9")]
     near += [{"task": "chase", "maze": "5x5"}]

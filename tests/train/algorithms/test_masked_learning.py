@@ -1,4 +1,4 @@
-"""Learners with `mask_bumps=True` keep to their masks; so does whoever loads what they learned."""
+"""Learners with `mask_bumps=True` respect their masks; so do their loaded policies."""
 
 from __future__ import annotations
 
@@ -222,7 +222,7 @@ def masked_run(tmp_path: Path) -> Iterator[Path]:
     yield tmp_path / "run"
 
 
-def test_whoever_loads_a_policy_that_learned_with_masks_plays_with_them(masked_run: Path) -> None:
+def test_loaded_policies_use_the_masks_of_their_training(masked_run: Path) -> None:
     allowed = bump_masks(load_maze("3x3"), 4)
     for greedy in (True, False):
         policy: Any = load_policy(masked_run, greedy)
@@ -254,7 +254,7 @@ def test_learners_without_masks_are_not_given_any(tmp_path: Path) -> None:
     pytest.importorskip("stable_baselines3")
     from train.recipes.stable_baselines import Recipe
 
-    with pytest.raises(ValueError, match="know no masks"):
+    with pytest.raises(ValueError, match="not supported by these learners"):
         Recipe(task=TaskSettings(mask_bumps=True), out=tmp_path / "model.zip")
 
 

@@ -158,7 +158,7 @@ def test_the_values_are_those_of_value_iteration() -> None:
         np.testing.assert_allclose(own[others], q_values[others], atol=1e-6)
 
 
-def test_optimistic_values_fall_and_never_below_the_truth() -> None:
+def test_optimistic_values_fall_and_never_below_the_optimal_values() -> None:
     task = make_task("maze", maze="3x3", num_goals=1)
     maze = task.mazes[0]
     learner, _ = learned(task, 0)
@@ -257,7 +257,7 @@ def test_a_chaser_comes_within_a_per_cent_of_the_exact_best_response(tmp_path: P
     assert contest.score("learned", again).mean_steps == score.mean_steps
 
 
-def test_exploration_says_nothing_of_the_starts() -> None:
+def test_exploration_is_independent_of_the_starts() -> None:
     """Its numbers are of a stream of its own: none of those of the games, whatever the learner."""
     task = make_task("chase", maze="3x3")
     simulator = Simulator(task, 64, 7, auto_restart=False)
@@ -269,7 +269,7 @@ def test_exploration_says_nothing_of_the_starts() -> None:
     assert not np.isin(streams, simulator.streams).any()
 
 
-def test_who_is_paid_for_every_step_needs_a_discount() -> None:
+def test_a_positive_reward_at_every_step_needs_a_discount() -> None:
     evader = {"algorithm": "q_learning", "role": "evader", "maze": "3x3", "frames": 1}
     assert settings_of(**evader).hyper.gamma == 0.95
     for rewards in ("default", "zero_sum", "distance"):
@@ -287,7 +287,7 @@ def test_too_many_states_and_other_games_are_refused() -> None:
     task = make_task("maze", maze="3x3", num_goals=1)
     policy = QTablePolicy(task, "runner", np.zeros((StateNumbers(task).count, 4)))
     other = Simulator(make_task("maze", maze="3x3", num_goals=2))
-    with pytest.raises(ValueError, match="needs the same"):
+    with pytest.raises(ValueError, match="use the same"):
         policy.act(other.view("runner"))
     with pytest.raises(ValueError, match="not a table over pairs"):
         policy.action_probabilities(task.mazes[0])

@@ -84,7 +84,7 @@ def test_runners_and_evaders_are_trained_too(task: list[str], tmp_path: Path) ->
         ("chaser", 0.99, 1.0, ""),
     ],
 )
-def test_who_walks_to_and_fro_is_told_what_cures_it(
+def test_advice_for_greedy_policies_that_loop(
     role: str, greedy: float, drawn: float, told: str
 ) -> None:
     scores = [
@@ -97,7 +97,7 @@ def test_who_walks_to_and_fro_is_told_what_cures_it(
 
 
 @pytest.mark.slow
-def test_teams_are_trained_too_beside_their_optimum(tmp_path: Path) -> None:
+def test_teams_are_trained_and_compared_with_their_optimum(tmp_path: Path) -> None:
     for number, (team, exact) in enumerate((("--num-chasers", True), ("--num-evaders", False))):
         out = tmp_path / str(number)
         run("train", *TINY, team, "2", "--frames", "1024", "--out", out)
@@ -108,7 +108,7 @@ def test_teams_are_trained_too_beside_their_optimum(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("task", ["maze", "chase"])
-def test_who_counts_nothing_that_is_ahead_has_results_without_a_floor(
+def test_results_with_discount_0_have_no_objective_gap(
     task: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run("train", *TINY, "--task", task, "--gamma", "0", "--frames", "256", "--out", tmp_path / task)
@@ -135,7 +135,7 @@ def test_a_killed_run_resumes_to_the_same_weights_bit_for_bit(tmp_path: Path) ->
     process.kill()
     process.wait()
     state = load_checkpoint(killed)
-    # Killed in time, as it is on any machine that I know.
+    # The run is killed before its end on all usual machines.
     if state["trainee"]["learner"]["frames"] < 6144:
         assert not (killed / "results.json").exists()
         run("train", "--resume", killed, "--episodes", "50")
@@ -151,7 +151,7 @@ def test_a_killed_run_resumes_to_the_same_weights_bit_for_bit(tmp_path: Path) ->
     assert rows[0] == rows[1]
 
 
-def test_control_c_saves_and_reports_and_the_run_goes_on(tmp_path: Path) -> None:
+def test_control_c_saves_and_reports_and_the_run_resumes(tmp_path: Path) -> None:
     folder = tmp_path / "run"
     process = subprocess.Popen(
         [
@@ -176,7 +176,7 @@ def test_control_c_saves_and_reports_and_the_run_goes_on(tmp_path: Path) -> None
     assert load_checkpoint(folder)["trainee"]["learner"]["frames"] > 0
 
 
-def test_evaluate_render_and_baseline_say_what_they_found(
+def test_outputs_of_evaluate_render_and_baseline(
     trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run("evaluate", trained, "--episodes", "200", "--out", tmp_path / "again.json")
@@ -238,7 +238,7 @@ def error_of(capsys: pytest.CaptureFixture[str], *arguments: Any) -> str:
         (["train", "--max-steps", "0"], ["max_steps"]),
         (
             ["train", "--max-steps", "100001"],
-            ["max_steps=100001; must be at most 100000", "take fewer"],
+            ["max_steps=100001; give at most 100000", "no agent"],
         ),
         (["baseline", "--task", "reacher", "--max-steps", "100001"], ["at most 100000"]),
         (["train", "--seconds", "-3"], ["-3"]),
@@ -264,9 +264,9 @@ def error_of(capsys: pytest.CaptureFixture[str], *arguments: Any) -> str:
             ],
             ["standardize_advantages=True", "raise num_games"],
         ),
-        (["train", "--width", "wide"], ["--width 'wide': a whole number is needed"]),
-        (["train", "--frames", "abc"], ["--frames 'abc': a whole number is needed"]),
-        (["train", "--seconds", "x"], ["--seconds 'x': a number is needed"]),
+        (["train", "--width", "wide"], ["--width 'wide': give a whole number"]),
+        (["train", "--frames", "abc"], ["--frames 'abc': give a whole number"]),
+        (["train", "--seconds", "x"], ["--seconds 'x': give a number"]),
         (["train", "--frams", "3"], ["perhaps you meant --frames"]),
         (["train", "--num-games", "1000000000"], ["num_games=1000000000", "are free here"]),
         (["train", "--width", "1000000000"], ["width=1000000000", "are free here; lower it"]),
@@ -391,9 +391,9 @@ def test_a_full_disk_loses_nothing_that_was_saved(tmp_path: Path) -> None:
     assert path.read_text() == "old" and list(tmp_path.iterdir()) == [path]
 
 
-def test_an_address_where_no_cluster_answers_is_refused_at_once() -> None:
+def test_an_address_without_a_cluster_is_refused_at_once() -> None:
     with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))  # and nobody listens
+        taken.bind(("127.0.0.1", 0))  # without a listener
         port = taken.getsockname()[1]
         for address in (f"127.0.0.1:{port}", f"ray://127.0.0.1:{port}"):
             with pytest.raises(ValueError, match="no Ray cluster answers there"):
@@ -407,7 +407,7 @@ def test_an_address_where_no_cluster_answers_is_refused_at_once() -> None:
         check_answers(address)
 
 
-def test_an_error_of_the_system_is_told_without_its_number(tmp_path: Path) -> None:
+def test_system_errors_are_reported_without_their_number(tmp_path: Path) -> None:
     with pytest.raises(OSError) as caught:
         (tmp_path / "missing").read_text()
     assert in_words(caught.value) == f"{tmp_path / 'missing'}: No such file or directory"
@@ -434,7 +434,7 @@ def test_every_command_has_a_help_that_names_its_options(
         (("reproduce", "table-3.1"), "experiments.replication.run.carry_out"),
     ],
 )
-def test_who_interrupts_is_given_a_command_that_a_shell_takes(
+def test_the_command_printed_after_an_interruption_is_quoted(
     command: tuple[str, ...],
     work: str,
     tmp_path: Path,

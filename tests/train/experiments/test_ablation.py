@@ -1,4 +1,4 @@
-"""Ablations: statistics against third parties and published formulas; files; reports that tell."""
+"""Ablations: statistics against other libraries and published formulas, files and reports."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ curriculum = "goal-spread-start"
 """
 
 
-def test_two_arms_of_equal_settings_are_refused(tmp_path: Path) -> None:
+def test_two_variants_of_equal_settings_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "tiny.toml"
     path.write_text(TINY + '[[variants]]\nname = "again"\ncurriculum = "num-goals"\n')
     with pytest.raises(ValueError, match=r"'fewer goals first'.* and .*'again' have equal"):
@@ -91,7 +91,7 @@ def test_the_interquartile_mean_is_scipys_trimmed_mean(values: list[float]) -> N
     assert min(values) - 1e-9 <= interquartile_mean(values) <= max(values) + 1e-9
 
 
-def test_the_interquartile_mean_bears_what_never_got_there() -> None:
+def test_the_interquartile_mean_allows_infinite_values() -> None:
     assert interquartile_mean([1.0, 2.0, 3.0, float("inf")]) == 2.5
     assert interquartile_mean([1, 2, 3, 100]) == 2.5
 
@@ -128,7 +128,7 @@ def curve(shortfalls: list[float], seed: int, task: str = "") -> Curve:
     return Curve(places, 1e6 * places, values, optimality, *lessons, values[-1], seed, task)
 
 
-def test_what_was_never_reached_counts_as_late_not_as_missing() -> None:
+def test_gaps_not_reached_count_as_infinite_times() -> None:
     reaching = curve([50.0, 4.0, 1.0], 0)
     never = [curve([50.0, 40.0, 30.0], seed) for seed in (1, 2)]
     row = summary("variant", [reaching, *never], never)
@@ -143,7 +143,7 @@ def test_areas_and_times_of_several_tasks_are_compared_within_them() -> None:
     hard = [curve([900.0, 900.0, 900.0 - seed, 4.0], seed, "hard") for seed in range(3)]
     row = summary("variant", easy + hard, easy + hard)
     areas = [[mean_over(c.frames, c.optimality) for c in task] for task in (easy, hard)]
-    # Runs of one task are nearly alike: what the tasks differ in is no uncertainty.
+    # Runs of one task are nearly equal; differences between tasks are no uncertainty.
     low, high = mean_interval(areas)
     assert (row["area_low"], row["area_high"]) == pytest.approx((low, high))
     assert row["area"] == pytest.approx((low + high) / 2) and high - low < 0.01
@@ -155,7 +155,7 @@ def test_areas_and_times_of_several_tasks_are_compared_within_them() -> None:
     later = [curve([50.0, 50.0, 1.0], seed, "easy") for seed in range(3)]
     never = [curve([900.0, 900.0], seed, "hard") for seed in range(30)]
     alone = summary("variant", sooner, later)["p_to_5"]
-    # A task in which no run arrives adds nothing, however many runs it has.
+    # A task in which no run reaches the gap has no effect.
     assert summary("variant", sooner + never, later + never)["p_to_5"] == pytest.approx(alone)
     assert summary("variant", sooner + never, later)["p_to_5"] == pytest.approx(alone)
     assert np.isnan(summary("variant", sooner, [])["p_to_5"])
@@ -170,7 +170,7 @@ def test_the_p_value_is_mann_and_whitneys_where_there_are_no_ties() -> None:
     assert permutation_p([[1, 2, 3]], [[4, 5, 6]]) == pytest.approx(0.1)
     assert permutation_p([[1, 2, 3, 4]], [[5, 6, 7, 8]]) == pytest.approx(2 / 70)
     assert permutation_p([[1.0]], [[2.0, 3.0]]) == pytest.approx(2 / 3, abs=0.02)
-    # Two tasks: both must be apart in the same sense to count.
+    # Two tasks: differences of opposite sign cancel.
     alike = permutation_p([[1, 2, 3], [4, 5, 6]], [[4, 5, 6], [1, 2, 3]])
     apart = permutation_p([[1, 2, 3], [1, 2, 3]], [[4, 5, 6], [4, 5, 6]])
     assert alike == pytest.approx(1.0) and apart == pytest.approx(2 / 400, abs=0.003)
@@ -197,7 +197,7 @@ def verdicts(hints: Hints, **variants: list[Curve]) -> list[str]:
     return [verdict(row, hints) for row in rows]
 
 
-def test_a_verdict_needs_more_than_chance() -> None:
+def test_a_verdict_needs_a_significant_difference() -> None:
     hints = Hints("", control="none", variants=["none", "variant"])
     control = [curve([50.0, 20.0 + seed], seed) for seed in range(5)]
     for shift, wanted in ((-15.0, "better"), (15.0, "worse"), (0.0, "no difference shown")):
@@ -209,7 +209,7 @@ def test_a_verdict_needs_more_than_chance() -> None:
     assert verdicts(hints, none=control[:1], variant=control[:1])[1] == "too few runs"
 
 
-def test_many_arms_need_more_and_the_one_that_was_named_before_does_not() -> None:
+def test_p_is_corrected_except_for_the_primary_variant() -> None:
     control = [curve([50.0, 20.0 + seed], seed) for seed in range(5)]
     better = [curve([50.0, 5.0 + seed], seed) for seed in range(5)]
     variants = {"none": control, **{name: better for name in "abcdefg"}}
@@ -219,7 +219,7 @@ def test_many_arms_need_more_and_the_one_that_was_named_before_does_not() -> Non
     assert told[2] == "better (p = 0.008, primary)" and told[1] == "better (p = 0.048)"
 
 
-def test_equal_is_said_only_within_a_margin_that_was_named() -> None:
+def test_variants_are_equal_only_within_the_given_margin() -> None:
     control = [curve([50.0, 20.0 + 0.1 * seed], seed) for seed in range(5)]
     variants = {"none": control, "variant": control}
     assert verdicts(Hints("", control="none"), **variants)[1].startswith("no difference")
@@ -228,7 +228,7 @@ def test_equal_is_said_only_within_a_margin_that_was_named() -> None:
     assert told.startswith("no difference shown")
 
 
-def test_the_share_of_frames_on_the_hardest_lesson() -> None:
+def test_the_share_of_frames_on_the_hardest_stage() -> None:
     def taught(*shares: float) -> Curve:
         return replace(curve([5.0] * len(shares), 0), on_hardest=np.array(shares))
 
@@ -247,7 +247,7 @@ def test_the_share_of_frames_on_the_hardest_lesson() -> None:
         for n in shipped(ABLATIONS)
     ],
 )
-def test_every_shipped_ablation_is_sound_in_both_versions(name: str) -> None:
+def test_both_versions_of_every_shipped_ablation_are_valid(name: str) -> None:
     for version in ("short", "full"):
         plan = load_ablation(name, version)
         variants, seeds = plan.report["variants"], {run.settings.seed for run in plan.runs}
@@ -265,24 +265,24 @@ def test_every_shipped_ablation_is_sound_in_both_versions(name: str) -> None:
         (
             'control = "none"',
             'control = "none"\nprimary = "none"',
-            "none of the variants other",
+            "not a variant other",
         ),
         ('control = "none"', 'control = "none"\nmargin = 0', "margin=0"),
-        ('control = "none"', 'control = "none"\nthreshold = 7', "threshold=7; one of"),
-        ('control = "none"', "", "control=None is none of the variants"),
-        ('control = "none"', 'control = "nobody"', "control='nobody' is none of the variants"),
-        ('name = "near first"', 'name = "none"', "all different"),
+        ('control = "none"', 'control = "none"\nthreshold = 7', "threshold=7; give one of"),
+        ('control = "none"', "", "control=None is not a variant"),
+        ('control = "none"', 'control = "nobody"', "control='nobody' is not a variant"),
+        ('name = "near first"', 'name = "none"', "a different name"),
         (
             'name = "near first"',
             'name = "near first"\nframes = 10',
-            "sets frames; variants have",
+            "sets frames; all variants have",
         ),
-        ('name = "near first"', 'name = "near first"\nseed = 7', "sets seed; variants have equal"),
+        ('name = "near first"', 'name = "near first"\nseed = 7', "sets seed; all variants have"),
         ("num-goals", "num-stars", "unknown curriculum 'num-stars'"),
-        ("[[variants]]", "[[arms]]", r"it is \[\[variants\]\] now"),
+        ("[[variants]]", "[[arms]]", r"\[\[arms\]\] was renamed"),
         ('curriculum = "num-goals"', 'curriculum = "opponent-epsilon"', "needs opponents"),
         ('task = "maze"', 'task = "heist"', "exact optimum of task 'heist' .* is not known"),
-        ('task = "maze"', 'task = "race"\nnum_goals = 2', "'race' is scored by goals, and an abl"),
+        ('task = "maze"', 'task = "race"\nnum_goals = 2', "'race' is scored by goals, but an abl"),
     ],
 )
 def test_bad_files_are_refused_before_anything_runs(
@@ -301,7 +301,7 @@ def ablated(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_an_ablation_runs_reports_and_is_not_done_again(
+def test_an_ablation_runs_reports_and_is_not_repeated(
     ablated: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = ablated / "out"
@@ -329,7 +329,7 @@ def test_an_ablation_runs_reports_and_is_not_done_again(
 
 
 @pytest.mark.parametrize(("asked", "drawn"), [(None, "frames"), ("seconds", "seconds")])
-def test_arms_of_equal_frames_are_drawn_over_frames(
+def test_variants_with_budgets_in_frames_are_drawn_over_frames(
     ablated: Path, monkeypatch: pytest.MonkeyPatch, asked: str | None, drawn: str
 ) -> None:
     units: list[Any] = []
@@ -344,12 +344,12 @@ def test_arms_of_equal_frames_are_drawn_over_frames(
     assert units == [drawn]
 
 
-def test_all_arms_are_evaluated_at_the_same_final_difficulty(ablated: Path) -> None:
+def test_all_variants_are_evaluated_at_the_same_final_difficulty(ablated: Path) -> None:
     out = ablated / "out"
     runs = polars.read_parquet(out / RUNS)
     assert runs["optimal_steps"].n_unique() == 1 and runs["random_steps"].n_unique() == 1
     curves = polars.read_parquet(out / CURVES)
-    # The training difficulty stands beside: the lessons begin below the task's own.
+    # Training starts in easier stages than the task itself.
     taught = runs.filter(polars.col("variant") == "fewer goals first")["run"].to_list()
     lessons: Any = curves.filter(polars.col("run").is_in(taught)).group_by("run").first()["stage"]
     assert (lessons < 3).all()

@@ -65,13 +65,13 @@ def outcomes(out: Path) -> list[Path]:
 # -- a comparison --------------------------------------------------------------------------------
 
 
-def test_a_tiny_race_runs_to_its_report_and_does_nothing_twice(
+def test_a_small_comparison_runs_to_its_report_and_is_not_repeated(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     plan = load_comparison(written(tmp_path))
     outcome = run_comparison(plan, tmp_path / "out", unwatched, workers=0)
     assert len(outcomes(tmp_path / "out")) == sum(plan.count()) == 4 + 4
-    # The settings raced with are those of the trial with the least score.
+    # The final settings are those of the trial with the lowest score.
     for (task, name), number in outcome.chosen.items():
         scores = [outcome.scores[task, name, trial][0] for trial in range(2)]
         assert number == int(np.argmin([np.inf if s is None else s for s in scores]))
@@ -90,13 +90,13 @@ def test_a_tiny_race_runs_to_its_report_and_does_nothing_twice(
     with (report.parent / "trials.csv").open(encoding="utf-8") as file:
         assert [row["chosen"] for row in csv.DictReader(file)].count("True") == 2
 
-    # Once more: nothing is done, and what it says is the same.
+    # Repeated: nothing is executed, and the report is the same.
     monkeypatch.setattr(executors, "JobHere", pytest.fail)
     again = run_comparison(plan, tmp_path / "out", unwatched, workers=0)
     assert again == outcome
 
 
-def test_a_bout_that_fails_is_told_of_and_tried_again(
+def test_a_failed_run_is_reported_and_retried(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def broken(*_: Any) -> Any:
@@ -131,7 +131,7 @@ def test_damaged_results_are_refused_by_name(tmp_path: Path) -> None:
         result_of(tmp_path)
 
 
-def test_a_folder_of_the_form_before_is_refused(tmp_path: Path) -> None:
+def test_a_folder_of_an_older_format_is_refused(tmp_path: Path) -> None:
     """Each of its runs was a file, not a folder."""
     (tmp_path / "out" / "trials").mkdir(parents=True)
     (tmp_path / "out" / "trials" / "ours-2x2-seed1000000-0123456789.json").write_text("{}")
@@ -140,7 +140,7 @@ def test_a_folder_of_the_form_before_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_command_races_in_processes_of_its_own(
+def test_the_command_runs_in_separate_processes(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     main(["compare", written(tmp_path), "--out", str(tmp_path / "out"), "--workers", "2"])
@@ -151,7 +151,7 @@ def test_the_command_races_in_processes_of_its_own(
 # -- what is compared ------------------------------------------------------------------------------
 
 
-def test_the_shipped_race_is_tuned_on_other_mazes_and_fits_its_time() -> None:
+def test_the_shipped_comparison_is_tuned_on_other_mazes_and_fits_its_time() -> None:
     plan = load_comparison("ppo")
     assert plan.seconds() is not None and plan.seconds() <= 45 * 60  # type: ignore[operator]
     for on in load_comparison("ppo", "full").tasks:
@@ -195,7 +195,7 @@ def test_times_are_censored_and_medians_need_more_than_half() -> None:
 
 
 @pytest.mark.parametrize("name", CONTESTANTS)
-def test_every_contestant_learns_and_is_judged_alike(name: str) -> None:
+def test_every_contestant_learns_and_is_evaluated_equally(name: str) -> None:
     if name == "stable-baselines3":
         pytest.importorskip("stable_baselines3")
     drawn = {"num_games": 8, "rollout_steps": 8, "minibatch_size": 32, "width": 16}
@@ -205,7 +205,7 @@ def test_every_contestant_learns_and_is_judged_alike(name: str) -> None:
     assert all(point["processor_seconds"] > 0 and point["greedy"] >= 0 for point in points)
     world, contest, optimum = world_and_contest(RUNNER, 50)
     assert found["optimal_steps"] == optimum.mean_steps
-    # At the start everybody draws about evenly, whatever it observes.
+    # Initial policies are nearly uniform for all observations.
     trainer = CONTESTANTS[name].build(world, settings_of(name, world, drawn), 3)
     drawn_from = trainer.policy(greedy=False).distribution(world.task, contest.starts().games, 0)
     trainer.close()
@@ -238,11 +238,11 @@ def test_a_discount_that_is_drawn_is_that_of_every_contestant() -> None:
         (
             "width = { choices = [16] }",
             "pairs = { choices = [true] }",
-            "'pairs'; the settings that every",
+            "'pairs' in [space]",
         ),
-        ("width = { choices = [16] }", "shared = { choices = [true] }", "'shared'; the settings"),
-        ("width = { choices = [16] }", "samples = 3", "'samples'; the settings that every"),
-        ("width = { choices = [16] }", "seed = 3", "'seed'; the settings that every contestant"),
+        ("width = { choices = [16] }", "shared = { choices = [true] }", "'shared' in [space]"),
+        ("width = { choices = [16] }", "samples = 3", "'samples' in [space]"),
+        ("width = { choices = [16] }", "seed = 3", "'seed' in [space]"),
         ("width = { choices = [16] }", "width = { choices = [0] }", "width=0"),
         (
             "width = { choices = [16] }",
@@ -261,7 +261,7 @@ def test_a_discount_that_is_drawn_is_that_of_every_contestant() -> None:
         ("seeds = [0, 1]", "seeds = [0, 1], finalists = 1", "finalists"),
         ("seeds = [0, 1]", "seeds = [0, 1], trials = 1", "trials"),
         ("seeds = [0, 1]", "seeds = [0, 1, 0]", "seeds=[0, 1, 0]; give one or more"),
-        ("episodes = 20", "episodes = 20\nheld_out = -1", "held_out=-1; at least 1"),
+        ("episodes = 20", "episodes = 20\nheld_out = -1", "held_out=-1; give at least 1"),
         (
             "episodes = 20",
             'episodes = 20\ntasks = ["runner, 2x2", "runner, 2x2"]',
@@ -283,7 +283,7 @@ def test_bad_files_are_refused_in_a_line(tmp_path: Path, old: str, new: str, wor
     assert "tiny.toml" in str(refused.value)
 
 
-def test_an_evader_cannot_race(tmp_path: Path) -> None:
+def test_an_evader_cannot_be_compared(tmp_path: Path) -> None:
     text = TINY.replace(
         'task = "maze", maze = "2x2", num_goals = 1',
         'task = "chase", role = "evader", maze = "2x2"',

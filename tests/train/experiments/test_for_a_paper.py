@@ -1,4 +1,4 @@
-"""What goes into papers: tables, figures, methods and names; the page as it stands."""
+"""Outputs for papers: tables, figures, methods and names; and the text of documents."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ HOSTILE = "a_b & 50 % of $x^2$ {~} #1 \\input{/etc/passwd} [-3, -0.5] | <b> ± -
 
 @pytest.fixture(scope="module")
 def paper(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, dict[str, str]]]:
-    """Where the commands ran, one after the other, and what each printed."""
+    """The folder in which the commands ran in sequence, and their outputs."""
     folder, printed = tmp_path_factory.mktemp("paper"), {}
     with contextlib.chdir(folder):
         for line in COMMANDS_OF_A_PAPER:
@@ -65,7 +65,7 @@ def test_figures_are_vector_graphics_and_bitmaps(paper: tuple[Path, dict[str, st
 
 @pytest.mark.slow  # the runs take a minute
 def test_one_table_two_forms(paper: tuple[Path, dict[str, str]]) -> None:
-    """Report and CSV say the same of the same rows."""
+    """Report and CSV have the same rows and values."""
     out = paper[0] / "comparison"
     rows = list(csv.DictReader((out / "table.csv").open()))
     report = (out / "report.md").read_text()
@@ -100,7 +100,7 @@ def test_methods_say_what_the_files_say(paper: tuple[Path, dict[str, str]]) -> N
 
 
 @pytest.mark.slow  # the runs take a minute
-def test_a_league_calls_its_entries_as_asked(paper: tuple[Path, dict[str, str]]) -> None:
+def test_a_league_uses_the_given_names(paper: tuple[Path, dict[str, str]]) -> None:
     content = json.loads((paper[0] / "league/league.json").read_text())
     assert content["chasers"] == ["PPO", "A2C", "A star", "chance"]
     rows = list(csv.DictReader((paper[0] / "league/table.csv").open()))
@@ -109,7 +109,7 @@ def test_a_league_calls_its_entries_as_asked(paper: tuple[Path, dict[str, str]])
     assert "A2C" in (paper[0] / "league/chasers.csv").read_text()
 
 
-def test_names_are_the_shortest_that_tell_apart(tmp_path: Path) -> None:
+def test_names_are_the_shortest_unique_ones(tmp_path: Path) -> None:
     runs = ["a/one", "b/one", "b/two", "c/b/two", "x/astar", "pair", "pair/chaser", "z/pair"]
     for run in runs:
         (tmp_path / run).mkdir(parents=True, exist_ok=True)
@@ -179,7 +179,7 @@ def test_figures_are_the_same_bytes_in_every_format(tmp_path: Path) -> None:
         save(figure, tmp_path / "f.gif")
 
 
-def test_a_logarithmic_axis_begins_above_nothing() -> None:
+def test_a_logarithmic_axis_starts_above_0() -> None:
     curve = (np.array([0.0, 1.0, 10.0, 100.0]), np.array([9.0, 3.0, 2.0, 1.0]))
     points, values = on_one_axis([curve, curve], log=True)
     assert points[0] == 1.0 and (values[:, 0] == 3.0).all() and (values[:, -1] == 1.0).all()
@@ -191,11 +191,11 @@ def test_a_logarithmic_axis_begins_above_nothing() -> None:
 
 
 class Parsed(Exception):
-    """The options are sound."""
+    """The options are valid."""
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_every_example_of_the_help_is_understood(
+def test_every_example_of_the_help_is_valid(
     name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     module = __import__(f"train.commands.{name.replace('-', '_')}", fromlist=["parse"])

@@ -1,4 +1,4 @@
-"""Sweeps on a Ray cluster: nothing is lost, and nothing counted twice."""
+"""Sweeps on a Ray cluster: every run is executed and counted exactly once."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ learning_rate = {low = 1e-4, high = 1e-2}
 
 
 @pytest.mark.slow
-def test_control_c_brings_back_what_ray_did(cluster: Any, tmp_path: Path) -> None:
+def test_control_c_keeps_the_progress_of_ray_tasks(cluster: Any, tmp_path: Path) -> None:
     import ray
 
     sweep = load_sweep(write(tmp_path / "long.toml", LONG))

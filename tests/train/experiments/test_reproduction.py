@@ -1,4 +1,4 @@
-"""Claims of the thesis are decided by tests of the runs, corrected over all cells of a page."""
+"""Replication: claims are decided by tests of runs, corrected over all cells of a page."""
 
 from __future__ import annotations
 
@@ -62,12 +62,12 @@ from train.files import read_json
 def ran(
     seed: int, gap: float, unsolved: float = 0.0, lengths: tuple[float, ...] = (), **row: object
 ) -> Ran:
-    """A run that ended so."""
+    """A run with these results."""
     plain = {"seed": seed, "optimality_gap": gap, "unsolved_share": unsolved, "max_steps": 200}
     return Ran({"frames": 10**6, "algorithm": "ppo", **plain, **row}, lengths)
 
 
-def test_a_run_has_diverged_where_most_is_unsolved_and_nothing_falls() -> None:
+def test_a_run_diverges_if_most_starts_are_unsolved_and_lengths_do_not_fall() -> None:
     flat, falling = (200.0,) * 9, (200.0,) * 6 + (200.0, 190.0, 180.0)
     assert diverged(ran(0, 9.0, 0.6, flat))
     assert not diverged(ran(0, 9.0, 0.6, falling))
@@ -80,7 +80,7 @@ LOWER = Claim("", "lower", {"algorithm": "ours"}, [{"algorithm": "rival 0"}])
 
 
 def verdicts_of(claims: Sequence[Claim], runs: Sequence[Ran]) -> list[str]:
-    """Of all cells of a page that has these claims alone."""
+    """The decisions on all cells of a page with only these claims."""
     found = [cell for claim in claims for cell in decide(claim, runs, 0)]
     return [cell.verdict for cell in correct(found)]
 
@@ -92,7 +92,7 @@ def p_of_ranks(ours: tuple[float, ...], theirs: tuple[float, ...]) -> float:
 
 @pytest.fixture
 def fast_p(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The p of a permutation of runs is remembered: it depends on their order alone."""
+    """`permutation_p` with a cache, as p depends only on the order of the values."""
 
     def p_of(ours: Sequence[Sequence[float]], theirs: Sequence[Sequence[float]]) -> float:
         ranks = rankdata([*ours[0], *theirs[0]])
@@ -212,13 +212,13 @@ def test_cells_without_enough_frames_or_runs_are_not_tested() -> None:
     assert math.isnan(decide(LOWER, runs[:5], 0)[0].test.p)
 
 
-def test_a_run_without_what_a_rule_asks_for_decides_nothing() -> None:
+def test_a_run_without_the_value_of_a_rule_decides_nothing() -> None:
     runs = [ran(seed, 0.1) for seed in range(5)]
     (cell,) = decide(Claim("", "part_above", {"algorithm": "ppo"}, percent=50.0), runs, 0)
     assert cell.verdict == "undecided" and "solved_gap is not known" in cell.note
 
 
-def test_what_a_claim_leaves_open_are_cells_of_their_own() -> None:
+def test_settings_that_a_claim_does_not_fix_are_separate_cells() -> None:
     def run(seed: int, maze: str, gap: float, algorithm: str = "ours") -> Ran:
         one = ran(seed, gap, maze=maze, algorithm=algorithm)
         return Ran(one.row, (), {"maze": maze, "algorithm": algorithm})
@@ -232,14 +232,14 @@ def test_what_a_claim_leaves_open_are_cells_of_their_own() -> None:
     assert "2 cells are compared with 3" in decide(LOWER, three, 0)[0].note
 
 
-def test_who_lives_longer_is_better_only_as_an_evader() -> None:
+def test_longer_episodes_are_better_only_for_evaders() -> None:
     evader = ran(0, -0.1, role="evader", mean_steps=180.0)
     assert worse_by(evader, "limit") == pytest.approx(10.0)
     chaser = ran(0, 0.1, role="chaser", mean_steps=11.0, scripted_steps=12.0)
     assert worse_by(chaser, "scripted") < 0
 
 
-def test_a_gap_is_floor_and_loops_and_the_rest() -> None:
+def test_a_gap_is_objective_gap_and_loops_and_the_rest() -> None:
     run = ran(0, 0.10, solved_gap=0.04, objective_gap=0.01)
     parts = {part: part_of(run, part) for part in PARTS}
     assert parts == pytest.approx({"floor": 10.0, "loops": 60.0, "learning": 30.0})
@@ -313,14 +313,14 @@ def test_rules_fit_their_study(tmp_path: Path, kind: str, rule: str) -> None:
         f'title = "t"\n[[studies]]\nid = "a"\ntitle = "t"\nthesis = "q"\ndiffers = "d"\n{kind}\n'
         f'[[studies.claims]]\ntext = "z"\nrule = "{rule}"\n'
     )
-    with pytest.raises(ValueError, match=f"rule '{rule}'; states and tours are for"):
+    with pytest.raises(ValueError, match=f"rule '{rule}'; give states or tours"):
         load_replication(file=str(file))
 
 
-def test_a_users_mazes_stand_for_ours_of_their_size(tmp_path: Path) -> None:
+def test_user_defined_mazes_replace_shipped_ones_of_the_same_size(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="no such folder"):
         mazes_by_size(tmp_path / "nowhere")
-    with pytest.raises(ValueError, match="no maze file in it"):
+    with pytest.raises(ValueError, match="contains no maze file"):
         mazes_by_size(tmp_path)
     for name in ("a", "b"):
         (tmp_path / name).write_text(load_maze("5x5").to_text())
@@ -345,7 +345,7 @@ def test_settings_that_were_found_go_to_their_algorithm_alone() -> None:
     assert found == {"ppo": 0.9, "a2c": 0.98}
 
 
-def test_every_algorithm_is_searched_for_as_long() -> None:
+def test_every_algorithm_has_the_same_search_budget() -> None:
     plan = load_replication()
     assert plan.tuning is not None
     trials = tuning_sweep(plan).runs
@@ -355,7 +355,7 @@ def test_every_algorithm_is_searched_for_as_long() -> None:
     assert len(set(count.values())) == 1
     assert len({run.settings.seconds for run in trials}) == 1
     assert sum(SHIPPED in run.label["variant"] for run in trials) == 3 * len(plan.tuning.mazes)
-    for study in plan.studies:  # on mazes and seeds that nothing is judged on
+    for study in plan.studies:  # on mazes and seeds of no study
         if not study.exact and study.id != "figure-2.2":
             runs = sweep_of(study, plan, {}).runs
             used = {run.settings.task.maze for run in runs if hasattr(run.settings.task, "maze")}
@@ -372,11 +372,11 @@ def test_every_claim_is_about_runs_that_its_study_has(file: str, version: str) -
         if not study.exact:
             assert sweep_of(study, plan, {}).runs
     study.claims[0].of["maze"] = "1x1"
-    with pytest.raises(ValueError, match=r"'maze': '1x1'.* and no run of"):
+    with pytest.raises(ValueError, match=r"'maze': '1x1'.* has no such run"):
         sweep_of(study, plan, {})
 
 
-def test_rules_are_kept_and_their_change_is_told(tmp_path: Path) -> None:
+def test_rules_are_saved_and_changes_are_reported(tmp_path: Path) -> None:
     plan = load_replication(["figure-2.2"])
     keep_rules(plan, tmp_path)
     study = plan.studies[0]
@@ -387,7 +387,7 @@ def test_rules_are_kept_and_their_change_is_told(tmp_path: Path) -> None:
     assert f"after its first run ({written})" in changed_rules(study, tmp_path)
 
 
-def test_the_page_says_claim_rule_verdict_and_evidence(tmp_path: Path) -> None:
+def test_the_page_has_claim_rule_verdict_and_evidence(tmp_path: Path) -> None:
     plan = load_replication(["figure-4.4", "table-3.1"])
     study = plan.studies[-1]
     more: dict[str, Any] = {
@@ -410,9 +410,7 @@ def test_the_page_says_claim_rule_verdict_and_evidence(tmp_path: Path) -> None:
     assert path.with_suffix(".html").exists()
 
 
-def test_the_command_says_what_it_would_do(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_lists_its_runs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = str(tmp_path / "out")
     main(["reproduce", "figure-2.2", "--dry-run", "--out", out])
     assert re.search(r"figure-2.2 +10 runs, 0 complete; 5 s each", capsys.readouterr().out)

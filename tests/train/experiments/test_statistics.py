@@ -1,4 +1,4 @@
-"""Statistics over few seeds: against SciPy, and by how often they hold."""
+"""Statistics over few seeds: against SciPy, and their coverage in simulations."""
 
 from collections.abc import Callable, Sequence
 from itertools import combinations
@@ -39,7 +39,7 @@ def test_the_interval_of_a_mean_covers_it_at_every_number_of_runs(runs: int, spr
 
 @pytest.mark.parametrize("shift", [0.0, 1.0, 2.0, 4.0])
 @pytest.mark.parametrize(("runs", "tasks"), [(3, 1), (5, 1), (10, 1), (3, 3)])
-def test_the_interval_of_p_covers_it_even_where_all_runs_lie_apart(
+def test_the_interval_of_p_covers_it_even_if_all_runs_of_one_side_are_lower(
     runs: int, tasks: int, shift: float
 ) -> None:
     rng, covered = np.random.default_rng(runs), 0
@@ -55,7 +55,7 @@ def test_the_interval_of_p_covers_it_even_where_all_runs_lie_apart(
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_the_interval_of_a_distance_stays_on_its_side_and_covers_as_often(sign: float) -> None:
+def test_the_interval_of_a_distance_has_one_sign_and_the_same_coverage(sign: float) -> None:
     drawn = sign * np.random.default_rng(4).gamma(1.0, size=(1500, 4))
     plain, cut = (
         np.array([interval([sample]) for sample in drawn])
@@ -78,7 +78,7 @@ def test_the_interval_of_returns_goes_beyond_0() -> None:
     assert goals.interval([0.1, 0.2, 1.5])[0] == 0.0
 
 
-def test_three_against_three_is_never_certain() -> None:
+def test_three_against_three_never_gives_an_interval_of_width_0() -> None:
     point, (low, high) = probability_of_improvement([[1, 2, 3]], [[4, 5, 6]])
     assert point == 1.0 == high and 0.45 < low < 0.55
     assert probability_of_improvement([[4, 5, 6]], [[1, 2, 3]])[1] == pytest.approx((0.0, 1 - low))
@@ -172,7 +172,7 @@ def test_the_log_rank_test_of_tasks_of_different_speed_is_not_that_of_all_runs_t
     assert logrank_p([pooled[0]], [pooled[1]], ([[99.0] * 6], [[99.0] * 7])) > 0.1
 
 
-def test_the_stratified_log_rank_test_is_right_as_often_as_it_says() -> None:
+def test_the_stratified_log_rank_test_has_its_nominal_level() -> None:
     rng, rejected = np.random.default_rng(1), 0
     ends = [[3.0] * 8, [30.0] * 8]
     for _ in range(1000):

@@ -1,4 +1,4 @@
-"""What a person writes for a sweep, and what a sweep keeps, is read or refused: never ignored."""
+"""Sweep files and the files of a sweep are read completely, or refused with one line."""
 
 from __future__ import annotations
 
@@ -57,25 +57,29 @@ def load(tmp_path: Path, **parts: str) -> Any:
         ("grid", "seed = [0, 1]", r"seed in \[grid\] .* give seeds = \[...\] at the top"),
         ("settings", "seed = 5", r"seed in \[settings\] .* give seeds = \[...\]"),
         ("rest", "[[variants]]\nname = 'a'\nseed = 5", "seed in 'a' is not allowed"),
-        ("rest", "[[variants]]\nname = ['a']", "variants need a name each"),
+        ("rest", "[[variants]]\nname = ['a']", "give each a different name"),
         ("top", "variants = [1, 2]", r"variants\[0\]: a table expected, a whole number found"),
         ("top", "title = 3", "field title: a string or nothing expected, a whole number found"),
         ("top", "kind = ['single']", "field kind: a string or nothing expected, a list found"),
         ("top", "seeds = ['a']", r"field seeds\[0\]: a whole number expected, a string found"),
         ("top", "seeds = [true]", r"seeds\[0\]: a whole number expected, true or false found"),
-        ("top", "seeds = [-1]", "seed=-1; 0 to"),
+        ("top", "seeds = [-1]", "seed=-1; give 0 to"),
         ("top", "short = 3", "field short: a table or nothing expected"),
         ("grid", "max_steps = 3", "give a list of values"),
         ("grid", "curriculum = [['none']]", r"curriculum=\['none'\] in \[grid\]; give a name"),
         ("settings", "max_steps = {a = 1}", "give a number, a string, true or false"),
         ("settings", "max_steps = 2020-01-01", "give a number, a string, true or false"),
         ("settings", "max_steps = [1, 2]", "give a number, a string, true or false"),
-        ("rest", "[report]\nx = 'bogus'", r"'bogus' in \[report\] is no setting"),
+        ("rest", "[report]\nx = 'bogus'", r"'bogus' in \[report\] is not a setting"),
         ("rest", "[report]\nx = 3", "field report.x: a string or nothing expected"),
-        ("rest", "[report]\nx = 'variant'", r"'variant' in \[report\] is no setting"),
+        ("rest", "[report]\nx = 'variant'", r"'variant' in \[report\] is not a setting"),
         ("rest", "[report]\ngroup = [5]", r"report.group\[0\]: a string expected, a whole number"),
-        ("rest", "[report]\ngroup = ['bogus']", r"'bogus' in \[report\] is no setting"),
-        ("rest", "[search]\ngamma = {low=0.1, high=0.9, scale='bogus'}", "scale='bogus'; linear"),
+        ("rest", "[report]\ngroup = ['bogus']", r"'bogus' in \[report\] is not a setting"),
+        (
+            "rest",
+            "[search]\ngamma = {low=0.1, high=0.9, scale='bogus'}",
+            "scale='bogus'; give linear",
+        ),
         ("rest", "[search]\ngamma = {low='a', high='b'}", "field low: a number expected"),
         ("rest", "[search]\ngamma = {low=0.1, high=inf}", "give finite numbers"),
         ("rest", "[search]\ngamma = {low=0.0, high=1, scale='log'}", "needs low above 0"),
@@ -93,7 +97,7 @@ def load(tmp_path: Path, **parts: str) -> Any:
         ("grid", "gamma = [0.5]\n[search]\ngamma = {choices=[0.1]}", "'gamma' is set by two of"),
     ],
 )
-def test_what_would_be_ignored_or_fail_later_is_one_line(
+def test_settings_without_effect_or_that_fail_later_are_refused_with_one_line(
     part: str, text: str, message: str, tmp_path: Path
 ) -> None:
     with pytest.raises(ValueError, match=message) as caught:
@@ -107,15 +111,15 @@ def test_what_would_be_ignored_or_fail_later_is_one_line(
     [
         ("gamma = 0.5", "", "'a' and .*'b' have equal settings"),
         ("gamma = 0.5", "seed = 3", "variant 'b' sets seed"),
-        ('name = "b"', "name = ['b']", "variants need a name each"),
+        ('name = "b"', "name = ['b']", "give each a different name"),
         ('control = "a"', "control = 3", "field control: a string or nothing expected"),
         ("[settings]", "[other]\n[settings]", "unknown field 'other'"),
-        ("{rest}", "[report]\ngroup = ['gamma']", "its variants; leave it out"),
-        ("{rest}", "[report]\nx = 'gamma'", r"none of the \[grid\]"),
+        ("{rest}", "[report]\ngroup = ['gamma']", "one curve per variant; leave it out"),
+        ("{rest}", "[report]\nx = 'gamma'", r"is not in \[grid\]"),
         ("{rest}", "[grid]\nseed = [0, 1]\n[report]\nx = 'seed'", "give seeds = "),
     ],
 )
-def test_ablation_files_are_held_to_the_same(
+def test_ablation_files_are_validated_likewise(
     old: str, new: str, message: str, tmp_path: Path
 ) -> None:
     assert old in ABLATION
@@ -142,7 +146,7 @@ def test_settings_that_self_play_does_not_have_are_one_line(
         load_sweep(str(file))
 
 
-def test_budgets_on_the_axis_are_what_was_asked_for_not_what_was_measured(tmp_path: Path) -> None:
+def test_budgets_on_the_axis_are_settings_not_measurements(tmp_path: Path) -> None:
     grid, rest = "frames = [1000, 2000]", "[report]\nx = 'frames'"
     sweep = load(tmp_path, grid=grid, rest=rest)
     assert sweep.report == {"x": "budget_frames", "group": []}
@@ -198,7 +202,7 @@ def test_a_damaged_plan_is_one_line(
     told = capsys.readouterr().err
     assert exit_.value.code == 2 and len(told.splitlines()) == 1
     assert said in told and HINTS in told
-    prepare(sweep, tmp_path / "out")  # whoever runs the sweep mends it
+    prepare(sweep, tmp_path / "out")  # the next sweep repairs it
     assert read_hints(tmp_path / "out").title == "s"
 
 

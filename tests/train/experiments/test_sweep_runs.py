@@ -1,4 +1,4 @@
-"""A run of a sweep is what it reads, not where that lies; and nobody's work is lost or raced."""
+"""Runs of a sweep are identified by content, not by path; and killed sweeps lose no work."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def silent(statuses: dict[str, str], progress: dict[str, float]) -> None:
 
 
 def evader(folder: Path, seed: int = 0) -> Path:
-    """The folder of a run that has learned nothing yet."""
+    """The folder of a run that is not trained yet."""
     asked: dict[str, Any] = {"task": "chase", "role": "evader", "maze": "3x3", "frames": 100}
     settings = KINDS[RUN].settings_of(**asked, num_games=8, minibatch_size=8, seed=seed)
     start(RUN, settings, folder).save()
@@ -51,7 +51,7 @@ def evader(folder: Path, seed: int = 0) -> Path:
 
 @pytest.fixture
 def given(tmp_path: Path) -> dict[str, Any]:
-    """The files that a sweep names, and a sweep."""
+    """The files of a sweep, and its sweep file."""
     (tmp_path / "mazes").mkdir()
     maze, lesson = tmp_path / "mazes" / "maze.txt", tmp_path / "mazes" / "lesson.txt"
     maze.write_text(load_maze("3x3").to_text())
@@ -68,7 +68,7 @@ def names(tmp_path: Path, given: dict[str, Any]) -> list[str]:
 # -- identity --------------------------------------------------------------------------------------
 
 
-def test_files_that_moved_are_the_same_run_and_files_that_changed_another(
+def test_moved_files_give_the_same_run_and_changed_files_another(
     given: dict[str, Any], tmp_path: Path
 ) -> None:
     (before,) = names(tmp_path, given)
@@ -89,7 +89,7 @@ def test_files_that_moved_are_the_same_run_and_files_that_changed_another(
     assert len(seen) == 5
 
 
-def test_a_sweep_over_files_is_taken_up_again_and_reads_its_own_copies(
+def test_a_sweep_over_files_is_resumed_and_reads_its_copies(
     given: dict[str, Any], tmp_path: Path
 ) -> None:
     out = tmp_path / "out"
@@ -132,7 +132,9 @@ gamma = {choices = [0.9, 0.95]}
 
 
 @pytest.mark.slow
-def test_a_killed_sweep_leaves_no_run_behind_and_the_next_waits_for_it(tmp_path: Path) -> None:
+def test_a_killed_sweep_leaves_no_process_and_the_next_one_waits_for_its_runs(
+    tmp_path: Path,
+) -> None:
     (tmp_path / "s.toml").write_text(LONG)
     sweep, out = load_sweep(str(tmp_path / "s.toml")), tmp_path / "out"
     command = [sys.executable, "-m", "train.commands.main", "sweep", str(tmp_path / "s.toml")]
@@ -146,7 +148,7 @@ def test_a_killed_sweep_leaves_no_run_behind_and_the_next_waits_for_it(tmp_path:
     time.sleep(2)  # it learns
     driver.send_signal(signal.SIGKILL)
     driver.wait()
-    with lock.acquire(timeout=60):  # the run has heard of it, saved, and ended
+    with lock.acquire(timeout=60):  # the run has noticed it, saved, and ended
         assert status_of(folder) == "interrupted"
         before = open_run(folder).trainee.frames
     assert before > 0

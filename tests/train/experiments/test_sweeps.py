@@ -1,4 +1,4 @@
-"""Sweeps: files multiply out, nothing is lost or mixed, whoever runs them; reports are right."""
+"""Sweeps: expansion of files, execution and resumption, and reports."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def test_a_file_is_multiplied_out(tmp_path: Path) -> None:
     assert sweep.report == {"x": "maze", "group": ["algorithm"]}
 
 
-def test_combinations_that_are_named_twice_are_run_once(tmp_path: Path) -> None:
+def test_combinations_given_twice_are_run_once(tmp_path: Path) -> None:
     doubled = TINY.replace('["2x2", "3x3"]', '["2x2", "2x2"]').replace("[0, 1]", "[0, 0]")
     assert len(load_sweep(write(tmp_path / "tiny.toml", doubled)).runs) == 2
 
@@ -99,7 +99,7 @@ def test_two_names_of_equal_settings_are_refused_and_none_vanishes(tmp_path: Pat
     assert len(load_sweep(write(tmp_path / "tiny.toml", told_apart)).runs) == 2 * 2 * 2
 
 
-def test_the_fingerprint_knows_every_setting_and_the_maze_itself(tmp_path: Path) -> None:
+def test_the_fingerprint_depends_on_every_setting_and_the_maze_text(tmp_path: Path) -> None:
     base = load_sweep(write(tmp_path / "tiny.toml")).runs[0]
     maze = tmp_path / "own.txt"
     prints = {fingerprint(base.kind, base.settings, 20, {})}
@@ -154,7 +154,7 @@ def test_a_random_search_is_drawn_once_and_in_its_ranges(tmp_path: Path) -> None
         ('["2x2", "3x3"]', '["2x2"]\nobservation = ["cells"]', "q_learning has a table"),
         ('["2x2", "3x3"]', '["9x9"]\nnum_goals = [5]', "fewer agents or goals"),
         ("num_games = 32", "num_games = 0", "num_games=0"),
-        ("num_games = 32", 'num_games = "many"', "a whole number is needed"),
+        ("num_games = 32", 'num_games = "many"', "give a whole number"),
         ("frames = 2000", "frames = 2000\nseconds = 3", "one of the two"),
         ('x = "maze"', 'y = "maze"', "field report: unknown field 'y'"),
         (
@@ -162,7 +162,7 @@ def test_a_random_search_is_drawn_once_and_in_its_ranges(tmp_path: Path) -> None
             "[full]\nseed = [1]\n[report]",
             "field full: .*'seeds'",
         ),
-        ("[report]", "[[variants]]\ngamma = 0.5\n[report]", "a name each"),
+        ("[report]", "[[variants]]\ngamma = 0.5\n[report]", "a different name"),
         ("[report]", "[search]\nsamples = 3\n[report]", "names no setting"),
         ("[report]", "[search]\ngamma = {low = 1, high = 0}\n[report]", "not below"),
         ("[grid]", "[grid", "not TOML"),
@@ -188,7 +188,7 @@ def test_every_shipped_file_is_sound_in_its_full_version() -> None:
         assert len(load_sweep(name, "short").runs) <= len(load_sweep(name, "full").runs)
 
 
-def test_every_shipped_file_is_sound(capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_shipped_file_is_valid(capsys: pytest.CaptureFixture[str]) -> None:
     assert {"tabular", "encodings", "rewards", "maze_by_size", "maze_by_goals"} <= set(shipped())
     assert {"chaser_by_size", "evader_by_size", "dqn_one_goal", "presets"} <= set(shipped())
     for name in shipped():
@@ -202,7 +202,7 @@ def test_every_shipped_file_is_sound(capsys: pytest.CaptureFixture[str]) -> None
 # -- running ---------------------------------------------------------------------------------------
 
 
-def test_a_sweep_runs_reports_and_is_not_done_again(
+def test_a_sweep_runs_reports_and_is_not_repeated(
     swept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     runs, curves = collect(swept)
@@ -257,7 +257,7 @@ def test_a_folder_of_other_settings_or_another_version_is_refused(
     config.write_text(json.dumps(content))
     hints = json.loads((out / "sweep.json").read_text())
     (out / "sweep.json").write_text(json.dumps(hints | {"format": 1}))
-    with pytest.raises(ValueError, match="created by another version"):
+    with pytest.raises(ValueError, match="has format 1"):
         run_locally(sweep, out, 1, silent)
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "letter.txt").write_text("dear")
@@ -286,13 +286,13 @@ with only_one(Path(sys.argv[1]), 'sweep'):
         with pytest.raises(ValueError, match="another sweep"), only_one(tmp_path / "out", "sweep"):
             pass
         other.kill()
-    for _ in range(2):  # and letting go lets the next one in
+    for _ in range(2):  # after the release the next one can lock it
         with only_one(tmp_path / "out", "sweep"):
             pass
 
 
 @pytest.mark.slow
-def test_a_run_that_dies_is_recorded_and_the_others_go_on(
+def test_a_killed_run_is_recorded_and_the_others_continue(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     text = TINY.replace("frames = 2000", "frames = 60000").replace("[0, 1]", "[0]")
@@ -319,7 +319,7 @@ def test_a_run_that_dies_is_recorded_and_the_others_go_on(
     runs, _ = collect(out)
     assert runs["status"].to_list() == ["failed"] * 2
     assert "SIGKILL" in "".join(runs["error"].to_list())
-    # Again: the killed one goes on from its checkpoint, the broken one still fails.
+    # Repeated: the killed run resumes from its checkpoint, the broken one fails again.
     with pytest.raises(SystemExit) as exit_:
         main(["sweep", path, "--out", str(out), "--workers", "2"])
     assert exit_.value.code == 1
@@ -330,7 +330,7 @@ def test_a_run_that_dies_is_recorded_and_the_others_go_on(
 
 
 @pytest.mark.slow
-def test_control_c_saves_and_the_sweep_goes_on(tmp_path: Path) -> None:
+def test_control_c_saves_and_the_sweep_resumes(tmp_path: Path) -> None:
     text = TINY.replace("frames = 2000", "frames = 400000").replace("[0, 1]", "[0]")
     path = write(tmp_path / "tiny.toml", text.replace('"a2c", "q_learning"', '"a2c"'))
     out = tmp_path / "out"

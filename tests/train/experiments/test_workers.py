@@ -1,4 +1,4 @@
-"""Jobs of a study in processes of their own give the results of this process, and end as told."""
+"""Jobs in separate processes give the same results as in this one, and react to signals."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ LONG = 300_000  # saved for the first time after a twentieth of it
 
 
 def folders_of(tmp_path: Path, out: str, frames: int) -> list[Path]:
-    """The folders of two runs that have not begun."""
+    """The folders of two new runs."""
     (tmp_path / "s.toml").write_text(SWEEP.format(frames=frames))
     return [folder for _, folder in prepare(load_sweep(str(tmp_path / "s.toml")), tmp_path / out)]
 
@@ -82,18 +82,20 @@ def test_weights_are_those_of_another_process_bit_for_bit(tmp_path: Path) -> Non
     assert rows[0] == rows[1]
 
 
-def test_ends_are_seen_and_signals_reach_the_run_alone(tmp_path: Path) -> None:
+def test_exits_are_noticed_and_signals_reach_only_the_run(tmp_path: Path) -> None:
     first, second = folders_of(tmp_path, "out", LONG)
     stopped, killed = LocalJob(first, None), LocalJob(second, None)
     until(lambda: all((folder / "checkpoint.pt").exists() for folder in (first, second)))
     number = killed.process.pid
-    assert number is not None and os.getsid(number) == number  # Ctrl-C of a terminal passes it by
+    assert (
+        number is not None and os.getsid(number) == number
+    )  # Ctrl-C of a terminal does not reach it
     stopped.stop()
     assert ended(stopped) == 0 and killed.poll() is None
     assert status_of(first) == "interrupted" and load_checkpoint(first)["trainee"]
     os.kill(number, signal.SIGKILL)
     assert ended(killed) == -signal.SIGKILL
-    killed.stop()  # it has ended: nobody is hit
+    killed.stop()  # no effect after its end
     (second / "checkpoint.pt").write_bytes(b"no checkpoint")
     assert ended(LocalJob(second, None)) == 1
     log = (second / LOG).read_text()

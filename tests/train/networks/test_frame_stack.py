@@ -94,7 +94,7 @@ def test_no_two_observations_share_a_row_and_empty_ones_have_none() -> None:
     assert sorted(set(named[named < features.num_rows])) == list(range(features.num_rows))
 
 
-def test_who_cannot_use_a_stack_says_so() -> None:
+def test_unsupported_frame_stacks_are_refused() -> None:
     flat: dict[str, Any] = {"frames": 1000, "maze": "3x3"}
     with pytest.raises(ValueError, match="q_learning has a table over states"):
         settings_of(algorithm="q_learning", frame_stack=2, **flat)

@@ -108,7 +108,7 @@ def test_it_is_a_layer_of_any_batch() -> None:
 
 
 @pytest.mark.parametrize("own", ["ppo --rollout-steps 4 --minibatch-size 128", "a2c"])
-def test_learners_of_choices_take_it(tmp_path: Path, own: str) -> None:
+def test_learners_of_discrete_actions_support_it(tmp_path: Path, own: str) -> None:
     command = f"train --algorithm {own} --task maze --num-goals 1 --maze suite:5x5-train/0-9 "
     command += "--observation window --network planning --max-steps 30 --frames 1000 --width 8 "
     command += f"--num-games 64 --episodes 40 --threads 1 --out {tmp_path}/run"
@@ -136,7 +136,7 @@ def test_it_learns_to_go_in_mazes_that_it_never_saw(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("given", [{"observation": "index"}, {"device": "cuda"}])
-def test_where_it_cannot_plan_it_is_refused(given: dict[str, str]) -> None:
+def test_unsupported_planning_networks_are_refused(given: dict[str, str]) -> None:
     settings: dict[str, Any] = {"observation": "window", "network": "planning", "frames": 1}
     with pytest.raises(ValueError, match="network='planning'"):
         TrainSettings(task=TaskSettings(task="maze"), **settings | given)

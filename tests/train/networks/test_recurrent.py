@@ -1,4 +1,4 @@
-"""Learners that remember: their losses against plain loops, their memories, and what they solve."""
+"""Recurrent learners: losses against plain loops, memories, and tasks that need memory."""
 
 from __future__ import annotations
 
@@ -138,7 +138,7 @@ def test_memories_last_from_rollout_to_rollout_and_end_with_the_episode() -> Non
     learner.close()
 
 
-def test_what_a_cut_off_episode_ends_with_is_valued_by_what_was_remembered() -> None:
+def test_final_observations_of_truncated_episodes_are_valued_with_the_memory() -> None:
     env = make_env(8)
     network = make_network(env, shared=False)
     learner = PPO(PPOSettings(8, rollout_steps=20, minibatch_size=40), env, network, "cpu")
@@ -160,7 +160,7 @@ def test_what_a_cut_off_episode_ends_with_is_valued_by_what_was_remembered() -> 
         torch.testing.assert_close(rollout["value_after"][:, step], expected)
 
 
-def test_a_policy_remembers_in_any_batch_what_its_network_did() -> None:
+def test_the_memory_of_a_policy_is_that_of_its_network_in_any_batch() -> None:
     env = make_env(4)
     network = make_network(env)
     policy = Seat(TASK, "chaser").policy(network, greedy=False)
@@ -183,7 +183,7 @@ def test_a_policy_remembers_in_any_batch_what_its_network_did() -> None:
         parts.step(others)
 
 
-def test_what_remembers_is_never_called_exact() -> None:
+def test_recurrent_policies_are_never_evaluated_exactly() -> None:
     env = make_env(4)
     contest = GameContest(TASK, "chaser", {"evader": AStarEvader(epsilon=0.5)}, 50)
     assert contest.is_exact
@@ -198,7 +198,7 @@ def test_what_remembers_is_never_called_exact() -> None:
 
 
 def reward_of(learner: Any, env: Cues) -> float:
-    """What the last step of an episode is paid on average over some rollouts."""
+    """The mean reward of the last steps of episodes over some rollouts."""
     update = getattr(learner, "update", learner)
     steps = [update.collector.rollout() for _ in range(4)]
     return sum(float(step["reward"].sum()) for step in steps) / sum(
@@ -207,7 +207,7 @@ def reward_of(learner: Any, env: Cues) -> float:
 
 
 @pytest.mark.parametrize("recurrent", [None, "gru"])
-def test_ppo_remembers_a_cue_with_a_memory_alone(recurrent: str | None) -> None:
+def test_ppo_solves_a_memory_task_only_with_a_recurrent_network(recurrent: str | None) -> None:
     torch.manual_seed(0)
     chosen: dict[str, Any] = {"num_games": 64, "width": 16, "minibatch_size": 256}
     settings = PPOSettings(**chosen, rollout_steps=8, gae_lambda=1.0, recurrent=recurrent)
@@ -223,7 +223,7 @@ def test_ppo_remembers_a_cue_with_a_memory_alone(recurrent: str | None) -> None:
 # -- refusals --------------------------------------------------------------------------------------
 
 
-def test_who_cannot_remember_says_so() -> None:
+def test_unsupported_recurrent_networks_are_refused() -> None:
     flat: dict[str, Any] = {"recurrent": "gru", "frames": 1000, "maze": "3x3"}
     with pytest.raises(ValueError, match="is not supported by q_learning; use ppo or a2c"):
         settings_of(algorithm="q_learning", **flat)
@@ -242,7 +242,7 @@ def test_cells_of_mazes_of_another_size_are_refused(encoding: str, remembers: bo
     policy: Any = seat.policy(ActorCritic(seat.features, seat.num_actions, hidden), greedy=True)
     for maze in ("2x2", "5x5"):  # their cells have numbers that mean others, or none
         simulator = Simulator(make_task("chase", maze=maze), 4, 0)
-        with pytest.raises(ValueError, match="in mazes of 9 cells, and these have"):
+        with pytest.raises(ValueError, match="in mazes of 9 cells, but these have"):
             play(policy, simulator.view("chaser"))
         if not remembers:
             with pytest.raises(ValueError, match="mazes of 9 cells"):

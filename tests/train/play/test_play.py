@@ -282,7 +282,7 @@ def test_the_command_serves_a_game_keeps_it_and_ends_by_ctrl_c(
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--role", "runner"], "does not take part in"),
+        (["--role", "runner"], "does not exist in"),
         (["--against", "nobody"], "not a policy"),
         (["--beside", "nobody"], "not a policy"),
         (["--against", "astar", "--opponent", "random"], "give one"),

@@ -1,4 +1,4 @@
-"""The recipes for third-party learners run, learn, and their models fill seats."""
+"""Recipes for other libraries: they run and learn, and their models are usable opponents."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def test_runners_share_their_network_through_supersuit(
 
 @pytest.fixture(scope="module")
 def plain(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """Models that Stable-Baselines3 saved by itself."""
+    """Models saved by Stable-Baselines3 itself."""
     from stable_baselines3 import DQN, PPO
     from torch.nn import ReLU
 
@@ -244,7 +244,9 @@ def test_no_code_in_a_model_is_run(models: dict[str, Path], tmp_path: Path) -> N
         ["--maze", "12x13"],
     ],
 )
-def test_nonsense_is_one_line(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+def test_invalid_options_are_refused_with_one_line(
+    arguments: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
     with pytest.raises(SystemExit) as exit_:
         stable_baselines.main(arguments)
     assert exit_.value.code == 2

@@ -1,4 +1,4 @@
-"""Runs on an arm: trained, taught, judged, saved and read as runs in mazes are."""
+"""Runs on an arm: training, curricula, evaluation, saving and loading, as for mazes."""
 
 import json
 from pathlib import Path
@@ -76,12 +76,12 @@ def test_a_run_is_evaluated_rendered_and_read_again(
     assert settings == ReacherSettings(joints=1, max_steps=40)
     actions = load_policy(trained).act(ReacherSimulator(settings.build(), 5).view())
     assert actions.shape == (5, 1) and (np.abs(actions) <= 1).all()
-    with pytest.raises(ValueError, match="needs a game in mazes"):
+    with pytest.raises(ValueError, match="use a game in mazes"):
         load_opponent(trained)
     assert "complete" in refused(capsys, "train", "--resume", trained)
 
 
-def test_baselines_beside_the_least_steps(capsys: pytest.CaptureFixture[str]) -> None:
+def test_baselines_and_the_minimum_steps(capsys: pytest.CaptureFixture[str]) -> None:
     run("baseline", "--task", "reacher", "--joints", "3", "--episodes", "50")
     told = capsys.readouterr().out
     for name in ("random", "transpose", "pseudo-inverse", "damped", "cyclic", "thesis", "optimal"):
@@ -108,7 +108,7 @@ def test_bad_input_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     assert "discrete" in refused(capsys, "train", "--algorithm", "td3")
 
 
-def test_what_teaches_nothing_is_said() -> None:
+def test_invalid_curricula_are_refused() -> None:
     arm = ReacherSettings(joints=1)
     with pytest.warns(UserWarning, match="curriculum 'hold' goes from 1 to 1, so it has no effect"):
         plan_curriculum("hold", curriculum_form("hold")(), world_of(arm).context, 0)
@@ -117,10 +117,10 @@ def test_what_teaches_nothing_is_said() -> None:
         parts_of(TrainSettings(arm, hyper, algorithm="td3", frames=400))
 
 
-# -- what it is judged by --------------------------------------------------------------------------
+# -- evaluation -----------------------------------------------------------------------------------
 
 
-def test_there_is_no_gap_where_time_is_too_short_for_everybody() -> None:
+def test_there_is_no_gap_if_the_time_limit_is_too_short_for_all() -> None:
     contest = contest_of(ReacherSettings(joints=1, max_steps=1, tolerance=1e-6, max_turn=1e-3), 20)
     assert contest.optimal() is None
     assert "optimal" not in [score.name for score in contest.baselines()]
@@ -156,11 +156,11 @@ def test_discrete_actions_have_a_lower_bound_only(capsys: pytest.CaptureFixture[
     assert "a lower bound for discrete actions" in capsys.readouterr().out
 
 
-# -- lessons ---------------------------------------------------------------------------------------
+# -- curricula -------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("axis", ["target-distance", "free-joints", "hold", "tolerance"])
-def test_lessons_reach_the_arms(axis: str, tmp_path: Path) -> None:
+def test_stages_configure_the_arms(axis: str, tmp_path: Path) -> None:
     settings = settings_of(
         task="reacher", joints=3, hold=4, max_steps=12, algorithm="ppo", curriculum=axis,
         num_games=32, rollout_steps=4, minibatch_size=64, width=8, frames=6000, threads=1,

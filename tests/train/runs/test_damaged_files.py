@@ -1,4 +1,4 @@
-"""Files of a run that are damaged, or made by somebody who means harm, are one line each."""
+"""Damaged or malicious files of a run are refused with one line."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ def readers_of(path: Path) -> list[Callable[[Path], object]]:
 
 
 def places_in(content: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
-    """Where something lies in dicts and lists within one another."""
+    """A path in nested dicts and lists."""
     inner: Any = ()
     if isinstance(content, dict):
         inner = content.items()
@@ -105,7 +105,7 @@ def places_in(content: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]
 
 
 def changed(content: Any, chance: random.Random) -> Any:
-    """Something at random is replaced, removed or added."""
+    """Replace, remove or add a random entry."""
     *way, last = chance.choice(places_in(content))
     holder = content
     for name in way:
@@ -152,7 +152,7 @@ def damage(path: Path, chance: random.Random) -> None:
 
 
 def check_all(runs: dict[str, Path], tmp_path: Path, seed: int, count: int) -> None:
-    """Damage files one by one; every reader succeeds, or says one line that names the folder."""
+    """Damage files one by one; every reader succeeds, or reports one line with the folder."""
     chance = random.Random(seed)
     for number in range(count):
         name = chance.choice(list(runs))
@@ -178,15 +178,13 @@ def check_all(runs: dict[str, Path], tmp_path: Path, seed: int, count: int) -> N
 
 
 @pytest.mark.filterwarnings("ignore:.*snapshot, left out of the pool")
-def test_whatever_is_done_to_a_file_is_said_in_one_line(
-    runs: dict[str, Path], tmp_path: Path
-) -> None:
+def test_damage_to_a_file_is_reported_in_one_line(runs: dict[str, Path], tmp_path: Path) -> None:
     check_all(runs, tmp_path, seed=0, count=60)
 
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*snapshot, left out of the pool")
-def test_whatever_is_done_to_many_files_is_said_in_one_line(
+def test_damage_to_many_files_is_reported_in_one_line(
     runs: dict[str, Path], tmp_path: Path
 ) -> None:
     check_all(runs, tmp_path, seed=1, count=500)
@@ -295,7 +293,7 @@ def test_a_budget_beyond_all_numbers_is_refused(runs: dict[str, Path], tmp_path:
     folder = Path(shutil.copytree(runs["table"], tmp_path / "run"))
     plain = json.loads((folder / "config.json").read_text())
     for frames, said in (
-        (1e308, r"frames=1e\+308; a whole number is needed"),
+        (1e308, r"frames=1e\+308; give a whole number"),
         (10**400, r"below 2\*\*63"),
     ):
         (folder / "config.json").write_text(json.dumps({**plain, "frames": frames}))

@@ -1,4 +1,4 @@
-"""Files are written beside and renamed: nothing that is there already is lost."""
+"""Files are written atomically, and folders are locked."""
 
 import os
 import signal
@@ -32,7 +32,7 @@ def test_a_device_or_folder_is_not_replaced_by_a_file(tmp_path):
     assert stat.S_ISFIFO(os.stat(tmp_path / "pipe").st_mode)
 
 
-def test_whoever_holds_a_folder_clears_what_the_dead_left_half_written(tmp_path):
+def test_locking_a_folder_removes_temporary_files_of_ended_processes(tmp_path):
     gone = subprocess.run(
         [sys.executable, "-c", "import os; print(os.getpid())"], capture_output=True
     )
@@ -68,7 +68,7 @@ save_animation(path, [Still(), Still()])
 
 
 @pytest.mark.parametrize("name", ["replay.gif", "replay.mp4", "replays.json"])
-def test_what_a_process_left_that_was_killed_while_it_drew_is_removed(name, tmp_path):
+def test_temporary_files_of_a_killed_process_are_removed(name, tmp_path):
     killed = subprocess.run([sys.executable, "-c", KILLED, tmp_path / name])
     assert killed.returncode == -signal.SIGKILL
     assert len(os.listdir(tmp_path)) == 1

@@ -84,7 +84,7 @@ def test_an_existing_file_is_not_replaced(
     ],
     ids=" ".join,
 )
-def test_a_folder_of_others_is_not_written_into(
+def test_a_folder_with_other_files_is_not_written_to(
     command: list[str], trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "plan.toml").write_text(SWEEP.format("one", ""))
@@ -169,7 +169,7 @@ def test_options_are_checked_before_anything_is_written(
     assert contents(trained) == before and contents(tmp_path) == {}
 
 
-def test_what_may_be_written(tmp_path: Path) -> None:
+def test_allowed_outputs(tmp_path: Path) -> None:
     new, held = tmp_path / "new", tmp_path / "held"
     held.mkdir()
     (held / ".lock").touch()
@@ -187,7 +187,7 @@ def test_what_may_be_written(tmp_path: Path) -> None:
         check_new_files([held], overwrite=True)
 
 
-def test_games_that_could_not_be_written_are_not_called_kept(
+def test_games_that_could_not_be_written_are_reported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def full(*_: object) -> None:

@@ -1,4 +1,4 @@
-"""Two processes that learn one policy: what they compute, how they go on, and how they end."""
+"""Data parallel training in two processes: results, resumption, and exits."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ TWO = {**RUNNER, "processes": 2}
 
 @pytest.fixture(autouse=True)
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The partner is forked, which takes no time; only the last tests start it anew."""
+    """The second process is forked, which is fast; only the last tests spawn it."""
     monkeypatch.setattr("train.runs.data_parallel.can_fork", lambda: True)
     monkeypatch.setattr("train.runs.loop.EVALUATIONS", 4)
     monkeypatch.setattr("train.runs.single.EPISODES", 10)
@@ -50,7 +50,7 @@ def weights_of(run: Run) -> list[torch.Tensor]:
     return [weight.detach().clone() for weight in run.trainee.learner.network.parameters()]
 
 
-# -- what they compute -----------------------------------------------------------------------------
+# -- results ---------------------------------------------------------------------------------------
 
 
 def plainly(settings: Any) -> list[torch.Tensor]:
@@ -94,7 +94,7 @@ def plainly(settings: Any) -> list[torch.Tensor]:
 
 
 @pytest.mark.parametrize("activation", ["relu", "tanh"])  # with gradients written out, and not
-def test_what_two_processes_learn_is_what_one_learns_from_both_halves(
+def test_two_processes_learn_the_same_as_one_from_both_halves(
     tmp_path: Path, activation: str
 ) -> None:
     settings = tiny("ppo", **TWO, epochs=2, activation=activation)
@@ -162,7 +162,7 @@ def test_two_processes_beat_random_by_far(tmp_path: Path) -> None:
     assert learned < 0.35 * contest.score("random", RandomAgent()).mean_steps
 
 
-# -- going on --------------------------------------------------------------------------------------
+# -- resumption ------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -182,12 +182,12 @@ def test_two_processes_resume(flat: dict[str, Any], tmp_path: Path) -> None:
     check_resumption(RUN, tiny("ppo", **given), tmp_path)
     state = load_checkpoint(tmp_path / "whole")["trainee"]
     assert set(state["partner"]) == {"teacher", "simulator", "memories", "torch_rng"}
-    if flat.get("curriculum") == "uniform":  # lessons of its own
+    if flat.get("curriculum") == "uniform":  # its own stages
         mine, others = (s["teacher"]["arrays"]["playing"] for s in (state, state["partner"]))
         assert not torch.equal(mine, others)
 
 
-def test_a_checkpoint_without_its_partner_is_refused(tmp_path: Path) -> None:
+def test_a_checkpoint_without_the_second_process_is_refused(tmp_path: Path) -> None:
     start(RUN, tiny("ppo", **TWO), tmp_path / "run").train()
     saved = load_checkpoint(tmp_path / "run")
     del saved["trainee"]["partner"]
@@ -197,7 +197,7 @@ def test_a_checkpoint_without_its_partner_is_refused(tmp_path: Path) -> None:
     assert not multiprocessing.active_children()
 
 
-def test_runs_of_one_process_have_no_partner_and_another_name(tmp_path: Path) -> None:
+def test_runs_of_one_process_have_no_second_process_and_another_name(tmp_path: Path) -> None:
     run = start(RUN, tiny("ppo", **RUNNER), tmp_path / "run")
     run.train()
     assert open_run(tmp_path / "run").trainee.replica is None
@@ -206,11 +206,11 @@ def test_runs_of_one_process_have_no_partner_and_another_name(tmp_path: Path) ->
     assert digests[1] != digests[2]
 
 
-# -- how they end ----------------------------------------------------------------------------------
+# -- exits -----------------------------------------------------------------------------------------
 
 
 def train_and(run: Run, act: Callable[[Run], object]) -> None:
-    """Train, and `act` once there is a checkpoint."""
+    """Train, and call `act` after the first checkpoint."""
 
     def report(run: Run, row: dict[str, float]) -> None:
         if not row and run.evaluations == 1:
@@ -219,7 +219,9 @@ def train_and(run: Run, act: Callable[[Run], object]) -> None:
     run.train(report)
 
 
-def test_a_killed_partner_ends_the_run_which_goes_on_from_its_checkpoint(tmp_path: Path) -> None:
+def test_a_killed_second_process_ends_the_run_which_resumes_from_its_checkpoint(
+    tmp_path: Path,
+) -> None:
     run = start(RUN, tiny("ppo", **TWO), tmp_path / "run")
     process = run.trainee.replica.process
     with pytest.raises(ProcessEnded, match=r"killed by signal 9 .*--resume"):
@@ -231,7 +233,7 @@ def test_a_killed_partner_ends_the_run_which_goes_on_from_its_checkpoint(tmp_pat
     assert again.progress == 1.0
 
 
-def test_a_partner_that_is_killed_before_there_is_a_checkpoint_leaves_none(tmp_path: Path) -> None:
+def test_a_second_process_killed_before_the_first_checkpoint_leaves_none(tmp_path: Path) -> None:
     run = start(RUN, tiny("ppo", **TWO), tmp_path / "run")
     os.kill(run.trainee.replica.process.pid, signal.SIGKILL)
     with pytest.raises(ProcessEnded, match=r"killed by signal 9 .*it has no checkpoint yet"):
@@ -240,7 +242,7 @@ def test_a_partner_that_is_killed_before_there_is_a_checkpoint_leaves_none(tmp_p
 
 
 @pytest.mark.parametrize("kind, seen", [(ValueError, ValueError), (KeyError, ProcessEnded)])
-def test_an_error_of_the_partner_is_that_of_the_run(
+def test_an_error_of_the_second_process_is_raised_by_the_run(
     kind: type[Exception], seen: type[Exception], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     mine, iterate = os.getpid(), PPO.iterate
@@ -257,7 +259,7 @@ def test_an_error_of_the_partner_is_that_of_the_run(
     assert not multiprocessing.active_children() and (tmp_path / "run" / CHECKPOINT).exists()
 
 
-def test_the_partner_ends_with_the_run_however_that_ends(tmp_path: Path) -> None:
+def test_the_second_process_ends_with_the_run_for_any_reason(tmp_path: Path) -> None:
     run = start(RUN, tiny("ppo", **TWO), tmp_path / "run")
     process = run.trainee.replica.process
     for number in (signal.SIGINT, signal.SIGTERM):  # the process of the run says what follows
@@ -267,7 +269,7 @@ def test_the_partner_ends_with_the_run_however_that_ends(tmp_path: Path) -> None
     assert process.exitcode == 0 and not multiprocessing.active_children()
 
 
-def test_a_run_that_nobody_has_any_more_has_no_partner(tmp_path: Path) -> None:
+def test_the_second_process_ends_when_the_run_is_garbage_collected(tmp_path: Path) -> None:
     run = start(RUN, tiny("ppo", **TWO), tmp_path / "run")
     assert len(multiprocessing.active_children()) == 1
     del run
@@ -275,7 +277,7 @@ def test_a_run_that_nobody_has_any_more_has_no_partner(tmp_path: Path) -> None:
     assert not multiprocessing.active_children()
 
 
-def test_divergence_is_told_as_of_one_process(tmp_path: Path) -> None:
+def test_divergence_is_reported_as_with_one_process(tmp_path: Path) -> None:
     run = start(RUN, tiny("ppo", **TWO, learning_rate=1e30, max_grad_norm=1e30), tmp_path / "run")
     with pytest.raises(Diverged, match="learning_rate"):
         run.train()
@@ -312,7 +314,7 @@ def test_signals_end_both_processes_of_the_command(number: int, tmp_path: Path) 
 
 
 def is_running(process: str) -> bool:
-    """Whether a process is there that has not ended."""
+    """Whether a process is running."""
     try:
         return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except OSError:
@@ -320,13 +322,13 @@ def is_running(process: str) -> bool:
 
 
 def memory_files() -> set[str]:
-    """Shared memory that has a name."""
+    """The named shared memory."""
     return {
         path.name for path in Path("/dev/shm").glob("*") if path.name.startswith(("py", "torch"))
     }
 
 
-# -- what is refused -------------------------------------------------------------------------------
+# -- validation ------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -340,12 +342,12 @@ def memory_files() -> set[str]:
             {"clock": "processor", "seconds": 9.0, "frames": None},
             "with processes=2; use wall",
         ),
-        ({"threads": 2}, "threads=2 with processes=2; .* leave threads out"),
+        ({"threads": 2}, "threads=2 with processes=2; leave it out"),
         ({"recurrent": "gru"}, "recurrent='gru' with processes=2; leave it out"),
         ({"num_games": 25}, "num_games=25 with processes=2; .* an even number"),
-        ({"minibatch_size": 2}, "minibatch_size=2 with processes=2; .* from 4 on"),
+        ({"minibatch_size": 2}, "minibatch_size=2 with processes=2; .* at least 4"),
         ({"curriculum": "success-gated", "solved_within": 0.0}, "curriculum='success-gated' with"),
-        ({"curriculum": "level-replay"}, "depends on the episodes"),
+        ({"curriculum": "level-replay"}, "others depend on the episodes"),
         (
             {"curriculum": "num-goals", "schedule_unit": "episodes", "schedule_length": 9},
             "episodes",
@@ -353,7 +355,9 @@ def memory_files() -> set[str]:
     ],
     ids=lambda given: str(given)[:40],
 )
-def test_what_two_processes_cannot_share_is_refused(flat: dict[str, Any], words: str) -> None:
+def test_settings_that_two_processes_do_not_support_are_refused(
+    flat: dict[str, Any], words: str
+) -> None:
     given = {
         "frames": 900,
         "num_games": 24,

@@ -1,6 +1,6 @@
-"""A run that is stopped, and killed, ends bit for bit where an uninterrupted one does.
+"""Stopped and killed runs end bitwise equal to uninterrupted ones.
 
-For every learner, curriculum and scheme of self-play that the registries name, a new one included.
+This is tested for every learner, curriculum and sampling rule in the registries, including new ones.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ LONGER = {"q_learning": 6000}
 
 @pytest.fixture(autouse=True)
 def few_evaluations(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What is tested is what is learned; evaluations would take most of the time."""
+    """Replaces evaluations, which are not tested here and would take most of the time."""
     monkeypatch.setattr("train.runs.loop.EVALUATIONS", 4)
     monkeypatch.setattr("train.runs.single.EPISODES", 10)
 
@@ -95,7 +95,7 @@ def check_resumption(kind: str, settings: Any, folder: Path) -> None:
 
 
 def check_same(one: Any, two: Any, place: str) -> None:
-    """All that is in two checkpoints but the time that they took."""
+    """The contents of two checkpoints without their times."""
     assert type(one) is type(two), place
     if isinstance(one, dict):
         assert set(one) == set(two), place
@@ -158,7 +158,7 @@ def test_switched_learners_resume(flat: dict[str, Any], tmp_path: Path) -> None:
     check_resumption(RUN, tiny(**{**game, **flat}), tmp_path)
 
 
-def test_a_learner_resumes_against_an_opponent_that_remembers(tmp_path: Path) -> None:
+def test_a_learner_resumes_against_a_recurrent_opponent(tmp_path: Path) -> None:
     evader = start(RUN, tiny("ppo", role="evader", recurrent="gru", **CHASER), tmp_path / "evader")
     evader.train()
     check_resumption(RUN, tiny("ppo", opponent=str(tmp_path / "evader"), **CHASER), tmp_path)
@@ -289,10 +289,10 @@ def test_the_generators_of_gpus_are_in_the_checkpoint(monkeypatch: pytest.Monkey
     set_random_states(saved)
     assert list(taken) == [0]
     monkeypatch.setattr(torch.cuda, "is_initialized", lambda: False)
-    assert random_states()["cuda_rng"] == []  # a run on the CPU wakes no GPU
+    assert random_states()["cuda_rng"] == []  # a run on the CPU does not initialise a GPU
 
 
-def test_what_is_compared_is_compared() -> None:
+def test_the_comparison_finds_differences() -> None:
     check_same({"a": [1.0, math.nan], "seconds": 1}, {"a": [1.0, math.nan], "seconds": 2}, "")
     for one, two in (({"a": 1}, {"a": 2}), ([1], [1, 2]), (torch.ones(2), torch.zeros(2))):
         with pytest.raises(AssertionError):

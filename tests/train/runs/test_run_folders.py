@@ -1,4 +1,4 @@
-"""Whenever a run is stopped, one command carries it on; nobody else works on its folder."""
+"""One command resumes a run after any interruption; its folder is locked for other processes."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def copy_of(whole: Path, path: Path) -> Path:
 
 @pytest.fixture(autouse=True)
 def quick_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What is drawn is tested elsewhere; here only that it is there."""
+    """Replaces figures by empty files; other tests check their content."""
     drawn: Any = lambda path, *rest: path.write_bytes(b"picture")  # noqa: E731
     monkeypatch.setattr(train_command, "draw_learning_curve", drawn)
     monkeypatch.setattr(train_command, "save_replay", drawn)
@@ -95,7 +95,7 @@ def error_of(capsys: pytest.CaptureFixture[str], *arguments: object, status: int
     return line
 
 
-# -- every stop ------------------------------------------------------------------------------------
+# -- interruptions ---------------------------------------------------------------------------------
 
 STOPS: dict[str, list[str]] = {
     "before the first checkpoint": ["checkpoint.pt", "metrics.csv", "results.json", "pool"],
@@ -107,7 +107,7 @@ STOPS: dict[str, list[str]] = {
 
 
 @pytest.mark.parametrize("missing", STOPS.values(), ids=STOPS)
-def test_whatever_a_stop_leaves_one_command_carries_it_on(
+def test_one_command_resumes_after_any_interruption(
     missing: list[str], finished: tuple[str, Path], tmp_path: Path
 ) -> None:
     command, whole = finished
@@ -131,7 +131,7 @@ def test_whatever_a_stop_leaves_one_command_carries_it_on(
     assert rows[0] == rows[1]
 
 
-def test_a_run_that_is_complete_says_so(
+def test_a_complete_run_is_refused(
     finished: tuple[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     command, whole = finished
@@ -195,7 +195,7 @@ def test_kills_at_random_moments_leave_no_dead_end(command: str, tmp_path: Path)
         assert not list(folder.rglob("*.part"))
 
 
-# -- one at a time ---------------------------------------------------------------------------------
+# -- locks -----------------------------------------------------------------------------------------
 
 HOLD = """
 import sys
@@ -207,7 +207,7 @@ sys.stdin.read()
 """
 
 
-def test_a_second_process_is_refused_and_told_why(
+def test_a_second_process_is_refused_with_the_reason(
     finished: tuple[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     command, whole = finished
@@ -227,10 +227,10 @@ def test_a_second_process_is_refused_and_told_why(
             other.stdin.close()
     assert not (new / "config.json").exists()
     assert {*before, ".lock"} == {path.name for path in resumed.iterdir()}
-    open_run(resumed)  # the other process is gone, and its hold with it
+    open_run(resumed)  # the lock ended with the other process
 
 
-def test_a_process_may_hold_what_it_holds(tmp_path: Path) -> None:
+def test_a_process_can_lock_a_folder_again(tmp_path: Path) -> None:
     first, second = (hold(tmp_path, "run", shared=True) for _ in range(2))
     assert first is second
 
@@ -239,7 +239,7 @@ def test_a_process_may_hold_what_it_holds(tmp_path: Path) -> None:
 
 
 def signals_at_first_row(monkeypatch: pytest.MonkeyPatch, *numbers: int) -> None:
-    """Have these signals come with the first evaluation."""
+    """Send these signals at the first evaluation."""
     left = list(numbers)
 
     def watched(self: Any, run: Any, row: dict[str, float]) -> None:
@@ -285,7 +285,7 @@ def test_a_run_that_was_interrupted_has_the_rows_of_one_that_was_not(
     assert frames[0] == frames[1] and set(np.diff(frames[0])) == {512.0}
 
 
-def test_a_run_without_readable_metrics_does_not_go_on(
+def test_a_run_without_readable_metrics_is_not_resumed(
     finished: tuple[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = copy_of(finished[1], tmp_path / "run")
@@ -304,7 +304,7 @@ def test_a_second_signal_ends_it_at_once(tmp_path: Path, monkeypatch: pytest.Mon
 
 
 @pytest.mark.parametrize("algorithm", ["ppo", "a2c", "dqn"])
-def test_training_that_diverges_says_when_and_how(
+def test_the_error_of_diverged_training_has_time_and_reason(
     algorithm: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     sizes = {"maze": "2x2", "num_games": 16, "width": 8, "frames": 200_000, "threads": 1}
@@ -335,7 +335,7 @@ def test_the_last_checkpoint_before_a_divergence_is_kept(
 
 
 @pytest.mark.parametrize("arguments", [["--help"], ["maze", "--help"], ["maze", "9x9"]])
-def test_whoever_reads_only_the_first_line_gets_no_traceback(arguments: list[str]) -> None:
+def test_a_closed_pipe_gives_no_traceback(arguments: list[str]) -> None:
     reader, writer = os.pipe()
     os.close(reader)
     process = subprocess.run(

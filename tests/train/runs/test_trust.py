@@ -1,4 +1,4 @@
-"""What a file names is imported only where the user allows it; what a run was made of is kept."""
+"""Modules named in files are imported only if the user allows it; provenance is recorded."""
 
 from __future__ import annotations
 
@@ -71,10 +71,10 @@ def forgotten(module: str) -> None:
     parts._resolved.clear()
 
 
-# -- strangers' files ------------------------------------------------------------------------------
+# -- untrusted files -------------------------------------------------------------------------------
 
 
-def test_no_code_that_a_strangers_file_names_is_run(
+def test_no_code_named_in_an_untrusted_file_is_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """However it is read: every name in every file, and every command."""
@@ -120,7 +120,7 @@ def test_no_code_that_a_strangers_file_names_is_run(
         load_settings(tmp_path / "run")
 
 
-def test_what_is_allowed_is_read(module: str, tmp_path: Path, capsys: Any) -> None:
+def test_allowed_modules_are_imported(module: str, tmp_path: Path, capsys: Any) -> None:
     run = start(RUN, settings_of(**FLAT, rewards=f"{module}:pay"), tmp_path / "run")
     run.train()
     run.results(2)
@@ -154,7 +154,7 @@ def test_the_environment_allows_as_well(module: str, monkeypatch: pytest.MonkeyP
 # -- provenance ------------------------------------------------------------------------------------
 
 
-def test_a_run_knows_the_source_of_its_parts(module: str, tmp_path: Path, recwarn: Any) -> None:
+def test_a_run_records_the_source_of_its_parts(module: str, tmp_path: Path, recwarn: Any) -> None:
     settings = settings_of(**FLAT, rewards=f"{module}:pay")
     folder = tmp_path / "run"
     run = start(RUN, settings, folder)
@@ -195,7 +195,9 @@ def test_a_package_is_hashed_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert provenance(settings_of(**FLAT)) == {}
 
 
-def test_the_command_stands_in_the_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_command_is_recorded_in_the_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     for number, (argv, told) in enumerate(
         ((["pursuit", "train", "--out", "a b"], "pursuit train --out 'a b'"), ([""], "Python"))
     ):
@@ -207,7 +209,7 @@ def test_the_command_stands_in_the_folder(tmp_path: Path, monkeypatch: pytest.Mo
 # -- other processes and machines ------------------------------------------------------------------
 
 
-def test_workers_find_and_trust_what_their_sweep_does(module: str) -> None:
+def test_workers_allow_the_same_modules_as_their_sweep(module: str) -> None:
     settings_of(**FLAT, rewards=f"{module}:pay")  # named by the user
     pursuit.allow(module)
     found = parts.environment()

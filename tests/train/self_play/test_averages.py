@@ -1,4 +1,4 @@
-"""Averages and mixtures of self-play's snapshots: against an opponent that reasons who it meets."""
+"""Averages and mixtures of snapshots, against an opponent that infers the drawn snapshot."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def test_a_mixture_lies_between_its_bounds(role: Any, seed: int) -> None:
     assert mixed.upper == pytest.approx(np.mean(told), abs=1e-6)
 
 
-def test_averages_of_what_is_always_the_same_are_that() -> None:
+def test_averages_of_equal_policies_are_that_policy() -> None:
     maze = load_maze("5x5-tree")
     task = make_task("chase", maze=maze)
     pair = {

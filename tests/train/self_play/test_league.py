@@ -78,14 +78,14 @@ def test_sampling_schemes_are_compared_by_a_sweep(
     main(command)
     assert len(done) == 4 and all(path.stat().st_mtime_ns == then for path, then in done.items())
     some = next(iter(done)).parent
-    with pytest.raises(ValueError, match="go on with it by `pursuit self-play --resume"):
+    with pytest.raises(ValueError, match="resume it by `pursuit self-play --resume"):
         resume(some, RUN)
     with pytest.raises(ValueError, match="one side of self-play"):
         go_on(some / "chaser")
 
 
 SCHEMES = """
-title = "Who is drawn"
+title = "opponent sampling"
 kind = "self-play"
 seeds = [0, 1]
 settings = {maze = "3x3", frames = 6000, num_games = 64, minibatch_size = 512, snapshots = 5}
@@ -164,7 +164,7 @@ def test_runs_of_another_game_do_not_enter_a_league(
         assert message in capsys.readouterr().err
 
 
-def test_results_in_a_circle_are_called_so() -> None:
+def test_cycles_are_reported() -> None:
     rock = np.array([[10, 5, 15], [15, 10, 5], [5, 15, 10]])
     lengths = np.repeat(rock[:, :, None], 20, axis=2)
     table = LeagueTable(["a", "b", "c"], ["x", "y", "z"], rock.astype(float), 0.0 * rock, lengths)
@@ -186,7 +186,7 @@ def test_solve_prints_and_draws(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert (tmp_path / "s.png").stat().st_size > 10_000
 
 
-def test_every_learned_opponent_plays_by_one_rule(tmp_path: Path) -> None:
+def test_all_learned_opponents_use_the_same_policy_option(tmp_path: Path) -> None:
     """As it was learned, unless `opponent_policy` says greedy; in training and in self-play."""
     run = make_run(tmp_path / "pair", frames=2000)
     run.train()
@@ -203,7 +203,7 @@ def test_every_learned_opponent_plays_by_one_rule(tmp_path: Path) -> None:
         settings_of(opponent=str(folder), frames=1, opponent_policy="best")
 
 
-def test_what_is_reported_is_never_played_from_a_training_seed(
+def test_evaluations_never_use_training_seeds(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     seeds: list[int] = []
@@ -235,7 +235,9 @@ def test_opponents_by_name_in_training() -> None:
         assert type(opponents["evader"]) is form
 
 
-def test_survival_for_ever_is_called_so(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_evaders_that_are_never_caught_are_reported(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
     """On 5x5 one chaser never catches the optimal evader: ranks of chasers say nothing of that."""
     entries = ["league", "astar", "random", "optimal", "--games", "30", "--out"]
     main([*entries, str(tmp_path / "open")])

@@ -1,4 +1,4 @@
-"""The pools of opponents: who is in them, and who is drawn."""
+"""Opponent pools: their members, and opponent sampling."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def test_in_a_duel_networks_play_by_tables_that_follow_them(tmp_path: Path) -> N
             before = tables.tables.cumulative.copy()
             networks[0].policy_head(torch.randn(4, 16)).square().sum().backward()
             optimizer.step()
-        if step == 5:  # one opponent alone, and nobody scripted
+        if step == 5:  # a single opponent, not scripted
             tables.opponents[:] = asked.opponents[:] = 0
         copy = deepcopy(simulator)
         found = tables.act(simulator.view("evader"))
@@ -148,7 +148,7 @@ def test_two_equal_names_are_refused(tmp_path: Path) -> None:
         pool.add_scripted("latest", RandomAgent())
 
 
-def test_sampling_schemes_weigh_as_they_say(tmp_path: Path) -> None:
+def test_sampling_rules_have_their_documented_weights(tmp_path: Path) -> None:
     pool, rng = empty_pool(tmp_path, 10), np.random.default_rng(0)
     for n in range(4):
         pool.add(f"{n}", {"action": n}, rng)
@@ -164,7 +164,7 @@ def test_sampling_schemes_weigh_as_they_say(tmp_path: Path) -> None:
     assert weights(pool, "double-oracle", mixture=mixture) == pytest.approx(mixture)
     assert weights(pool, "double-oracle")[0] == 1
     pool.members.clear()
-    with pytest.raises(ValueError, match="an empty pool"):
+    with pytest.raises(ValueError, match="the pool is empty"):
         weights(pool, "uniform")
 
 

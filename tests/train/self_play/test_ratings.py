@@ -1,4 +1,4 @@
-"""Ratings against closed forms, other solvers, and results that are known to be a circle."""
+"""Ratings against closed forms and other solvers, and known cycles."""
 
 from __future__ import annotations
 
@@ -45,14 +45,14 @@ def test_elo_of_two_is_the_closed_form() -> None:
     assert one + two == pytest.approx(3000)
 
 
-def test_whoever_wins_always_stays_finite_and_alone_means_1500() -> None:
+def test_ratings_of_constant_winners_are_finite_and_of_one_player_1500() -> None:
     wins = np.zeros((2, 2, 10))
     wins[0, 1] = 1.0
     assert 1500 < elo_ratings(wins)[0][0] < 3000
     assert elo_ratings(np.full((1, 1, 3), 0.5)) == [(1500.0, 1500.0, 1500.0)]
 
 
-def test_nash_averaging_is_even_among_copies_and_ignores_easy_prey() -> None:
+def test_nash_averaging_is_uniform_over_copies_and_ignores_weak_opponents() -> None:
     rock = np.array([[0.0, -1.0, 1.0], [1.0, 0.0, -1.0], [-1.0, 1.0, 0.0]])
     average = nash_average(rock)
     assert average.value == pytest.approx(0, abs=1e-9)
@@ -87,7 +87,7 @@ def test_cycles_are_found_where_there_is_no_pure_equilibrium() -> None:
     assert best_response_cycle(rock, np.full((3, 3), 1.1)) == []
 
 
-def test_players_of_one_role_can_run_in_a_circle_too() -> None:
+def test_players_of_one_role_can_form_a_cycle() -> None:
     strengths = np.array([[3, 1, 2], [1, 2, 3], [2, 3, 1]])  # each better against two of three
     results = np.repeat(strengths[:, :, None], 50, axis=2)
     cycle = preference_cycle(pairwise_wins(results))
@@ -97,7 +97,7 @@ def test_players_of_one_role_can_run_in_a_circle_too() -> None:
     assert preference_cycle(pairwise_wins(results_of([1200.0, 1500.0, 1800.0]))) == []
 
 
-def test_a_shortest_circle_is_found_among_many_players() -> None:
+def test_a_shortest_cycle_is_found_among_many_players() -> None:
     """Each of 101 is better than the next 50: more circles than can ever be listed."""
     players = np.arange(101)
     better = (players[None, :] - players[:, None]) % 101 <= 50

@@ -1,4 +1,4 @@
-"""Self-play: who meets whom, what is measured, that it learns, and that nothing saved is lost."""
+"""Self-play: opponents, metrics, learning, and resumption."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def test_a_team_is_one_batch_and_follows_the_rules(tmp_path: Path, role: str) ->
         state["action"] = torch.from_numpy(rng.integers(4, size=64))
         stepped, following = env.step_and_maybe_reset(state)
         after = stepped["next"]
-        over = simulator.ended  # false again where games began anew
+        over = simulator.ended  # false again after restarts
         assert not over.any()
         done = after["done"].view(32, 2).numpy()
         caught_now = after["terminated"].view(32, 2).numpy()
@@ -236,7 +236,7 @@ def test_a_killed_run_resumes_bit_for_bit(tmp_path: Path, sampling: str) -> None
         last.trainee.frames == whole.trainee.frames
         and last.results(20)["evaluation"]["nash_conv"] > 0
     )
-    assert go_on(tmp_path / "part").progress == 1.0  # its picture is left to be drawn
+    assert go_on(tmp_path / "part").progress == 1.0  # its figure is missing
     for name in ("learning_curve.png", "report.html"):
         (tmp_path / "part" / name).touch()
     with pytest.raises(ValueError, match="complete"):
@@ -317,7 +317,7 @@ def test_a_frozen_side_stays_as_it_is(tmp_path: Path) -> None:
         ({"chaser": "astar", "evader": "random"}, "both fixed"),
         ({"task": {"task": "maze"}}, "no chasers or no evaders"),
         ({"members": ("genius",)}, "unknown member 'genius'"),
-        ({"members": ("astar", "astar")}, "is listed twice"),
+        ({"members": ("astar", "astar")}, "is given twice"),
         ({"pool_size": 0}, "pool_size=0"),
         ({"sampling": "window", "window": 9, "pool_size": 8}, "window=9 is more than pool_size"),
         ({"sampling": "double-oracle", "pool_size": 4}, "double-oracle keeps all"),
@@ -331,13 +331,13 @@ def test_a_frozen_side_stays_as_it_is(tmp_path: Path) -> None:
         ({"task": {"num_runners": 1, "num_goals": 1}}, "has runners"),
     ],
 )
-def test_settings_that_make_no_sense_are_refused(changes: Any, message: str) -> None:
+def test_invalid_settings_are_refused(changes: Any, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         self_play_parts(make_settings(**changes))
 
 
 @pytest.mark.parametrize("algorithm", ["ppo", "a2c", "dqn"])
-def test_sides_learn_in_the_end_what_the_exact_game_is_about(algorithm: str) -> None:
+def test_final_discounts_of_both_sides_are_that_of_the_exact_game(algorithm: str) -> None:
     hyper = replace(QUICK, gamma=0.9, gamma_end=0.97)
     parts = self_play_parts(make_settings(hyper=hyper, chaser_algorithm=algorithm))
     assert parts.discount == parts.sides["chaser"].hyper.last_gamma == 0.97
@@ -381,7 +381,7 @@ def test_settings_of_another_learner_than_ppo_can_be_set_and_are_recorded(tmp_pa
     size = ["--maze", "2x2-tree", "--frames", "600", "--snapshots", "2"]
     main(["self-play", *how, *size, "--chaser-num-games", "16", "--out", str(run)])
     config = json.loads((run / "config.json").read_text())
-    assert config["hyper"] is None and config["evader_hyper"] is None  # nobody learns by PPO
+    assert config["hyper"] is None and config["evader_hyper"] is None  # no role learns with PPO
     assert config["chaser_hyper"]["batch_size"] == 48
     side = json.loads((run / "chaser" / "config.json").read_text())
     assert side["hyper"] == config["chaser_hyper"]

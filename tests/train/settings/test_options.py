@@ -1,4 +1,4 @@
-"""Options that would have no effect are refused, and resumed runs keep those of their beginning."""
+"""Options without effect are refused, and resumed runs keep the options of their first command."""
 
 from __future__ import annotations
 
@@ -61,9 +61,12 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (["solve", "--role", "bogus"], "unknown role 'bogus'"),
         (["solve", "--seconds", "-3"], "seconds=-3.0"),
         (["solve", "--opponent-epsilon", "7"], "opponent_epsilon=7.0"),
-        (["solve", "--role", "evader"], "role='evader' has no effect: it goes with --view-radius"),
+        (
+            ["solve", "--role", "evader"],
+            "role='evader' has no effect: it is an option of --view-radius",
+        ),
         (["solve", "--horizon", "9", "--discount", "0.9"], "discount=0.9 has no effect"),
-        (["solve", "--num-chasers", "2", "--out", "OUT"], "there is a picture of one chaser only"),
+        (["solve", "--num-chasers", "2", "--out", "OUT"], "the figure is for one chaser only"),
     ],
     ids=lambda value: " ".join(value[:1] + value[-3:]) if isinstance(value, list) else "",
 )

@@ -1,4 +1,4 @@
-"""Whatever is read from a file is checked, and what is wrong is said in words."""
+"""Contents of files are validated, with readable errors."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Settings: rules beside their fields, and one way to them from every mapping."""
+"""Settings: rules of fields, and settings from mappings."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def test_rules_beside_fields_are_checked_when_settings_are_made(form: type[Examp
         ({"count": 0}, "count=0; must be at least 1, below 2**63"),
         ({"share": 1.5}, "share=1.5; must be in [0, 1]"),
         ({"share": float("nan")}, "share=nan; must be in [0, 1]"),
-        ({"least": 1}, "least=1; at least 2"),
+        ({"least": 1}, "least=1; give at least 2"),
         ({"order": "middle"}, "unknown order 'middle'; one of first, last"),
         ({"text": "a\nb"}, "one line, please"),
     ]
@@ -77,12 +77,12 @@ def test_every_number_of_a_learner_has_a_rule() -> None:
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        ({"frames": "many"}, "frames='many'; a whole number is needed"),
-        ({"frames": 1.5}, "frames=1.5; a whole number is needed"),
-        ({"learning_rate": "x"}, "learning_rate='x'; a number is needed"),
-        ({"anneal": 1}, "anneal=1; true or false is needed"),
-        ({"maze": 5}, "maze=5; a string is needed"),
-        ({"width": True}, "width=True; a whole number is needed"),
+        ({"frames": "many"}, "frames='many'; give a whole number"),
+        ({"frames": 1.5}, "frames=1.5; give a whole number"),
+        ({"learning_rate": "x"}, "learning_rate='x'; give a number"),
+        ({"anneal": 1}, "anneal=1; give true or false"),
+        ({"maze": 5}, "maze=5; give a string"),
+        ({"width": True}, "width=True; give a whole number"),
         ({"gamma": 2}, "gamma=2.0; must be in [0, 1]"),
         ({"frame": 3}, "unknown setting 'frame'"),
         ({"rewards": {"step": "x"}}, "give a number"),

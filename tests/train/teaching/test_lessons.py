@@ -57,9 +57,9 @@ def test_mazes_of_a_curriculum_agree_with_the_last_one() -> None:
             "end 0.2 is above the start 0.1",
         ),
         ({**MAZE, "curriculum": "goal-spread-start", "schedule_length": -0.1}, "at least 0"),
-        ({**MAZE, "curriculum": "goal-spread-start", "schedule": "step"}, "shares of the budget"),
+        ({**MAZE, "curriculum": "goal-spread-start", "schedule": "step"}, "more than the budget"),
         ({**MAZE, "curriculum": "uniform", "easiest": float("inf")}, "a finite number"),
-        ({**MAZE, "curriculum": "reversed", "schedule_unit": "frames"}, "ends at once"),
+        ({**MAZE, "curriculum": "reversed", "schedule_unit": "frames"}, "less than 1"),
         ({**CHASE, "curriculum": "opponent-epsilon", "schedule": "piecewise",
           "schedule_points": "0:1,0.5:2"}, "epsilon=2.0"),
         ({**MAZE, "curriculum": "goal-spread-start", "easiest": 0.5}, "whole number of steps"),
@@ -120,7 +120,7 @@ def test_large_mazes_have_a_curriculum_unless_told_otherwise() -> None:
     assert large.curriculum == "goal-spread-start"
     assert settings_of(**{**MAZE, "maze": "9x9"}, curriculum="none").curriculum == "none"
     assert settings_of(**MAZE).curriculum == "none"
-    with pytest.raises(ValueError, match="with settings of"):
+    with pytest.raises(ValueError, match="give UniformSettings"):
         replace(large, curriculum="uniform")
 
 

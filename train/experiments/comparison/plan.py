@@ -52,7 +52,7 @@ class Budgets(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
             f"seconds={self.seconds} and frames={self.frames}; give one of the two",
         )
         budget = self.seconds if self.frames is None else self.frames
-        check(budget is not None and 0 < budget < 1e9, f"budget {budget}; give one in 0..1e9")
+        check(budget is not None and 0 < budget < 1e9, f"budget {budget}; give one above 0")
 
 
 class Tuning(Budgets, forbid_unknown_fields=True, kw_only=True):
@@ -246,7 +246,7 @@ def load_comparison(name: str, version: str | None = None, clock: str | None = N
             task or setting, or a held-out maze that is also the maze of a task.
         ImportError: the library of a contestant is not installed.
     """
-    check(version in (None, "short", "full"), f"unknown version {version!r}; give short or full")
+    check(version in (None, "short", "full"), f"unknown version {version!r}; short or full")
     path, content = read_file(name, FILES, "comparison")
     file = read_as(ComparisonFile, content, path, REMEDY)
     try:
@@ -266,7 +266,7 @@ def comparison_of(file: ComparisonFile, version: Version) -> Comparison:
     wanted = version.tasks or list(known)
     check_once("tasks", wanted)
     for name in wanted:
-        check(name in known, f"unknown task {name!r}; give one of {', '.join(known)}")
+        check(name in known, f"unknown task {name!r}; one of {', '.join(known)}")
     tasks = tuple(compared_task(known[name], version.held_out) for name in wanted)
     for one, other in combinations(tasks, 2):
         same = f"tasks {one.name!r} and {other.name!r} are the same; leave one out"
