@@ -192,7 +192,7 @@ def test_a_checkpoint_without_the_second_process_is_refused(tmp_path: Path) -> N
     saved = load_checkpoint(tmp_path / "run")
     del saved["trainee"]["partner"]
     save_checkpoint(tmp_path / "run", saved)
-    with pytest.raises(ValueError, match=r"does not match .*of a run of one process"):
+    with pytest.raises(ValueError, match=r"does not match .*from a run with processes=1"):
         open_run(tmp_path / "run")
     assert not multiprocessing.active_children()
 

@@ -1,6 +1,6 @@
 """Stopped and killed runs end bitwise equal to uninterrupted ones.
 
-This is tested for every learner, curriculum and sampling rule in the registries, including new ones.
+This is tested for every learner, curriculum and sampling rule of the registries.
 """
 
 from __future__ import annotations

@@ -182,7 +182,7 @@ def test_cycles_are_reported() -> None:
 def test_solve_prints_and_draws(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     main(["solve", "--maze", "5x5-tree", "--out", str(tmp_path / "s.png")])
     printed = capsys.readouterr().out
-    assert "cop number (in turns)           1" in printed and "saddle point" in printed
+    assert "cop number (alternating moves)  1" in printed and "saddle point" in printed
     assert (tmp_path / "s.png").stat().st_size > 10_000
 
 
