@@ -1,4 +1,4 @@
-"""Files are written beside their place and renamed, so that a failure leaves what was there."""
+"""Atomic writing of files: a failure leaves the existing file unchanged."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from pathlib import Path
 
 
 def write_beside(path: Path, write: Callable[[Path], object]) -> None:
-    """Have `write` make a file beside `path`, then put it in its place.
+    """Call `write` with a temporary path in the same folder, then rename that file to `path`.
 
     Raises:
-        OSError: it cannot be written; the error names `path`.
+        OSError: the file cannot be written; the error names `path`.
     """
     partial = path.with_name(f".{path.name}.{os.getpid()}.part")  # as `train.files` names them
     try:
