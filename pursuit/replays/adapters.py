@@ -54,9 +54,7 @@ class MazeAdapter:
             found.append(Maze.from_text(text, name))
         rewards = given.pop("rewards", None)
         if rewards is not None and ":" in str(rewards):
-            raise ValueError(
-                f"rewards={rewards!r}; custom reward functions are not allowed in a replay"
-            )
+            raise ValueError(f"rewards={rewards!r}; a replay cannot name a function")
         unknown = set(given) - {each.name for each in fields(Task)}
         if unknown:
             raise ValueError(f"unknown settings of a task: {', '.join(sorted(unknown))}")

@@ -111,9 +111,7 @@ class Replay:
             ValueError: an unknown episode number, or an invalid start state.
         """
         if not 0 <= number < len(self.episodes):
-            raise ValueError(
-                f"episode {number}; this replay has {len(self.episodes)}, counted from 0"
-            )
+            raise ValueError(f"episode {number}; episodes are 0 to {len(self.episodes) - 1}")
         episode, world = self.episodes[number], self.world
         simulator = world.simulator(self.task)
         world.begin(simulator, episode.start)
@@ -299,9 +297,7 @@ def _episode_of(file: _EpisodeFile, world: Adapter, task: Any) -> Episode:
             raise ValueError("an action is outside [-1, 1]")
     else:
         if len(file.actions) != width or len({len(row) for row in file.actions}) > 1:
-            raise ValueError(
-                f"actions of {len(file.actions)} agents; give {width} equally long rows of digits"
-            )
+            raise ValueError(f"actions need {width} rows of equal length, one per agent")
         actions = np.array([[int(digit) for digit in row] for row in file.actions], np.uint8).T
         if actions.size and actions.max() >= task.num_actions:
             raise ValueError(f"action {actions.max()}; actions are 0 to {task.num_actions - 1}")

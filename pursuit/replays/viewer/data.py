@@ -155,9 +155,7 @@ class Builder:
         maze = task.mazes[int(episode.start.get("maze") or 0)]
         for step in range(item["length"] + 1):
             planes = simulator.observe("planes", seat)[0]
-            planes = np.concatenate(
-                [planes[:MOVING], planes[len(PLANES) :]]
-            )  # and the plane of visible cells
+            planes = np.concatenate([planes[:MOVING], planes[len(PLANES) :]])  # with visible cells
             marks.append(
                 [[int(p), int(maze.cell_numbers[r, c])] for p, r, c in np.argwhere(planes)]
             )
@@ -243,9 +241,7 @@ def replay_page(replays: Mapping[str, Any] | Sequence[Any], title: str = "") -> 
 
 def _plain(numbers: NDArray[Any]) -> list[float]:
     if not np.isfinite(numbers).all():
-        raise ValueError(
-            "a reward or observation is not finite; the viewer shows finite numbers only"
-        )
+        raise ValueError("a reward or observation is not finite; viewers show finite numbers")
     return [int(n) if n == int(n) else round(float(n), 5) for n in numbers.tolist()]
 
 

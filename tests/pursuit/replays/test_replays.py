@@ -54,10 +54,10 @@ def test_every_state_of_a_parallel_game_is_there_again(num_evaders: int, tmp_pat
     for number, (states, paid) in enumerate(seen):
         played = replay.play(number)
         assert len(played.states) == len(states)
-        for told, state in zip(played.states, states, strict=True):
+        for again, state in zip(played.states, states, strict=True):
             agents = len(env.possible_agents)
-            np.testing.assert_array_equal(told["cells"] + 1, state[:agents])
-            np.testing.assert_array_equal(told["goals"] + 1, state[agents:-1])
+            np.testing.assert_array_equal(again["cells"] + 1, state[:agents])
+            np.testing.assert_array_equal(again["goals"] + 1, state[agents:-1])
         sums = replay.episodes[number].rewards.sum(axis=0, dtype=np.float64)
         np.testing.assert_allclose(sums, list(paid.values()), atol=1e-4)
 
@@ -164,7 +164,7 @@ def test_every_episode_of_a_batch_is_kept_whatever_restarts_it(name: str, mode: 
 
 
 def test_ten_thousand_steps_are_less_than_a_megabyte(tmp_path: Path) -> None:
-    # Four evaders that nobody can reach: the maze falls into two parts.
+    # Four evaders that are unreachable: the maze has two components.
     maze = pursuit.Maze.from_text("+-+-+-+-+-+-+-+-+\n|       |       |\n+-+-+-+-+-+-+-+-+")
     task = pursuit.make_task(
         "chase", maze=maze, num_chasers=4, num_evaders=4, max_steps=10_000, rewards="distance"
@@ -186,7 +186,7 @@ def test_ten_thousand_steps_are_less_than_a_megabyte(tmp_path: Path) -> None:
     assert arm.save(tmp_path / "arm.json").stat().st_size < 1_000_000
 
 
-def test_a_version_that_plays_differently_is_told(tmp_path: Path) -> None:
+def test_differences_from_the_recording_are_reported(tmp_path: Path) -> None:
     env = gymnasium.make("pursuit/Maze-v0", maze="3x3", max_steps=40)
     recorder = Recorder(env)
     random_episode(env, 0)
@@ -194,20 +194,20 @@ def test_a_version_that_plays_differently_is_told(tmp_path: Path) -> None:
     content = json.loads(path.read_text())
     episode = content["episodes"][0]
 
-    def told(**changes: Any) -> list[str]:
+    def differences(**changes: Any) -> list[str]:
         changed = {**content, "versions": {"pursuit": "0.0.1"}}
         changed["episodes"] = [{**episode, **changes}]
         path.write_text(json.dumps(changed))
         return Replay.load(path).check()
 
-    assert told() == []
-    found = told(digest="0" * 64)
-    assert found[0] == "episode 0: its states are others"
+    assert differences() == []
+    found = differences(digest="0" * 64)
+    assert found[0] == "episode 0: its states differ"
     assert found[1] == f"recorded with pursuit 0.0.1, played with {pursuit.__version__}"
-    assert "rewards" in told(rewards=[[paid + 1 for paid in episode["rewards"][0]]])[0]
-    assert "another way" in told(terminated=not episode["terminated"])[0]
+    assert "rewards" in differences(rewards=[[each + 1 for each in episode["rewards"][0]]])[0]
+    assert "terminates" in differences(terminated=not episode["terminated"])[0]
     longer = {"actions": [episode["actions"][0] + "0"], "rewards": [episode["rewards"][0] + [0.0]]}
-    assert "ends after" in told(**longer)[0] or "another way" in told(**longer)[0]
+    assert "ends after" in differences(**longer)[0] or "terminates" in differences(**longer)[0]
 
 
 @pytest.mark.parametrize(
@@ -289,7 +289,7 @@ def test_a_page_shows_what_was_paid_by_rewards_that_it_cannot_know(tmp_path: Pat
 def test_a_file_that_is_nested_too_deeply_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "deep.json"
     path.write_text("[" * 100_000)
-    with pytest.raises(ValueError, match="no replay that can be played"):
+    with pytest.raises(ValueError, match="not a valid replay"):
         Replay.load(path)
 
 

@@ -301,7 +301,7 @@ def test_view_writes_pages_of_runs_and_replays(
     for wrong, told in (
         ([], "nothing to view"),
         ([str(tmp_path / "none.json")], "no such file or folder"),
-        ([str(out)], "no replay that can be played"),
+        ([str(out)], "not a valid replay"),
     ):
         with pytest.raises(SystemExit):
             main(["view", *wrong, "--no-open", "--out", str(tmp_path / "x.html")])
