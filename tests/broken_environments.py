@@ -278,7 +278,7 @@ BROKEN: dict[str, tuple[dict[str, Any], str]] = {
     "reward array": (entry(1, lambda reward: np.array([reward])), "evader_1: the reward is array"),
     "reward bool": (entry(1, lambda _: True), "evader_1: the reward is True"),
     "termination int": (entry(2, lambda end: int(end)), "evader_1: the termination is [01]; it is"),
-    "truncation None": (entry(3, lambda _: None), "evader_1: the truncation is None; it is a bool"),
+    "truncation None": (entry(3, lambda _: None), "the truncation is None; it must be a bool"),
     "both": ({"step": everything_at_once}, r"terminated (and|or) truncated"),
     "finished stays": (after_step(keep_finished), "parallel_api_test: AssertionError: .*!="),
     "finished returns": (
@@ -301,21 +301,21 @@ BROKEN: dict[str, tuple[dict[str, Any], str]] = {
         "action mask does not lie in .*2 2 2 2",
     ),
     "mask empty": (wrong_mask(np.zeros(4, dtype=np.int8)), "evader_1: the action mask allows no"),
-    "seed ignored": ({"reset": ignore_seed}, "reset: the same seed and actions gave other observ"),
+    "seed ignored": ({"reset": ignore_seed}, "reset: the same seed and actions gave different obs"),
     "rewards change": (
         returning(1, paid_more_later) | {"reset": count_episodes},
-        "step 2: the same seed and actions gave other rewards of chaser_0",
+        "step 2: the same seed and actions gave different rewards of chaser_0",
     ),
     "ends change": (
         returning(3, ended_sooner_later) | {"reset": count_episodes},
-        "step 2: the same seed and actions gave other|step 2, evader_1: terminated and truncated",
+        "seed and actions gave different|step 2, evader_1: terminated and truncated",
     ),
     "state changes": (
         {"state": other_state_later, "reset": count_episodes},
-        "step 2: the same seed and actions gave other state",
+        "step 2: the same seed and actions gave different state",
     ),
-    "one start": ({"reset": always_one_seed}, "16 different seeds gave one start"),
-    "seeded at every reset": ({"reset": seeded_once_more}, "16 resets without a seed gave one"),
+    "one start": ({"reset": always_one_seed}, "16 seeds gave the same start"),
+    "seeded at every reset": ({"reset": seeded_once_more}, "16 resets without seed gave the same"),
     "observations reused": (
         {"step": one_buffer},
         r"step 2: overwrote the observations of \w+ that were returned in .* step 1",

@@ -175,13 +175,13 @@ def test_actions_outside_are_refused_and_the_wrappers_mend_them() -> None:
     np.testing.assert_allclose(env.simulator.angles, [[0.15, -0.1]], atol=1e-7)
 
 
-def test_discrete_actions_turn_back_stay_and_forth() -> None:
+def test_discrete_actions_turn_back_stay_and_forward() -> None:
     env = gymnasium.make(ID, joints=3, start="fixed", discrete_actions=True).unwrapped
     env.reset(seed=0)
     env.step(np.array([0, 1, 2]))
     np.testing.assert_array_equal(env.simulator.angles, [[-0.1, 0.0, 0.1]])
     for wrong in ([0, 1, 3], [-1, 0, 0], [0.0, 1.0, 2.0], [1, 1], 13):
-        with pytest.raises(ValueError, match=r"whole numbers 0 \(back\), 1 \(stay\) and 2 \(forth"):
+        with pytest.raises(ValueError, match=r"integers 0 \(back\), 1 \(stay\) and 2 \(forward"):
             env.step(wrong)
     assert env.simulator.steps.tolist() == [1]
 

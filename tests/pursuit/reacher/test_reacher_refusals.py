@@ -23,7 +23,7 @@ ID = "pursuit/Reacher-v0"
         *(({"joints": joints}, "joints=") for joints in (0, 9, 2.5, True, "2", None)),
         *(({"tolerance": value}, "tolerance=") for value in (0, -0.1, math.nan, math.inf, True)),
         ({"hold": 0}, "hold=0; it is at least 1"),
-        ({"hold": 401}, "hold=401 of max_steps=400; no episode can succeed: lower it"),
+        ({"hold": 401}, "hold=401 is above max_steps=400; lower hold"),
         ({"hold": 3, "max_steps": 2}, "hold=3 of max_steps=2"),
         ({"max_steps": 0}, "max_steps=0"),
         ({"start": "straight"}, "unknown start 'straight'; one of kept, random, fixed"),

@@ -201,7 +201,7 @@ def test_a_batch_renders_every_arm() -> None:
     pictures = gymnasium.make_vec(ID, num_envs=2, render_mode="rgb_array").unwrapped
     pictures.reset(seed=0)
     assert [picture.shape for picture in pictures.render()] == [(510, 480, 3)] * 2
-    with pytest.raises(ValueError, match="a batch draws 'rgb_array' or 'ansi'"):
+    with pytest.raises(ValueError, match="give None, 'rgb_array' or 'ansi'"):
         gymnasium.make_vec(ID, num_envs=3, render_mode="human")
     silent = gymnasium.make_vec(ID, num_envs=3).unwrapped
     assert silent.render() is None

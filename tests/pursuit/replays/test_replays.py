@@ -216,7 +216,7 @@ def test_differences_from_the_recording_are_reported(tmp_path: Path) -> None:
         (lambda c: c.update(kind="other"), "kind"),
         (lambda c: c.update(form=99), "form 99.*update pursuit"),
         (lambda c: c.update(world="sea"), "unknown world 'sea'"),
-        (lambda c: c["task"].update(rewards="os:system"), "a replay names no code"),
+        (lambda c: c["task"].update(rewards="os:system"), "a replay cannot name a function"),
         (lambda c: c["task"].update(colour="red"), "unknown settings of a task: colour"),
         (lambda c: c["task"].update(mazes=[]), "a list of mazes"),
         (lambda c: c["task"].update(max_steps=0), "max_steps=0"),
