@@ -164,14 +164,14 @@ def check_plays(policy: Any, task: Task, seat: int) -> None:
     """
     if not callable(getattr(policy, "act", None)):
         raise ValueError(
-            f"the policy of {task.agent_names[seat]} is {policy!r}; give an object with a method `act`"
+            f"the policy of {task.agent_names[seat]} is {policy!r}; it needs a method `act`"
         )
     role, needed = role_of(policy), task.seat_roles[seat]
     collects = role == "runner" and needed == "evader" and task.num_goals > 0
     if role in ROLES and role != needed and not collects:
         raise ValueError(
-            f"{policy!r} is a policy of the {role}; {task.agent_names[seat]} needs a policy of "
-            f"the {needed}"
+            f"{policy!r} is a policy of the {role}; {task.agent_names[seat]} needs one "
+            f"of the {needed}"
         )
 
 

@@ -17,7 +17,7 @@ RewardFunction = Callable[[Before, Any, After], Any]
 
 `actions` is [games, agents] int32. `before` and `after` are NamedTuples of arrays, so the function
 can be compiled by Numba; they are copies, which it may keep or change. Agents that had left the
-game before the step get a reward of 0, whatever the function returns.
+game before the step always get a reward of 0.
 """
 
 

@@ -1,4 +1,4 @@
-"""Maps of other projects: what their squares become, and what is no such map."""
+"""Maps of other projects: conversion of squares, and invalid maps."""
 
 from __future__ import annotations
 

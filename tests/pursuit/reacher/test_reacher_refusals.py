@@ -1,4 +1,4 @@
-"""What the arm refuses: nothing moves then, and the error names the value and the rule."""
+"""Invalid input to arms: nothing changes, and the error names the value and the rule."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ ID = "pursuit/Reacher-v0"
         ({"discrete_actions": 1}, "discrete_actions=1; it is True or False"),
     ],
 )
-def test_tasks_that_cannot_be(settings: dict[str, Any], message: str) -> None:
+def test_invalid_tasks(settings: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         ReacherTask(**settings)
 
@@ -90,7 +90,7 @@ def test_rounding_is_clipped() -> None:
         ("straight", [1.0, 0.0], "angles="),
     ],
 )
-def test_nothing_moves_when_a_place_is_refused(angles: Any, targets: Any, message: str) -> None:
+def test_nothing_changes_when_a_start_is_refused(angles: Any, targets: Any, message: str) -> None:
     simulator = ReacherSimulator(ReacherTask(2), 2)
     before = snapshot(simulator)
     with pytest.raises(ValueError, match=message):
@@ -98,7 +98,7 @@ def test_nothing_moves_when_a_place_is_refused(angles: Any, targets: Any, messag
     assert_equal(snapshot(simulator), before)
 
 
-def test_places_are_judged_by_the_tolerance_of_the_episode_that_begins() -> None:
+def test_targets_are_checked_with_the_tolerance_of_the_new_episode() -> None:
     simulator = ReacherSimulator(ReacherTask(1), 2)
     with pytest.raises(ValueError, match=r"tolerance=0\.2 beyond"):
         simulator.place([0.0], [1.4, 0.0])
@@ -114,7 +114,7 @@ def test_places_are_judged_by_the_tolerance_of_the_episode_that_begins() -> None
         simulator.place([0.0], [1.15, 0.0])
 
 
-def test_places_that_locked_joints_forbid() -> None:
+def test_locked_joints_restrict_poses_and_targets() -> None:
     simulator = ReacherSimulator(ReacherTask(4), 1)
     simulator.configure(free_joints=2)
     with pytest.raises(ValueError, match="of which 2 turn goes from radius 2 to 4"):
@@ -144,7 +144,7 @@ def test_places_that_locked_joints_forbid() -> None:
         {"hold": 2, "tolerance": -1.0},
     ],
 )
-def test_settings_that_cannot_be_change_nothing(settings: dict[str, Any]) -> None:
+def test_invalid_settings_change_nothing(settings: dict[str, Any]) -> None:
     simulator = ReacherSimulator(ReacherTask(2), 2)
     before = snapshot(simulator)
     with pytest.raises(ValueError, match=r"=.*; "):
@@ -152,7 +152,7 @@ def test_settings_that_cannot_be_change_nothing(settings: dict[str, Any]) -> Non
     assert_equal(snapshot(simulator), before)
 
 
-def test_other_arguments_that_cannot_be() -> None:
+def test_other_invalid_arguments() -> None:
     task = ReacherTask(2)
     for settings in ({"num_games": 0}, {"num_games": 2.0}, {"seed": -1}, {"first_game": -1}):
         with pytest.raises(ValueError, match=next(iter(settings))):
@@ -190,7 +190,7 @@ def test_other_arguments_that_cannot_be() -> None:
         ({"hold": 500}, "hold=500 of max_steps=400"),
     ],
 )
-def test_environments_that_cannot_be(settings: dict[str, Any], message: str) -> None:
+def test_invalid_environments(settings: dict[str, Any], message: str) -> None:
     for make in (
         lambda: gymnasium.make(ID, **settings),
         lambda: gymnasium.make_vec(ID, num_envs=2, **settings),
