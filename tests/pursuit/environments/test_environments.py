@@ -294,9 +294,9 @@ def test_bad_seeds(seed: Any) -> None:
     ("options", "message"),
     [
         ({"positions": [0, 99]}, r"positions=\[0, 99\]; whole numbers from 0 to 24"),
-        ({"positions": [0, 1], "goals": [3]}, "this task has none"),
+        ({"positions": [0, 1], "goals": [3]}, "this task has no goals"),
         (5, "options=5; give a dict"),
-        ({"positions": [3, 3]}, "begin in one cell"),
+        ({"positions": [3, 3]}, "start in the same cell"),
         ({"postions": [0, 1]}, "unknown option 'postions'; the options of reset are positions, g"),
         ({"goals": [3]}, "give positions too"),
     ],
@@ -315,7 +315,7 @@ def test_options_name_the_maze_where_there_are_several() -> None:
     for seed in range(4):
         env.reset(seed=seed, options={"positions": [0, 24], "maze": 1})
         assert env.state().tolist() == [1, 25, 0]
-    with pytest.raises(ValueError, match="maze left out; this task has 2"):
+    with pytest.raises(ValueError, match="maze is missing; this task has 2"):
         env.reset(options={"positions": [0, 8]})
 
 

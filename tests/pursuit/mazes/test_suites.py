@@ -91,7 +91,7 @@ def test_suite_names_are_accepted_as_mazes() -> None:
         ("suite:5x5-test/x", "unknown suite"),
         (
             "suite:5x5-test",
-            "is 200 mazes, and one is needed here; one of them is suite:5x5-test/000",
+            "is 200 mazes, but one is needed; give one of them, such as suite:5x5-test/000",
         ),
     ],
 )

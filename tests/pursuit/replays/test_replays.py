@@ -241,7 +241,7 @@ def test_damaged_files_are_refused_by_name(change: Any, message: str, tmp_path: 
 
 
 def test_other_bad_input() -> None:
-    with pytest.raises(ValueError, match="this one has none inside"):
+    with pytest.raises(ValueError, match="this one contains none"):
         Recorder(gymnasium.make("CartPole-v1"))
     env = gymnasium.make("pursuit/Maze-v0", maze="3x3")
     with pytest.raises(ValueError, match="games=0"):

@@ -289,5 +289,5 @@ def test_place_needs_a_maze_if_there_are_several() -> None:
 def test_place_needs_no_goals_where_there_are_none() -> None:
     simulator = Simulator(make_task("chase"), 2)
     simulator.place([0, 8], [])
-    with pytest.raises(ValueError, match="this task has none"):
+    with pytest.raises(ValueError, match="this task has no goals"):
         simulator.place([0, 8], [3])
