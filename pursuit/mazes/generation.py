@@ -159,7 +159,7 @@ def wilson(height: int, width: int, streams: Any, passages: Any) -> None:
             cell = cell_after(cell, last_exit[cell], width)
 
 
-def open_room(height: int, width: int, streams: Any, passages: Any) -> None:
+def open_grid(height: int, width: int, streams: Any, passages: Any) -> None:
     """No inner walls at all."""
     passages[:] = True
 
@@ -193,7 +193,7 @@ ALGORITHMS: dict[str, Callable[[int, int, Any, Any], None]] = {
     "prim": prim,
     "backtracker": backtracker,
     "wilson": wilson,
-    "open": open_room,
+    "open": open_grid,
 }
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from pursuit.files import write_beside
+from pursuit.files import write_atomically
 from pursuit.rendering.rendering import (
     BLOCKED,
     CAPTURED,
@@ -57,7 +57,7 @@ def save_animation(
     if not fps > 0:
         raise ValueError(f"fps={fps}; give more than 0 frames per second")
     frames = _frames(path, scenes, size)
-    write_beside(path, lambda beside: writers[suffix](beside, frames, fps))
+    write_atomically(path, lambda partial: writers[suffix](partial, frames, fps))
 
 
 def _frames(path: Path, scenes: Iterable[Drawable], size: int) -> Iterator[NDArray[np.uint8]]:

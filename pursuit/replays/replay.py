@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.files import write_beside
+from pursuit.files import write_atomically
 from pursuit.replays.adapters import ADAPTERS, Adapter, State, adapter_for, has_reward_function
 from pursuit.replays.viewer.data import replay_page
 from pursuit.validation import one_of
@@ -177,7 +177,7 @@ class Replay:
         """
         path = with_suffix(path)
         text = msgspec.json.format(msgspec.json.encode(_file_of(self)), indent=0)
-        write_beside(path, lambda beside: beside.write_bytes(text + b"\n"))
+        write_atomically(path, lambda partial: partial.write_bytes(text + b"\n"))
         return path
 
     @classmethod
