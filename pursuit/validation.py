@@ -154,9 +154,7 @@ def named_settings(function: str, settings: dict[str, Any], known: Sequence[str]
     named = dict(settings)
     if "max_cycles" in named:
         if "max_steps" in named:
-            raise TypeError(
-                f"{function}() got max_steps and max_cycles, the same setting; give one"
-            )
+            raise TypeError(f"{function}() got max_steps and max_cycles; give only one of them")
         named["max_steps"] = named.pop("max_cycles")
     for setting in named:
         if setting not in known:

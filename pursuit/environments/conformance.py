@@ -113,10 +113,7 @@ def _global_random_untouched(where: str) -> Iterator[None]:
     yield
     for name, old, new in zip(("numpy.random", "random"), before, states(), strict=True):
         if old != new:
-            _fail(
-                where,
-                f"the global state of {name} changed; use a generator of the environment",
-            )
+            _fail(where, f"the global state of {name} changed; use a separate generator")
 
 
 def _play(
@@ -209,9 +206,7 @@ def _moment(
         )
         info, space = returned["infos"][agent], env.action_space(agent)
         if not isinstance(info, dict):
-            _fail(
-                f"{where}, {agent}", f"the info is of type {type(info).__name__}; it must be a dict"
-            )
+            _fail(f"{where}, {agent}", f"the info is of type {type(info).__name__}; give a dict")
         if "action_mask" in info and isinstance(space, gymnasium.spaces.Discrete):
             mask = info["action_mask"]
             _check_inside(
@@ -270,10 +265,7 @@ def _compare_runs(first: Sequence[_Moment], second: Sequence[_Moment]) -> None:
 def _check_starts(env: ParallelEnv[Any, Any, Any], seed: int) -> None:
     seeded = [deepcopy(env.reset(seed=seed + i)[0]) for i in range(STARTS)]
     if all(_same(seeded[0], start) for start in seeded):
-        _fail(
-            "reset",
-            f"{STARTS} seeds gave the same start; random_starts=False if intended",
-        )
+        _fail("reset", f"{STARTS} seeds gave the same start; random_starts=False if intended")
     env.reset(seed=seed)
     further = [deepcopy(env.reset()[0]) for _ in range(STARTS)]
     if all(_same(further[0], start) for start in further):

@@ -159,9 +159,7 @@ class LockstepVectorEnv(GamesOfWorld, StepLimitInSpec, gymnasium.vector.VectorEn
         if not isinstance(seeds, (Sequence, np.ndarray)) or isinstance(seeds, (str, bytes)):
             raise ValueError(f"seed={seeds!r}; give one integer, or a list with one per game")
         if len(seeds) != self.num_envs:
-            raise ValueError(
-                f"seed: {len(seeds)} seeds for {self.num_envs} games; give one per game"
-            )
+            raise ValueError(f"seed: {len(seeds)} seeds for {self.num_envs} games; give one each")
         return [None if each is None else checked_seed(each) for each in seeds]
 
     def _seed_each(

@@ -216,9 +216,7 @@ class ReacherSimulator:
             try:
                 waiting[field] = np.broadcast_to(numbers, chosen.shape)
             except ValueError:
-                raise ValueError(
-                    f"{name}={value!r}; give one number for all, or one per arm"
-                ) from None
+                raise ValueError(f"{name}={value!r}; give one number, or one per arm") from None
         for name, numbers in waiting.items():
             getattr(self._coming, name)[chosen] = numbers
 

@@ -275,9 +275,7 @@ def _placed_tokens(scene: Scene, layout: _Layout) -> Iterator[tuple[Image.Image,
         to_middle = layout.wall + layout.inside / 2
         middle_x = layout.left + int(scene.maze.columns[cell]) * layout.cell + to_middle
         middle_y = MARGIN + int(scene.maze.rows[cell]) * layout.cell + to_middle
-        half = (
-            (columns - 1) / 2 * pitch + diameter / 2 + 1
-        )  # of the group, to stay inside the picture
+        half = (columns - 1) / 2 * pitch + diameter / 2 + 1  # of the group, kept in the picture
         middle_x = min(max(middle_x, half), layout.width - half)
         middle_y = min(max(middle_y, half), layout.height - half)
         for place, (role, label, active) in enumerate(tokens):

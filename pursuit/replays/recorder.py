@@ -49,8 +49,8 @@ class Recorder:
         self.seed: int | None = simulator.last_seed
         self._tracks: list[_Track | None] = [None] * self._games
         self._methods = {name: getattr(simulator, name) for name in WRAPPED}
-        self._wrappers = {name: self._restarting(name) for name in WRAPPED[1:]}
-        self._wrappers["step"] = self._step
+        restarting = {name: self._restarting(name) for name in WRAPPED[1:]}
+        self._wrappers = {"step": self._step, **restarting}
         for name, method in self._wrappers.items():
             setattr(simulator, name, method)
         self._update_tracks()

@@ -304,9 +304,8 @@ def _episode_of(file: _EpisodeFile, world: Adapter, task: Any) -> Episode:
     if (world.name == "arm") != isinstance(file.actions, str):
         raise ValueError(f"actions do not fit world {world.name!r}")
     rewards = np.array(file.rewards, dtype=np.float32).reshape(len(agents), -1).T
-    shape = (len(actions), len(agents))
-    if rewards.shape != shape:
-        raise ValueError(f"rewards of shape {rewards.shape}; [steps, agents] is {shape}")
+    if rewards.shape != (len(actions), len(agents)):
+        raise ValueError(f"rewards of shape {rewards.shape}, but there are {len(actions)} steps")
     return Episode(
         file.start, actions, rewards, file.terminated, file.truncated, file.digest, file.label
     )

@@ -41,9 +41,8 @@ def check_arrays(state: Any, live: Mapping[str, NDArray[Any]], games: int) -> No
         given, shape = np.asarray(getattr(state, name, None)), (games, *array.shape[1:])
         if given.shape != shape or given.dtype != array.dtype:
             raise ValueError(
-                f"state does not match this simulator: {name} is {given.dtype} of shape "
-                f"{given.shape}, expected {array.dtype} of shape {shape}; use the same task and "
-                "number of games"
+                f"state does not match this simulator: {name} is {given.dtype} {given.shape}, "
+                f"expected {array.dtype} {shape}; use the same task and number of games"
             )
 
 
@@ -78,8 +77,6 @@ def check_fits(
         check_range(state, f"next_{name}", *limits)
     shares = state.next_epsilon
     if (((shares < 0) & (shares != UNCHANGED)) | (shares > 1)).any():
-        raise ValueError(
-            "state does not match this simulator: next_epsilon is no probability or -1"
-        )
+        raise ValueError("state does not match this simulator: next_epsilon is not in [0, 1]")
     waiting = (getattr(state, f"next_{name}") for name in NextEpisode._fields)
     check_waiting(task, NextEpisode(*waiting))

@@ -53,7 +53,7 @@ def test_max_cycles_is_max_steps() -> None:
     assert chase_v0.parallel_env(max_cycles=9).task.max_steps == 9
     assert gymnasium.make("pursuit/Reacher-v0", max_cycles=9).unwrapped.task.max_steps == 9
     for make in (chase_v0.parallel_env, reacher_v0.parallel_env):
-        with pytest.raises(TypeError, match="max_steps and max_cycles, which are one"):
+        with pytest.raises(TypeError, match="max_steps and max_cycles; give only one"):
             make(max_cycles=9, max_steps=9)
         with pytest.raises(ValueError, match="max_steps=0"):
             make(max_cycles=0)

@@ -157,7 +157,7 @@ SHORT_LINE = "+-+-+\n|   |\n+-+\n|   |\n+-+-+\n"
         ("+-+-+\n|S X|\n+-+-+\n", 2, "unknown character 'X'; a cell is"),
         ("+-+-+\n|\t  |\n+-+-+\n", 2, r"unknown character '\t'; a maze is plain text"),
         ("+-+-+\n|S S|\n+-+-+\n", 2, "second start mark 'S'; keep one"),
-        ("+-+-+\n|   |\n+G+-+\n|   |\n+-+-+\n", 3, "stands between cells; put it in a cell"),
+        ("+-+-+\n|   |\n+G+-+\n|   |\n+-+-+\n", 3, "is between cells; put it in a cell"),
         ("+-+-+\n|S|G|\n+-+-+\n", 2, "unreachable from S; open a wall or move the mark"),
         ("+-+-+\n|G| |\n+-+ +\n|G  |\n+-+-+\n", 4, "unreachable from the other goals"),
         ("+-+-+\n|###|\n+-+-+\n", None, "no walkable cell; leave at least one cell blank"),

@@ -80,7 +80,7 @@ def test_rounding_is_clipped() -> None:
 @pytest.mark.parametrize(
     ("angles", "targets", "message"),
     [
-        ([0.0, 0.0], [2.3, 0.0], r"target \(2.3, 0.0\) is out of reach; .* from radius 0 to 2"),
+        ([0.0, 0.0], [2.3, 0.0], r"target \(2.3, 0.0\) is out of reach; .* has radius 0 to 2"),
         ([0.0, 0.0], [[0.0, 0.0], [0.0, -9.0]], "is out of reach"),
         ([0.0, 0.0], [math.nan, 0.0], "targets="),
         ([0.0, math.inf], [1.0, 0.0], "angles="),
@@ -117,13 +117,13 @@ def test_targets_are_checked_with_the_tolerance_of_the_new_episode() -> None:
 def test_locked_joints_restrict_poses_and_targets() -> None:
     simulator = ReacherSimulator(ReacherTask(4), 1)
     simulator.configure(free_joints=2)
-    with pytest.raises(ValueError, match="of which 2 turn goes from radius 2 to 4"):
+    with pytest.raises(ValueError, match="of which 2 turn has radius 2 to 4"):
         simulator.place([0.0] * 4, [1.0, 0.0])
-    with pytest.raises(ValueError, match="joints that are locked are straight"):
+    with pytest.raises(ValueError, match="angles of locked joints must be 0"):
         simulator.place([0.0, 0.0, 0.1, 0.0], [3.0, 0.0])
     simulator.place([1.0, 2.0, 0.0, 0.0], [3.0, 0.0])
     one = ReacherSimulator(ReacherTask(1))
-    with pytest.raises(ValueError, match="of which 1 turn goes from radius 1 to 1"):
+    with pytest.raises(ValueError, match="of which 1 turn has radius 1 to 1"):
         one.place([0.0], [0.5, 0.0])
 
 

@@ -101,7 +101,7 @@ def test_settings_of_no_games_change_nothing() -> None:
     after = simulator.get_state()
     for name in vars(before):
         np.testing.assert_array_equal(getattr(after, name), getattr(before, name))
-    with pytest.raises(ValueError, match="maze: nothing given for 3 games"):
+    with pytest.raises(ValueError, match="maze: no value for 3 games"):
         simulator.configure(maze=[])
 
 

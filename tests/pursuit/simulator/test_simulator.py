@@ -166,7 +166,7 @@ def test_a_copy_of_an_ended_game_is_ended() -> None:
     for copied in (copy.deepcopy(simulator), pickle.loads(pickle.dumps(simulator))):
         np.testing.assert_array_equal(copied.ended, simulator.ended)
     restarting = Simulator(TASKS["chase"], 16)
-    with pytest.raises(ValueError, match="is over; reset it, or take auto_restart=False"):
+    with pytest.raises(ValueError, match="has ended; reset it, or use auto_restart=False"):
         restarting.set_state(state)
     restarting.set_state(simulator.get_state(~simulator.ended), ~simulator.ended)
 
