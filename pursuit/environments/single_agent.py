@@ -166,7 +166,7 @@ class SingleAgentEnv(SeatOfGames, SingleEnv, gymnasium.Env[Any, Any]):
         except TypeError:
             action = -1
         if not 0 <= action < self.task.num_actions:
-            raise ValueError(f"action {actions!r}; give 0 to {self.task.num_actions - 1}")
+            raise ValueError(f"action {actions!r}; integers from 0 to {self.task.num_actions - 1}")
         return action
 
     def action_masks(self) -> NDArray[np.bool_]:

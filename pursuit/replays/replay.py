@@ -111,7 +111,7 @@ class Replay:
             ValueError: an unknown episode number, or an invalid start state.
         """
         if not 0 <= number < len(self.episodes):
-            raise ValueError(f"episode {number}; episodes are 0 to {len(self.episodes) - 1}")
+            raise ValueError(f"episode {number}; this replay has {len(self.episodes)}, from 0")
         episode, world = self.episodes[number], self.world
         simulator = world.simulator(self.task)
         world.begin(simulator, episode.start)

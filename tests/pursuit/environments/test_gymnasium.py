@@ -317,7 +317,7 @@ def test_policies_by_name_take_precedence_over_roles() -> None:
         ("evader_1", {"chaser": RandomAgent()}, "unknown agent 'evader_1'"),
         (2, {"chaser": RandomAgent()}, "agent index 2; this task has 0 to 1"),
         ("chaser", {}, "evader_0 has no policy; add policies={'evader_0': ...}"),
-        ("chaser", {"runner": RandomAgent()}, "a policy for 'runner'; this task has chaser_0"),
+        ("chaser", {"runner": RandomAgent()}, "a policy for 'runner'; give one of chaser_0"),
     ],
 )
 def test_invalid_agents_and_policies(kind: Any, agent: Any, policies: Any, message: str) -> None:

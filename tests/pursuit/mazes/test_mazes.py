@@ -160,7 +160,7 @@ SHORT_LINE = "+-+-+\n|   |\n+-+\n|   |\n+-+-+\n"
         ("+-+-+\n|   |\n+G+-+\n|   |\n+-+-+\n", 3, "is between cells; put it in a cell"),
         ("+-+-+\n|S|G|\n+-+-+\n", 2, "unreachable from S; open a wall or move the mark"),
         ("+-+-+\n|G| |\n+-+ +\n|G  |\n+-+-+\n", 4, "unreachable from the other goals"),
-        ("+-+-+\n|###|\n+-+-+\n", None, "no walkable cell; leave at least one cell blank"),
+        ("+-+-+\n|###|\n+-+-+\n", None, "no walkable cell; at least one must be walkable"),
         ("", None, "the file is empty; a maze of one cell is"),
         (" \n\n", None, "the file is empty"),
         (b"\x89PNG\r\n\x1a\n", 1, "not a text file"),

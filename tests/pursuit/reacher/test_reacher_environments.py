@@ -304,7 +304,7 @@ def test_joints_observe_the_arm_and_their_own_number(discrete: bool) -> None:
     [
         ({"joint_0": [0.0]}, "no action for joint_1"),
         ({"joint_0": [0.0], "joint_1": [0.0], "joint_2": [0.0]}, "'joint_2', which is not active"),
-        ({"joint_0": [0.0], "joint_1": [1.5]}, r"the action of joint_1=\[1.5\]; an array of one"),
+        ({"joint_0": [0.0], "joint_1": [1.5]}, r"the action of joint_1=\[1.5\]; give an array"),
         ({"joint_0": [np.nan], "joint_1": [0.0]}, "the action of joint_0="),
         ({"joint_0": 0.5, "joint_1": [0.0]}, "the action of joint_0=0.5"),
         ({"joint_0": [0.0, 0.0], "joint_1": [0.0]}, "the action of joint_0="),
@@ -325,7 +325,9 @@ def test_wrong_discrete_actions_of_an_agent() -> None:
     env = parallel(discrete_actions=True)
     env.reset(seed=1)
     for wrong in (3, -1, 1.0, [1], True, "1"):
-        with pytest.raises(ValueError, match=r"the action of joint_0=.*; 0 \(back\), 1 \(stay\)"):
+        with pytest.raises(
+            ValueError, match=r"the action of joint_0=.*; give 0 \(back\), 1 \(stay\)"
+        ):
             env.step({"joint_0": wrong, "joint_1": 1})
     assert env.state()[-1] == 0
 

@@ -277,7 +277,7 @@ def test_a_failure_keeps_the_old_file(tmp_path: Path, suffix: str) -> None:
     other_size = replace(SCENE, maze=open_maze(12, 1))
     with pytest.raises(RuntimeError, match="the game broke"):
         save_animation(path, broken_episode())
-    with pytest.raises(ValueError, match="one height and width"):
+    with pytest.raises(ValueError, match="same height and width"):
         save_animation(path, [SCENE, other_size])
     with pytest.raises(ValueError, match="no scenes"):
         save_animation(path, [])

@@ -221,8 +221,8 @@ def test_differences_from_the_recording_are_reported(tmp_path: Path) -> None:
         (lambda c: c["task"].update(mazes=[]), "a list of mazes"),
         (lambda c: c["task"].update(max_steps=0), "max_steps=0"),
         (lambda c: c["task"]["mazes"][0].update(text="no maze"), "maze"),
-        (lambda c: c["episodes"][0].update(actions=["0123", "0"]), "equal rows"),
-        (lambda c: c["episodes"][0].update(actions=["7"]), "an action 7"),
+        (lambda c: c["episodes"][0].update(actions=["0123", "0"]), "rows of equal length"),
+        (lambda c: c["episodes"][0].update(actions=["7"]), "action 7; actions are 0 to 3"),
         (lambda c: c["episodes"][0].update(actions="AAAA"), "numbers of 8|another world"),
         (lambda c: c["episodes"][0].update(rewards=[[1.0]]), "rewards of shape"),
         (lambda c: c["episodes"][0].pop("digest"), "digest"),
@@ -248,7 +248,7 @@ def test_other_bad_input() -> None:
         Recorder(env, games=0)
     with pytest.raises(ValueError, match="no episode to show"):
         Recorder(env).replay.page()
-    with pytest.raises(ValueError, match="episode 0; there are 0"):
+    with pytest.raises(ValueError, match="episode 0; this replay has 0"):
         Recorder(env).replay.play()
 
 

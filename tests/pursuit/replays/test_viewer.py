@@ -104,7 +104,7 @@ def test_keys_and_mouse_show_the_states_of_the_simulator(
     assert abs(middle - duel.episodes[longest].length / 2) <= 1
     expected = duel.play(longest).states[middle]["cells"].tolist()
     assert sheet.state()["cells"] == expected
-    sheet.tab.get_by_role("button", name="a step back (left)").click()
+    sheet.tab.get_by_role("button", name="one step back (left)").click()
     assert sheet.state()["step"] == middle - 1
     sheet.press("Home", "0", " ")  # as fast as it goes
     for _ in range(200):
@@ -216,7 +216,7 @@ def test_an_arm_moves_on_a_phone_in_the_dark(browser: Any, tmp_path: Path) -> No
     for step, state in enumerate(replay.play(0).states):
         assert sheet.state()["angles"] == pytest.approx(state["angles"].tolist(), abs=1e-4)
         assert sheet.state()["step"] == step
-        sheet.tab.get_by_role("button", name="a step forth (right)").tap()
+        sheet.tab.get_by_role("button", name="one step forward (right)").tap()
     wide = sheet.tab.evaluate("document.documentElement.scrollWidth")
     assert wide <= phone["width"]  # nothing to scroll sideways
     assert (

@@ -81,7 +81,7 @@ def test_a_state_of_another_task_or_number_of_games_is_refused() -> None:
     for task, games in ((make_task("chase"), 4), (make_task("chase", maze="9x9"), 3), (CROWD, 4)):
         simulator = Simulator(task, games)
         before = rows_of(simulator)
-        with pytest.raises(ValueError, match="state of"):
+        with pytest.raises(ValueError, match="state does not match"):
             simulator.set_state(state.get_state())
         np.testing.assert_array_equal(rows_of(simulator), before)
 
