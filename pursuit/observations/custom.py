@@ -40,8 +40,7 @@ def given_radius(encoding: str) -> int | None:
         return None
     if int(radius) > MAX_WINDOW:
         raise ValueError(
-            f"window radius {radius}; the maximum is {MAX_WINDOW}: give a smaller one, such as "
-            "window:4"
+            f"window radius {radius}; at most {MAX_WINDOW}: give a smaller one, such as window:4"
         )
     return int(radius)
 

@@ -221,5 +221,5 @@ def test_replays_store_view_settings() -> None:
 
 @pytest.mark.parametrize("name", ["window:", "window:x", "window:-1", "window:1.5", "window:²"])
 def test_invalid_windows_are_refused(name: str) -> None:
-    with pytest.raises(ValueError, match=f"'{name}'; of window:R, R is a whole number from 0"):
+    with pytest.raises(ValueError, match=f"'{name}'; give window:R with a number R from 0"):
         chase_v0.parallel_env(maze="3x3", observation=name)

@@ -110,7 +110,7 @@ def test_targets_are_checked_with_the_tolerance_of_the_new_episode() -> None:
     simulator.step(np.zeros((2, 1)))
     assert simulator.terminated.all()
     simulator.configure(tolerance=0.1)
-    with pytest.raises(ValueError, match=r"tolerance=0\.1 beyond"):
+    with pytest.raises(ValueError, match=r"tolerance=0\.1: give"):
         simulator.place([0.0], [1.15, 0.0])
 
 

@@ -168,7 +168,7 @@ def test_large_mazes_without_tables_are_searched_too() -> None:
     [
         (
             {"min_start_distance": 11},
-            "min_start_distance=11: no .* 1 chaser.*5x5.*10. Lower the minimum",
+            "min_start_distance=11: no .* 1 chaser.*5x5.*10\\). Lower the minimum",
         ),
         ({"min_start_distance": 10, "num_chasers": 3}, "3 chaser.*5x5.*Lower"),
         (
