@@ -473,7 +473,7 @@ def test_names_that_lead_nowhere_say_why(tmp_path: Path, monkeypatch: pytest.Mon
     (tmp_path / "leaving_parts.py").write_text("raise SystemExit('gone')\n")
     monkeypatch.syspath_prepend(str(tmp_path))
     for name, told in {
-        "gaol": r"unknown rewards 'gaol'; one of goal, .*\(did you mean 'goal'\?\); or a custom one",
+        "gaol": r"unknown rewards 'gaol'; one of goal, .*\(did you mean 'goal'\?\); or a custom",
         "my_parts:shapes": "module my_parts has no 'shapes'; did you mean 'shaped'",
         "my_parts:Compass": "must be a function",
         "no_parts:f": "module no_parts cannot be imported .ModuleNotFoundError: No module",
