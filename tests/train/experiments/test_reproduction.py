@@ -418,11 +418,11 @@ def test_the_command_lists_its_runs(tmp_path: Path, capsys: pytest.CaptureFixtur
     main(["reproduce", "--list"])
     assert "figure-4.8" in capsys.readouterr().out
     for arguments, told in (
-        (["figure-9"], "unknown study 'figure-9'; all, or some of table-3.1"),
+        (["figure-9"], "unknown study 'figure-9'; give all, or some of table-3.1"),
         (["all", "--version", "long"], "unknown version 'long'"),
         (["figure-4.2-settings"], "is part of full only"),
         (["all", "--mazes", str(tmp_path / "no")], "no such folder"),
-        (["all", "--page", "--out", out], "leave --page out to begin"),
+        (["all", "--page", "--out", out], "leave out --page to start"),
     ):
         with pytest.raises(SystemExit) as exit_:
             main(["reproduce", *arguments])

@@ -98,7 +98,7 @@ def test_bad_input_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     assert "or discrete_actions=True" in refused(capsys, *train, "--algorithm", "dqn")
     table = refused(capsys, *train, "--discrete-actions", "--algorithm", "q_learning")
     assert "of a maze, which this task does not have; use ppo" in table
-    assert "threads=100000; from 0 to 1024" in refused(capsys, *train, "--threads", "100000")
+    assert "threads=100000; give 0 to 1024" in refused(capsys, *train, "--threads", "100000")
     wide = refused(capsys, *train, "--tolerance", "5", "--curriculum", "tolerance")
     assert "for the task's tolerance" in wide
     assert "unknown observation" in refused(capsys, *train, "--observation", "index")

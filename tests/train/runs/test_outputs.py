@@ -208,5 +208,5 @@ def test_games_that_could_not_be_written_are_reported(
         main(["play", "--maze", "2x2", "--max-steps", "3", "--out", str(tmp_path / "hand")])
     said = capsys.readouterr()
     assert ended.value.code == 1 and f"replays: {tmp_path / 'hand'}" in said.out
-    assert "hand: 1 of 2 finished games could not be written and are lost" in said.err
+    assert "hand: 1 of 2 finished games could not be written; free" in said.err
     assert len(list((tmp_path / "hand").glob(PATTERN))) == 1

@@ -236,7 +236,7 @@ def test_a_killed_second_process_ends_the_run_which_resumes_from_its_checkpoint(
 def test_a_second_process_killed_before_the_first_checkpoint_leaves_none(tmp_path: Path) -> None:
     run = start(RUN, tiny("ppo", **TWO), tmp_path / "run")
     os.kill(run.trainee.replica.process.pid, signal.SIGKILL)
-    with pytest.raises(ProcessEnded, match=r"killed by signal 9 .*it has no checkpoint yet"):
+    with pytest.raises(ProcessEnded, match=r"killed by signal 9 .*the run has no checkpoint yet"):
         run.train()
     assert not (tmp_path / "run" / CHECKPOINT).exists()
 
