@@ -324,13 +324,13 @@ def test_user_defined_mazes_replace_shipped_ones_of_the_same_size(tmp_path: Path
         mazes_by_size(tmp_path)
     for name in ("a", "b"):
         (tmp_path / name).write_text(load_maze("5x5").to_text())
-    with pytest.raises(ValueError, match="are both 5x5; leave one"):
+    with pytest.raises(ValueError, match="are both 5x5; keep one"):
         mazes_by_size(tmp_path)
     file = SweepFile(settings={"maze": "5x5"}, grid={"maze": ["3x3", "7x7-tree"]})
     changed = with_mazes(file, {"5x5": "/mine", "3x3": "/other"})
     assert changed.settings == {"maze": "/mine"}
     assert changed.grid == {"maze": ["/other", "7x7-tree"]}
-    with pytest.raises(ValueError, match="has no maze of 3x3; it has 5x5"):
+    with pytest.raises(ValueError, match="has 5x5, but not 3x3"):
         with_mazes(file, {"5x5": "/mine"})
     assert with_mazes(file, {}) == file
 
