@@ -1,12 +1,12 @@
-"""The face: the command `pursuit`. Nothing imports it."""
+"""The command `pursuit`; no other package imports it."""
 
 import os
 import sys
 
-# Before anything else is imported: PettingZoo asks for the current folder when it is imported.
+# Before other imports, as importing PettingZoo reads the current folder.
 try:
     os.getcwd()
 except OSError as _error:
-    _TOLD = f"pursuit: error: the current folder cannot be read ({_error.strerror})"
-    print(f"{_TOLD}; change to a folder that exists", file=sys.stderr)
+    _MESSAGE = f"pursuit: error: the current folder cannot be read ({_error.strerror})"
+    print(f"{_MESSAGE}; change to a folder that exists", file=sys.stderr)
     sys.exit(2)

@@ -224,7 +224,7 @@ def test_evaluations_never_use_training_seeds(
     contest_of(TaskSettings(task="maze", maze="3x3"), 2).starts()
     assert set(seeds) == {2**62}
     for make in (settings_of, self_play_settings_of):
-        with pytest.raises(ValueError, match=r"seed=4611686018427387904; 0 to 2\*\*62-1"):
+        with pytest.raises(ValueError, match=r"seed=4611686018427387904; give 0 to 2\*\*62-1"):
             make(frames=1, seed=2**62)
 
 
