@@ -2,7 +2,7 @@
 
     python tests/benchmarks/bench_curricula.py [--seconds 6] [--maze 5x5]
 
-The clock runs inside the teacher: sampling lessons, setting games, noting outcomes, updating. What
+The clock runs inside the teacher: sampling, configuring games, recording outcomes, updating. What
 the simulator needs to restart games is not counted; it does that without a curriculum too.
 """
 

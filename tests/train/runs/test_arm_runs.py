@@ -156,11 +156,11 @@ def test_discrete_actions_have_a_lower_bound_only(capsys: pytest.CaptureFixture[
     assert "a lower bound for discrete actions" in capsys.readouterr().out
 
 
-# -- lessons ---------------------------------------------------------------------------------------
+# -- curricula -------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("axis", ["target-distance", "free-joints", "hold", "tolerance"])
-def test_lessons_reach_the_arms(axis: str, tmp_path: Path) -> None:
+def test_curricula_configure_the_arms(axis: str, tmp_path: Path) -> None:
     settings = settings_of(
         task="reacher", joints=3, hold=4, max_steps=12, algorithm="ppo", curriculum=axis,
         num_games=32, rollout_steps=4, minibatch_size=64, width=8, frames=6000, threads=1,
