@@ -240,7 +240,7 @@ def maze_number(name: str, context: CurriculumContext, ends: AxisSettings) -> Ax
 def target_distance(name: str, context: ArmContext, ends: AxisSettings) -> Axis:
     """Largest distance in steps to the target; at most half a turn of the joints."""
     longest = math.ceil(math.pi / context.task.max_turn)
-    error = f"{name}={{:g}}; give a number of steps above 0"
+    error = f"{name} of {{:g}}; give a number of steps above 0"
     above_0 = (math.nextafter(0.0, 1.0), math.inf)
     first, last = ends_within(ends, (min(3, longest), longest), above_0, error, whole=False)
     apply = configure("target_distance", longest, whole=False)
@@ -258,7 +258,7 @@ def free_joints(name: str, context: ArmContext, ends: AxisSettings) -> Axis:
 def hold(name: str, context: ArmContext, ends: AxisSettings) -> Axis:
     """Consecutive steps within the tolerance that end an episode."""
     most = context.task.max_steps
-    error = f"{name}={{:g}}; give a whole number from 1 to max_steps={most}"
+    error = f"{name} of {{:g}}; give a whole number from 1 to max_steps={most}"
     first, last = ends_within(ends, (1, context.task.hold), (1, most), error)
     return Axis(name, first, last, configure("hold"))
 
@@ -267,7 +267,7 @@ def tolerance(name: str, context: ArmContext, ends: AxisSettings) -> Axis:
     """Distance from the target within which it is reached."""
     final, most = context.task.tolerance, 2.0 * context.task.joints
     error = (
-        f"{name}={{:g}}; give values from {LEAST_TOLERANCE:g} to {most:g} (twice the joints) "
+        f"{name} of {{:g}}; give values from {LEAST_TOLERANCE:g} to {most:g} (twice the joints) "
         "for the task's tolerance, easiest and hardest"
     )
     default = (min(5.0 * final, most), final)
@@ -283,12 +283,12 @@ def _radius(
     for value in ends_of(ends, *default):
         check(
             value >= least and value == int(value),
-            f"{name}={value:g}; give a whole number of steps, at least {least}",
+            f"{name} of {value:g}; give a whole number of steps, at least {least}",
         )
         if value > longest:
             warnings.warn(
-                f"{name}={value:g} steps is more than the largest distance in maze {maze.name}; "
-                f"{longest} is used, which is unlimited",
+                f"{name} of {value:g} steps is more than the largest distance in maze {maze.name}; "
+                f"it is clipped to {longest}, which is unlimited",
                 stacklevel=2,
             )
         values.append(min(value, float(longest)))

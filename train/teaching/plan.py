@@ -189,16 +189,13 @@ def _gated(settings: SuccessGatedSettings, axis: Axis, seed: int) -> Curriculum:
 
 
 def _progress(settings: LearningProgressSettings, axis: Axis, seed: int) -> Curriculum:
-    stages = axis.stages(settings.num_stages)
-    return LearningProgress(
-        stages, settings.average_fast, settings.average_slow, settings.explore_share
-    )
+    rates = settings.average_fast, settings.average_slow
+    return LearningProgress(axis.stages(settings.num_stages), *rates, settings.explore_share)
 
 
 def _shuffled(settings: ShuffledSettings, axis: Axis, seed: int) -> Curriculum:
-    return Shuffled(
-        axis.stages(settings.num_stages), settings.schedule_length, settings.schedule_unit, seed
-    )
+    when = settings.schedule_length, settings.schedule_unit
+    return Shuffled(axis.stages(settings.num_stages), *when, seed)
 
 
 def _reversed(settings: ReversedSettings, axis: Axis, seed: int) -> Curriculum:

@@ -109,9 +109,11 @@ def test_the_optimal_runner_has_no_regret_and_nothing_to_learn() -> None:
         assert marks == pytest.approx(0.0, abs=1e-9)
 
 
-def test_exams_need_games_that_are_solved() -> None:
+def test_exact_scores_need_games_that_are_solved() -> None:
     task = make_task("maze", maze="suite:5x5-train/0-5", num_goals=2)
-    with pytest.raises(ValueError, match="use level-replay or learnability, or num_goals=1"):
+    with pytest.raises(
+        ValueError, match="use curriculum level-replay or learnability, or num_goals=1"
+    ):
         RegretScorer(task, "runner", {})
     settings = settings_of(task="maze", num_goals=1, maze="5x5", frames=1000)
     one = GridWorld(settings.task).context

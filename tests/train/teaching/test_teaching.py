@@ -297,7 +297,7 @@ def test_a_checkpoint_of_another_curriculum_is_refused(tmp_path: Path) -> None:
     start(RUN, settings, tmp_path).train(lambda run, row: setattr(run, "stopped", True))
     before = (tmp_path / "checkpoint.pt").read_bytes()
     other = settings_of(**small, curriculum="learning-progress")
-    with pytest.raises(ValueError, match="checkpoint is of curriculum 'uniform'"):
+    with pytest.raises(ValueError, match="checkpoint has curriculum 'uniform'"):
         make_run(other, tmp_path, load_checkpoint(tmp_path))
     assert (tmp_path / "checkpoint.pt").read_bytes() == before
 
