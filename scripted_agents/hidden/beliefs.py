@@ -112,7 +112,7 @@ class BeliefAgent(ABC):
 
     Args:
         beliefs: the filter.
-        epsilon: share of random moves in [0, 1]; the simulator's own epsilon of a game goes first.
+        epsilon: share of random moves in [0, 1]; an epsilon set in the simulator has priority.
     """
 
     role = ""
@@ -130,7 +130,7 @@ class BeliefAgent(ABC):
         self.filter.begin(view, games)
 
     def act(self, view: GameView) -> NDArray[np.int32]:
-        """[num_games] int32, an action for every game; random numbers from the seat's stream.
+        """[num_games] int32, an action for every game; random numbers from the agent's stream.
 
         Raises:
             ValueError: another role's seat, or games that it does not play.
@@ -163,7 +163,7 @@ class BeliefChaser(BeliefAgent):
             likely, one is drawn.
         view_radius: path steps that it sees; the task's where left out.
         line_of_sight: whether it sees along rows and columns only; the task's where left out.
-        epsilon: share of random moves in [0, 1]; the simulator's own epsilon of a game goes first.
+        epsilon: share of random moves in [0, 1]; an epsilon set in the simulator has priority.
         discount: of each step, above 0 and at most 1.
 
     Raises:

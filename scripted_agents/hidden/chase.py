@@ -188,7 +188,7 @@ class BeliefOptimal(BeliefAgent):
 
     Args:
         solution: of `solve_hidden_chase`.
-        epsilon: share of random moves in [0, 1]; the simulator's own epsilon of a game goes first.
+        epsilon: share of random moves in [0, 1]; an epsilon set in the simulator has priority.
     """
 
     def __init__(self, solution: HiddenChaseSolution, epsilon: float = 0.0) -> None:

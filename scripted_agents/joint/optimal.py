@@ -32,7 +32,7 @@ class ExactAgent(ABC):
 
     Args:
         role: "chaser" or "evader".
-        epsilon: share of random moves in [0, 1]; the simulator's own epsilon of a game goes first.
+        epsilon: share of random moves in [0, 1]; an epsilon set in the simulator has priority.
         discount: of each step in what it optimises.
         move_order: as in `Task`; a game's own goes first.
 
@@ -115,7 +115,7 @@ class ExactAgent(ABC):
         return player.action_probabilities(maze, bool(stay_action))
 
     def act(self, view: GameView) -> NDArray[np.int32]:
-        """[num_games] int32, an action for every game; random numbers from the seat's stream.
+        """[num_games] int32, an action for every game; random numbers from the agent's stream.
 
         Raises:
             ValueError: as `policy_in`.

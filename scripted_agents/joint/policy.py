@@ -97,7 +97,7 @@ class JointTable:
         return f"{type(self).__name__}({names})"
 
     def act(self, view: GameView) -> NDArray[np.int32]:
-        """[num_games] int32, an action for every game; random numbers from the seat's stream.
+        """[num_games] int32, an action for every game; random numbers from the agent's stream.
 
         Raises:
             ValueError: games of another task, or another seat.
