@@ -14,7 +14,7 @@ from pursuit.tasks.task import Task
 from pursuit.validation import check_probability, number, one_of
 from scripted_agents.agents.scripted import AStarEvader, draw_actions
 from scripted_agents.agents.view_tables import ViewTables
-from scripted_agents.duel.action_values import worth_of_actions
+from scripted_agents.duel.action_values import q_values
 from scripted_agents.duel.best_response import MoveOrder, best_response, checked_table
 from scripted_agents.hidden import belief_kernels
 from scripted_agents.joint.optimal import table_of
@@ -224,9 +224,7 @@ class BeliefChaser(BeliefAgent):
             table = self.filter.opponent_table(task, maze)
             rest = (None, self.discount, task.stay_action, order)
             values = best_response("chaser", maze, table, *rest).values
-            steps = worth_of_actions(
-                "chaser", maze, table, values, task.num_actions, order, self.discount
-            )
+            steps = q_values("chaser", maze, table, values, task.num_actions, order, self.discount)
             worth.append(steps.reshape(-1, task.num_actions))
         every = np.concatenate(worth)
         return {"worth": np.ascontiguousarray(every.T), "best": _least(every)}

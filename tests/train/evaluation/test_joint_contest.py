@@ -137,8 +137,8 @@ def test_whatever_is_known_there_is_a_reference() -> None:
     assert found.distance == pytest.approx(0.5) and "best known, not proven" in found.line()
     evader = reference_of(some, learned, BY_MOST_STEPS)
     assert evader is not None and evader.name == "searching runner"
-    fair = reference_of(some, learned, fair=("searching runner",))
-    assert reference_of(some, learned, fair=()) is None
+    fair = reference_of(some, learned, comparable=("searching runner",))
+    assert reference_of(some, learned, comparable=()) is None
     assert fair is not None and fair.distance == pytest.approx(0.2)
     paid = reference_of(some, learned, BY_RETURN)
     assert paid is not None and (paid.name, paid.value, paid.distance) == ("nearest goal", 2.0, 1.0)
