@@ -10,8 +10,8 @@ target to tip, the matrix x x' - h diag(x) must have no negative eigenvalue. So 
 with q the vector from the first free joint to the target. Either all pieces point at the target,
 and it is out of reach (h = |q| - sum L). Or one piece points at it, all others point back, and it
 is longer than these together with |q| (h = L_p - sum of the others - |q|). Hence the nearest pose
-is one of at most 3**joints poses in closed form. `nearest_pose` searches them as a tree, and prunes a
-branch if a free joint would be out of its range. (Pieces of length 0 turn freely, to a bound.)
+is one of at most 3**joints poses in closed form. `nearest_pose` searches them as a tree, and prunes
+a branch if a free joint would be out of its range. (Pieces of length 0 turn freely, to a bound.)
 
 This is valid only while the tip cannot touch the target, so `march` widens the range by steps that
 are too small for that: turning every joint by less than x moves link k by less than k x, and so the

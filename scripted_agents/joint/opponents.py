@@ -1,4 +1,4 @@
-"""What the agents that decide nothing do in every state of a game, as the kernels take it."""
+"""The action distributions of fixed policies in every state, as arguments of the kernels."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def policies_of(
 
 
 def why_no_distribution(task: Task, seats: Sequence[int], policies: Policies) -> str | None:
-    """What is in the way of knowing how these seats play in every state; None for nothing."""
+    """The reason why the distributions of these agents are unknown; None if they are known."""
     try:
         games = Simulator(task).games
         for seat, policy in policies_of(task, seats, policies).items():

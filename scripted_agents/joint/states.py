@@ -2,7 +2,7 @@
 
 A *state* is all that the rest of a game depends on: which evaders are free, the cells of all free
 agents, and the cells that hold goals. Which agents collected goals is not part of it, as it
-has no effect on the rest. How states are numbered stands in `joint_kernels`.
+has no effect on the rest. `kernels` describes how states are numbered.
 """
 
 from __future__ import annotations
@@ -108,8 +108,8 @@ class JointStates:
         the first chaser is.
 
         Returns:
-            The games, and [count] bool: whether a state can stand between two steps at all. In no
-            game a chaser stands on a free evader, or a collector on a goal.
+            The games, and [count] bool: whether a state can occur between steps, that is, without a
+            chaser in the cell of a free evader, or a collector in the cell of a goal.
         """
         task = self.task
         games = layout.empty_games(count, task.num_agents, task.num_goals)

@@ -75,7 +75,7 @@ def tables_of(policy: Policy, task: Task, seat: int) -> Iterator[NDArray[np.floa
     if isinstance(policy, (NearestGoalRunner, TourRunner)):  # one goal: a shortest path
         policy = AStarChaser(policy.epsilon)
     if not isinstance(policy, TabularPolicy):
-        raise ValueError(f"{policy!r} is no table over pairs of cells; use sampled evaluation")
+        raise ValueError(f"{policy!r} is not a table over pairs of cells; use sampled evaluation")
     for maze in task.mazes:
         yield table_of(policy, maze, task.stay_action, task.move_order)
 
