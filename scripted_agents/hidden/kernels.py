@@ -41,7 +41,7 @@ def lower_at(lower: Any, own: int, size: int, weights: Any, work: Any, skip: int
     """A lower bound of the cost of these weights by slot, without the point `skip`.
 
     The weights contain a point `work.ratio` times, and the rest costs at least its informed bound.
-    (Sawtooth bound: Hauskrecht, 2000, who uses the costs of single cells for the rest.)
+    (Sawtooth bound: Hauskrecht, 2000, with the costs of single cells for the rest.)
     """
     count, ratio, least = lower.count[own], work.ratio, work.least
     for i in range(count):

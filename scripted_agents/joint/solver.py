@@ -168,8 +168,8 @@ def evaluate_joint(
 ) -> JointValues:
     """The mean steps and returns of all agents when all play `policies`.
 
-    Arguments and errors as of `solve_joint`; `agents` are those with steps and returns in the result,
-    by default all. Each of them takes 32 bytes per state.
+    Arguments and errors as of `solve_joint`; `agents` are those with steps and returns in the
+    result, by default all. Each of them takes 32 bytes per state.
     """
     task = checked_task(task)
     seats = tuple(range(task.num_agents)) if agents is None else _seats_of(task, agents)

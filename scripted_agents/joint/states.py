@@ -135,8 +135,8 @@ class JointStates:
         """The numbers of all states that an episode can begin with, all equally likely, in parts.
 
         All agents and goals are in different cells, chasers and evaders are at least `least`
-        path steps apart (the task's `min_start_distance` if left out); with `start="marks"` who has
-        a mark stands on it.
+        path steps apart (by default the task's `min_start_distance`). With `start="marks"` all
+        agents and goals with a mark are on it.
         """
         task, maze = self.task, self.task.mazes[0]
         least = task.min_start_distance if least is None else least

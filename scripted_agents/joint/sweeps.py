@@ -216,8 +216,10 @@ class Sweeper:
         return True
 
     def steps(self, horizon: int) -> Iterator[int]:
-        """Backward induction, yielding the number of steps: to the horizon, or until no value changes
-        by more than SAME of the largest value. `values` and `choice` are then those of this step.
+        """Backward induction, yielding the number of steps: to the horizon, or until no value
+        changes by more than SAME of the largest value.
+
+        `values` and `choice` are then those of this step.
         """
         parts = np.concatenate([_cut(level) for level in self.problem.levels])
         target = self.values.copy()
