@@ -64,8 +64,13 @@ def add_notebook(notebook: Path, files: Files, config: Any) -> None:
     files.append(File.generated(config, page, content=body))
 
 
-def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Links to notebooks lead to their pages, and those to files beside docs/ to theirs."""
+def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
+    """Links to notebooks lead to their pages, and those to files beside docs/ to theirs.
+
+    The search lists guides and tutorials before the many entries of the API.
+    """
+    if page.file.src_uri.startswith(("guides/", "tutorials/")):
+        page.meta["search"] = {"boost": 4}
     for name, page in FROM_THE_ROOT.items():
         markdown = markdown.replace(f"](../../{name}", f"](../{page}")
     return re.sub(r"\]\(((?:\.\./)?notebooks/\w+)\.ipynb\)", r"](\1.md)", markdown)

@@ -33,3 +33,18 @@ def test_a_page_asks_nothing_of_the_network_and_its_search_finds(name: str, brow
     page.close()
     assert any("exploitability" in title for title in titles)
     assert not wrong and all(url.startswith(("file:", "data:", "blob:")) for url in asked)
+
+
+@pytest.mark.parametrize(
+    "term",
+    ["hyperparameters", "callback", "custom environment", "evaluate", "save", "load"],
+)
+def test_the_search_finds_what_users_of_other_libraries_look_for(term: str, browser: Any) -> None:
+    page = browser.new_page()
+    page.goto((SITE / "index.html").as_uri())
+    page.keyboard.press("f")
+    page.keyboard.type(term)
+    page.locator(".md-search-result__item").first.wait_for()
+    links = page.locator(".md-search-result__link").evaluate_all("all => all.map(a => a.href)")
+    page.close()
+    assert any(part in links[0] for part in ("guides/", "tutorials/", "environments/"))

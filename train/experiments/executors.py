@@ -115,8 +115,8 @@ class LocalJob:
 
     def stop(self) -> None:
         """As `Job`."""
-        if self.process.pid is not None and self.process.exitcode is None:
-            os.kill(self.process.pid, signal.SIGINT)
+        # SIGINT would be lost in a process that has just been forked: its server ignores it.
+        self.process.terminate()
 
 
 class JobHere:
