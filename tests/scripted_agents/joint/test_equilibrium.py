@@ -281,8 +281,8 @@ def test_an_evader_that_cannot_be_reached_is_never_caught() -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"discount": 1.0}, "discount 1.0"),
-        ({"discount": 0.0}, "discount 0.0"),
+        ({"discount": 1.0}, "discount=1.0"),
+        ({"discount": 0.0}, "discount=0.0"),
         ({"horizon": 0}, "horizon=0"),
         ({"num_chasers": 0}, "num_chasers=0"),
         ({"num_chasers": 3}, "needs 5,310,835,157,256 bytes"),
