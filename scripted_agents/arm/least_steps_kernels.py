@@ -109,12 +109,8 @@ def march(
     at = complex(target[0], target[1])
     enough = tolerance - ROUNDING
     last = ceil(pi / max_turn * (1.0 - ROUNDING))  # then every joint can have any angle
-    width, proved, tried, safe = (
-        0.0,
-        0,
-        0,
-        True,
-    )  # `proved`: steps that are too few; `tried`: steps without a pose found
+    # `proved` steps are too few; within `tried` steps no pose was found.
+    width, proved, tried, safe = 0.0, 0, 0, True
     while tried < last:
         safe = safe and search.visits[0] <= budget
         if safe:
@@ -206,9 +202,8 @@ def nearest_pose(target: complex, n: int, width: float, enough: float, s: Any) -
     `enough`. The pose is stored in `best`.
     """
     low, high = complex(cos(width), -sin(width)), complex(cos(width), sin(width))
-    span = (
-        2.0 * sin(0.5 * width) + ROUNDING
-    ) ** 2  # largest squared change of the unit number of a free joint
+    # The largest squared change of the unit number of a free joint.
+    span = (2.0 * sin(0.5 * width) + ROUNDING) ** 2
     nearest = inf
     s.place[0], s.heading[0] = 0.0, 1.0
     s.pieces[0] = 0

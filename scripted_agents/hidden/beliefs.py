@@ -206,9 +206,7 @@ class BeliefChaser(BeliefAgent):
         first = world.table[maze] + view.positions[:, view.seat] * world.num_cells[maze]
         if self.response == "most_likely":
             pairs = first[:, None] + np.arange(belief.shape[1])
-            pairs = np.minimum(
-                pairs, len(kept["best"]) - 1
-            )  # the belief is 0 beyond the cells of a small maze
+            pairs = np.minimum(pairs, len(kept["best"]) - 1)  # beyond a small maze the belief is 0
             most = belief.max(axis=1, keepdims=True)
             likely = (belief > 0.0) & (belief >= most * (1.0 - EQUALLY_LIKELY))
             return np.bitwise_or.reduce(np.where(likely, kept["best"][pairs], 0), axis=1)

@@ -331,9 +331,7 @@ def first_bounds(model: Model) -> tuple[NDArray[np.float64], NDArray[np.float64]
     for _ in range(FIRST_SWEEPS):
         if wander(model, walk) <= enough:
             break
-    first = model.useful.argmax(
-        axis=1
-    )  # in place of actions with the same effect as an earlier one
+    first = model.useful.argmax(axis=1)  # in place of actions with the effect of an earlier one
     instead = np.where(model.useful, np.arange(actions), first[:, None])
     informed = np.take_along_axis(informed, instead[:, None], axis=2)
     return informed, walk

@@ -305,7 +305,7 @@ def _empty_store(problem: Problem, wanted: NDArray[np.bool_] | None) -> Store:
     np.cumsum(pairs, out=pairs)
     np.cumsum(edges, out=edges)
     check_memory(
-        f"task {task.name!r}: the transitions of {states.count:,} states",
+        f"task {task.name!r}: a table of the transitions of {states.count:,} states",
         24 * states.count + 4 * int(pairs[-1]) + 10 * int(edges[-1]),
         "take a smaller maze, or fewer agents or goals",
         MAX_STORE_BYTES,
