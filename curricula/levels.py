@@ -214,14 +214,6 @@ class LevelReplay(Ranked):
             seeds[again] = self.seeds[np.minimum(chosen, len(self.seeds) - 1)]
         return seeds
 
-    def best(self, count: int) -> list[tuple[int, float, int, int]]:
-        """(seed, score, successes, episodes) of the levels with the highest scores."""
-        order = np.argsort(-self.scores, kind="stable")[:count]
-        wins, plays = self.counts
-        return [
-            (int(self.seeds[i]), float(self.scores[i]), int(wins[i]), int(plays[i])) for i in order
-        ]
-
     def _check_loaded(self, state: dict[str, Any]) -> None:
         rows = {state[name].shape[-1] for name in ("seeds", "scores", "played", "counts")}
         seeds = state["seeds"]

@@ -1,10 +1,10 @@
-"""Pursuit: mazes, chasers, evaders and runners, with the exact optimum beside every result.
+"""Pursuit: mazes, chasers, evaders and runners, with exact optima as references.
 
 Importing this package registers the Gymnasium ids `pursuit/Chaser-v0`, `pursuit/Evader-v0`,
 `pursuit/Maze-v0`, `pursuit/Race-v0`, `pursuit/HeistChaser-v0`, `pursuit/HeistEvader-v0` and
 `pursuit/Reacher-v0`, and the PettingZoo ids `pursuit/chase-v0`, `pursuit/maze-v0`,
 `pursuit/race-v0`, `pursuit/heist-v0` and `pursuit/reacher-v0`, both "parallel" and "aec". The names
-that `__init__.pyi` lists are imported on first use, so that this stays quick.
+in `__init__.pyi` are imported on first use, which keeps `import pursuit` fast.
 """
 
 import gymnasium
@@ -15,8 +15,8 @@ from pursuit.version import __version__ as __version__
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
-# The default opponents are scripted agents, which build on this package: the entry points are
-# strings, so that nothing here imports them.
+# The default opponents are in `scripted_agents`, which imports this package. The entry points are
+# strings to avoid a circular import.
 for _id, _task, _agent in (
     ("Chaser", "chase", "chaser"),
     ("Evader", "chase", "evader"),

@@ -1,4 +1,4 @@
-"""The names of the package: for type checkers, and for `__init__.py`, which imports them lazily."""
+"""The public names of the package, for type checkers and for the lazy imports of `__init__.py`."""
 
 from . import chase_v0 as chase_v0
 from . import heist_v0 as heist_v0

@@ -1,4 +1,4 @@
-"""PettingZoo module of the chase task: chasers hunt evaders, who may have goals to collect.
+"""PettingZoo module of the chase task: chasers pursue evaders; goals for the evaders are optional.
 
 `parallel_env(maze="5x5", observation="one_hot", render_mode=None, mask_bumps=False,
 mask_in_observation=False, **settings)`; the settings are those of `pursuit.Task`: num_chasers,

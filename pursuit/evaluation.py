@@ -1,4 +1,4 @@
-"""How far any policy is from the optimum: `pursuit.evaluate`."""
+"""`pursuit.evaluate`: compares a policy with the exact optimum."""
 
 from __future__ import annotations
 
@@ -14,21 +14,22 @@ from pursuit.tasks.task import Task
 
 @dataclass(frozen=True)
 class Evaluation:
-    """What a policy achieves, beside the exact optimum on the same starts.
+    """The results of a policy, and the exact optimum from the same start positions.
 
     Attributes:
-        episodes: played.
-        mean_steps: mean episode length; an episode that runs out of time counts with all its steps.
-        ci95: half width of its 95 % confidence interval; 0 where it is exact.
-        success_rate: share of episodes won: the chasers caught all, the evader lived to the last
-            step, all goals were collected.
-        optimal_steps: the mean length under the best possible play; None where it is not known.
-        gap: mean_steps / optimal_steps - 1. Evaders maximise the length, so theirs is at most 0.
-        gap_ci95: the 95 % confidence interval of the gap (lower, upper), from the differences on
-            equal starts (delta method of a ratio of means).
-        measure: what the task is judged by: "steps", "goals" (a race) or "return" (a heist).
-        mean, optimum: in that measure, the mean of the policy and of the best possible play; None
-            where it is not known.
+        episodes: number of episodes.
+        mean_steps: mean episode length; a truncated episode counts with all its steps.
+        ci95: half width of the 95 % confidence interval of `mean_steps`; 0 if it is exact.
+        success_rate: share of successful episodes: all evaders captured (chaser), not captured
+            until truncation (evader), or all goals collected (runner).
+        optimal_steps: mean episode length of the optimal policy; None if unknown.
+        gap: mean_steps / optimal_steps - 1. Evaders maximise episode length, so their gap is at
+            most 0.
+        gap_ci95: 95 % confidence interval of the gap (lower, upper), from paired differences on
+            the same start positions (delta method for a ratio of means).
+        measure: the metric of the task: "steps", "goals" (race) or "return" (heist).
+        mean, optimum: the mean of this metric for the policy and for the optimal policy; None if
+            unknown.
     """
 
     episodes: int
@@ -55,23 +56,22 @@ def evaluate(
     seed: int = 0,
     **settings: Any,
 ) -> Evaluation:
-    """Play a policy from held-out seeds, and compare it with the exact optimum.
+    """Evaluate a policy with held-out seeds and compare it with the exact optimum.
 
     Args:
-        policy: a function of observations [games, ...] that returns actions: [games] integers, of
-            an arm [games, joints]; or a `Policy`.
-        task: a `Task`, a `ReacherTask`, or the name of a task, whose settings are `settings`.
-        agent: that the policy plays, by name or role; the first of the task if left out.
-        observation: what the function is given; "one_hot", of an arm "positions", if left out.
-        opponent, opponent_epsilon: the policies of the other seats, as in `gymnasium.make`.
-        episodes: at least 2.
-        seed: of the starts. None is ever trained on.
-        **settings: of `pursuit.Task`, where `task` is a name.
+        policy: a function from observations [games, ...] to actions ([games] integers; for an arm
+            [games, joints] floats), or a `Policy`.
+        task: a `Task`, a `ReacherTask`, or the name of a task with `settings`.
+        agent: the name or role of the agent that the policy controls; default: the first agent.
+        observation: the encoding of the observations; default: "one_hot", for an arm "positions".
+        opponent, opponent_epsilon: the policies of the other agents, as in `gymnasium.make`.
+        episodes: number of episodes, at least 2.
+        seed: seed of the start positions; training uses other seeds.
+        **settings: settings of `pursuit.Task`, if `task` is a name.
 
     Raises:
-        ValueError: settings that make no game, an unknown agent or observation, or actions that
-            are none.
-        ImportError: what this, or a learned opponent, needs is not installed (torch, above all).
+        ValueError: invalid settings, an unknown agent or observation, or invalid actions.
+        ImportError: a required package is not installed, for example torch.
     """
     chosen = {"opponent": opponent, "opponent_epsilon": opponent_epsilon, **settings}
     found: Evaluation = from_train("train.evaluation.functions:evaluate")(

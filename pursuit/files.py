@@ -1,4 +1,4 @@
-"""Files are written beside their place and renamed, so that a failure leaves what was there."""
+"""Atomic writing of files: a failure leaves the existing file unchanged."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 
-def write_beside(path: Path, write: Callable[[Path], object]) -> None:
-    """Have `write` make a file beside `path`, then put it in its place.
+def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
+    """Call `write` with a temporary path in the same folder, then rename that file to `path`.
 
     Raises:
-        OSError: it cannot be written; the error names `path`.
+        OSError: the file cannot be written; the error names `path`.
     """
     partial = path.with_name(f".{path.name}.{os.getpid()}.part")  # as `train.files` names them
     try:

@@ -1,4 +1,4 @@
-"""PettingZoo module of the heist task: evaders collect goals while chasers hunt them.
+"""PettingZoo module of the heist task: evaders collect goals while chasers pursue them.
 
 `parallel_env(maze="5x5", observation="one_hot", render_mode=None, mask_bumps=False,
 mask_in_observation=False, **settings)`; the settings are those of `pursuit.Task`: num_chasers,

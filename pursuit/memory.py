@@ -1,4 +1,4 @@
-"""What this machine can hold: sizes beyond it are refused before anything is allocated."""
+"""Checks of the available memory, made before large arrays are allocated."""
 
 from __future__ import annotations
 
@@ -11,26 +11,26 @@ LIMITS = (
     Path("/sys/fs/cgroup/memory.max"),
     Path("/sys/fs/cgroup/memory/memory.limit_in_bytes"),
 )
-"""Where Linux keeps the limit of a container, in its second and in its first form."""
+"""Files with the memory limit of a container: cgroup v2 and v1."""
 USED = ("memory.current", "memory.usage_in_bytes")
-"""What lies beside each of them: the bytes that the container has taken."""
+"""Files in the same folders with the memory in use, in bytes."""
 
 
 def check_memory(what: str, needed: int, remedy: str, most: int | None = None) -> None:
-    """Refuse what needs more memory than is free.
+    """Raise ValueError if more memory is needed than is available.
 
     Args:
-        what: needs it, for the message.
-        needed: bytes.
-        remedy: what to do about it.
-        most: a bound of its own, in bytes, whatever the machine has.
+        what: description of the object, for the message.
+        needed: bytes that it needs.
+        remedy: advice to the user, for the message.
+        most: an additional upper bound in bytes, independent of the machine.
 
     Raises:
-        ValueError: naming the bytes needed, and those that are free or that `most` allows.
+        ValueError: with the bytes that are needed and the bytes that are available.
     """
     if most is not None and needed > most:
         raise ValueError(
-            f"{what} needs {needed:,} bytes of memory; {most:,} are the most that is used; {remedy}"
+            f"{what} needs {needed:,} bytes of memory; the limit is {most:,}; {remedy}"
         )
     free = free_memory()
     if needed > free:
@@ -40,9 +40,9 @@ def check_memory(what: str, needed: int, remedy: str, most: int | None = None) -
 
 
 def free_memory() -> int:
-    """The bytes that can still be had: what Linux calls available, within a container's limit.
+    """Available memory in bytes: MemAvailable of Linux, within the limit of the container.
 
-    Where neither is known, all of the machine's.
+    If neither is known, the total memory of the machine.
     """
     found = []
     with contextlib.suppress(ValueError, OSError, AttributeError):  # systems without sysconf

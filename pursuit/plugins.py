@@ -1,10 +1,10 @@
-"""The one door for parts: ours by name, a user's by `package.module:Name` or as an entry point.
+"""Registries of parts: built-in ones by name, custom ones by `package.module:Name` or entry point.
 
 A *part* is a reward scheme or function, an observation, a network, a policy, an axis, a curriculum
-or an algorithm; each kind has one `Registry`. Whoever writes a name himself (in Python, or as an
-option) has its module imported. What a *file* names was written by who knows whom: `check_trusted`
-refuses it before anything is imported, unless the user has allowed that module by name (`allow`,
-the option --allow, or the environment variable PURSUIT_ALLOW).
+or an algorithm; each kind has one `Registry`. A name given in Python or on the command line is
+trusted, and its module is imported. A name in a *file* is not trusted: `check_trusted` refuses it
+before anything is imported, unless its module is allowed (by `allow`, the option --allow, or the
+environment variable PURSUIT_ALLOW).
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from typing import Any, Generic, TypeVar
 Part = TypeVar("Part")
 
 ALLOW, LOOK_IN = "PURSUIT_ALLOW", "PURSUIT_LOOK_IN"
-"""Environment variables: modules that files may name, with commas; folders to find them in."""
+"""Environment variables: the modules that files may name (comma-separated), and their folders."""
 OURS = ("pursuit", "scripted_agents", "curricula", "train")
 
 _NAME = r"[^\W\d]\w*"
@@ -34,7 +34,7 @@ _REFERENCE = re.compile(rf"({_NAME}(?:\.{_NAME})*):({_NAME})")
 _allowed: set[str] = set()
 _folders: list[str] = []
 _resolved: set[str] = set()
-"""Names that the user's own doing has resolved: a file that says them again runs nothing new."""
+"""References imported in this process at the request of the user; files may name them, too."""
 
 
 def is_reference(name: object) -> bool:
@@ -51,10 +51,10 @@ def module_of(reference: str) -> str:
 
 
 def allow(*modules: str) -> None:
-    """Let files name parts of these modules, and of whatever is inside them, in this process.
+    """Allow files to name parts of these modules and of their submodules, in this process.
 
     Raises:
-        ValueError: something that is no module's name.
+        ValueError: an invalid name of a module.
     """
     for module in modules:
         if not isinstance(module, str) or not re.fullmatch(rf"{_NAME}(\.{_NAME})*", module):
@@ -63,17 +63,17 @@ def allow(*modules: str) -> None:
 
 
 def allowed() -> tuple[str, ...]:
-    """The modules that files may name: those of `allow` and of PURSUIT_ALLOW."""
+    """The modules that files may name, from `allow` and PURSUIT_ALLOW."""
     given = {name.strip() for name in os.environ.get(ALLOW, "").split(",")} - {""}
     return tuple(sorted(_allowed | given))
 
 
 def check_trusted(where: object, content: Any) -> None:
-    """Refuse what a file names, in any of its values, unless it is allowed; nothing is imported.
+    """Raise ValueError if a file names code that is not allowed; nothing is imported.
 
     Args:
-        where: the file, as messages name it.
-        content: plain values read from it.
+        where: the file, for the message.
+        content: the plain values read from the file.
 
     Raises:
         ValueError: a `package.module:Name` of a module that is not allowed.
@@ -84,13 +84,13 @@ def check_trusted(where: object, content: Any) -> None:
         if not inside and name not in _resolved:
             top = module.partition(".")[0]
             raise ValueError(
-                f"{where}: names {name!r}, code that is not Pursuit's own; if you trust it, add "
+                f"{where}: names {name!r}, code that is not part of Pursuit; if you trust it, add "
                 f"--allow {top} (in Python pursuit.allow({top!r}), or {ALLOW}={top})"
             )
 
 
 def references(content: Any) -> Iterator[str]:
-    """Every `package.module:Name` among plain values, however deep."""
+    """Every `package.module:Name` in nested plain values."""
     if is_reference(content):
         yield content
     elif isinstance(content, Mapping):
@@ -102,45 +102,44 @@ def references(content: Any) -> Iterator[str]:
             yield from references(value)
 
 
-# -- what train has --------------------------------------------------------------------------------
+# -- functions of train ----------------------------------------------------------------------------
 
 
 def from_train(name: str) -> Any:
-    """The object `name` ("package.module:name") of `train`, imported now.
+    """Import the object `name` ("package.module:name") of `train`.
 
-    `train` builds on this package, so nothing below it imports it. What is reached from here is
-    named by a text, as the entry points of Gymnasium's ids are.
+    `train` imports this package. The name is a string to avoid a circular import.
 
     Raises:
-        ImportError: a package that `train` needs is not installed.
+        ImportError: a dependency of `train` is not installed.
     """
     try:
         return resolve_name(name)
     except ModuleNotFoundError as error:
         raise ImportError(
-            f"{name} needs {error.name}, which is not installed; install Pursuit with what its "
-            "learners need: pip install ."
+            f"{name} needs {error.name}, which is not installed; install Pursuit with the "
+            "dependencies of training: pip install ."
         ) from error
 
 
-# -- where modules are -----------------------------------------------------------------------------
+# -- search path of modules ------------------------------------------------------------------------
 
 
 def look_in(folder: Path | str) -> None:
-    """Find users' modules in `folder` too, after everywhere else, so that it hides nothing."""
+    """Append `folder` to the search path of custom modules; earlier folders take precedence."""
     path = str(Path(folder).resolve())
     if path not in _folders:
         _folders.append(path)
 
 
 def _search_path() -> list[str]:
-    """Where users' modules are found."""
+    """The folders with custom modules."""
     given = [folder for folder in os.environ.get(LOOK_IN, "").split(os.pathsep) if folder]
     return list(dict.fromkeys([*(p or os.getcwd() for p in sys.path), *_folders, *given]))
 
 
 def environment() -> dict[str, str]:
-    """The environment variables with which another process finds and trusts what this one does."""
+    """Environment variables that pass the allowed modules and their folders to a subprocess."""
     sources = (source_of(module_of(name)) for name in sorted(_resolved))
     homes = [str(found[0]) for found in sources if found and "site-packages" not in found[0].parts]
     given = [folder for folder in os.environ.get(LOOK_IN, "").split(os.pathsep) if folder]
@@ -149,11 +148,11 @@ def environment() -> dict[str, str]:
 
 
 def source_of(module: str) -> tuple[Path, list[Path]] | None:
-    """The files that a user's module is made of, found without importing it.
+    """Find the source files of a custom module without importing it.
 
     Returns:
-        The folder that it is found in, and its files: the one of a module on its own, or every .py
-        of the package that it belongs to. None where there is no source.
+        The folder that contains the module, and its files: one for a single module, or every .py
+        file of its package. None if there is no source.
     """
     top = module.partition(".")[0]
     loaded = getattr(sys.modules.get(top), "__file__", None)
@@ -170,14 +169,14 @@ def source_of(module: str) -> tuple[Path, list[Path]] | None:
 
 
 def _namespace(spec: Any) -> str | None:
-    """The folder of a package without `__init__.py`."""
+    """The folder of a namespace package (without `__init__.py`)."""
     return next(iter(spec.submodule_search_locations or ()), None)
 
 
 def sha256_of(module: str) -> str | None:
-    """The SHA-256 of a module's source file, or of all files of its package; None without source.
+    """The SHA-256 of a module's source file, or of its package; None without source.
 
-    Of a package it is that of its files' paths and contents, one after the other.
+    For a package the digest covers the paths and contents of all its files.
     """
     found = source_of(module)
     if found is None:
@@ -197,7 +196,7 @@ def sha256_of(module: str) -> str | None:
 
 @cache
 def installed(group: str) -> Mapping[str, str]:
-    """What installed packages bring to a group of entry points: `module:Name` by name."""
+    """The entry points of a group in installed packages: `module:Name` by name."""
     return {point.name: point.value for point in entry_points(group=group)}
 
 
@@ -205,11 +204,11 @@ class Registry(Generic[Part]):
     """The parts of one kind by name.
 
     Args:
-        kind: in messages and, as `pursuit.<plural>`, the group of entry points.
-        needs: what an object of this kind must be, in words.
-        fits: whether an object is of this kind.
-        plural: of the kind.
-        ours: names that are known before anything is registered.
+        kind: the kind, for messages. `pursuit.<plural>` is its group of entry points.
+        needs: description of a valid object, for messages.
+        fits: returns whether an object is of this kind.
+        plural: plural of `kind`; default: with "s".
+        ours: names of built-in parts that are not registered.
     """
 
     def __init__(
@@ -226,32 +225,33 @@ class Registry(Generic[Part]):
         self._origins: dict[str, str] = {}
 
     def register(self, name: str, part: Part) -> Part:
-        """Take a part in under a name; returns it.
+        """Register a part under a name and return the part.
 
         Raises:
-            ValueError: a name that is taken, or written like a reference; no part of this kind.
+            ValueError: a name in use or with a colon, or an object of another kind.
         """
         if not isinstance(name, str) or not name or ":" in name:
-            raise ValueError(f"{self.kind} {name!r}; give it a name without a colon")
+            raise ValueError(f"{self.kind} {name!r}; give a name without a colon")
         if name in self._parts:
-            raise ValueError(f"{self.kind}: one called {name!r} is there already; rename one")
+            raise ValueError(f"{self.kind}: {name!r} is already registered; give another name")
         self._parts[name] = self._checked(repr(name), part)
         self._origins[name] = sys._getframe(1).f_globals.get("__name__", "__main__")
         return part
 
     def remove(self, name: str) -> None:
-        """Forget a part that was registered."""
+        """Remove a registered part."""
         del self._parts[name], self._origins[name]
 
     def names(self) -> tuple[str, ...]:
-        """Ours, those that were registered, and those of installed packages."""
+        """The names of built-in and registered parts and of those in installed packages."""
         return tuple(dict.fromkeys([*self._ours, *self._parts, *installed(self.group)]))
 
     def get(self, name: str) -> Part:
-        """The part of that name, imported where it is a user's.
+        """The part with this name; custom parts are imported.
 
         Raises:
-            ValueError: an unknown name, a module that cannot be imported, or no part of this kind.
+            ValueError: an unknown name, a module that cannot be imported, or an object of another
+                kind.
         """
         if name in self._parts:
             return self._parts[name]
@@ -259,13 +259,13 @@ class Registry(Generic[Part]):
             found = self._checked(repr(name), self._import(name, name))
             _resolved.add(name)
             return found
-        if name in installed(self.group):  # by the user
+        if name in installed(self.group):
             value = installed(self.group)[name]
             return self._checked(f"{name!r} ({value})", self._import(name, value))
         raise ValueError(self.unknown(name))
 
     def take(self, given: Any) -> Part:
-        """The part of a name, or an object itself.
+        """The part with this name; an object is returned as it is.
 
         Raises:
             ValueError: as `get`.
@@ -273,14 +273,14 @@ class Registry(Generic[Part]):
         return self.get(given) if isinstance(given, str) else self._checked(repr(given), given)
 
     def check(self, name: object) -> None:
-        """ValueError unless `name` is one of ours, or that of a part that `get` finds."""
+        """Raise ValueError unless `name` is built-in or `get` finds it."""
         if not isinstance(name, str):
             raise ValueError(self.unknown(name))
         if name not in self._ours:
             self.get(name)
 
     def origin(self, name: str) -> str | None:
-        """The module that a user's part comes from; None for ours, and for unknown names."""
+        """The module of a custom part; None for built-in parts and unknown names."""
         if is_reference(name):
             return module_of(name)
         if name in self._ours:
@@ -289,37 +289,37 @@ class Registry(Generic[Part]):
         return None if not module or module.partition(".")[0] in OURS else module
 
     def unknown(self, name: object) -> str:
-        """What to say of a name that is none."""
+        """The error message for an unknown name."""
         known = self.names()
         close = get_close_matches(str(name), known, 1)
         return (
             f"unknown {self.kind} {name!r}; one of {', '.join(known)}"
             + (f" (did you mean {close[0]!r}?)" if close else "")
-            + "; or your own as package.module:Name"
+            + "; or a custom one as package.module:Name"
         )
 
-    def _checked(self, told: str, part: Any) -> Part:
+    def _checked(self, label: str, part: Any) -> Part:
         if not self._fits(part):
             shown = " ".join(repr(part).split())[:60]
             raise ValueError(
-                f"{self.kind} {told} is {shown}; it must be {self.needs}"
-                if told != repr(part)
+                f"{self.kind} {label} is {shown}; it must be {self.needs}"
+                if label != repr(part)
                 else f"{self.kind}={shown}; it must be {self.needs}, or a name"
             )
         kept: Part = part
         return kept
 
     def _import(self, name: str, reference: str) -> Any:
-        """The object that a reference names; ValueError in one line where there is none."""
+        """Import the object of a reference; ValueError (one line) if that fails."""
         module_name, _, attribute = reference.partition(":")
         missing = [folder for folder in _search_path() if folder not in sys.path]
-        sys.path.extend(missing)  # at the end, and only once a user's module is asked for
+        sys.path.extend(missing)  # at the end, and only for custom modules
         try:
             module = import_module(module_name)
-        except (Exception, SystemExit) as error:  # whatever the user's code raises
+        except (Exception, SystemExit) as error:  # the module may raise anything
             reason = " ".join(f"{type(error).__name__}: {error}".split())
             raise ValueError(
-                f"{self.kind} {name!r}: module {module_name} cannot be imported ({reason}); mend "
+                f"{self.kind} {name!r}: module {module_name} cannot be imported ({reason}); fix "
                 "it, or add its folder to PYTHONPATH"
             ) from error
         if not hasattr(module, attribute):

@@ -1,4 +1,4 @@
-"""PettingZoo module of the arm: every joint is an agent, and all of them are one team.
+"""PettingZoo module of the arm: every joint is an agent, and all agents share the reward.
 
 `parallel_env(observation="positions", render_mode=None, own_number=True, **settings)`; the settings
 are those of `pursuit.ReacherTask`: joints, start, hold, tolerance, max_steps, max_turn, effort,
@@ -37,7 +37,7 @@ def raw_env(**settings: Any) -> AECEnv[str, Any, Any]:
 def env(**settings: Any) -> AECEnv[str, Any, Any]:
     """The turn-based (AEC) environment, with PettingZoo's usual safety wrappers.
 
-    A float outside [-1, 1] is clipped there, with a warning; another discrete action is an error.
+    Floats outside [-1, 1] are clipped with a warning. Invalid discrete actions raise an error.
     """
     raw = raw_env(**settings)
     if raw.unwrapped.task.discrete_actions:

@@ -61,12 +61,12 @@ def one_of(what: str, value: Any, choices: Sequence[str]) -> Any:
 
 
 def is_int(value: Any) -> bool:
-    """Whether it is a whole number, of Python's or NumPy's; bools are not accepted."""
+    """Whether it is an integer of Python or NumPy; bools are not accepted."""
     return isinstance(value, (int, np.integer)) and not isinstance(value, bool)
 
 
 def is_number(value: Any) -> bool:
-    """Whether it is a real number, of Python's or NumPy's; bools are not accepted."""
+    """Whether it is an integer or float of Python or NumPy; bools are not accepted."""
     return is_int(value) or isinstance(value, (float, np.floating))
 
 
@@ -97,7 +97,7 @@ def number(name: str, value: Any) -> float:
 def check_probability(name: str, value: Any) -> float:
     """`value` as a float, if it is in [0, 1]; ValueError otherwise."""
     if not is_number(value) or not 0.0 <= value <= 1.0:
-        raise ValueError(f"{name}={value!r}; a share of random moves lies in [0, 1]")
+        raise ValueError(f"{name}={value!r}; it is a probability from 0 to 1")
     return float(value)
 
 
@@ -107,7 +107,7 @@ def checked_seed(seed: Any) -> int:
 
 
 def some_seed() -> int:
-    """A seed from the operating system."""
+    """A random seed from the operating system."""
     return int(np.random.SeedSequence().generate_state(1, np.uint64)[0])
 
 
@@ -154,7 +154,7 @@ def named_settings(function: str, settings: dict[str, Any], known: Sequence[str]
     named = dict(settings)
     if "max_cycles" in named:
         if "max_steps" in named:
-            raise TypeError(f"{function}() got max_steps and max_cycles, which are one; give one")
+            raise TypeError(f"{function}() got max_steps and max_cycles; give only one of them")
         named["max_steps"] = named.pop("max_cycles")
     for setting in named:
         if setting not in known:

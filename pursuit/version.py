@@ -1,3 +1,3 @@
-"""The version, apart from the face of the package, so that any file may know it."""
+"""The version, in a module of its own so that every module can import it."""
 
 __version__ = "0.2.0.dev0"

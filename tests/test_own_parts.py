@@ -473,7 +473,7 @@ def test_names_that_lead_nowhere_say_why(tmp_path: Path, monkeypatch: pytest.Mon
     (tmp_path / "leaving_parts.py").write_text("raise SystemExit('gone')\n")
     monkeypatch.syspath_prepend(str(tmp_path))
     for name, told in {
-        "gaol": r"unknown rewards 'gaol'; one of goal, .*\(did you mean 'goal'\?\); or your own as",
+        "gaol": r"unknown rewards 'gaol'; one of goal, .*\(did you mean 'goal'\?\); or a custom",
         "my_parts:shapes": "module my_parts has no 'shapes'; did you mean 'shaped'",
         "my_parts:Compass": "must be a function",
         "no_parts:f": "module no_parts cannot be imported .ModuleNotFoundError: No module",
@@ -499,7 +499,7 @@ def test_parts_are_registered_under_names_of_their_own() -> None:
     assert registry.names() == ("first", "second") and registry.get("second") is len
     assert registry.origin("second") == __name__
     for name, part, told in (
-        ("second", len, "called 'second' is there already"),
+        ("second", len, "'second' is already registered"),
         ("a:b", len, "without a colon"),
         ("third", 3, "thing 'third' is 3; it must be a function"),
     ):

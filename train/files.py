@@ -17,7 +17,7 @@ LOCK = ".lock"
 _PART = re.compile(r"^\..*\.(?P<process>[0-9]+)\.part$")
 
 
-def write_beside(path: Path, write: Callable[[Path], object]) -> None:
+def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
     """Call `write` with a temporary path in the folder of `path`, then rename it to `path`.
 
     Raises:
@@ -141,12 +141,12 @@ def remove_leftovers(folder: Path) -> None:
 
 def write_text(path: Path, text: str) -> None:
     """Write `text` in UTF-8, atomically."""
-    write_beside(path, lambda beside: beside.write_text(text, encoding="utf-8"))
+    write_atomically(path, lambda beside: beside.write_text(text, encoding="utf-8"))
 
 
 def write_bytes(path: Path, content: bytes) -> None:
     """Write `content`, atomically."""
-    write_beside(path, lambda beside: beside.write_bytes(content))
+    write_atomically(path, lambda beside: beside.write_bytes(content))
 
 
 def write_json(path: Path, content: Any) -> None:
@@ -217,7 +217,7 @@ def write_csv(
             writer.writeheader()
             writer.writerows(rows)
 
-    write_beside(path, write)
+    write_atomically(path, write)
 
 
 def hold(folder: Path, what: str, shared: bool = False) -> FileLock:

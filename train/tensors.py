@@ -11,7 +11,7 @@ from typing import Any, BinaryIO
 
 import torch
 
-from train.files import cannot_write, write_beside
+from train.files import cannot_write, write_atomically
 
 REMEDY = "restore it from a copy"
 MARK = b"sha256:"
@@ -34,7 +34,7 @@ def write_tensors(path: Path, content: Any) -> None:
         except RuntimeError as error:  # torch's error for a failed write
             raise cannot_write(path, _reason(beside, error)) from None
 
-    write_beside(path, write)
+    write_atomically(path, write)
 
 
 def _reason(beside: Path, error: RuntimeError) -> Exception:

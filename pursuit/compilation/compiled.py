@@ -1,9 +1,9 @@
-"""Compilation of kernels by Numba, with an on-disk cache that notices every change.
+"""Compilation of kernels by Numba, with an on-disk cache that detects every change.
 
-A kernel may call kernels of any file of the project: the stamp of its cache entry follows the
-imports of its file (`pursuit.compilation.kernel_cache`). What kernels call is neither optimised nor
-made machine code by itself, only as a part of the kernels that it ends in (`_Part`): that halves
-the time of a first use.
+A kernel may call functions of any file of the project: the stamp of its cache entry covers the
+imports of its file (`pursuit.compilation.kernel_cache`). Functions that only kernels call are not
+optimised or compiled to machine code separately, but as part of the calling kernels (`_Part`). This
+halves the compilation time.
 """
 
 from __future__ import annotations
@@ -22,12 +22,11 @@ from numba.core.compiler import Compiler
 from pursuit.compilation.kernel_cache import PACKAGES, KernelCache
 
 ANY_ORDER = {"reassoc", "contract"}
-"""What LLVM may do with sums of floating-point numbers: take them in any order, and fuse them with
-products."""
+"""Fast-math flags of LLVM: reorder floating-point sums, and fuse them with products."""
 
 TRIED = numba.__version__.startswith("0.68.")
-"""Whether this is a Numba that `_PartCompiler` is written for; with any other, what kernels call is
-compiled as Numba does, which takes twice as long."""
+"""Whether this is a version of Numba that `_PartCompiler` supports. With other versions Numba's own
+compiler is used, which takes twice as long."""
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -35,48 +34,48 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 def compiled(function: Function) -> Function:
     """Compile `function` with Numba on first use and keep the machine code on disk.
 
-    The kernel must not allocate: it works on the arrays that it is given, without Numba's reference
-    counts (which, left in, took two thirds of the time of a step). See `allocating`.
+    The kernel must not allocate arrays, as Numba's reference counting is switched off (it took two
+    thirds of the time of a step). For kernels that allocate see `allocating`.
     """
     return _entry(function, _nrt=False)
 
 
 def summing(function: Function) -> Function:
-    """`compiled`, where sums may be taken in any order, and so by vector instructions.
+    """Like `compiled`, but sums may be reordered, which allows vector instructions.
 
-    What is not finite goes through as it is. The order is settled when the kernel is compiled: the
-    same sums come out on the same processor.
+    Infinities and NaN are handled as usual. The order is fixed at compilation, so results are
+    reproducible on the same processor.
     """
     return _entry(function, _nrt=False, fastmath=ANY_ORDER)
 
 
 def merged_sums(function: Function) -> Function:
-    """`inlined`, into kernels that are `summing`."""
+    """Like `inlined`, for kernels that are `summing`."""
     return _part(function, forceinline=True, fastmath=ANY_ORDER)
 
 
 def subroutine(function: Function) -> Function:
-    """`compiled`, for kernels to call, not for Python: it needs no wrapper, which takes seconds."""
+    """Compile a function for calls from kernels only, without wrappers for calls from Python."""
     return _part(function)
 
 
 def inlined(function: Function) -> Function:
-    """A `subroutine` merged into every kernel that calls it, so that constants reach its loops."""
+    """A `subroutine` that is inlined into its callers, so that constants propagate to its loops."""
     return _part(function, forceinline=True)
 
 
 def allocating(function: Function) -> Function:
-    """Like `compiled`, for a kernel that makes arrays of its own, and so counts references.
+    """Like `compiled`, with reference counting, for kernels that allocate arrays.
 
-    It must call nothing that returns arrays (`layout.world_of` and the like): kernels that do not
-    count would hand it uncounted ones, which it would free.
+    The kernel must not call functions that return arrays (such as `layout.world_of`): without
+    reference counting in those functions it would free arrays that are in use.
     """
     return _entry(function)
 
 
 def _entry(function: Function, **options: Any) -> Function:
     dispatcher: Any = numba.njit(nogil=True, error_model="numpy", **options)(function)
-    if dispatcher is not function:  # as it is with NUMBA_DISABLE_JIT=1
+    if dispatcher is not function:  # equal with NUMBA_DISABLE_JIT=1
         dispatcher._cache = KernelCache(function)
     return dispatcher
 
@@ -95,14 +94,14 @@ def _part(function: Function, **options: Any) -> Function:
 
 
 class _Part(JITCodeLibrary):
-    """The code of a function that only kernels call: kept to be linked, as it was written.
+    """The unoptimised code of a function that only kernels call, to be linked into kernels.
 
-    Numba would optimise it, with all that it calls, and make machine code of it, and do so again
-    for each of its callers: two thirds of LLVM's time.
+    Numba would optimise and compile it with all functions that it calls, and again in each of its
+    callers, which takes two thirds of LLVM's time.
     """
 
     def _optimize_final_module(self) -> None:
-        """The kernels that it ends in are optimised as a whole."""
+        """Skipped: the calling kernels are optimised as a whole."""
 
     def _finalize_final_module(self) -> None:
         self._finalize_dynamic_globals()
@@ -110,7 +109,7 @@ class _Part(JITCodeLibrary):
 
 
 class _PartCompiler(Compiler):
-    """Numba's compiler up to where machine code is made."""
+    """Numba's compiler without the generation of machine code."""
 
     def __init__(self, typing: Any, target: Any, library: Any, *settings: Any) -> None:
         super().__init__(typing, target, library, *settings)
@@ -119,7 +118,7 @@ class _PartCompiler(Compiler):
         self.state.flags.no_compile = True
 
     def compile_extra(self, func: Any) -> Any:
-        """What Numba knows of the function then, with an entry that nobody may call."""
+        """Compile the function; the entry point in the result cannot be called from Python."""
         found = super().compile_extra(func)
         found.library.finalize()
         about, keep = found.fndesc, (found.library,)
@@ -131,9 +130,9 @@ class _PartCompiler(Compiler):
 
 
 class Announcer(event.Listener):
-    """Says on stderr, once, that kernels are being compiled.
+    """Prints a message to stderr at the first compilation of a kernel.
 
-    Python's garbage collection pauses meanwhile: it takes a tenth of the time and finds nothing.
+    It also pauses Python's garbage collection during compilation, which takes a tenth of the time.
     """
 
     def __init__(self) -> None:
@@ -141,7 +140,7 @@ class Announcer(event.Listener):
         self.collects = self.announced = False
 
     def on_start(self, event: Any) -> None:
-        """Called when Numba begins to compile (not when it loads from the cache)."""
+        """Called when Numba starts to compile (not when it loads from the cache)."""
         self.depth += 1
         if self.depth == 1:
             self.collects = gc.isenabled()
@@ -152,7 +151,7 @@ class Announcer(event.Listener):
             print("pursuit: compiling kernels, once, for some seconds ...", file=sys.stderr)
 
     def on_end(self, event: Any) -> None:
-        """Called when it has compiled."""
+        """Called after compilation."""
         self.depth -= 1
         if self.depth == 0 and self.collects:
             gc.enable()

@@ -1,17 +1,16 @@
 """The on-disk cache of compiled kernels.
 
-Numba's cache of a kernel (`FunctionCache`) is used as it is but for three things that its public
-settings do not offer:
+It extends Numba's cache of a kernel (`FunctionCache`) in three points that Numba's settings do not
+cover:
 
-- It looks at the file of the kernel alone. Here an entry is stamped with the contents of that file
-  and of all files of this project that it imports, directly or not, so a change of a function that
-  a kernel inlines reaches it.
-- It numbers the files of a kernel and writes its index before the file that the index names, so
-  processes that compile one kernel at once mix up its files. Here one process at a time reads or
-  writes in a folder (Windows has no `flock`: there what two processes compile at once may be
-  compiled again).
-- A disk that is full ends the program, and machine code that was damaged may. Here kernels are then
-  compiled and kept in memory, with one warning if the disk refuses.
+- Numba checks only the file of the kernel for changes. Here the stamp of an entry covers that file
+  and all project files that it imports, directly or not, so that changes of inlined functions are
+  detected.
+- Numba numbers the files of a kernel and writes its index first, so processes that compile the same
+  kernel simultaneously mix up its files. Here a lock admits one process at a time to a folder.
+  (Windows has no `flock`; there kernels compiled simultaneously may be compiled again.)
+- With Numba a full disk ends the program, and damaged machine code may. Here such kernels are
+  compiled and kept in memory, with one warning if the folder is not writable.
 """
 
 from __future__ import annotations
@@ -37,7 +36,7 @@ PACKAGES = ("pursuit", "scripted_agents", "train")
 """The packages of this project that have kernels, in `ROOT`."""
 
 has_warned = False
-"""Whether this process has warned that the disk refuses compiled kernels."""
+"""Whether this process has warned that compiled kernels cannot be saved."""
 
 
 @cache
@@ -61,7 +60,7 @@ def imported_files(path: Path) -> set[Path]:
 
 @cache
 def _imports(path: Path) -> set[Path]:
-    """The files of this project that a file imports, wherever in it; `from a import b` is a.b."""
+    """The project files that a file imports anywhere; `from a import b` may name module a.b."""
     names: list[str] = []
     for node in ast.walk(ast.parse(path.read_bytes())):
         if isinstance(node, ast.Import):
@@ -81,15 +80,15 @@ def _imports(path: Path) -> set[Path]:
 
 
 class CheckedImpl(CompileResultCacheImpl):
-    """Numba's form of machine code in a file, with a checksum: damaged code would end a process."""
+    """Numba's file format of machine code, with a checksum, as damaged code can end the process."""
 
     def reduce(self, data: Any) -> Any:
-        """What is written into the file."""
+        """The content of the file for compiled code."""
         content = pickle.dumps(super().reduce(data))
         return hashlib.sha256(content).digest(), content
 
     def rebuild(self, target_context: Any, reduced_data: Any) -> Any:
-        """What was compiled, of what the file holds."""
+        """The compiled code from the content of the file."""
         digest, content = reduced_data
         if hashlib.sha256(content).digest() != digest:
             raise ValueError("damaged machine code")
@@ -106,12 +105,12 @@ class KernelCache(FunctionCache):
         self._cache_file._source_stamp = source_stamp(function.__code__.co_filename)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """What was compiled for the argument types `sig`, or None."""
+        """The compiled code for the argument types `sig`, or None."""
         found = self._exclusively(self._load, sig, target_context)
         return found if found is not None and found.signature.args == tuple(sig) else None
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep what was compiled for the argument types `sig`."""
+        """Save the compiled code for the argument types `sig`."""
         self._exclusively(super().save_overload, sig, data)
 
     def _load(self, sig: Any, target_context: Any) -> Any:
@@ -119,12 +118,12 @@ class KernelCache(FunctionCache):
             return super().load_overload(sig, target_context)
         except OSError:
             raise
-        except Exception:  # what damaged pickles raise is not bounded
+        except Exception:  # damaged pickles may raise anything
             self.flush()
             return None
 
     def _exclusively(self, work: Callable[..., Any], *given: Any) -> Any:
-        """`work(*given)` by one process at a time in the folder; None where the disk refuses."""
+        """`work(*given)` with the folder locked; None if the folder cannot be used."""
         global has_warned
         try:
             os.makedirs(self._cache_path, exist_ok=True)
@@ -134,9 +133,9 @@ class KernelCache(FunctionCache):
             if not has_warned:
                 has_warned = True
                 warnings.warn(
-                    f"{self._cache_path}: compiled kernels cannot be kept there "
-                    f"({error.strerror or error}), so all processes compile them again; make room "
-                    "there, or set NUMBA_CACHE_DIR to a folder",
+                    f"{self._cache_path}: compiled kernels cannot be saved there "
+                    f"({error.strerror or error}), so each process compiles them again; free space "
+                    "there, or set NUMBA_CACHE_DIR to another folder",
                     stacklevel=3,
                 )
             return None
@@ -144,7 +143,7 @@ class KernelCache(FunctionCache):
 
 @contextlib.contextmanager
 def locked(folder: str) -> Iterator[None]:
-    """One process at a time is in here with a folder, where the system and its disk can do that."""
+    """Lock a folder for this process, if the system and the file system support locks."""
     if os.name == "nt":
         yield
         return

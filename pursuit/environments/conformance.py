@@ -1,7 +1,7 @@
-"""check_parallel_env: whether a PettingZoo parallel environment keeps its promises, step by step.
+"""The conformance test `check_parallel_env` for PettingZoo parallel environments.
 
-PettingZoo's own `parallel_api_test`, which is run first, never looks whether observations lie in
-their spaces, and its `parallel_seed_test` stops after one step.
+PettingZoo's `parallel_api_test`, which is run first, does not check that observations lie in their
+spaces, and its `parallel_seed_test` stops after one step.
 """
 
 from __future__ import annotations
@@ -24,20 +24,20 @@ from pettingzoo import ParallelEnv
 from pettingzoo.test import parallel_api_test
 
 STARTS = 16
-"""How many resets are compared to see whether starts are random."""
+"""Number of resets that are compared to check that starts are random."""
 RESET_RETURNS = ("observations", "infos")
 STEP_RETURNS = ("observations", "rewards", "terminations", "truncations", "infos")
 COMPARED = ("observations", "rewards", "terminations", "truncations", "state")
-"""What the same seed and actions must reproduce; infos may hold a clock's time."""
+"""Values that the same seed and actions must reproduce; infos may contain times."""
 
 
 class ConformanceError(AssertionError):
-    """An environment broke a rule; the message names the moment, the agent and what is wrong."""
+    """An environment violates a rule; the message names the step, the agent and the violation."""
 
 
 @dataclass(frozen=True)
 class _Moment:
-    """What one reset or step returned, and a copy of it made at once."""
+    """The values returned by one reset or step, and a copy of them."""
 
     where: str
     returned: Mapping[str, Any]
@@ -51,30 +51,29 @@ def check_parallel_env(
     max_steps: int = 1000,
     random_starts: bool = True,
 ) -> None:
-    """Play whole seeded episodes with random actions, twice, and check everything that is seen.
+    """Run complete seeded episodes with random actions, twice, and check all returned values.
 
     - PettingZoo's `parallel_api_test` passes without a warning: spaces are the same object at every
       call, `reset` and `step` return dicts with exactly the agents that were active before the
-      step, and an agent leaves `agents` in the step that ends its episode, in no other.
+      step, and an agent leaves `agents` exactly in the step that ends its episode.
     - Observations, and the state if there is a `state_space`, lie in their spaces; rewards are
       finite real numbers; terminations and truncations are bools, never both true.
     - An "action_mask" in the info of an agent with a `Discrete` action space is int8 of 0 and 1
       with at least one 1. Every other episode follows the masks.
-    - What was returned is not overwritten by later steps; the actions given are not changed; the
-      states of `random` and of `numpy.random` are not touched.
-    - Every episode ends. The same seed gives the same observations, rewards, ends and states;
-      different seeds, and further resets without one, do not all begin in the same way.
+    - Later steps do not overwrite returned values; `step` does not change the given actions; the
+      global states of `random` and `numpy.random` do not change.
+    - Every episode ends. The same seed gives the same observations, rewards, ends and states.
+      Different seeds give different starts, and so do several resets without a seed.
 
     Args:
-        env: the environment; it is reset and left at the beginning of an episode.
-        episodes: of each of the two runs, half of them (rounded up) reset with a seed of their own,
-            the others going on without one.
-        seed: of the actions and of the first reset; those after it have seed + 1, seed + 2, ...
-        max_steps: an episode must be over after so many steps.
-        random_starts: False where all episodes begin in the same way by design.
+        env: the environment; it is reset at the end.
+        episodes: episodes per run; every other one is reset with a seed, starting with the first.
+        seed: seed of the actions and of the first reset; later ones use seed + 1, seed + 2, ...
+        max_steps: maximal length of an episode.
+        random_starts: False if all episodes have the same start by design.
 
     Raises:
-        ConformanceError: at the first rule broken.
+        ConformanceError: at the first violation.
         ValueError: fewer than one episode or step.
     """
     if episodes < 1 or max_steps < 1:
@@ -91,7 +90,7 @@ def _fail(where: str, problem: str) -> NoReturn:
 
 
 def _run_parallel_api_test(env: ParallelEnv[Any, Any, Any], steps: int, seed: int) -> None:
-    """PettingZoo's own test, whose actions and starts are drawn without a seed of their own."""
+    """PettingZoo's test, with seeds for its random actions and starts."""
     with redirect_stdout(io.StringIO()), warnings.catch_warnings():
         warnings.filterwarnings("error", module=r"pettingzoo\.test")
         try:
@@ -99,7 +98,7 @@ def _run_parallel_api_test(env: ParallelEnv[Any, Any, Any], steps: int, seed: in
             for agent in env.possible_agents:
                 env.action_space(agent).seed(seed)
             parallel_api_test(env, steps)
-        except Exception as error:  # whatever an environment that breaks the rules brings about
+        except Exception as error:  # a faulty environment may raise anything
             problem = f"{type(error).__name__}: {error}"
             raise ConformanceError(f"PettingZoo's parallel_api_test: {problem}") from error
 
@@ -114,7 +113,7 @@ def _global_random_untouched(where: str) -> Iterator[None]:
     yield
     for name, old, new in zip(("numpy.random", "random"), before, states(), strict=True):
         if old != new:
-            _fail(where, f"the global state of {name} changed; draw from a generator of one's own")
+            _fail(where, f"the global state of {name} changed; use a separate generator")
 
 
 def _play(
@@ -123,7 +122,7 @@ def _play(
     seed: int,
     max_steps: int,
 ) -> list[_Moment]:
-    """All moments of all episodes of one run, each of them checked."""
+    """All resets and steps of one run, checked."""
     rng = np.random.default_rng(seed)
     run: list[_Moment] = []
     for episode in range(episodes):
@@ -165,7 +164,7 @@ def _reset(env: ParallelEnv[Any, Any, Any], seed: int | None, where: str) -> _Mo
     with _global_random_untouched(where):
         returned = env.reset(seed=seed)
     if not env.agents:
-        _fail(where, "agents is empty at the beginning of an episode")
+        _fail(where, "agents is empty after the reset; list the active agents")
     return _moment(env, env.agents, where, RESET_RETURNS, returned)
 
 
@@ -175,18 +174,18 @@ def _step(env: ParallelEnv[Any, Any, Any], actions: dict[Any, Any], where: str) 
     with _global_random_untouched(where):
         returned = env.step(given)
     if not _same(given, actions):
-        _fail(where, f"step() changed the actions it was given from {actions} to {given}")
+        _fail(where, f"step() changed its argument from {actions} to {given}; copy it instead")
     moment = _moment(env, active, where, STEP_RETURNS, returned)
     for agent in active:
         reward = moment.returned["rewards"][agent]
         if isinstance(reward, bool) or not isinstance(reward, Real) or not isfinite(reward):
-            _fail(f"{where}, {agent}", f"the reward is {reward!r}; it is a finite real number")
+            _fail(f"{where}, {agent}", f"the reward is {reward!r}; give a finite real number")
         ends = [moment.returned[key][agent] for key in ("terminations", "truncations")]
         for name, end in zip(("termination", "truncation"), ends, strict=True):
             if not isinstance(end, (bool, np.bool_)):
-                _fail(f"{where}, {agent}", f"the {name} is {end!r}; it is a bool")
+                _fail(f"{where}, {agent}", f"the {name} is {end!r}; it must be a bool")
         if all(ends):
-            _fail(f"{where}, {agent}", "terminated and truncated at once; it is one or the other")
+            _fail(f"{where}, {agent}", "terminated and truncated in the same step; set only one")
     return moment
 
 
@@ -197,7 +196,7 @@ def _moment(
     names: tuple[str, ...],
     values: Any,
 ) -> _Moment:
-    """What was returned, once the observations, the infos and the state are checked."""
+    """The returned values, with observations, infos and state checked."""
     returned = dict(zip(names, values, strict=True))
     for agent in active:
         _check_inside(
@@ -207,7 +206,7 @@ def _moment(
         )
         info, space = returned["infos"][agent], env.action_space(agent)
         if not isinstance(info, dict):
-            _fail(f"{where}, {agent}", f"the info is of type {type(info).__name__}; it is a dict")
+            _fail(f"{where}, {agent}", f"the info is of type {type(info).__name__}; give a dict")
         if "action_mask" in info and isinstance(space, gymnasium.spaces.Discrete):
             mask = info["action_mask"]
             _check_inside(
@@ -238,9 +237,9 @@ def _check_inside(what: str, space: Any, value: Any) -> None:
 
 
 def _comparable(value: Any) -> bool:
-    """Whether it is kept of an info: an array of numbers, none of them NaN, which equals nothing.
+    """Whether a value of an info is compared: an array of numbers without NaN.
 
-    Other things need not be comparable, or even copyable.
+    Other values may be impossible to compare or copy.
     """
     return isinstance(value, np.ndarray) and value.dtype.kind in "biufc" and _same(value, value)
 
@@ -258,23 +257,23 @@ def _compare_runs(first: Sequence[_Moment], second: Sequence[_Moment]) -> None:
             expected, found = one.copied.get(name), other.copied.get(name)
             if not _same(expected, found):
                 differing = _first_difference(expected, found)
-                _fail(one.where, f"the same seed and actions gave other {name}{differing}")
+                _fail(one.where, f"the same seed and actions gave different {name}{differing}")
     if len(first) != len(second):
-        _fail(first[-1].where, "the same seed and actions gave episodes of other lengths")
+        _fail(first[-1].where, "the same seed and actions gave episodes of different lengths")
 
 
 def _check_starts(env: ParallelEnv[Any, Any, Any], seed: int) -> None:
     seeded = [deepcopy(env.reset(seed=seed + i)[0]) for i in range(STARTS)]
     if all(_same(seeded[0], start) for start in seeded):
-        _fail("reset", f"{STARTS} different seeds gave one start; random_starts=False if intended")
+        _fail("reset", f"{STARTS} seeds gave the same start; random_starts=False if intended")
     env.reset(seed=seed)
     further = [deepcopy(env.reset()[0]) for _ in range(STARTS)]
     if all(_same(further[0], start) for start in further):
-        _fail("reset", f"{STARTS} resets without a seed gave one start, as if each were seeded")
+        _fail("reset", f"{STARTS} resets without seed gave the same start; continue the streams")
 
 
 def _first_difference(one: Any, other: Any) -> str:
-    """` of AGENT` for the first entry in which two dicts differ; nothing for other values."""
+    """` of AGENT` for the first differing entry of two dicts; empty for other values."""
     if not isinstance(one, dict) or not isinstance(other, dict):
         return ""
     for key in {**one, **other}:

@@ -34,8 +34,8 @@ class SimulatorParallelEnv(Rendered, ParallelEnv[str, Any, Any]):
     (`_observe`).
 
     Args:
-        simulator: of one game, made with `auto_restart=False`.
-        agents: their names.
+        simulator: a simulator of one game with `auto_restart=False`.
+        agents: the names of the agents.
         observed, action: the spaces of every agent.
         state: the space of `state()`.
 
@@ -95,13 +95,13 @@ class SimulatorParallelEnv(Rendered, ParallelEnv[str, Any, Any]):
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
-        """Begin a new episode.
+        """Start a new episode.
 
         Args:
             seed: seeds all random streams; without a seed the streams continue (at first from a
                 seed of the operating system).
             options: `{"positions": cells of all agents, "goals": cells of all goals}`, with "maze",
-                its number, where there are several, begins the episode there; of an arm
+                its index, if there are several, gives the start; for an arm
                 `{"angles": [joints] radians, "target": (x, y)}`.
 
         Raises:
@@ -142,19 +142,19 @@ class SimulatorParallelEnv(Rendered, ParallelEnv[str, Any, Any]):
         self._move(actions)
         simulator, agents = self.simulator, self.agents
         observations, infos = self._observations(), self._infos()
-        paid = simulator.rewards[0].tolist()
+        amounts = simulator.rewards[0].tolist()
         terminated, truncated = bool(simulator.terminated[0]), bool(simulator.truncated[0])
-        # Captured in the step in which time ran out: terminated, not truncated.
+        # Agents captured in the last step are terminated, not truncated.
         out = self._out_of_game()
         terminations = {agent: terminated or agent in out for agent in agents}
         truncations = {agent: truncated and agent not in out for agent in agents}
         over = terminated or truncated
         self.agents = [] if over else [agent for agent in agents if agent not in out]
         self._show()
-        if not isinstance(paid, list):  # an arm: all joints have the same reward
-            rewards = dict.fromkeys(agents, paid)
+        if not isinstance(amounts, list):  # an arm: all joints have the same reward
+            rewards = dict.fromkeys(agents, amounts)
         else:
-            rewards = {agent: paid[self._seats[agent]] for agent in agents}
+            rewards = {agent: amounts[self._seats[agent]] for agent in agents}
         return observations, rewards, terminations, truncations, infos
 
     def _check_agents(self, actions: Any) -> None:
@@ -261,7 +261,7 @@ class PursuitParallelEnv(SimulatorParallelEnv):
         independent of this environment. Agents without a policy (yours) are left out.
 
         Args:
-            policies: by agent name, or by role for all agents of that role; a name goes first.
+            policies: by agent name, or by role for all agents of that role; names take precedence.
 
         Raises:
             ValueError: before the first reset, a policy for an agent that does not exist or is of
@@ -291,7 +291,7 @@ class PursuitParallelEnv(SimulatorParallelEnv):
         return {agent: {ACTION_MASK: masks[self._seats[agent]]} for agent in self.agents}
 
     def _masks(self) -> NDArray[np.int8]:
-        """[agents, actions], a fresh array: all 1 unless `mask_bumps`."""
+        """[agents, actions], a new array: all 1 unless `mask_bumps`."""
         simulator, actions = self.simulator, self.task.num_actions
         if not self.mask_bumps:
             return np.ones((self.task.num_agents, actions), dtype=np.int8)
@@ -299,9 +299,10 @@ class PursuitParallelEnv(SimulatorParallelEnv):
         return masks[0].astype(np.int8)
 
     def state(self) -> NDArray[np.float32]:
-        """float32 [agents + goals + 1]: 1 + cell of all agents and goals (0 when gone), steps.
+        """float32 [agents + goals + 1]: 1 + cell of all agents and goals (0 after capture or
+        collection), steps.
 
-        All numbers are whole; they are floats for the networks of central critics.
+        All numbers are integers; they are floats for the networks of central critics.
         """
         simulator = self.simulator
         agents = (simulator.positions[0] + 1) * simulator.active[0]

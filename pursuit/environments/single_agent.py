@@ -31,7 +31,7 @@ def fill_seats(task: Task, own: str | int, policies: Policies) -> tuple[int, lis
     Args:
         task: the game.
         own: your agent: a name ("chaser_1"), or a role for the first agent of it.
-        policies: by agent name, or by role for all agents of that role; a name goes first.
+        policies: by agent name, or by role for all agents of that role; names take precedence.
 
     Raises:
         ValueError: an agent without a policy, a policy of another role, or one for an unknown
@@ -109,7 +109,7 @@ class SeatOfGames:
         return {ACTION_MASK: self._masks().astype(np.int8)} if self.mask_bumps else {}
 
     def _masks(self) -> NDArray[np.bool_]:
-        """[games, actions] bool, a fresh array."""
+        """[games, actions] bool, a new array."""
         simulator, actions = self.simulator, self.task.num_actions
         if not self.mask_bumps:
             return np.ones((simulator.num_games, actions), dtype=bool)
@@ -188,7 +188,7 @@ class SingleAgentVectorEnv(
         num_envs: games in the batch.
         observation: one of `pursuit.observations.observations.ENCODINGS`.
         render_mode: None, "ansi" or "rgb_array".
-        seed: of the first reset, if that names none.
+        seed: seed of the first reset, if `reset` gets none.
         mask_bumps: `infos["action_mask"]`, [num_envs, actions] int8, is 1 for the moves that change
             the cell and for staying. Without the stay action it forbids waiting (with a warning).
         autoreset_mode: one of `gymnasium.vector.AutoresetMode`, or its name.

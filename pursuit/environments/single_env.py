@@ -1,7 +1,7 @@
-"""Gymnasium's environments of one game, and what all of Gymnasium's environments share.
+"""Gymnasium environments of one game, and the base classes of all Gymnasium environments.
 
-`SingleEnv` is one game, `pursuit.environments.vector.LockstepVectorEnv` a batch. Both ask the same
-of the world that is played, which `GamesOfWorld` lists.
+`SingleEnv` is one game, `pursuit.environments.vector.LockstepVectorEnv` a batch. Both use the
+methods of `GamesOfWorld`, which mazes and arms implement.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from pursuit.validation import as_array, checked_seed, some_seed
 class StepLimitInSpec:
     """`spec.max_episode_steps` is the `max_steps` of the task, which truncates episodes itself.
 
-    The ids are registered without a limit: `gymnasium.make` would add a `TimeLimit` of that many
-    steps, whatever `max_steps` is given. So the limit is written when Gymnasium sets the spec.
+    The ids are registered without a limit, as `gymnasium.make` would add a `TimeLimit` that ignores
+    `max_steps`. The limit is set when Gymnasium sets the spec.
     """
 
     task: Any
@@ -32,7 +32,7 @@ class StepLimitInSpec:
 
     @property
     def spec(self) -> EnvSpec | None:
-        """What `gymnasium.make` or `make_vec` made this of; None where neither did."""
+        """The spec of `gymnasium.make` or `make_vec`; None for environments made otherwise."""
         return self._spec
 
     @spec.setter
@@ -47,75 +47,75 @@ def checked_actions(
     """`actions` as an array.
 
     Args:
-        actions: of a batch of games.
-        kinds: of dtypes, as NumPy names them.
-        shape: that it must have.
-        rule: for the message.
-        limits: the least and the largest value; None where they are not checked here.
+        actions: the actions of a batch of games.
+        kinds: the allowed kinds of dtypes, in NumPy's codes.
+        shape: the required shape.
+        rule: description of valid actions, for messages.
+        limits: the smallest and largest value; None for no check.
 
     Raises:
-        ValueError: another dtype or shape, or a value outside the limits.
+        ValueError: a wrong dtype or shape, or a value outside the limits.
     """
     chosen = as_array("actions", actions, kinds, rule)
     if chosen.shape != shape or chosen.dtype.kind not in kinds:
         raise ValueError(
-            f"actions of shape {chosen.shape} and dtype {chosen.dtype}; {rule} of shape {shape} "
-            "are needed"
+            f"actions of shape {chosen.shape} and dtype {chosen.dtype}; give {rule} of shape "
+            f"{shape}"
         )
     if limits is not None:
         low, high = np.minimum.reduce(chosen, axis=None), np.maximum.reduce(chosen, axis=None)
         if low < limits[0] or high > limits[1]:
-            raise ValueError(f"actions from {low} to {high}; {rule}")
+            raise ValueError(f"actions from {low} to {high}; give {rule}")
     return chosen
 
 
 def row_of(observations: Any, game: Any) -> Any:
-    """The observation of one game in a batch, or in a dict of batches."""
+    """The entry of one game in a batch of observations, or in a dict of batches."""
     if isinstance(observations, dict):
         return {key: values[game] for key, values in observations.items()}
     return observations[game]
 
 
 class GamesOfWorld(ABC):
-    """What a world says of its games, one or many; all arrays are [games, ...]."""
+    """Interface of Gymnasium environments to simulators; all arrays are [games, ...]."""
 
     @abstractmethod
     def _begin(
         self, seed: int | None, options: Any, games: NDArray[np.bool_] | None = None
     ) -> None:
-        """Begin new episodes in all games, or those of a mask; ValueError for options of none."""
+        """Start new episodes in all games, or those of a mask; ValueError for invalid options."""
 
     @abstractmethod
     def _checked(self, actions: Any) -> Any:
-        """Actions, of one game or of all, as `_advance` takes them; ValueError for others."""
+        """The actions in the form that `_advance` needs; ValueError for invalid ones."""
 
     @abstractmethod
     def _advance(self, actions: Any) -> tuple[NDArray[Any], NDArray[np.bool_], NDArray[np.bool_]]:
-        """Rewards, terminations and truncations [games] of one step, live arrays."""
+        """Step; rewards, terminations and truncations [games], overwritten by later steps."""
 
     @abstractmethod
     def _observe(self) -> Any:
-        """[games, ...] what is observed now, an array or a dict of arrays."""
+        """[games, ...] the observations, an array or a dict of arrays."""
 
     @abstractmethod
     def _returns(self) -> NDArray[np.float64]:
-        """[games] the sum of rewards of every episode so far."""
+        """[games] the sum of rewards of the current episodes."""
 
     def _infos(self) -> dict[str, NDArray[Any]]:
-        """The infos of every reset and step, without masks."""
+        """The infos of every reset and step, without Gymnasium's masks."""
         return {}
 
     @abstractmethod
     def _scene(self, game: int = 0) -> Drawable:
-        """One game as it is drawn."""
+        """The scene of one game."""
 
 
 class SingleEnv(GamesOfWorld, StepLimitInSpec, Rendered, gymnasium.Env[Any, Any]):
-    """One game of a simulator; the info of the last step has the return and length of the episode.
+    """One game of a simulator. The info of the last step has the return and length of the episode.
 
     Args:
-        simulator: of one game, made with `auto_restart=False`.
-        observed, action: the spaces.
+        simulator: a simulator of one game with `auto_restart=False`.
+        observed, action: the spaces of observations and actions.
     """
 
     simulator: Any
@@ -130,15 +130,15 @@ class SingleEnv(GamesOfWorld, StepLimitInSpec, Rendered, gymnasium.Env[Any, Any]
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        """Begin a new episode.
+        """Start a new episode.
 
         Args:
-            seed: begins all random streams anew, and of an arm a pose that is kept otherwise.
-            options: "positions" and "goals" to begin there, with "maze", its number, where there
-                are several; of an arm `{"angles": [joints] radians, "target": (x, y)}`.
+            seed: seeds all random streams; an arm then draws a new pose.
+            options: the start state: "positions" and "goals", and "maze", its number, if there are
+                several; for an arm `{"angles": [joints] radians, "target": (x, y)}`.
 
         Raises:
-            ValueError: a seed out of range, or options that make no start; nothing is changed then.
+            ValueError: a seed out of range, or an invalid start. Nothing is changed then.
         """
         if seed is not None:
             seed = checked_seed(seed)
@@ -151,11 +151,11 @@ class SingleEnv(GamesOfWorld, StepLimitInSpec, Rendered, gymnasium.Env[Any, Any]
         return row_of(self._observe(), 0), row_of(self._infos(), 0)
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """Move your agent, and everybody else, by one step.
+        """Step your agent and all other agents.
 
         Raises:
-            ValueError: before the first reset, or an action of a wrong form or out of range; then
-                nothing has moved.
+            ValueError: a step before the first reset, or an invalid action. Nothing is changed
+                then.
         """
         if not self._seeded:
             raise ValueError("step before reset; call reset() first")

@@ -1,6 +1,6 @@
-"""Stable-Baselines3: a VecEnv over the Simulator (Stable-Baselines3 takes no Gymnasium VectorEnv).
+"""A VecEnv of Stable-Baselines3, which does not accept Gymnasium's VectorEnv.
 
-Needs the extra `sb3`: pip install 'pursuit[sb3]'.
+It needs the extra `sb3`: pip install 'pursuit[sb3]'.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ class StableBaselinesVecEnv(VecEnv):
     """A `SingleAgentVectorEnv` or `ReacherVectorEnv` for Stable-Baselines3.
 
     The infos hold "terminal_observation", "TimeLimit.truncated" and "episode" (return "r" and
-    length "l") in the step that ends an episode, so no Monitor wrapper is needed. Where the vector
-    environment was made with `mask_bumps=True` each info holds its "action_mask" as well;
-    `action_masks()`, which sb3-contrib's MaskablePPO asks for, is all True otherwise.
+    length "l") in the step that ends an episode, so no Monitor wrapper is needed. With
+    `mask_bumps=True` in the vector environment, each info also holds its "action_mask"; without it
+    `action_masks()`, which sb3-contrib's MaskablePPO uses, is all True.
 
-    Stable-Baselines3 wants the first observation of the next episode in the step that ends one, so
+    Stable-Baselines3 needs the first observation of the next episode in the step that ends one, so
     the vector environment is set to the autoreset mode SAME_STEP.
 
     Args:
-        env: the vector environment, as `gymnasium.make_vec("pursuit/Chaser-v0").unwrapped` gives.
+        env: the vector environment, e.g. `gymnasium.make_vec("pursuit/Chaser-v0").unwrapped`.
     """
 
     def __init__(self, env: LockstepVectorEnv) -> None:
@@ -40,7 +40,7 @@ class StableBaselinesVecEnv(VecEnv):
         self._next_seed: int | None = None
 
     def reset(self) -> Any:
-        """[num_envs, ...] the first observations; a dict of such with `mask_in_observation`."""
+        """[num_envs, ...] the first observations; a dict of arrays with `mask_in_observation`."""
         seed, self._next_seed = self._next_seed, None
         observations, _ = self.env.reset(seed=seed)
         return observations
@@ -74,7 +74,7 @@ class StableBaselinesVecEnv(VecEnv):
         return observations, rewards, dones, listed
 
     def close(self) -> None:
-        """Nothing is held open."""
+        """No effect."""
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
         """The attribute of the vector environment, once per game."""
@@ -98,7 +98,7 @@ class StableBaselinesVecEnv(VecEnv):
         return [result] * len(games)
 
     def action_masks(self) -> NDArray[np.bool_]:
-        """[num_envs, actions] bool: what each agent may do; ValueError for an arm."""
+        """[num_envs, actions] bool: the allowed actions; ValueError for an arm."""
         if not hasattr(self.env, "action_masks"):
             raise ValueError("an arm has no action masks: every action is legal")
         masks: NDArray[np.bool_] = self.env.action_masks()

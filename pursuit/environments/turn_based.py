@@ -1,4 +1,4 @@
-"""The turn-based (AEC) form of the parallel environments, and what PettingZoo wraps it in."""
+"""Turn-based (AEC) environments made from parallel environments."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from pettingzoo.utils.conversions import parallel_to_aec_wrapper
 
 
 class TurnBasedEnv(AECEnv[str, Any, Any]):
-    """PettingZoo's turns over a parallel environment, with one thing mended.
+    """PettingZoo's `parallel_to_aec_wrapper` with a different `unwrapped`.
 
-    The `unwrapped` of PettingZoo's own is the parallel environment, which has no turns, so that its
-    `TerminateIllegalWrapper` cannot end the game there. Of this one it is itself; what it has not
-    (the task, the simulator, ...) is that of the parallel environment.
+    In PettingZoo `unwrapped` is the parallel environment, which has no turns, so its
+    `TerminateIllegalWrapper` cannot end the game. Here `unwrapped` is the turn-based environment.
+    Other attributes (the task, the simulator, ...) are those of the parallel environment.
 
-    The methods are PettingZoo's, but not by inheritance: its tests allow no `unwrapped` that is one
-    of its own conversions.
+    The methods are copied and not inherited, as PettingZoo's tests refuse an `unwrapped` that is an
+    instance of its conversion classes.
     """
 
     __init__ = parallel_to_aec_wrapper.__init__
@@ -33,11 +33,11 @@ class TurnBasedEnv(AECEnv[str, Any, Any]):
     __str__ = parallel_to_aec_wrapper.__str__
 
     def __getattr__(self, name: str) -> Any:
-        if name.startswith("_") or name == "env":  # not there yet: a copy that is being made
+        if name.startswith("_") or name == "env":  # not set yet while an object is copied
             raise AttributeError(name)
         return getattr(self.env, name)
 
 
 def turn_based(env: ParallelEnv[str, Any, Any]) -> AECEnv[str, Any, Any]:
-    """A parallel environment by turns; out of turn, or before a reset, PettingZoo complains."""
+    """A turn-based environment that raises PettingZoo's errors for calls out of order."""
     return wrappers.OrderEnforcingWrapper(TurnBasedEnv(env))

@@ -1,4 +1,4 @@
-"""Gymnasium's vector environments over both simulators: seeds, ends and restarts."""
+"""Gymnasium vector environments over the simulators: seeds, ends of episodes, and restarts."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from pursuit.environments.single_env import GamesOfWorld, StepLimitInSpec, row_o
 from pursuit.validation import checked_seed, is_int, some_seed, whole
 
 RESET_MASK = "reset_mask"
-"""What Gymnasium calls the option that says which games begin anew."""
+"""Gymnasium's name of the option with the games to reset."""
 
 
 def checked_autoreset(mode: str | AutoresetMode) -> AutoresetMode:
-    """`mode`, itself or by its name or value; ValueError for another."""
+    """The mode, given as a member, name or value; ValueError for other values."""
     for known in AutoresetMode:
         if mode is known or (isinstance(mode, str) and mode in (known.name, known.value)):
             return known
@@ -29,9 +29,9 @@ def checked_autoreset(mode: str | AutoresetMode) -> AutoresetMode:
 
 
 def limited(task: Any, max_episode_steps: int | None) -> Any:
-    """The task, its episodes cut off after `max_episode_steps` if that is earlier.
+    """The task with `max_steps` lowered to `max_episode_steps`.
 
-    As Gymnasium's TimeLimit it only shortens episodes; what lengthens them is `max_steps`.
+    Like Gymnasium's TimeLimit this only shortens episodes; `max_steps` can lengthen them.
     """
     if max_episode_steps is None or whole("max_episode_steps", max_episode_steps, 1) >= (
         task.max_steps
@@ -41,7 +41,7 @@ def limited(task: Any, max_episode_steps: int | None) -> Any:
 
 
 def masked_infos(infos: dict[str, NDArray[Any]], games: NDArray[np.bool_]) -> dict[str, Any]:
-    """Infos of the games of a mask as Gymnasium has them: 0 for the others, the mask as "_key"."""
+    """Infos of the games of a mask in Gymnasium's form: 0 for other games, the mask as "_key"."""
     masked: dict[str, Any] = {}
     for key, values in infos.items():
         masked[key] = values.copy()
@@ -51,33 +51,33 @@ def masked_infos(infos: dict[str, NDArray[Any]], games: NDArray[np.bool_]) -> di
 
 
 class LockstepVectorEnv(GamesOfWorld, StepLimitInSpec, gymnasium.vector.VectorEnv[Any, Any, Any]):
-    """A batch of games of a simulator, of which a game that has ended begins anew as is asked.
+    """A batch of games of a simulator, with Gymnasium's modes of automatic resets.
 
-    `autoreset_mode` is one of Gymnasium's:
+    `autoreset_mode` determines when a game restarts:
 
-    - NEXT_STEP, the default: in the step after the one that ends it. That step ignores the action
-      of the game and brings a reward of 0.
-    - SAME_STEP: in the step that ends it. The observation is the first of the new episode;
-      `infos["final_obs"]` ([num_envs] object, None where no episode ended) holds the last of the
-      old one, and `infos["final_info"]` the infos that belong to it.
-    - DISABLED: in `reset(options={"reset_mask": mask})`; to step before that is an error.
+    - NEXT_STEP, the default: in the step after the end of the episode. That step ignores the action
+      of the game, and its reward is 0.
+    - SAME_STEP: in the step that ends the episode. The observation is the first of the new episode;
+      `infos["final_obs"]` ([num_envs] object, None for other games) holds the last observation of
+      the old episode, and `infos["final_info"]` its infos.
+    - DISABLED: in `reset(options={"reset_mask": mask})`; a step before that is an error.
 
-    The infos are those of Gymnasium's `SyncVectorEnv` over single environments: every key comes
-    with a mask "_key" [num_envs] bool of the games that it is of, the others have 0. In the step
-    that ends an episode they hold "episode_return" [num_envs] float64 and "episode_length"
-    [num_envs] int64; with SAME_STEP these stand in `infos["final_info"]`. (Not "episode", the key
-    that Gymnasium's `RecordEpisodeStatistics` claims for itself.)
+    The infos have the form of Gymnasium's `SyncVectorEnv`: every key comes with a mask "_key"
+    [num_envs] bool of the games with a value; other games have 0. In the step that ends an episode
+    they hold "episode_return" [num_envs] float64 and "episode_length" [num_envs] int64, with
+    SAME_STEP in `infos["final_info"]`. (The key "episode" is reserved for Gymnasium's
+    `RecordEpisodeStatistics`.)
 
     Args:
-        simulator: made with `auto_restart=False`.
+        simulator: a simulator with `auto_restart=False`.
         observed, actions: the spaces of one game.
         render_mode: None, "rgb_array" or "ansi".
-        render_fps: pictures per second.
-        seed: of the first reset, if that names none.
+        render_fps: frames per second.
+        seed: seed of the first reset, if `reset` gets none.
         autoreset_mode: one of `gymnasium.vector.AutoresetMode`, or its name.
 
     Raises:
-        ValueError: another render mode, seed or autoreset mode.
+        ValueError: an invalid render mode, seed or autoreset mode.
     """
 
     def __init__(
@@ -91,7 +91,7 @@ class LockstepVectorEnv(GamesOfWorld, StepLimitInSpec, gymnasium.vector.VectorEn
         autoreset_mode: str | AutoresetMode,
     ) -> None:
         if render_mode not in (None, "rgb_array", "ansi"):
-            raise ValueError(f"render_mode {render_mode!r}; a batch draws 'rgb_array' or 'ansi'")
+            raise ValueError(f"render_mode {render_mode!r}; give None, 'rgb_array' or 'ansi'")
         self.autoreset_mode = checked_autoreset(autoreset_mode)
         self.simulator, self.task, self.num_envs = simulator, simulator.task, simulator.num_games
         self.single_observation_space, self.single_action_space = observed, actions
@@ -113,17 +113,16 @@ class LockstepVectorEnv(GamesOfWorld, StepLimitInSpec, gymnasium.vector.VectorEn
         seed: int | Sequence[int | None] | None = None,
         options: dict[str, Any] | None = None,
     ) -> tuple[Any, dict[str, Any]]:
-        """Begin new episodes in all games, or in those of `options["reset_mask"]` [num_envs] bool.
+        """Start new episodes in all games, or in those of `options["reset_mask"]` [num_envs] bool.
 
         Args:
-            seed: with one integer game i belongs to (seed, i). A list has one for each game, which
-                then plays as a single environment does that is reset with that seed; the streams of
-                games whose seed is None go on.
-            options: others are those of the single environment, for all games or a row for each.
+            seed: an integer seeds game i with (seed, i). A list has one seed per game, which then
+                behaves like a single environment with that seed; the streams of games with seed
+                None continue.
+            options: other options are those of single environments, for all games or one row each.
 
         Raises:
-            ValueError: a seed or mask that cannot be, or options that make no start; nothing is
-                changed then.
+            ValueError: an invalid seed or mask, or an invalid start. Nothing is changed then.
         """
         chosen, options = self._chosen(options)
         listed = None if seed is None or is_int(seed) else self._checked_seeds(seed)
@@ -139,13 +138,13 @@ class LockstepVectorEnv(GamesOfWorld, StepLimitInSpec, gymnasium.vector.VectorEn
         except ValueError:
             self.simulator.streams[:] = streams
             raise
-        super().reset(seed=own)  # np_random, which is there for wrappers
+        super().reset(seed=own)  # sets np_random, for wrappers
         self._over[chosen] = False
         self._seeded = True
         return self._observe(), masked_infos(self._infos(), chosen)
 
     def _chosen(self, options: Any) -> tuple[NDArray[np.bool_], Any]:
-        """Which games begin anew, and the options without the mask that says so."""
+        """The mask of games to reset, and the other options."""
         every = np.ones(self.num_envs, dtype=bool)
         if not isinstance(options, dict) or RESET_MASK not in options:
             return every, options
@@ -158,39 +157,39 @@ class LockstepVectorEnv(GamesOfWorld, StepLimitInSpec, gymnasium.vector.VectorEn
 
     def _checked_seeds(self, seeds: Any) -> list[int | None]:
         if not isinstance(seeds, (Sequence, np.ndarray)) or isinstance(seeds, (str, bytes)):
-            raise ValueError(f"seed={seeds!r}; give one integer, or a list of one for each game")
+            raise ValueError(f"seed={seeds!r}; give one integer, or a list with one per game")
         if len(seeds) != self.num_envs:
-            raise ValueError(f"seed: {len(seeds)} seeds for {self.num_envs} games; one for each")
+            raise ValueError(f"seed: {len(seeds)} seeds for {self.num_envs} games; give one each")
         return [None if each is None else checked_seed(each) for each in seeds]
 
     def _seed_each(
         self, seeds: list[int | None], others: int | None, chosen: NDArray[np.bool_]
     ) -> None:
-        """Give game i the streams of a single game that is seeded with `seeds[i]`."""
-        simulator, alone = self.simulator, type(self.simulator)(self.task)
+        """Give game i the streams of a single game with seed `seeds[i]`."""
+        simulator, single = self.simulator, type(self.simulator)(self.task)
         if others is not None:
             simulator.seed(others)
         for game in np.flatnonzero(chosen):
             if seeds[game] is not None:
-                simulator.seed(0, [game])  # whatever else a seed does: a kept pose is drawn anew
-                alone.seed(seeds[game])
-                simulator.streams[game] = alone.streams[0]
+                simulator.seed(0, [game])  # for other effects of a seed: a new pose
+                single.seed(seeds[game])
+                simulator.streams[game] = single.streams[0]
 
     def step(
         self, actions: Any
     ) -> tuple[Any, NDArray[Any], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
-        """One step of every game.
+        """Step all games.
 
         Args:
-            actions: as `action_space` has them.
+            actions: actions in `action_space`.
 
         Returns:
             observations [num_envs, ...], rewards [num_envs] float32, terminations and truncations
             [num_envs] bool, infos.
 
         Raises:
-            ValueError: before the first reset, a wrong shape or dtype, an action out of range, or,
-                with autoreset DISABLED, a game that is over; then nothing has moved.
+            ValueError: a step before the first reset, a wrong shape or dtype, an action out of
+                range, or a game that is over with autoreset DISABLED. Nothing is changed then.
         """
         if not self._seeded:
             raise ValueError("step before reset; call reset() first")
@@ -230,26 +229,26 @@ class LockstepVectorEnv(GamesOfWorld, StepLimitInSpec, gymnasium.vector.VectorEn
         return self._observe(), rewards, terminations, truncations, infos
 
     def _final_observations(self, ended: NDArray[np.bool_]) -> NDArray[np.object_]:
-        """[num_envs] object: what is observed now in the games of the mask, None in the others."""
+        """[num_envs] object: observations of the games of the mask, None for the others."""
         observed, final = self._observe(), np.full(self.num_envs, None, dtype=object)
         for game in np.flatnonzero(ended):
             final[game] = row_of(observed, game)
         return final
 
     def _advance_others(self, actions: Any, waiting: NDArray[np.bool_]) -> list[NDArray[Any]]:
-        """Begin new episodes in the games of the mask `waiting`, and move the others."""
+        """Restart the games of the mask `waiting`, and step the others."""
         simulator, streams = self.simulator, self.simulator.streams[waiting]
-        # A game that is over stays as it is; your evader may have left one that goes on.
+        # Truncated games do not move. (A game may continue after the capture of your evader.)
         simulator.truncated[waiting] = True
         results = [array.copy() for array in self._advance(actions)]
-        simulator.streams[waiting] = streams  # from which its policies have drawn
+        simulator.streams[waiting] = streams  # policies have drawn from them
         simulator.reset(games=waiting)
         for array in results:
             array[waiting] = 0
         return results
 
     def render(self) -> Any:
-        """A tuple of one text or picture per game, as the render mode asks; None without one."""
+        """A tuple of one text or image per game, by the render mode; None without render mode."""
         if self.render_mode is None:
             return None
         scenes = [self._scene(game) for game in range(self.num_envs)]

@@ -1,1 +1,1 @@
-"""Mazes: their form, text and other formats, generators; the files and suites that are shipped."""
+"""The maze class, text formats, generators, and the included mazes and suites."""

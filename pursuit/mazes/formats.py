@@ -1,7 +1,7 @@
-"""The text formats of mazes: our own, and MovingAI's `.map`.
+"""Readers for the text formats of mazes: Pursuit's format and MovingAI's `.map`.
 
-Each reader turns a text into a `Drawing`, of which `Maze` is made. In a `.map` a wall fills a whole
-square; it becomes a blocked cell, and two neighbouring floor squares are joined.
+Each reader returns a `Drawing`, the arguments of `Maze`. In a `.map` a wall fills a whole square,
+which becomes a blocked cell; neighbouring passable squares are connected.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 PASSABLE, IMPASSABLE = ".GS", "@OTW"
-"""Terrain of MovingAI: ground and swamp; out of bounds, trees, and water, which cannot be entered
-from land and so is taken as impassable."""
+"""Terrain of MovingAI: ground and swamp; out of bounds, trees and water. Water cannot be entered
+from land, so it counts as impassable."""
 
 _HEADER = re.compile(r"type\s+(\S+)\s+height\s+(\d+)\s+width\s+(\d+)\s+map\s*")
 
 
 class Drawing(NamedTuple):
-    """What a text shows: the arguments of `Maze`, in their order."""
+    """The content of a maze file: the arguments of `Maze`, in their order."""
 
     walkable: NDArray[np.bool_]
     open_south: NDArray[np.bool_]
@@ -35,28 +35,28 @@ def _fail(name: str, line: int, problem: str) -> NoReturn:
 
 
 def _lines_of(text: str) -> tuple[list[str], int]:
-    """The lines without blank ones before and after, and the number of the first, from 1."""
+    """The lines without leading and trailing blank lines, and the number of the first, from 1."""
     lines = text.splitlines()
     filled = [number for number, line in enumerate(lines) if line.strip()]
     return (lines[filled[0] : filled[-1] + 1], filled[0] + 1) if filled else ([], 1)
 
 
 def _grid_of(lines: Sequence[str]) -> NDArray[np.str_]:
-    """[rows, columns] the characters of lines of one length."""
+    """[rows, columns] the characters of lines of equal length."""
     return np.array([list(line) for line in lines])
 
 
-# -- our own ---------------------------------------------------------------------------------------
+# -- Pursuit's format ------------------------------------------------------------------------------
 
 
 def read_walls(text: str, name: str) -> Drawing:
-    """A maze in our own format; see `Maze.from_text`.
+    """Read a maze in Pursuit's format; see `Maze.from_text`.
 
     Raises:
-        ValueError: naming the line and the remedy, if the text is no such maze.
+        ValueError: invalid text; the message names the line and the remedy.
     """
     if not isinstance(text, str):
-        raise ValueError(f"{name}: {text!r} is no text; give the drawing of a maze")
+        raise ValueError(f"{name}: {text!r} is not a string; give the text of a maze")
     lines, first = _lines_of(text)
     lines = [line.rstrip(" ") for line in lines]
     _check_rectangular(lines, first, name)
@@ -70,7 +70,7 @@ def read_walls(text: str, name: str) -> Drawing:
         if not character.isprintable():
             problem = f"unknown character {character!r}; a maze is plain text"
         elif not is_cell:
-            problem = f"the mark {character!r} stands between cells; put it in a cell"
+            problem = f"the mark {character!r} is between cells; put it in a cell"
         elif character == "S" and start is not None:
             problem = "a second start mark 'S'; keep one"
         elif character == "S":
@@ -85,21 +85,21 @@ def read_walls(text: str, name: str) -> Drawing:
 
 
 def _are_odd(grid: NDArray[np.str_]) -> NDArray[np.bool_]:
-    """Where a character is no part of a maze, or a start mark."""
+    """[rows, columns] True for start marks and invalid characters."""
     odd = np.isin(grid, ["S", "G", *(c for c in np.unique(grid) if not c.isprintable())])
     odd[1::2, 1::2] = ~np.isin(grid[1::2, 1::2], [" ", "#", "G"])
     return odd
 
 
 def _check_rectangular(lines: Sequence[str], first: int, name: str) -> None:
-    """Refuse lines that are not 2H+1 of 2W+1 characters, trailing blanks aside."""
+    """Raise ValueError unless there are 2H+1 lines of 2W+1 characters, without trailing blanks."""
     if not lines:
         raise ValueError(
             f"{name}: the file is empty; a maze of one cell is '+-+', '| |', '+-+' on three lines"
         )
     length = max(len(line) for line in lines)
-    # A row whose last character is a wall on a wall column looks complete: it is not a longer
-    # row from which an editor cut blanks.
+    # A line that ends with a wall character in a wall column is complete and too short. Other
+    # short lines have lost trailing blanks in an editor.
     short = [
         number
         for number, line in enumerate(lines)
@@ -129,14 +129,14 @@ def _check_rectangular(lines: Sequence[str], first: int, name: str) -> None:
         )
 
 
-# -- MovingAI's ------------------------------------------------------------------------------------
+# -- MovingAI's format -----------------------------------------------------------------------------
 
 
 def read_movingai(text: str, name: str) -> Drawing:
-    """A map in MovingAI's format (Sturtevant, 2012): a header, then a row a line.
+    """Read a map in MovingAI's format (Sturtevant, 2012): a header, then one line per row.
 
     Raises:
-        ValueError: another header, rows of another number or length, or unknown terrain.
+        ValueError: an invalid header, a wrong number or length of rows, or unknown terrain.
     """
     header = _HEADER.match(text)
     if not header:
@@ -147,7 +147,7 @@ def read_movingai(text: str, name: str) -> Drawing:
     height, width = int(header.group(2)), int(header.group(3))
     rows = text[header.end() :].split()
     if len(rows) != height:
-        raise ValueError(f"{name}: {len(rows)} rows, and its header says height {height}")
+        raise ValueError(f"{name}: {len(rows)} rows, but the header says height {height}")
     for line, row in enumerate(rows, text[: header.end()].count("\n") + 1):
         unknown = set(row) - set(PASSABLE + IMPASSABLE)
         if unknown:
@@ -158,9 +158,9 @@ def read_movingai(text: str, name: str) -> Drawing:
                 f"{IMPASSABLE!r}",
             )
         if len(row) != width:
-            _fail(name, line, f"{len(row)} characters; its header says width {width}")
+            _fail(name, line, f"{len(row)} characters, but the header says width {width}")
     if not height or not width:
-        raise ValueError(f"{name}: a map without cells")
+        raise ValueError(f"{name}: the map has no cells; give a height and width of 1 or more")
     walkable = np.isin(_grid_of(rows), list(PASSABLE))
     south, east = walkable[:-1] & walkable[1:], walkable[:, :-1] & walkable[:, 1:]
     return Drawing(walkable, south, east)

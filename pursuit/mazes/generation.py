@@ -1,10 +1,10 @@
-"""Generators of mazes, and the shipped library that they make.
+"""Maze generators, and the included mazes that they make.
 
-`python -m pursuit.mazes.generation` writes the library anew; `git diff` says what changed.
+`python -m pursuit.mazes.generation` writes the included mazes again; `git diff` shows changes.
 
-A grid of H×W cells has (H-1)W + H(W-1) inner walls. A maze in the making is one flat bool array
-`passages` of that length, True where the wall is open: first the walls south of the cells, row by
-row, then those east of the cells. Cells are numbered row by row.
+A grid of H×W cells has (H-1)W + H(W-1) inner walls. The generators work on one flat bool array
+`passages` of that length, True where a wall is open: first the walls south of the cells, row by
+row, then the walls east of the cells. Cells are numbered row by row.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from pursuit.rules import EAST, NORTH, SOUTH, next_below
 from pursuit.validation import check_bool, is_int, is_number, one_of, whole
 
 MAX_CELLS = 4_000_000
-"""The largest maze that is generated; 2000×2000 cells take some seconds and 500 MB."""
+"""The largest maze that can be generated; 2000×2000 cells take some seconds and 500 MB."""
 
 BYTES_PER_CELL = 100
-"""The memory that a cell takes while a maze is made: 70 measured, and what the algorithms keep."""
+"""Memory per cell during generation: 70 bytes measured, plus the arrays of the algorithms."""
 
 OUTSIDE, FRONTIER, INSIDE = range(3)
 
@@ -47,7 +47,7 @@ def passage_of(cell: int, action: int, height: int, width: int) -> int:
 
 @compiled
 def cell_after(cell: int, action: int, width: int) -> int:
-    """The next cell in that direction, walls ignored; not for use at the border."""
+    """The next cell in that direction, ignoring walls; undefined at the border."""
     if action == NORTH:
         return cell - width
     if action == SOUTH:
@@ -57,7 +57,7 @@ def cell_after(cell: int, action: int, width: int) -> int:
 
 @compiled
 def degree(cell: int, height: int, width: int, passages: Any) -> int:
-    """How many sides of the cell are open."""
+    """The number of open sides of the cell."""
     count = 0
     for action in range(4):
         passage = passage_of(cell, action, height, width)
@@ -86,7 +86,7 @@ def random_action(
 
 @allocating
 def prim(height: int, width: int, streams: Any, passages: Any) -> None:
-    """Randomised Prim: join a random cell of the frontier to a random neighbour inside.
+    """Randomised Prim: connect a random cell of the frontier to a random neighbour in the maze.
 
     Many short dead ends.
     """
@@ -101,7 +101,7 @@ def prim(height: int, width: int, streams: Any, passages: Any) -> None:
         count -= 1
         frontier[choice] = frontier[count]
         to_inside = random_action(cell, states, INSIDE, height, width, streams)
-        if to_inside >= 0:  # the first cell has nobody to join
+        if to_inside >= 0:  # the first cell has no neighbour in the maze
             passages[passage_of(cell, to_inside, height, width)] = True
         states[cell] = INSIDE
         for action in range(4):
@@ -115,7 +115,7 @@ def prim(height: int, width: int, streams: Any, passages: Any) -> None:
 
 @allocating
 def backtracker(height: int, width: int, streams: Any, passages: Any) -> None:
-    """Depth-first search: walk to random new cells, go back where there are none.
+    """Randomised depth-first search: move to random unvisited neighbours and backtrack.
 
     Long winding corridors.
     """
@@ -159,16 +159,16 @@ def wilson(height: int, width: int, streams: Any, passages: Any) -> None:
             cell = cell_after(cell, last_exit[cell], width)
 
 
-def open_room(height: int, width: int, streams: Any, passages: Any) -> None:
+def open_grid(height: int, width: int, streams: Any, passages: Any) -> None:
     """No inner walls at all."""
     passages[:] = True
 
 
 @compiled
 def braid(height: int, width: int, order: Any, streams: Any, passages: Any) -> None:
-    """Visit the cells in this order and open a wall of each that is a dead end.
+    """Open one wall of every dead end, visiting the cells in this order.
 
-    The wall is a random one of those to another dead end, or of all where there is none.
+    The wall is drawn from those to another dead end, or from all walls if there is none.
     """
     for cell in order:
         if degree(cell, height, width, passages) != 1:
@@ -193,7 +193,7 @@ ALGORITHMS: dict[str, Callable[[int, int, Any, Any], None]] = {
     "prim": prim,
     "backtracker": backtracker,
     "wilson": wilson,
-    "open": open_room,
+    "open": open_grid,
 }
 
 
@@ -212,16 +212,16 @@ def generate_maze(
         algorithm: `"prim"` (randomised Prim), `"backtracker"` (depth-first), `"wilson"` (uniform
             over all spanning trees) or `"open"` (no inner walls). The first three make trees.
         height: rows of cells.
-        width: columns of cells; as many as rows if not given.
-        loops: the share, 0 to 1, of the remaining inner walls that is removed (rounded to whole
-            walls, drawn uniformly). In a tree each removed wall makes one independent cycle.
-        no_dead_ends: open further walls, last of all, until no cell has just one open side.
-        seed: an int, which decides the maze, or a generator, which is drawn from.
-        name: the name of the maze; by default the algorithm and the size, `"prim-9x9"`.
+        width: columns of cells; default: `height`.
+        loops: fraction, 0 to 1, of the remaining inner walls to remove (rounded to whole walls,
+            drawn uniformly). In a tree each removed wall makes one independent cycle.
+        no_dead_ends: finally open walls until no cell has exactly one open side.
+        seed: an int, or a generator to draw from.
+        name: the name of the maze; default: algorithm and size, `"prim-9x9"`.
 
     Raises:
-        ValueError: an unknown algorithm, a size below 1, above MAX_CELLS cells or beyond memory
-            (with the bytes that it needs), loops outside 0 to 1, a negative seed, or no_dead_ends
+        ValueError: an unknown algorithm, a size below 1, above MAX_CELLS cells or beyond the
+            available memory, loops outside 0 to 1, a negative seed, or no_dead_ends
             with a single row or column of cells.
     """
     width = height if width is None else width
@@ -252,7 +252,7 @@ def check_arguments(
     no_dead_ends: bool,
     seed: int | np.random.Generator,
 ) -> None:
-    """Raise ValueError if `generate_maze` cannot take these."""
+    """Raise ValueError for invalid arguments of `generate_maze`."""
     one_of("algorithm", algorithm, tuple(ALGORITHMS))
     cells = whole("height", height, 1) * whole("width", width, 1)
     if cells > MAX_CELLS:
@@ -264,8 +264,8 @@ def check_arguments(
     check_bool("no_dead_ends", no_dead_ends)
     if not is_number(loops) or not 0 <= loops <= 1:
         raise ValueError(
-            f"loops {loops!r}; it is a share of the inner walls: give a number from 0 (a tree "
-            "stays one) to 1 (the open room)"
+            f"loops {loops!r}; it is a fraction of the inner walls: give a number from 0 (a tree "
+            "remains a tree) to 1 (no inner walls)"
         )
     if no_dead_ends and min(height, width) == 1 < max(height, width):
         raise ValueError(
@@ -276,10 +276,10 @@ def check_arguments(
         raise ValueError(f"seed {seed!r}; give an int of 0 or more, or a numpy Generator")
 
 
-# -- the shipped library ---------------------------------------------------------------------------
+# -- the included mazes ----------------------------------------------------------------------------
 
-# Size -> seeds of the maze without dead ends and of the tree: those that give, among the first
-# thousand, few open squares and few loops on the one side and a long way from S to G on both.
+# Size -> seeds of the maze without dead ends and of the tree. They were selected among the first
+# thousand for long shortest paths from S to G, and for few open squares and loops (first seed).
 LIBRARY_SEEDS = {
     2: (0, 0),
     3: (0, 506),
@@ -294,7 +294,7 @@ LIBRARY_SEEDS = {
 
 
 def library_mazes() -> dict[str, Maze]:
-    """The mazes of the shipped library by name, made afresh.
+    """Generate the included mazes, by name.
 
     S and G mark opposite corners. `"5x5"` has no dead ends, `"5x5-tree"` no loops, `"5x5-open"` no
     inner walls.

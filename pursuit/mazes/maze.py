@@ -1,4 +1,4 @@
-"""Maze: an immutable graph of cells, its text format, its neighbours and its distances."""
+"""The class `Maze`: an immutable graph of cells with a text format and shortest distances."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ from pursuit.rules import (
 from pursuit.validation import as_array, is_int
 
 BYTES_PER_CELL = 70
-"""The memory that it takes to make a maze: measured on 1000x1000 cells."""
+"""Memory per cell to create a maze, measured with 1000x1000 cells."""
 MAX_TABLE_CELLS = 4096
-"""Above this number of cells no all-pairs table is built (its size grows with the square)."""
+"""Larger mazes get no table of all distances, as its size is quadratic in the cells."""
 
 
 class Maze:
     """Cells in rows and columns with thin walls between them; a cell may be blocked.
 
-    Walkable cells are numbered row by row from 0. The maze never changes: its arrays are read-only,
-    equal mazes compare and hash as equal.
+    Walkable cells are numbered row by row from 0. Mazes are immutable: their arrays are read-only.
+    Mazes with the same cells, walls and marks are equal; names are not compared.
 
     Args:
         walkable: [height, width] bool, False where the cell is blocked.
@@ -48,19 +48,19 @@ class Maze:
             (r, c + 1).
         start: the (row, column) of the start mark, or None.
         goals: the (row, column) of every goal mark.
-        name: what error messages and results call this maze.
+        name: name of the maze in messages and results.
 
     Raises:
-        ValueError: no walkable cell; a mark on a blocked cell; a goal that the start, or another
-            goal, cannot reach; shapes that do not fit together; more than memory holds.
+        ValueError: no walkable cell; a mark on a blocked cell; a goal that is unreachable from the
+            start or another goal; inconsistent shapes; not enough memory.
 
     Attributes:
         height, width: rows and columns of cells.
-        num_cells: how many of them are walkable.
-        cell_numbers: [height, width] int32, the number of each cell; -1 where blocked.
-        rows, columns: [num_cells] int32, where each cell lies.
-        neighbors: [num_cells, 5] int32, the cell after north, south, east, west and stay; the cell
-            itself where a wall is in the way.
+        num_cells: number of walkable cells.
+        cell_numbers: [height, width] int32, the number of each cell; -1 if blocked.
+        rows, columns: [num_cells] int32, the row and column of each cell.
+        neighbors: [num_cells, 5] int32, the cell after north, south, east, west and stay; the same
+            cell if a wall blocks the move.
         start_mark: the number of the cell marked `S`, or None.
         goal_marks: the numbers of the cells marked `G`, in order.
     """
@@ -82,7 +82,7 @@ class Maze:
                 f"{height}x{width} cells need {(height - 1, width)} and {(height, width - 1)}"
             )
         if not walkable.any():
-            raise ValueError(f"{name}: no walkable cell; leave at least one cell blank")
+            raise ValueError(f"{name}: no walkable cell; at least one must be walkable")
         self.name = name
         self.height, self.width = height, width
         self.num_cells = int(walkable.sum())
@@ -116,7 +116,7 @@ class Maze:
 
     def _marked(self, place: tuple[int, int], mark: str) -> int:
         if np.shape(place) != (2,) or np.asarray(place).dtype.kind not in "iu":
-            raise ValueError(f"{self.name}: the mark {mark!r} at {place!r}; give (row, column)")
+            raise ValueError(f"{self.name}: the mark {mark!r} is at {place!r}; give (row, column)")
         inside = 0 <= place[0] < self.height and 0 <= place[1] < self.width
         cell = int(self.cell_numbers[place]) if inside else -1
         if cell < 0:
@@ -147,17 +147,17 @@ class Maze:
         """Read a maze of H×W cells from 2H+1 lines of 2W+1 characters.
 
         The character at (2r+1, 2c+1) is the cell: blank, `S` (start), `G` (goal) or `#` (blocked).
-        A blank between two cells joins them and any other character there is a wall. The border
-        counts as closed whatever stands there. Blank lines before and after, carriage returns, a
-        missing last newline and trailing blanks cut by an editor are all fine.
+        A blank between two cells connects them; any other character is a wall. The border is always
+        closed. Leading and trailing blank lines, carriage returns, a missing last newline and
+        missing trailing blanks are accepted.
 
         Raises:
-            ValueError: naming `name`, the line and the remedy, if the text is no such maze.
+            ValueError: invalid text; the message names the maze, the line and the remedy.
         """
         return cls(*read_walls(text, name), name)
 
     def to_text(self) -> str:
-        """The maze in the text format; `Maze.from_text` of it gives an equal maze."""
+        """The maze in the text format, which `Maze.from_text` reads."""
         grid = np.full((2 * self.height + 1, 2 * self.width + 1), " ", dtype="<U1")
         grid[::2, ::2] = "+"
         grid[::2, 1::2] = "-"
@@ -199,7 +199,7 @@ class Maze:
 
     @cached_property
     def num_components(self) -> int:
-        """How many parts the maze falls into; 1 where every cell reaches every other."""
+        """The number of connected components."""
         unseen, parts = np.ones(self.num_cells, dtype=bool), 0
         while unseen.any():
             unseen &= self.distances_from(int(unseen.argmax())) == UNREACHABLE
@@ -213,12 +213,12 @@ class Maze:
 
     @property
     def num_loops(self) -> int:
-        """Independent cycles: passages - cells + connected parts; 0 for a tree."""
+        """The number of independent cycles: passages - cells + components; 0 for a tree."""
         return int(self.degrees.sum()) // 2 - self.num_cells + self.num_components
 
     @cached_property
     def distances(self) -> NDArray[np.int32]:
-        """[num_cells, num_cells] int32, steps on a shortest path; UNREACHABLE where there is none.
+        """[num_cells, num_cells] int32, lengths of shortest paths; UNREACHABLE without a path.
 
         Computed on first use and read-only.
 
@@ -236,9 +236,9 @@ class Maze:
         return table
 
     def distances_from(self, cell: int) -> NDArray[np.int32]:
-        """[num_cells] int32, steps between `cell` and every cell, by one breadth-first search.
+        """[num_cells] int32, distances between `cell` and all cells, by breadth-first search.
 
-        UNREACHABLE where there is no path. Needs no table: for mazes of any size.
+        UNREACHABLE without a path. It needs no table, so it works for mazes of any size.
         """
         self.check_cell(cell)
         if "distances" in self.__dict__:
@@ -251,14 +251,14 @@ class Maze:
 
     @cached_property
     def longest_distance(self) -> int:
-        """The largest finite distance between two cells; exact, and quadratic in their number."""
+        """The largest finite distance between two cells, in time quadratic in their number."""
         if self.num_cells <= MAX_TABLE_CELLS:
             table = self.distances
             return int(table[table != UNREACHABLE].max())
         return int(longest_distance(self.neighbors))
 
     def check_cell(self, cell: int) -> int:
-        """`cell`, if it is the number of a cell; raises ValueError otherwise."""
+        """`cell` as an int; ValueError if it is not the number of a cell."""
         if not is_int(cell):
             raise ValueError(f"{self.name}: cell {cell!r}; a cell is a whole number")
         if not 0 <= cell < self.num_cells:
@@ -267,7 +267,7 @@ class Maze:
 
     @cached_property
     def _content(self) -> bytes:
-        """A digest of all that a maze is but its name: equal where the texts are."""
+        """A digest of the maze without its name; equal mazes have equal digests."""
         digest = hashlib.sha256(repr((self.start_mark, self.goal_marks)).encode())
         for array in (self.cell_numbers, self.neighbors):
             digest.update(repr(array.shape).encode())
@@ -283,7 +283,7 @@ class Maze:
         return hash(self._content)
 
     def __getstate__(self) -> dict[str, Any]:
-        """All but the table of distances, which is larger than all the rest, and soon made."""
+        """All attributes except the distance table, which is large and fast to compute."""
         return {name: kept for name, kept in vars(self).items() if name != "distances"}
 
     def __repr__(self) -> str:
@@ -291,15 +291,15 @@ class Maze:
 
 
 def _own_grids(name: str, *grids: Any) -> tuple[NDArray[np.bool_], ...]:
-    """The grids [rows, columns] of a maze of that name, as arrays of their own.
+    """Copies of the grids [rows, columns] of a maze, as bool arrays.
 
     Raises:
-        ValueError: they are not of two dimensions, hold no bools, or need more than memory holds.
+        ValueError: not two dimensions, no bools, or not enough memory.
     """
     rule = "walkable, open_south and open_east are arrays [rows, columns] of bools"
     found = [as_array(f"{name}: grid", grid, "b", rule) for grid in grids]
     if any(grid.ndim != 2 for grid in found):
-        raise ValueError(f"{name}: {rule}; these have shapes {[grid.shape for grid in found]}")
+        raise ValueError(f"{name}: {rule}; the shapes are {[grid.shape for grid in found]}")
     height, width = found[0].shape
     needed = BYTES_PER_CELL * found[0].size
     check_memory(f"{name} of {height}x{width} cells", needed, "make it smaller")
@@ -307,7 +307,7 @@ def _own_grids(name: str, *grids: Any) -> tuple[NDArray[np.bool_], ...]:
 
 
 def table_of_distances(maze: Maze) -> NDArray[np.int32]:
-    """A fresh `maze.distances`, which the maze does not keep; for mazes of which there are many."""
+    """`maze.distances`, computed without caching it in the maze; for large sets of mazes."""
     if "distances" in vars(maze):
         return maze.distances
     table = np.empty((maze.num_cells, maze.num_cells), dtype=np.int32)
@@ -316,16 +316,16 @@ def table_of_distances(maze: Maze) -> NDArray[np.int32]:
 
 
 def load_maze(maze: str | Path | Maze) -> Maze:
-    """A maze of the shipped library by its name (`"5x5"`), of a suite, or of a file by its path.
+    """Load a maze: an included one by name (`"5x5"`), one of a suite, or a file by path.
 
-    A `Maze` is returned as it is, so that whoever takes a maze can take a name as well. One maze of
-    a suite is `"suite:7x7-test/017"` (all of it: `pursuit.load_suite`). A file whose name ends in
-    `.map` is read as a map of MovingAI (Sturtevant, 2012): passable squares (`.`, `G` and swamp,
-    `S`) are cells, joined to their neighbours; all others are blocked.
+    A `Maze` is returned unchanged. One maze of a suite is `"suite:7x7-test/017"`; for all of them
+    see `pursuit.load_suite`. Files with the suffix `.map` are read as MovingAI maps (Sturtevant,
+    2012): passable squares (`.`, `G`, and swamp `S`) are cells connected to their neighbours; all
+    others are blocked.
 
     Raises:
-        ValueError: no such name or file; a directory; not text; not a maze. The message names the
-            file, the line and the remedy.
+        ValueError: an unknown name, a missing file, a directory, or an invalid file. The message
+            names the file, the line and the remedy.
     """
     if isinstance(maze, Maze):
         return maze

@@ -1,4 +1,4 @@
-"""Mazes as the kernels need them: laid end to end in four flat arrays."""
+"""Mazes for kernels: several mazes concatenated in four flat arrays."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from pursuit.rules.distances import NO_PATH
 
 
 class MazeArrays(NamedTuple):
-    """What kernels are given of the mazes; `layout.world_of` names what is in them.
+    """The arrays of mazes that kernels use; `layout.world_of` gives names to their parts.
 
     Attributes:
-        mazes: [GOAL_MARKS + marks, num_mazes] int64, where each maze begins, and its marks.
+        mazes: [GOAL_MARKS + marks, num_mazes] int64, the offsets and marks of each maze.
         neighbors: [all cells, 5] int32.
-        facts: [FACT_LAYERS, all cells] int32, row, column, distance to the nearest goal mark, mask
-            of moves.
+        facts: [FACT_LAYERS, all cells] int32, the row, column, distance to the nearest goal
+            mark, and bit mask of moves of every cell.
         tables: uint16, the distance tables of all mazes that have one, flattened.
     """
 
@@ -31,7 +31,7 @@ class MazeArrays(NamedTuple):
 
     @property
     def world(self) -> layout.World:
-        """The same under the names of the rule book."""
+        """The same arrays under the names that kernels use."""
         return layout.named(layout.world_of, *self)
 
 

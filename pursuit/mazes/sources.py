@@ -1,4 +1,4 @@
-"""Where mazes come from by name: the shipped library, the frozen suites, and files."""
+"""Loading mazes by name: included mazes, suites, and files."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ LIBRARY = Path(__file__).with_name("files")
 
 
 BYTES_PER_CHARACTER = 26
-"""The memory that it takes to read the text of a maze: measured on 1000x1000 cells."""
+"""Memory per character to read the text of a maze, measured with 1000x1000 cells."""
 
 
 def library_names() -> list[str]:
-    """The names of the shipped mazes, smallest first."""
+    """The names of the included mazes, smallest first."""
     names = [path.stem for path in LIBRARY.glob("*.txt")]
     return sorted(names, key=lambda name: (int(name.split("x")[0]), name))
 
 
 def drawing_of(maze: str | Path) -> tuple[Drawing, str]:
-    """What `Maze` takes of the maze of a name or path, and what it is called.
+    """The arguments of `Maze` for a name or path, and the name of the maze.
 
     Raises:
         ValueError: as `load_maze`.
@@ -31,8 +31,8 @@ def drawing_of(maze: str | Path) -> tuple[Drawing, str]:
         rows = rows_of(maze)
         if len(rows) > 1:
             raise ValueError(
-                f"maze {maze!r} is {len(rows)} mazes, and one is needed here; one of them is "
-                f"suite:{rows[0].name}"
+                f"maze {maze!r} is {len(rows)} mazes, but one is needed; give one of them, such "
+                f"as suite:{rows[0].name}"
             )
         return Drawing(*grids_of_row(rows[0])), rows[0].name
     names = library_names()
@@ -46,10 +46,10 @@ def drawing_of(maze: str | Path) -> tuple[Drawing, str]:
 
 
 def read_text(path: Path) -> str:
-    """The text of a file that may be a maze.
+    """The text of a maze file.
 
     Raises:
-        ValueError: there is none, it is no text, or longer than memory holds.
+        ValueError: the file does not exist, is not text, or is too large for the memory.
     """
     try:
         if not path.exists():

@@ -1,9 +1,9 @@
-"""The frozen suites as files: which there are, their rows, and the sums that they are held against.
+"""The files of the maze suites: names, rows and checksums.
 
-A suite is a table `pursuit/mazes/files/suites/SIZE-SPLIT.csv`, a maze a row: its number, how it was
-generated, and the hexadecimal digits of its open walls (first those south of the cells, row by row,
-then those east of the cells; the first wall is the highest bit). `SHA256SUMS` beside them is what
-`sha256sum` writes, so `sha256sum --check SHA256SUMS` in that folder checks them, too.
+A suite is a table `pursuit/mazes/files/suites/SIZE-SPLIT.csv` with one row per maze: its number,
+the arguments of its generator, and its open walls in hexadecimal (first the walls south of the
+cells, row by row, then the walls east of the cells; the first wall is the highest bit). The file
+`SHA256SUMS` has the format of `sha256sum`; `sha256sum --check SHA256SUMS` verifies the tables.
 """
 
 from __future__ import annotations
@@ -23,19 +23,19 @@ SUITES = Path(__file__).parent / "files" / "suites"
 SUMS = "SHA256SUMS"
 SIZES = (5, 7, 9, 15)
 SPLITS = {"train": 1000, "validation": 100, "test": 200}
-"""Mazes of each split: to learn in, to choose by, and to report on."""
+"""Number of mazes of each split: for training, model selection, and reported results."""
 
 PREFIX = "suite:"
 _PART = re.compile(r"(?:suite:)?([^/]+)(?:/(\d+)(?:-(\d+))?)?")
 
 
 class Row(NamedTuple):
-    """A maze of a suite.
+    """One maze of a suite.
 
     Attributes:
-        name: `"7x7-test/017"`.
-        generator, loops, no_dead_ends, seed: as `generate_maze` takes them.
-        openings: hexadecimal digits.
+        name: for example `"7x7-test/017"`.
+        generator, loops, no_dead_ends, seed: arguments of `generate_maze`.
+        openings: the open walls in hexadecimal.
     """
 
     name: str
@@ -47,7 +47,7 @@ class Row(NamedTuple):
 
     @property
     def kind(self) -> str:
-        """The generator and how it was told to make loops, in words."""
+        """The generator and its loop setting, for tables."""
         if self.no_dead_ends:
             return f"{self.generator}, no dead ends"
         return f"{self.generator}, loops {self.loops:g}"
@@ -64,23 +64,23 @@ def maze_name(suite: str, number: int) -> str:
 
 
 def is_suite(maze: object) -> bool:
-    """Whether this is written as the name of a suite, or of a part of one."""
+    """Whether this names a suite or a part of one: a string that starts with `suite:`."""
     return isinstance(maze, str) and maze.startswith(PREFIX)
 
 
 def rows_of(given: str) -> tuple[Row, ...]:
-    """The rows of a suite (`"7x7-test"`), of one of its mazes (`"7x7-test/017"`) or of some of them
-    (`"7x7-train/0-99"`), with `suite:` before it or without.
+    """The rows of a suite (`"7x7-test"`), of one maze (`"7x7-test/017"`) or of a range of mazes
+    (`"7x7-train/0-99"`). The prefix `suite:` is optional.
 
     Raises:
-        ValueError: no such suite or mazes.
+        ValueError: an unknown suite, or maze numbers out of range.
     """
     found = _PART.fullmatch(given)
     suite = found.group(1) if found else given
     if not found or suite not in suite_names():
         raise ValueError(
-            f"unknown suite {given!r}; suites: {', '.join(suite_names())}; one maze of it is "
-            "NAME/017, some are NAME/0-99"
+            f"unknown suite {given!r}; suites: {', '.join(suite_names())}; one maze is "
+            "NAME/017, a range is NAME/0-99"
         )
     rows = read_rows(suite)
     if found.group(2) is None:
@@ -89,8 +89,8 @@ def rows_of(given: str) -> tuple[Row, ...]:
     last = first if found.group(3) is None else int(found.group(3))
     if not first <= last < len(rows):
         raise ValueError(
-            f"{given!r}: the mazes of suite {suite} are 0 to {len(rows) - 1}; some of them are "
-            "FIRST-LAST, counting upwards"
+            f"{given!r}: the mazes of suite {suite} are 0 to {len(rows) - 1}; a range is "
+            "FIRST-LAST with FIRST <= LAST"
         )
     return rows[first : last + 1]
 
@@ -114,7 +114,7 @@ def read_rows(suite: str) -> tuple[Row, ...]:
 def grids_of_row(
     row: Row,
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
-    """`walkable`, `open_south` and `open_east`, as `Maze` takes them."""
+    """The arguments `walkable`, `open_south` and `open_east` of `Maze`."""
     height, width = (int(side) for side in row.name.split("-")[0].split("x"))
     num_south = (height - 1) * width
     digits = np.frombuffer(bytes.fromhex(row.openings), dtype=np.uint8)
@@ -126,7 +126,7 @@ def grids_of_row(
     )
 
 
-# -- sums ------------------------------------------------------------------------------------------
+# -- checksums -------------------------------------------------------------------------------------
 
 
 def sums_text(files: dict[str, bytes]) -> str:

@@ -1,7 +1,7 @@
-"""Frozen suites of mazes: to train on, to choose by, and to report on mazes that were never seen.
+"""Fixed suites of mazes for training, model selection, and tests on held-out mazes.
 
-`python -m pursuit.mazes.suites` writes the mazes of `pursuit/mazes/files/suites/` anew from their
-seeds; `git diff` says what changed.
+`python -m pursuit.mazes.suites` generates the files of `pursuit/mazes/files/suites/` again from
+their seeds; `git diff` shows changes.
 """
 
 from __future__ import annotations
@@ -38,27 +38,27 @@ KINDS = tuple(
 """Maze number i of a suite is of kind i modulo 12: (generator, (loops, no_dead_ends))."""
 
 FIRST_SEEDS = {"train": 0, "validation": 10**6, "test": 2 * 10**6}
-"""Every maze of a split takes the next seed that gives a maze not yet in any split."""
+"""First seed of each split. Seeds that give a maze of an earlier split or row are skipped."""
 
 
 @lru_cache(maxsize=64)
 def load_suite(name: str) -> tuple[Maze, ...]:
-    """The mazes of a frozen suite, in order; each is called NAME/NUMBER, as `"7x7-test/017"`.
+    """The mazes of a suite, in order. The name of a maze is NAME/NUMBER, as in `"7x7-test/017"`.
 
     Args:
         name: `"7x7-train"`, `"7x7-validation"`, `"7x7-test"`, or another size of 5, 9 and 15;
-            `"7x7-train/0-99"` is the first hundred of it, in which all kinds are, too.
+            `"7x7-train/0-99"` is its first hundred mazes, which include all kinds.
 
     Raises:
-        ValueError: no such suite.
+        ValueError: an unknown suite.
     """
     if not isinstance(name, str):
-        raise ValueError(f"suite={name!r}; give the name of one: {', '.join(suite_names())}")
+        raise ValueError(f"suite={name!r}; give the name of a suite: {', '.join(suite_names())}")
     return tuple(Maze(*grids_of_row(row), name=row.name) for row in rows_of(name))
 
 
 def load_mazes(given: str | Path | Maze | Sequence[str | Path | Maze]) -> tuple[Maze, ...]:
-    """One maze or several of them, each of them a name, a path, a `Maze`, or a suite of mazes.
+    """Load one or several mazes. Each is a name, a path, a `Maze`, or the name of a suite.
 
     Raises:
         ValueError: as `load_maze` and `load_suite`.
@@ -70,11 +70,11 @@ def load_mazes(given: str | Path | Maze | Sequence[str | Path | Maze]) -> tuple[
     return tuple(maze for each in given for maze in load_mazes(each))
 
 
-# -- how they are made -----------------------------------------------------------------------------
+# -- generation ------------------------------------------------------------------------------------
 
 
 def least_copy(maze: Maze) -> bytes:
-    """The same for all rotated and mirrored copies of a maze, and for no other maze."""
+    """A key that is equal for rotated and mirrored copies of a maze, and only for those."""
     grid = np.zeros((2 * maze.height - 1, 2 * maze.width - 1), dtype=bool)
     grid[::2, ::2] = maze.cell_numbers >= 0
     grid[1::2, ::2], grid[::2, 1::2] = maze.open_south, maze.open_east
@@ -83,7 +83,7 @@ def least_copy(maze: Maze) -> bytes:
 
 
 def suite_rows(size: int) -> Iterator[tuple[str, list[list[Any]]]]:
-    """(split, its rows) of the suites of a size, made afresh: no maze twice, nor a copy of one."""
+    """Generate (split, rows) of the suites of one size, without duplicates or symmetric copies."""
     taken: set[bytes] = set()
     for split, number in SPLITS.items():
         seeds = count(FIRST_SEEDS[split])
@@ -97,13 +97,13 @@ def suite_rows(size: int) -> Iterator[tuple[str, list[list[Any]]]]:
                 taken.add(copy)
                 openings = np.concatenate([maze.open_south.ravel(), maze.open_east.ravel()])
                 digits = np.packbits(openings).tobytes().hex()
-                told = "yes" if braided else "no"
-                rows.append([len(rows), generator, loops, told, seed, digits])
+                no_dead_ends = "yes" if braided else "no"
+                rows.append([len(rows), generator, loops, no_dead_ends, seed, digits])
         yield split, rows
 
 
 def suite_tables() -> dict[str, bytes]:
-    """The files of the suites by name, made afresh."""
+    """Generate the files of the suites, by name."""
     tables = {}
     for size in SIZES:
         for split, rows in suite_rows(size):

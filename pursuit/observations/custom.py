@@ -40,19 +40,18 @@ def given_radius(encoding: str) -> int | None:
         return None
     if int(radius) > MAX_WINDOW:
         raise ValueError(
-            f"a window of radius {radius}; it is at most {MAX_WINDOW}: give a smaller one, such as "
-            "window:4"
+            f"window radius {radius}; at most {MAX_WINDOW}: give a smaller one, such as window:4"
         )
     return int(radius)
 
 
 def check_observation(name: object) -> None:
-    """ValueError unless `name` is a built-in encoding or a custom observation."""
+    """Raise ValueError unless `name` is a built-in encoding or a custom observation."""
     if is_builtin(name):
         given_radius(str(name))
     elif isinstance(name, str) and name.startswith(f"{WINDOW}:"):
         raise ValueError(
-            f"observation {name!r}; of window:R, R is a whole number from 0 to {MAX_WINDOW}, such "
+            f"observation {name!r}; give window:R with a number R from 0 to {MAX_WINDOW}, such "
             "as window:4"
         )
     else:

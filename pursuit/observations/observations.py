@@ -61,7 +61,7 @@ class Encoder:
             "package.module:Name".
 
     Raises:
-        ValueError: an unknown encoding, or an observation whose space is not a Box.
+        ValueError: an unknown encoding, or a custom observation with a space other than Box.
 
     Attributes:
         shape, dtype: shape and dtype of one observation.
@@ -166,9 +166,9 @@ class Encoder:
             encodings.draw_codes(seen, games.maze, self._draws[seats], self._places, flat)
         else:
             at = games.position[:, seats]
-            looks = (games.maze, sight.table, view, hidden, self._codes[seats] - SELF)
+            views = (games.maze, sight.table, view, hidden, self._codes[seats] - SELF)
             centred = self.encoding != "planes"
-            encodings.draw_planes(seen, at, *looks, *self._grids, centred, out)
+            encodings.draw_planes(seen, at, *views, *self._grids, centred, out)
 
 
 def _draws(codes: NDArray[np.int64], num_goals: int) -> NDArray[np.int64]:
@@ -191,8 +191,8 @@ def _drawn_mazes(task: Task, with_walls: bool) -> tuple[NDArray[np.int64], NDArr
         if with_walls:
             rows, columns = 2 * rows + 1, 2 * columns + 1
             for action, (down, right) in enumerate(((-1, 0), (1, 0), (0, 1), (0, -1))):
-                joined = maze.neighbors[:, action] != np.arange(maze.num_cells)
-                background[number, rows[joined] + down, columns[joined] + right] = FLOOR
+                is_open = maze.neighbors[:, action] != np.arange(maze.num_cells)
+                background[number, rows[is_open] + down, columns[is_open] + right] = FLOOR
         background[number, rows, columns] = FLOOR
         places[number, : maze.num_cells] = rows * shape[1] + columns
     return places, background

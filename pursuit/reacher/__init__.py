@@ -1,5 +1,5 @@
-"""The arm: N joints in the plane that bring a tip to a target.
+"""The arm: N joints in the plane that move a tip to a target.
 
-The same shape as the mazes' world, in small: `rules.py` (the rule book), `simulator.py`,
-`observations.py`, `policy.py`, environments and pictures.
+The modules correspond to those for mazes: rules, simulator, observations, policy, environments and
+rendering.
 """

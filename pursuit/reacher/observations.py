@@ -1,4 +1,4 @@
-"""What is observed of an arm, and the space of it."""
+"""Encodings of observations of an arm, and their spaces."""
 
 from __future__ import annotations
 
@@ -19,17 +19,18 @@ ENCODINGS = ("positions", "positions_angles")
 
 @lru_cache
 def space_of(task: ReacherTask, encoding: str) -> gymnasium.spaces.Box:
-    """The space of an encoding: the same object at every call.
+    """The space of an encoding (the same object at every call).
 
-    Numbers: 1 where the tip is in reach, else 0; x and y of the base and of the end of every link,
-    relative to the target, in lengths of a link; with "positions_angles" the angles, in radians.
+    An observation contains 1 if the tip is in reach of the target, else 0; x and y of the base and
+    of the end of every link, relative to the target, in link lengths; with "positions_angles" also
+    the angles in radians.
 
     Raises:
         ValueError: an unknown encoding.
     """
     one_of("observation", encoding, ENCODINGS)
     joints = task.joints
-    # A target lies in reach, so `tolerance` beyond the rim at most.
+    # A target is at most `tolerance` outside the rim.
     most = [1.0] + [2.0 * joints + task.tolerance] * (2 * joints + 2)
     if encoding == "positions_angles":
         most += [np.pi] * joints
@@ -40,10 +41,10 @@ def space_of(task: ReacherTask, encoding: str) -> gymnasium.spaces.Box:
 
 
 def encode(task: ReacherTask, arms: Arms, encoding: str, out: Any = None) -> NDArray[np.float32]:
-    """[arms, numbers] float32 of what is observed: a fresh array, or `out`.
+    """[arms, numbers] float32, the observations: a new array, or `out`.
 
     Raises:
-        ValueError: an unknown encoding, or an `out` of another form.
+        ValueError: an unknown encoding, or an `out` of another shape or dtype.
     """
     shape = (len(arms.steps), *space_of(task, encoding).shape)
     if out is None:

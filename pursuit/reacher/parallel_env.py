@@ -1,4 +1,4 @@
-"""The arm as a PettingZoo parallel environment: every joint is an agent, and all are one team."""
+"""The arm as a PettingZoo parallel environment with one agent per joint."""
 
 from __future__ import annotations
 
@@ -21,27 +21,27 @@ from pursuit.validation import as_array, check_bool, one_of
 
 
 class ReacherParallelEnv(SimulatorParallelEnv):
-    """One arm, a joint of which each agent turns: "joint_0" at the base, "joint_1", ...
+    """One arm; each agent turns one joint: "joint_0" at the base, "joint_1", ...
 
-    All are paid the reward of the whole arm, and their episodes end together. Each sees the whole
-    arm, and which joint it is: the observation of `pursuit.reacher.observations`, and after it
-    [joints] numbers, 1 for its own and 0 for the others, so that one network can move all joints.
+    All agents receive the reward of the arm, and their episodes end together. An agent observes the
+    whole arm (`pursuit.reacher.observations`), followed by a one-hot vector [joints] of its own
+    joint, so that all agents can share one network.
 
     Actions are [1] float32 in [-1, 1], or, with `discrete_actions`, 0 (back), 1 (stay) or 2
-    (forth). The infos are empty.
+    (forward). The infos are empty.
 
     Args:
-        task: the rules and settings.
+        task: the task.
         observation: one of `pursuit.reacher.observations.ENCODINGS`.
         render_mode: None, "ansi", "rgb_array" or "human".
-        own_number: False leaves out the numbers that say which joint an agent is.
+        own_number: whether observations include the one-hot vector of the own joint.
 
     Raises:
         ValueError: an unknown observation or render mode.
 
     Attributes:
-        task, simulator: the arm, and what moves it.
-        np_random: for wrappers that draw; seeded by `reset`, and never drawn from here.
+        task, simulator: the task and its simulator.
+        np_random: a generator for wrappers; seeded by `reset` and not used by the environment.
     """
 
     simulator: ReacherSimulator
@@ -88,12 +88,12 @@ class ReacherParallelEnv(SimulatorParallelEnv):
     def _turn_of(self, agent: str, action: Any) -> float:
         name = f"the action of {agent}"
         if self.task.discrete_actions:
-            rule = "0 (back), 1 (stay) or 2 (forth)"
+            rule = "give 0 (back), 1 (stay) or 2 (forward)"
             chosen = as_array(name, action, "iu", rule)
             if chosen.shape != () or not 0 <= chosen <= 2:
                 raise ValueError(f"{name}={action!r}; {rule}")
             return float(chosen) - 1.0
-        rule = "an array of one float in [-1, 1]"
+        rule = "give an array of one float in [-1, 1]"
         turns = as_array(name, action, "fiu", rule)
         turn = float(turns[0]) if turns.shape == (1,) else math.nan
         if not abs(turn) <= 1.0 + ROUNDING:
@@ -105,7 +105,7 @@ class ReacherParallelEnv(SimulatorParallelEnv):
         return np.hstack([seen.repeat(len(self._own), axis=0), self._own])
 
     def state(self) -> NDArray[np.float32]:
-        """[joints + 4] float32: the angles, x and y of the target, steps held, steps made."""
+        """[joints + 4] float32: angles, x and y of the target, steps held, steps."""
         simulator = self.simulator
         counts = (simulator.held, simulator.steps)
         return np.concatenate([simulator.angles[0], simulator.targets[0], *counts]).astype(

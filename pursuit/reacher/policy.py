@@ -1,4 +1,4 @@
-"""What a policy may see of a batch of arms, and what it is."""
+"""The view of arms for policies, and the protocol of policies."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ class ArmView:
     """A batch of arms: live arrays of the `ReacherSimulator`, not copies.
 
     Attributes:
-        task: the rules and settings.
-        arms: the state under the names of the rule book.
-        streams: [num_games, ...] uint64, the random streams; a policy draws by `uniform` and
-            `normal` only.
+        task: the task.
+        arms: the state.
+        streams: [num_games, ...] uint64, the random streams; policies draw with `uniform` and
+            `normal`.
         observe: `observe(encoding)` -> [num_games, numbers] float32.
     """
 
@@ -33,46 +33,46 @@ class ArmView:
 
     @property
     def num_games(self) -> int:
-        """Arms in the batch."""
+        """Number of arms in the batch."""
         return len(self.arms.steps)
 
     @property
     def angles(self) -> NDArray[np.float64]:
-        """[num_games, joints] float64, radians in [-pi, pi), each from the link before."""
+        """[num_games, joints] float64, radians in [-pi, pi), each relative to the link before."""
         return self.arms.angles
 
     @property
     def targets(self) -> NDArray[np.float64]:
-        """[num_games, 2] float64."""
+        """[num_games, 2] float64, positions of the targets."""
         return self.arms.target
 
     @property
     def ends(self) -> NDArray[np.float64]:
-        """[num_games, joints, 2] float64, where every link ends; the last one is the tip."""
+        """[num_games, joints, 2] float64, the end of every link; the last one is the tip."""
         return self.arms.ends
 
     @property
     def tolerance(self) -> NDArray[np.float64]:
-        """[num_games] float64, how near the tip must come."""
+        """[num_games] float64, the maximal distance from tip to target for success."""
         return self.arms.tolerance
 
     @property
     def free_joints(self) -> NDArray[np.int32]:
-        """[num_games] int32, joints that turn; those after them are locked straight."""
+        """[num_games] int32, number of joints that turn; later joints are locked straight."""
         return self.arms.free_joints
 
     @property
     def steps(self) -> NDArray[np.int32]:
-        """[num_games] int32, steps taken in the episode."""
+        """[num_games] int32, steps of the episode so far."""
         return self.arms.steps
 
     @property
     def held(self) -> NDArray[np.int32]:
-        """[num_games] int32, steps that the tip has been in reach without a break."""
+        """[num_games] int32, consecutive steps with the tip in reach."""
         return self.arms.held
 
     def uniform(self) -> NDArray[np.float64]:
-        """[num_games] float64 in [0, 1), from the policy's own random stream, which moves on."""
+        """[num_games] float64 in [0, 1), drawn from the random stream of policies."""
         numbers = np.empty(self.num_games)
         draw_uniform(self.streams, POLICY_STREAM, numbers)
         return numbers
@@ -86,12 +86,11 @@ class ArmView:
 
 
 class ArmPolicy(Protocol):
-    """Whoever moves an arm: kinematic, exact or learned."""
+    """A policy of arms: kinematic, exact or learned."""
 
     def act(self, view: ArmView) -> NDArray[Any]:
         """[num_games, joints] floats in [-1, 1].
 
-        Draw random numbers from the view only, so that an arm does not depend on the batch that it
-        is in.
+        Draw random numbers from the view only, so that results do not depend on the batch size.
         """
         ...

@@ -1,4 +1,4 @@
-"""Pictures of an arm: plain text, and an RGB array for windows and animations."""
+"""Scenes of an arm, rendered as text and RGB arrays."""
 
 from __future__ import annotations
 
@@ -33,21 +33,21 @@ REACHED: Color = ROLE_COLORS["runner"]
 SUPERSAMPLING = 4
 MIN_SIZE = 96
 TEXT_ROWS, TEXT_COLUMNS = 8, 16
-"""Characters from the base to the rim, of the text: they are about twice as high as wide."""
+"""Characters from the base to the rim in the text; characters are about twice as high as wide."""
 
 
 @dataclass(frozen=True)
 class ArmScene:
-    """All that a picture of one moment of an arm shows.
+    """The data of a picture of one state of an arm.
 
     Args:
-        angles: of every joint, radians, each from the link before.
-        target: where the tip is to be; the base is at (0, 0).
-        tolerance: it is in reach within this distance.
-        steps, max_steps: how many steps were made, and after how many the game is truncated.
-        held, hold: for how many steps the tip has been in reach, and for how many it is to be.
-        caption: a remark for the footer.
-        trace: where the tip has been, if that is to be drawn.
+        angles: the angles of the joints in radians, relative to the link before.
+        target: the position of the target; the base is at (0, 0).
+        tolerance: the tip is in reach within this distance.
+        steps, max_steps: steps of the episode, and its maximal length.
+        held, hold: consecutive steps with the tip in reach, and how many end the episode.
+        caption: text for the footer.
+        trace: earlier positions of the tip, to be drawn.
     """
 
     angles: tuple[float, ...]
@@ -62,24 +62,24 @@ class ArmScene:
 
     @property
     def points(self) -> list[Point]:
-        """The base, and where every link ends; the last one is the tip."""
+        """The base, and the end of every link; the last one is the tip."""
         directions = np.cumsum(self.angles)
         steps = np.stack([np.cos(directions), np.sin(directions)], axis=1)
         return [(0.0, 0.0), *((float(x), float(y)) for x, y in steps.cumsum(axis=0))]
 
     @property
     def distance(self) -> float:
-        """From the tip to the target."""
+        """The distance from the tip to the target."""
         return math.dist(self.points[-1], self.target)
 
     @property
     def in_reach(self) -> bool:
-        """Whether the tip is near enough to the target."""
+        """Whether the tip is in reach of the target."""
         return self.distance <= self.tolerance
 
     @property
     def footer(self) -> str:
-        """As in `step 12 / 400, distance 0.53`; and `held 3 / 50` where that is asked for."""
+        """For example `step 12 / 400, distance 0.53`, with `held 3 / 50` if `hold` is above 1."""
         held = f", held {self.held} / {self.hold}" if self.hold > 1 else ""
         return f"step {self.steps} / {self.max_steps}, distance {self.distance:.2f}{held}"
 
@@ -95,7 +95,7 @@ class ArmScene:
 def scene_of(
     simulator: ReacherSimulator, arm: int = 0, caption: str = "", trace: Sequence[Point] = ()
 ) -> ArmScene:
-    """What is drawn of one arm of a simulator."""
+    """The scene of one arm of a simulator."""
     x, y = simulator.targets[arm].tolist()
     return ArmScene(
         angles=tuple(simulator.angles[arm].tolist()),
@@ -114,13 +114,13 @@ def scene_to_text(scene: ArmScene) -> str:
     r"""The arm in 17 lines of 33 characters, then the footer, the angles and the caption.
 
     `#` is the base, `o` a joint, `@` the tip, `X` the target, `*` both of them; links are drawn in
-    `-`, `|`, `/` and `\`. The middle is the base, the edge is the rim.
+    `-`, `|`, `/` and `\`. The base is in the centre, and the rim at the edge.
     """
     joints, points = len(scene.angles), scene.points
     lines = [[" "] * (2 * TEXT_COLUMNS + 1) for _ in range(2 * TEXT_ROWS + 1)]
 
     def cell(point: Point) -> tuple[int, int]:
-        # What lies beyond the rim, by the tolerance, is drawn on the edge.
+        # Targets outside the rim are drawn at the edge.
         right = min(max(round(point[0] / joints * TEXT_COLUMNS), -TEXT_COLUMNS), TEXT_COLUMNS)
         up = min(max(round(point[1] / joints * TEXT_ROWS), -TEXT_ROWS), TEXT_ROWS)
         return TEXT_ROWS - up, TEXT_COLUMNS + right
@@ -138,8 +138,8 @@ def scene_to_text(scene: ArmScene) -> str:
         row, column = cell(point)
         lines[row][column] = mark
     angles = " ".join(f"{angle:.2f}" for angle in scene.angles)
-    said = f"{scene.footer}, angles {angles}  {scene.caption}".rstrip()
-    return "\n".join([*("".join(line).rstrip() for line in lines), said]) + "\n"
+    footer = f"{scene.footer}, angles {angles}  {scene.caption}".rstrip()
+    return "\n".join([*("".join(line).rstrip() for line in lines), footer]) + "\n"
 
 
 def draw_arm(scene: ArmScene, size: int = 480) -> NDArray[np.uint8]:
@@ -147,14 +147,14 @@ def draw_arm(scene: ArmScene, size: int = 480) -> NDArray[np.uint8]:
 
     The links are blue and thinner towards the tip, which is orange; the target is a yellow disc as
     wide as the tolerance, green while the tip is in reach; a faint circle is the rim, a faint line
-    the trace. The picture depends on the scene alone.
+    the trace. The picture depends on the scene only.
 
     Args:
-        scene: what to draw.
-        size: the width; the footer comes below.
+        scene: the scene.
+        size: the width; the height is larger by the footer.
 
     Raises:
-        ValueError: `size` is too small to show anything.
+        ValueError: `size` is too small.
     """
     if size < MIN_SIZE:
         raise ValueError(f"size={size}; a picture of an arm needs at least {MIN_SIZE}")
@@ -181,7 +181,7 @@ def draw_arm(scene: ArmScene, size: int = 480) -> NDArray[np.uint8]:
     for i in range(joints):
         _disc(draw, at(points[i]), 0.4 * widths[i], WHITE, WALL, max(0.12 * widths[i], 0.5 * least))
     _disc(draw, at(points[-1]), max(0.75 * widths[-1], 2.0 * least), TIP, WHITE, SUPERSAMPLING)
-    # Its edge and middle show through an arm that lies over it.
+    # The edge and centre of the target stay visible over the arm.
     _disc(draw, target, radius, None, HATCH, SUPERSAMPLING)
     _disc(draw, target, 1.2 * least, WALL, WHITE, 0.4 * least)
     small = image.reduce(SUPERSAMPLING)
@@ -206,7 +206,7 @@ def _disc(
 
 
 def _link(draw: ImageDraw.ImageDraw, start: Point, end: Point, first: float, last: float) -> None:
-    """A tapered bar with round ends; widths in pixels, and a white rim that parts crossing ones."""
+    """A tapered bar with round ends; widths in pixels. A white rim separates crossing links."""
     along = math.atan2(end[1] - start[1], end[0] - start[0])
     aside = (-math.sin(along), math.cos(along))
     for color, rim in ((WHITE, 0.75 * SUPERSAMPLING), (LINK, 0.0)):
@@ -222,7 +222,7 @@ def _link(draw: ImageDraw.ImageDraw, start: Point, end: Point, first: float, las
 
 @lru_cache(maxsize=8)
 def _background(joints: int, size: int, beyond: float) -> tuple[Image.Image, float]:
-    """The square with the rim in it, enlarged, to be copied; and pixels of it per link."""
+    """The enlarged square with the rim (copy it before drawing), and its pixels per link."""
     side = size * SUPERSAMPLING
     unit = (side / 2 - MARGIN * SUPERSAMPLING) / (joints + beyond)
     image = Image.new("RGB", (side, side), WHITE)

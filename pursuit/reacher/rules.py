@@ -1,11 +1,11 @@
-"""The rules of the arm: scalar functions on one arm of a batch, and the kernels over the batch.
+"""The rules of the arm: functions for one arm of a batch, and kernels over the batch.
 
     base o---o---o  tip        joint j turns link j and all links after it
-         0   1   2             angles[j] is measured from the link before; link 0's from the x-axis
+         0   1   2             angles[j] is relative to the link before, angles[0] to the x-axis
 
-Links have length 1. An arm's angles lie in [-pi, pi): joints have no stops, so a difference of
-angles is one on the circle. Everything below the entries takes `Arms`, `Outcome`, `NextEpisode` and
-`Rules`; entries take flat arrays, as unboxing named ones costs more than a step of one arm.
+Links have length 1. Angles are in [-pi, pi); joints have no stops, so differences of angles are
+taken on the circle. Inner functions take `Arms`, `Outcome`, `NextEpisode` and `Rules`; the kernels
+take flat arrays, as unboxing named tuples takes longer than a step of one arm.
 """
 
 from __future__ import annotations
@@ -22,22 +22,22 @@ STARTS_STREAM, POLICY_STREAM, NUM_STREAMS = 0, 1, 2
 KEPT, RANDOM, FIXED = 0, 1, 2
 DONE, BAD_ACTION = 0, 1
 ROUNDING = 1e-6
-"""How far an action may lie beyond [-1, 1]: what is within is clipped."""
+"""Actions outside [-1, 1] by at most this much are clipped."""
 UNCHANGED = -1.0
-"""In `NextEpisode`: what nobody has set keeps its value."""
+"""In `NextEpisode`: the setting keeps its value."""
 QUARTER = round(math.pi / 2.0 * 2**40) / 2**40
 QUARTER_REST = (math.pi / 2.0 - QUARTER) + 6.123233995736766e-17
-"""Half of pi in two parts; the first has so few digits that small multiples of it are exact."""
+"""pi / 2 as a sum of two floats; small multiples of the first are exact."""
 
 
 class Arms(NamedTuple):
-    """The state of a batch of arms; also of the last step of the last episodes.
+    """The state of a batch of arms, current or at the end of the last episodes.
 
     angles: [arms, joints] float64, radians. target: [arms, 2] float64, the base is at (0, 0). ends:
-    [arms, joints, 2] float64, where every link ends, as the angles say; the last one is the tip.
-    held: [arms] int32, steps that the tip has been in reach without a break. steps: [arms] int32.
-    free_joints: [arms] int32; the joints from there on are locked straight. hold: [arms] int32, and
-    tolerance: [arms] float64: what ends the episode.
+    [arms, joints, 2] float64, the end of every link, a function of the angles; the last one is the
+    tip. held: [arms] int32, consecutive steps with the tip in reach. steps: [arms] int32.
+    free_joints: [arms] int32; joints with this index or above are locked straight. hold: [arms]
+    int32, and tolerance: [arms] float64, as in `ReacherTask`.
     """
 
     angles: Any
@@ -51,10 +51,10 @@ class Arms(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """What a step writes beside the arms.
+    """The results of a step.
 
     rewards: [arms] float32. returns, episode_returns: [arms] float64. terminated, truncated: [arms]
-    bool. episode_lengths: [arms] int32. final: `Arms` as the last episode ended.
+    bool. episode_lengths: [arms] int32. final: the `Arms` at the end of the last episodes.
     """
 
     rewards: Any
@@ -67,10 +67,10 @@ class Outcome(NamedTuple):
 
 
 class NextEpisode(NamedTuple):
-    """What waits for the next episode, each [arms].
+    """Settings of the next episode, each [arms].
 
-    fresh: bool, whether the pose is drawn anew though it is kept otherwise. distance: float64, the
-    target can be reached in so many steps; UNCHANGED is anywhere. free_joints, hold: int32, and
+    fresh: bool, whether the pose is drawn although `start` is KEPT. distance: float64, number of
+    steps in which the target is reachable; UNCHANGED is no limit. free_joints, hold: int32, and
     tolerance: float64, as in `Arms`.
     """
 
@@ -92,7 +92,7 @@ class Rules(NamedTuple):
 
 @inlined
 def wrapped(angle: float) -> float:
-    """The same direction in [-pi, pi), of an angle that is less than a turn beyond."""
+    """The same direction in [-pi, pi); the angle is less than a full turn outside."""
     if angle >= math.pi:
         return angle - 2.0 * math.pi
     return angle + 2.0 * math.pi if angle < -math.pi else angle
@@ -100,9 +100,9 @@ def wrapped(angle: float) -> float:
 
 @inlined
 def cosine_and_sine(angle: float) -> tuple[float, float]:
-    """Both of one angle of a few turns, to 2e-16, in less than half of the library's time.
+    """Cosine and sine, to 2e-16 for a few turns, in less than half of the library's time.
 
-    Taylor's series around the nearest quarter of a turn, of which the terms left out are below
+    They are Taylor series around the nearest quarter turn; the omitted terms are below
     (pi / 4)**17 / 17!.
     """
     quarters = math.floor(angle / QUARTER + 0.5)
@@ -131,7 +131,7 @@ def cosine_and_sine(angle: float) -> tuple[float, float]:
 
 @inlined
 def find_ends(angles: Any, ends: Any) -> None:
-    """Write where the links of an arm with these angles [joints] end, [joints, 2]."""
+    """Write the ends [joints, 2] of the links of an arm with these angles [joints]."""
     direction, x, y = 0.0, 0.0, 0.0
     for joint in range(angles.shape[0]):
         direction += angles[joint]
@@ -143,7 +143,7 @@ def find_ends(angles: Any, ends: Any) -> None:
 
 @inlined
 def distance_of(arms: Arms, arm: int) -> float:
-    """From the tip to the target."""
+    """The distance from the tip to the target."""
     last = arms.angles.shape[1] - 1
     across = arms.ends[arm, last, 0] - arms.target[arm, 0]
     up = arms.ends[arm, last, 1] - arms.target[arm, 1]
@@ -152,15 +152,16 @@ def distance_of(arms: Arms, arm: int) -> float:
 
 @inlined
 def in_reach(arms: Arms, arm: int) -> bool:
-    """Whether the tip is near enough to the target."""
+    """Whether the tip is in reach of the target."""
     return distance_of(arms, arm) <= arms.tolerance[arm]
 
 
 @inlined
 def least_radius(joints: int, free_joints: int) -> int:
-    """How near the tip comes to the base when only the first joints are free.
+    """The smallest distance from the tip to the base if only the first joints are free.
 
-    The last free joint swings a stiff link of joints - free + 1, those before fold back over it.
+    The last free joint turns a rigid link of length joints - free_joints + 1, and the links before
+    it can fold back.
     """
     return max(joints - 2 * free_joints + 2, 0)
 
@@ -189,7 +190,7 @@ def begin(
             arms.angles[arm, joint] = wrapped(2.0 * math.pi * turn - math.pi)
     most = pending.distance[arm] * rules.max_turn
     if 0.0 <= most < math.pi:
-        # The tip of a pose that lies so few steps away: no draw can be out of reach.
+        # The tip of a pose that is at most this many steps away, so the target is reachable.
         direction, x, y = 0.0, 0.0, 0.0
         for joint in range(joints):
             direction += arms.angles[arm, joint]
@@ -216,9 +217,9 @@ def move(
     arms: Arms, outcome: Outcome, pending: NextEpisode, streams: Any, rules: Rules, arm: int,
     actions: Any, auto_restart: bool,
 ) -> None:  # fmt: skip
-    """Turn the joints of one arm, pay, and see whether the episode is over."""
+    """Turn the joints of one arm, and set its reward and flags."""
     if outcome.terminated[arm] or outcome.truncated[arm]:
-        if not auto_restart:  # it waits for a restart
+        if not auto_restart:  # it waits for a reset
             outcome.rewards[arm] = 0.0
             return
         outcome.terminated[arm] = outcome.truncated[arm] = False
@@ -239,14 +240,13 @@ def move(
     if outcome.terminated[arm] or outcome.truncated[arm]:
         keep_final(arms, outcome, arm)
         if auto_restart:
-            paid = outcome.rewards[arm]
             begin(arms, outcome, pending, streams, rules, arm)
-            outcome.rewards[arm] = paid
+            outcome.rewards[arm] = reward
 
 
 @inlined
 def keep_final(arms: Arms, outcome: Outcome, arm: int) -> None:
-    """Keep what the episode ended with, which a restart overwrites."""
+    """Save the results of an episode before a restart overwrites them."""
     final = outcome.final
     outcome.episode_returns[arm] = outcome.returns[arm]
     outcome.episode_lengths[arm] = arms.steps[arm]
@@ -266,10 +266,10 @@ def keep_final(arms: Arms, outcome: Outcome, arm: int) -> None:
 
 @inlined
 def arms_of(arrays: Any) -> tuple[Arms, Outcome, NextEpisode, Any, Rules]:
-    """The flat arguments of a kernel under their names: `ReacherSimulator` has them in this order.
+    """The flat arguments of a kernel as named tuples; `ReacherSimulator` passes them in this order.
 
-    Those of `Arms`, of `Outcome` without its last, of `Arms` as the last episodes ended, of
-    `NextEpisode`, the streams [arms, streams] uint64, and the numbers of `Rules`.
+    They are the fields of `Arms`, of `Outcome` without `final`, of `final`, of `NextEpisode`, the
+    streams [arms, streams] uint64, and the fields of `Rules`.
     """
     arms, final = Arms(*arrays[0:8]), Arms(*arrays[14:22])
     outcome = Outcome(*arrays[8:14], final)  # type: ignore[call-arg]
@@ -278,7 +278,7 @@ def arms_of(arrays: Any) -> tuple[Arms, Outcome, NextEpisode, Any, Rules]:
 
 @compiled
 def start_arms(chosen: Any, *arrays: Any) -> None:
-    """Begin new episodes in the arms of the mask `chosen` [arms]; `arrays` as in `arms_of`."""
+    """Start new episodes in the arms of the mask `chosen` [arms]; `arrays` as in `arms_of`."""
     arms, outcome, pending, streams, rules = arms_of(arrays)
     for arm in range(chosen.shape[0]):
         if chosen[arm]:
@@ -288,9 +288,9 @@ def start_arms(chosen: Any, *arrays: Any) -> None:
 
 @compiled
 def step_arms(actions: Any, auto_restart: bool, *arrays: Any) -> int:
-    """Move all arms by actions [arms, joints]; BAD_ACTION, before any has moved, for one outside.
+    """Move all arms by actions [arms, joints]; `arrays` as in `arms_of`.
 
-    An action that is no number is outside. `arrays` as in `arms_of`.
+    BAD_ACTION, and no arm moves, if an action is out of range or NaN.
     """
     for arm in range(actions.shape[0]):
         for joint in range(actions.shape[1]):
@@ -314,10 +314,10 @@ def observe_arms(
     angles: Any, target: Any, ends: Any, held: Any, steps: Any, free_joints: Any, hold: Any,
     tolerance: Any, with_angles: bool, out: Any,
 ) -> None:  # fmt: skip
-    """Write what is observed of every arm into out [arms, numbers] float32.
+    """Write the observations of all arms into out [arms, numbers] float32.
 
-    1 where the tip is in reach, else 0; the base and the end of every link, relative to the target;
-    and the angles, where they are wanted.
+    They are 1 if the tip is in reach, else 0; the base and the ends of all links relative to the
+    target; and with `with_angles` the angles.
     """
     arms = Arms(angles, target, ends, held, steps, free_joints, hold, tolerance)
     joints = angles.shape[1]
@@ -335,7 +335,7 @@ def observe_arms(
 
 @compiled
 def seed_arms(streams: Any, seed: int, first_game: int) -> None:
-    """Give the streams of every arm their own state, a function of (seed, game, stream) alone."""
+    """Seed the streams of all arms; their states depend on (seed, game, stream) only."""
     for game in range(streams.shape[0]):
         key = mix(mix(np.uint64(seed) + np.uint64(GOLDEN)) + np.uint64(first_game + game))
         for stream in range(streams.shape[1]):
@@ -344,6 +344,6 @@ def seed_arms(streams: Any, seed: int, first_game: int) -> None:
 
 @compiled
 def seed_arm_starts(streams: Any, arms: Any, seeds: Any) -> None:
-    """Give the stream of starts of each of `arms` the state that belongs to a seed."""
+    """Seed the stream of starts of each of `arms`."""
     for i in range(arms.shape[0]):
         streams[arms[i], STARTS_STREAM] = mix(mix(seeds[i]) + np.uint64(1))

@@ -1,4 +1,4 @@
-"""ReacherSimulator: thousands of arms in lockstep, as named arrays over the rule book's memory."""
+"""The class `ReacherSimulator`, which steps batches of arms."""
 
 from __future__ import annotations
 
@@ -20,37 +20,36 @@ from pursuit.validation import as_array, check_bool, whole
 
 
 class ReacherSimulator:
-    """Any number of arms of one task, stepped in lockstep by compiled kernels.
+    """A batch of arms of one task, stepped together by compiled kernels.
 
-    The promises are those of `pursuit.Simulator`: an arm that ends its episode restarts in the same
-    step, and what it ended with stays readable; arm i of a batch seeded s is identical to a single
-    one made with `seed=s, first_game=i`.
+    As in `pursuit.Simulator`, an arm restarts in the step that ends its episode, and the results of
+    that episode remain available. Arm i of a batch with seed s is identical to a single arm with
+    `seed=s, first_game=i`.
 
     Args:
-        task: the rules and settings.
-        num_games: arms in the batch.
+        task: the task.
+        num_games: number of arms in the batch.
         seed: 0 to 2**64 - 1.
         first_game: the index of the first arm of this batch.
-        auto_restart: False leaves arms whose episode is over as they are, still flagged, until
-            `reset` restarts them.
+        auto_restart: if False, arms keep their final state and flags until `reset`.
 
     Raises:
-        ValueError: counts or seeds out of range, or more arms than memory holds.
+        ValueError: counts or seeds out of range, or not enough memory.
 
-    Attributes (arrays that every step overwrites in place; copy what you keep):
-        arms: the state of the arms under the names of the rule book.
-        angles: [num_games, joints] float64, radians in [-pi, pi), each from the link before.
+    Attributes (arrays that every step overwrites in place; copy them to keep them):
+        arms: the state of the arms.
+        angles: [num_games, joints] float64, radians in [-pi, pi), relative to the link before.
         targets, tips: [num_games, 2] float64; the base is at (0, 0).
-        ends: [num_games, joints, 2] float64, where every link ends.
-        held, steps: [num_games] int32, steps in reach without a break; steps of the episode.
+        ends: [num_games, joints, 2] float64, the end of every link.
+        held, steps: [num_games] int32, consecutive steps in reach; steps of the episode.
         rewards: [num_games] float32, of the last step.
         returns: [num_games] float64, the sum of rewards of the episode so far.
         terminated, truncated: [num_games] bool, of the last step; never both.
         episode_returns: [num_games] float64, of each arm's last finished episode.
         episode_lengths: [num_games] int32, likewise.
-        final: the arms as those episodes ended.
+        final: the state of the arms at the end of those episodes.
         streams: [num_games, 2] uint64, the random streams.
-        last_seed: what all streams were last seeded with; None after `set_state`.
+        last_seed: the last seed of all streams; None after `set_state`.
     """
 
     def __init__(
@@ -115,15 +114,15 @@ class ReacherSimulator:
 
     @property
     def ended(self) -> NDArray[np.bool_]:
-        """[num_games] bool, a fresh array: terminated or truncated in the last step."""
+        """[num_games] bool, a new array: terminated or truncated in the last step."""
         return self.terminated | self.truncated
 
     def seed(self, seed: int, games: ArrayLike | None = None) -> None:
-        """Give every random stream the state that belongs to (seed, arm); the next pose is drawn.
+        """Seed the random streams of each arm with (seed, arm); the next pose is drawn.
 
         Args:
             seed: 0 to 2**64 - 1.
-            games: a bool mask or index list; all by default.
+            games: a bool mask or index list; default: all.
 
         Raises:
             ValueError: a seed or arm out of range.
@@ -136,9 +135,10 @@ class ReacherSimulator:
         self.last_seed = seed if games is None else None
 
     def reset(self, seed: int | None = None, games: ArrayLike | None = None) -> None:
-        """Begin new episodes in all arms, or in those of the bool mask or index list `games`.
+        """Start new episodes in all arms, or in those of the bool mask or index list `games`.
 
-        With a seed, which is that of these arms only, a pose that is kept otherwise is drawn anew.
+        A seed applies to these arms only. With a seed, start poses are drawn even if the task keeps
+        poses.
 
         Raises:
             ValueError: a seed or arm out of range.
@@ -150,14 +150,13 @@ class ReacherSimulator:
         rules.start_arms(chosen, *self._kernel_arrays)
 
     def step(self, actions: ArrayLike) -> None:
-        """Move every arm by one step. Results are in the attributes.
+        """Step all arms. Results are in the attributes.
 
         Args:
             actions: [num_games, joints] floats in [-1, 1].
 
         Raises:
-            ValueError: a wrong shape or dtype, a number outside, or none at all (NaN). Then no arm
-                has moved.
+            ValueError: a wrong shape or dtype, a number out of range, or NaN. Then no arm moves.
         """
         shape = (self.num_games, self.task.joints)
         turns = as_array("actions", actions, "fiu", "give floats in [-1, 1]")
@@ -167,7 +166,7 @@ class ReacherSimulator:
         if rules.step_arms(turns, self.auto_restart, *self._kernel_arrays) == rules.BAD_ACTION:
             arm, joint = np.argwhere(~(np.abs(turns) <= 1.0 + rules.ROUNDING))[0]
             raise ValueError(
-                f"an action of joint {joint} of arm {arm} is {turns[arm, joint]}; it is a number "
+                f"an action of joint {joint} of arm {arm} is {turns[arm, joint]}; it must be "
                 "in [-1, 1]: clip it, or scale it"
             )
 
@@ -185,11 +184,11 @@ class ReacherSimulator:
         """Change settings of all arms, or of `games`, from their next restart on.
 
         Args:
-            games: a bool mask or index list; all by default.
-            target_distance: the target lies where the tip can be in so many steps: it is the tip of
-                a pose whose every joint is turned by a uniform part of that. -1, or enough for half
-                a turn, is anywhere.
-            free_joints: how many joints turn; those after them are locked straight.
+            games: a bool mask or index list; default: all.
+            target_distance: the target is reachable in this number of steps: it is the tip of a
+                pose with all joints turned by uniform random angles within that range. -1, or
+                enough steps for half a turn, is no limit.
+            free_joints: number of joints that turn; later joints are locked straight.
             hold: as in `ReacherTask`.
             tolerance: as in `ReacherTask`.
 
@@ -217,22 +216,22 @@ class ReacherSimulator:
             try:
                 waiting[field] = np.broadcast_to(numbers, chosen.shape)
             except ValueError:
-                raise ValueError(f"{name}={value!r}; one, or one for each of these arms") from None
+                raise ValueError(f"{name}={value!r}; give one number, or one per arm") from None
         for name, numbers in waiting.items():
             getattr(self._coming, name)[chosen] = numbers
 
     def seed_starts(self, games: ArrayLike | None, seeds: ArrayLike) -> None:
-        """Make levels repeat: the next pose and target of each arm are those of its seed alone.
+        """Seed the starts: the next pose and target of each arm depend on its seed only.
 
         Args:
             games: a bool mask or index list; None for all.
-            seeds: one whole number from 0 to 2**63 - 1 for all of them, or for each.
+            seeds: one whole number from 0 to 2**63 - 1 for all arms, or one for each.
 
         Raises:
             ValueError: a seed out of range, or a wrong number of them.
         """
         chosen = slots(games, self.num_games)
-        rule = "one whole number from 0 to 2**63 - 1 for all arms, or for each"
+        rule = "one whole number from 0 to 2**63 - 1 for all arms, or one for each"
         numbers = as_array("seeds", seeds, "iu", rule)
         fits = numbers.ndim == 0 or numbers.shape == chosen.shape
         if not fits or (numbers.size and not 0 <= int(numbers.min()) <= int(numbers.max()) < 2**63):
@@ -250,24 +249,24 @@ class ReacherSimulator:
         return {**arms, **{name: getattr(self, name) for name in own}, **waiting}
 
     def get_state(self, games: ArrayLike | None = None) -> SimulatorState:
-        """Copies of all arms, or of those of the index list `games`, exact to the last bit."""
+        """Exact copies of the states of all arms, or of those of the index list `games`."""
         chosen = slots(games, self.num_games)
         state = SimulatorState(**{name: array[chosen] for name, array in self._live().items()})
-        if self.auto_restart:  # the episodes that ended are over, these arms are not
+        if self.auto_restart:  # these arms have already restarted
             state.terminated[:] = state.truncated[:] = False
         return state
 
     def set_state(self, state: SimulatorState, games: ArrayLike | None = None) -> None:
-        """Put copied arms into all slots, or into those of `games`; they go on as they would have.
+        """Restore copied states in all arms, or in those of `games`.
 
         Raises:
-            ValueError: the number of arms, or the task, is another one, or a value that cannot be.
-                Nothing is changed then.
+            ValueError: a different number of arms or another task, or invalid values. Nothing is
+                changed then.
         """
         chosen, live = slots(games, self.num_games), self._live()
         check_fits(state, live, self.task, len(chosen))
         if self.auto_restart and (state.terminated | state.truncated).any():
-            raise ValueError("an arm of this state is over; reset it, or take auto_restart=False")
+            raise ValueError("the episode of an arm has ended; reset it, or use auto_restart=False")
         for name, array in live.items():
             array[chosen] = getattr(state, name)
         rules.find_all_ends(self.angles, self.ends)
@@ -280,51 +279,51 @@ class ReacherSimulator:
         seed: int | None = None,
         games: ArrayLike | None = None,
     ) -> None:
-        """Put arms at the beginning of an episode in this pose, with this target.
+        """Start an episode with these poses and targets.
 
         Args:
             angles: [num_games, joints] radians, or one row for all.
-            targets: [num_games, 2], or one for all; within reach.
+            targets: [num_games, 2], or one row for all; within reach.
             seed, games: as in `reset`; poses and targets are given for all arms.
 
         Raises:
-            ValueError: a wrong shape, what is no number, a target out of reach, or a locked joint
-                that is not straight. Nothing is changed then.
+            ValueError: a wrong shape, numbers that are not finite, a target out of reach, or a
+                locked joint that is not straight. Nothing is changed then.
         """
         poses = _in_one_turn(_rows("angles", angles, (self.num_games, self.task.joints)))
         places = _rows("targets", targets, (self.num_games, 2))
-        pending = self._coming  # what the episode that begins here has
+        pending = self._coming  # the settings of the new episode
         free = np.where(pending.free_joints >= 0, pending.free_joints, self.arms.free_joints)
         tolerance = np.where(pending.tolerance >= 0.0, pending.tolerance, self.arms.tolerance)
         self.task.check_targets(places, free, tolerance)
         if poses[np.arange(self.task.joints) >= free[:, None]].any():
-            raise ValueError(f"angles={angles!r}; joints that are locked are straight: angle 0")
+            raise ValueError(f"angles={angles!r}; the angles of locked joints must be 0")
         self.reset(seed, games)
         chosen = slots(games, self.num_games)
         self.angles[chosen], self.targets[chosen] = poses[chosen], places[chosen]
         rules.find_all_ends(self.angles, self.ends)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """For `copy` and `pickle`, which would tear the arrays that share memory apart."""
+        """For `copy` and `pickle`, which would otherwise separate arrays that share memory."""
         batch = (self.task, self.num_games, self.first_game, self.auto_restart)
         written = (self.rewards, self.episode_returns, self.episode_lengths, *self.final)
         return _copied, (*batch, self.get_state(), tuple(array.copy() for array in written))
 
-    # -- what is seen ----------------------------------------------------------------------------
+    # -- observations ----------------------------------------------------------------------------
 
     def observe(self, encoding: str = "positions", out: Any = None) -> NDArray[np.float32]:
-        """[num_games, numbers] float32: what is observed now; see `observations.space_of`."""
+        """[num_games, numbers] float32, the observations; see `observations.space_of`."""
         return encode(self.task, self.arms, encoding, out)
 
     def observe_final(
         self, encoding: str = "positions", games: ArrayLike | None = None
     ) -> NDArray[np.float32]:
-        """What was observed as the last finished episode ended, of all arms or `games`."""
+        """The observations at the end of the last episodes, of all arms or of `games`."""
         chosen = slots(games, self.num_games)
         return encode(self.task, Arms(*(array[chosen] for array in self.final)), encoding)
 
     def view(self) -> ArmView:
-        """The arms as a policy sees them."""
+        """The view of the arms for policies."""
         return self._view
 
 
@@ -350,7 +349,7 @@ def _rows(name: str, value: ArrayLike, shape: tuple[int, int]) -> NDArray[np.flo
 
 
 def _in_one_turn(angles: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The same directions in [-pi, pi); what lies there already keeps its last bit."""
+    """The same directions in [-pi, pi); angles in this range are unchanged."""
     turned = (angles + np.pi) % (2.0 * np.pi) - np.pi
     turned[turned >= np.pi] = -np.pi  # rounding
     return np.where((angles >= -np.pi) & (angles < np.pi), angles, turned)

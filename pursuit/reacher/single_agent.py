@@ -1,4 +1,4 @@
-"""Gymnasium: an arm whose joints are all yours; single and vectorised."""
+"""Gymnasium environments of the arm with one agent for all joints, single and vectorised."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ RENDER_FPS = 20
 
 
 def action_space_of(task: ReacherTask) -> gymnasium.Space[Any]:
-    """Box(-1, 1, [joints]); MultiDiscrete, 3 for each joint, where the actions are discrete."""
+    """Box(-1, 1, [joints]), or MultiDiscrete with 3 actions per joint."""
     if task.discrete_actions:
         return gymnasium.spaces.MultiDiscrete([3] * task.joints)
     return gymnasium.spaces.Box(-1.0, 1.0, (task.joints,), np.float32)
@@ -34,10 +34,10 @@ def begin(
     options: Any,
     games: NDArray[np.bool_] | None = None,
 ) -> None:
-    """Begin new episodes, in the arms of a mask, as the options of a `reset` say.
+    """Start new episodes in the arms of a mask, with the options of a `reset`.
 
     Raises:
-        ValueError: a seed out of range, or options that make no start. Nothing is changed then.
+        ValueError: a seed out of range, or an invalid start. Nothing is changed then.
     """
     given = reset_options(options, ("angles", "target"))
     if given:
@@ -47,7 +47,7 @@ def begin(
 
 
 class ArmsOfEnv:
-    """A batch of arms, one or many; what `SingleEnv` and `LockstepVectorEnv` ask of a world."""
+    """A batch of arms: the methods that `SingleEnv` and `LockstepVectorEnv` need."""
 
     simulator: ReacherSimulator
     observation: str
@@ -62,14 +62,14 @@ class ArmsOfEnv:
         shape = self.action_space.shape or ()
         if not self.simulator.task.discrete_actions:
             return checked_actions(actions, "fiu", shape, "floats in [-1, 1]", None)
-        rule = "whole numbers 0 (back), 1 (stay) and 2 (forth)"
+        rule = "integers 0 (back), 1 (stay) and 2 (forward)"
         return checked_actions(actions, "iu", shape, rule, (0, 2)) - 1.0
 
     def _advance(self, actions: Any) -> tuple[NDArray[Any], NDArray[np.bool_], NDArray[np.bool_]]:
         simulator = self.simulator
         try:
             simulator.step(actions.reshape(simulator.num_games, -1))
-        except ValueError as error:  # the form is right: it is a number outside
+        except ValueError as error:  # the shape is valid, so a number is out of range
             raise ValueError(
                 f"{error}, as gymnasium.wrappers.ClipAction and RescaleAction do"
             ) from None
@@ -89,13 +89,13 @@ class ArmsOfEnv:
 class ReacherEnv(ArmsOfEnv, SingleEnv, gymnasium.Env[Any, Any]):
     """One arm as a Gymnasium environment.
 
-    The action is [joints] float32 in [-1, 1], the part of `max_turn` by which each joint turns;
-    with `discrete_actions` [joints] whole numbers: 0 back, 1 stay, 2 forth. What is outside is an
-    error: wrap the environment in `gymnasium.wrappers.ClipAction` or `RescaleAction`. The info of
-    the last step holds "episode_return" and "episode_length".
+    The action is [joints] float32 in [-1, 1], the turn of each joint in units of `max_turn`; with
+    `discrete_actions` [joints] integers: 0 back, 1 stay, 2 forward. Actions out of range raise an
+    error; see `gymnasium.wrappers.ClipAction` and `RescaleAction`. The info of the last step holds
+    "episode_return" and "episode_length".
 
     Args:
-        task: the rules and settings.
+        task: the task.
         observation: one of `pursuit.reacher.observations.ENCODINGS`.
         render_mode: None, "ansi", "rgb_array" or "human".
 
@@ -111,27 +111,27 @@ class ReacherEnv(ArmsOfEnv, SingleEnv, gymnasium.Env[Any, Any]):
     ) -> None:
         self.observation = one_of("observation", observation, ENCODINGS)
         self._render_as(render_mode, RENDER_FPS)
-        # Copies: spaces carry the random state of their samples.
+        # A copy, as spaces hold the random state of their samples.
         seen = deepcopy(space_of(task, observation))
         super().__init__(ReacherSimulator(task, auto_restart=False), seen, action_space_of(task))
 
 
 class ReacherVectorEnv(ArmsOfEnv, LockstepVectorEnv, gymnasium.vector.VectorEnv[Any, Any, Any]):
-    """Many arms as a Gymnasium vector environment; the `ReacherSimulator` underneath.
+    """Many arms as a Gymnasium vector environment over a `ReacherSimulator`.
 
-    How arms begin anew, and what the infos then hold, says `pursuit.environments.vector`. Actions
-    are [num_envs, joints], as for `ReacherEnv`.
+    For restarts and infos see `pursuit.environments.vector`. Actions are [num_envs, joints], as for
+    `ReacherEnv`.
 
     Args:
-        task: the rules and settings.
-        num_envs: arms in the batch.
+        task: the task.
+        num_envs: number of arms in the batch.
         observation: one of `pursuit.reacher.observations.ENCODINGS`.
         render_mode: None, "ansi" or "rgb_array".
-        seed: of the first reset, if that names none.
+        seed: seed of the first reset, if `reset` gets none.
         autoreset_mode: one of `gymnasium.vector.AutoresetMode`, or its name.
 
     Raises:
-        ValueError: an unknown observation or mode, or a number of arms that cannot be.
+        ValueError: an unknown observation or mode, or an invalid number of arms.
     """
 
     simulator: ReacherSimulator
@@ -156,7 +156,7 @@ class ReacherVectorEnv(ArmsOfEnv, LockstepVectorEnv, gymnasium.vector.VectorEnv[
 def reacher_env(
     observation: str = "positions", render_mode: str | None = None, **settings: Any
 ) -> ReacherEnv:
-    """`pursuit/Reacher-v0`: bring the tip of an arm to a target; settings of `ReacherTask`."""
+    """`pursuit/Reacher-v0`: move the tip of an arm to a target; settings of `ReacherTask`."""
     return ReacherEnv(make_reacher_task(**settings), observation, render_mode)
 
 
@@ -172,7 +172,7 @@ def reacher_vector_env(
     """`pursuit/Reacher-v0`, vectorised over the `ReacherSimulator`.
 
     Args:
-        max_episode_steps: cuts episodes off earlier than the task does, as Gymnasium's TimeLimit.
+        max_episode_steps: truncates episodes earlier than the task, as Gymnasium's TimeLimit.
     """
     task = limited(make_reacher_task(**settings), max_episode_steps)
     return ReacherVectorEnv(task, num_envs, observation, render_mode, seed, autoreset_mode)

@@ -1,4 +1,4 @@
-"""Checks of an exact copy of arms, which is to be put back."""
+"""Checks of the saved state of arms before it is restored."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from pursuit.simulator.state import SimulatorState, check_arrays, check_range
 def check_fits(
     state: SimulatorState, live: Mapping[str, NDArray[Any]], task: ReacherTask, arms: int
 ) -> None:
-    """Refuse a state that is none of so many arms of `task`, whose own arrays are `live`.
+    """Check a state for `arms` arms of `task`; `live` are the arrays of the simulator.
 
     Raises:
-        ValueError: the number of arms, or the task, is another one, or a value that cannot be.
+        ValueError: a different number of arms or another task, or invalid values.
     """
     check_arrays(state, live, arms)
     most = 2.0**31
@@ -37,12 +37,12 @@ def check_fits(
     }
     for name, (least, largest) in limits.items():
         if np.isnan(getattr(state, name)).any():
-            raise ValueError(f"a state of other arms: {name} holds NaN")
+            raise ValueError(f"state does not match this simulator: {name} contains NaN")
         check_range(state, name, least, largest)
     for name in ("next_free_joints", "next_hold", "next_tolerance"):
         values = getattr(state, name)
         if ((values > -1) & (values <= 0)).any():
-            raise ValueError(f"a state of other arms: {name} holds numbers that nobody can set")
+            raise ValueError(f"state does not match this simulator: {name} must be positive or -1")
     locked = np.arange(task.joints) >= state.free_joints[:, None]
     if (state.angles[locked] != 0.0).any():
-        raise ValueError("a state of other arms: angles of locked joints that are not 0")
+        raise ValueError("state does not match this simulator: angles of locked joints are not 0")

@@ -1,4 +1,4 @@
-"""ReacherTask: one frozen, validated description of an arm and what it is to do."""
+"""The settings of an arm: the frozen dataclass `ReacherTask`."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ from pursuit.validation import (
 
 MAX_JOINTS = 8
 LEAST_TURN = 1e-4
-"""Slower joints would need more steps for half a turn than is worth searching."""
+"""Slower joints would need too many steps for half a turn."""
 LEAST_TOLERANCE = 1e-6
-"""What is nearer is a matter of rounding, and the least steps could not be told."""
+"""Smaller tolerances are affected by rounding, so minimal steps would not be computable."""
 STARTS = ("kept", "random", "fixed")
 
 
 def _from(least: float, most: float = math.inf) -> Callable[[str, Any], float]:
-    """A check of a field: a finite number in that range."""
+    """A check of a field: a finite number in this range."""
     rule = f"at least {least:g}" + (f" and at most {most:g}" if most < math.inf else "")
 
     def check(name: str, value: Any) -> float:
@@ -45,26 +45,26 @@ def _from(least: float, most: float = math.inf) -> Callable[[str, Any], float]:
 
 @dataclass(frozen=True)
 class ReacherTask:
-    """An arm of `joints` links of length 1 that is to bring its tip to a target in the plane.
+    """An arm of `joints` links of length 1 that moves its tip to a target in the plane.
 
-    Every step turns each joint by up to `max_turn`; the reward is -distance / (2 joints) less
-    `effort` for each joint's share of the turn. The target lies on the rim where there is one
-    joint, else at a radius uniform in [0, joints] and a uniform angle.
+    A step turns each joint by up to `max_turn`. The reward is -distance / (2 joints) minus `effort`
+    times the sum of the absolute actions. The angle of the target is uniform, and its radius is
+    uniform in [0, joints], but 1 for one joint.
 
     Args:
         joints: 1 to 8.
-        start: the pose of an episode: "kept" is that in which the last episode ended (the first
-            one's is drawn), "random" draws every angle uniformly, "fixed" is straight along the
-            x-axis.
-        hold: steps in a row after which the tip must be in reach, for the episode to end.
-        tolerance: it is in reach within this distance of the target.
-        max_steps: an episode of this many steps is truncated.
-        max_turn: radians that an action of 1 turns a joint.
-        effort: cost of that.
-        discrete_actions: whether every joint only turns fully, back or forth, or not at all.
+        start: the first pose of an episode: "kept" is the last pose of the previous episode (random
+            for the first episode), "random" draws every angle uniformly, "fixed" is straight along
+            the x-axis.
+        hold: consecutive steps with the tip in reach that end the episode.
+        tolerance: the tip is in reach within this distance of the target.
+        max_steps: episodes are truncated after this many steps.
+        max_turn: turn of a joint by an action of 1, in radians.
+        effort: cost of an action of 1, per joint.
+        discrete_actions: restricts the action of a joint to -1, 0 or 1.
 
     Raises:
-        ValueError: naming the value, the rule and the remedy.
+        ValueError: an invalid value; the message names the rule and the remedy.
     """
 
     joints: int = declared(lambda name, value: whole(name, value, 1, MAX_JOINTS), default=2)
@@ -79,32 +79,31 @@ class ReacherTask:
     def __post_init__(self) -> None:
         check_fields(self)
         if self.hold > self.max_steps:
-            raise ValueError(
-                f"hold={self.hold} of max_steps={self.max_steps}; no episode can succeed: lower it"
-            )
+            raise ValueError(f"hold={self.hold} is above max_steps={self.max_steps}; lower hold")
 
     @property
     def name(self) -> str:
-        """What results call this task."""
+        """The name of the task in results."""
         return "reacher"
 
     @property
     def num_choices(self) -> int:
-        """How many discrete actions the whole arm has: 3 for each joint."""
+        """Number of discrete actions of the whole arm: 3 per joint, in all combinations."""
         return 3**self.joints
 
     @property
     def numbers_for_kernels(self) -> tuple[int, int, float, float]:
-        """As `rules.Rules` has them."""
+        """The fields of `rules.Rules`."""
         return STARTS.index(self.start), self.max_steps, self.max_turn, self.effort
 
     def actions_of(self, choices: ArrayLike) -> NDArray[np.float64]:
-        """[..., joints] in {-1, 0, 1}: the turns that choices [...] from 0 to 3**joints - 1 mean.
+        """[..., joints] in {-1, 0, 1}: the turns of choices [...] from 0 to 3**joints - 1.
 
-        The first joint's turn counts most: with two joints 0 is (-1, -1), 1 is (-1, 0), 4 is stay.
+        The first joint is the most significant digit: with two joints 0 is (-1, -1), 1 is (-1, 0),
+        and 4 is stay.
 
         Raises:
-            ValueError: what is no choice.
+            ValueError: a choice out of range.
         """
         chosen = whole_numbers("choices", choices, 0, self.num_choices - 1)
         digits = 3 ** np.arange(self.joints - 1, -1, -1)
@@ -116,36 +115,34 @@ class ReacherTask:
         free_joints: ArrayLike,
         tolerance: ArrayLike | None = None,
     ) -> None:
-        """Raise ValueError for a target that no pose reaches.
+        """Raise ValueError for an unreachable target.
 
         Args:
             targets: [arms, 2] float64.
-            free_joints: how many joints turn, in each arm or in all; the others are straight.
-            tolerance: of each arm or of all; the task's own by default.
+            free_joints: number of joints that turn, per arm or for all; the others are straight.
+            tolerance: per arm or for all; default: the tolerance of the task.
         """
         radii = np.hypot(targets[:, 0], targets[:, 1])
         free = np.broadcast_to(free_joints, radii.shape)
-        least = np.maximum(self.joints - 2 * free + 2, 0)  # as `rules.least_radius` has it
+        least = np.maximum(self.joints - 2 * free + 2, 0)  # as in `rules.least_radius`
         allowed = np.broadcast_to(self.tolerance if tolerance is None else tolerance, radii.shape)
-        within = allowed - 1e-9  # what rounding alone could reach is out of reach
+        within = allowed - 1e-9  # no targets that are reachable by rounding only
         wrong = (radii - self.joints > within) | (least - radii > within)
         if wrong.any():
             x, y = targets[wrong][0].tolist()
             raise ValueError(
                 f"target ({x}, {y}) is out of reach; the tip of {self.joints} joint(s) of which "
-                f"{free[wrong][0]} turn goes from radius {least[wrong][0]} to {self.joints}, and "
-                f"tolerance={allowed[wrong][0]} beyond: put it nearer"
+                f"{free[wrong][0]} turn has radius {least[wrong][0]} to {self.joints}, and "
+                f"tolerance={allowed[wrong][0]}: give a reachable target"
             )
 
 
 def make_reacher_task(**settings: Any) -> ReacherTask:
-    """The arm with `settings` of `ReacherTask` changed.
-
-    `max_cycles` is PettingZoo's name of `max_steps`.
+    """Create a `ReacherTask`; `max_cycles` (PettingZoo's name) is accepted for `max_steps`.
 
     Raises:
-        ValueError: settings that make no game.
-        TypeError: an unknown setting, as an unknown keyword is everywhere.
+        ValueError: invalid settings.
+        TypeError: an unknown setting.
     """
     known = [field.name for field in fields(ReacherTask)]
     return ReacherTask(**named_settings("make_reacher_task", settings, known))

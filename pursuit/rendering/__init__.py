@@ -1,1 +1,1 @@
-"""Games as text and pictures, animations, and windows."""
+"""Rendering of games as text, images, animations and windows."""

@@ -1,4 +1,4 @@
-"""Animations of a game, of any world: GIF and MP4."""
+"""Animations of games as GIF and MP4 files."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from pursuit.files import write_beside
+from pursuit.files import write_atomically
 from pursuit.rendering.rendering import (
     BLOCKED,
     CAPTURED,
@@ -32,19 +32,19 @@ def save_animation(
 ) -> None:
     """Write the scenes as an animated GIF or as an MP4, by the suffix of `path`.
 
-    The last frame stays for a second and a half. A GIF loops forever; equal scenes in a row become
-    one longer frame. The file is written beside `path` and renamed, so that a failure, in writing
-    or in making the scenes, leaves what was there.
+    The last frame is shown for 1.5 seconds. GIFs repeat endlessly, and equal consecutive scenes
+    become one longer frame. The file is written atomically: a failure leaves an existing file
+    unchanged.
 
     Args:
         path: ends in `.gif` or `.mp4`.
-        scenes: at least one, of mazes of one height and width, or of arms.
-        fps: frames a second; a GIF has at most 50.
+        scenes: at least one, all of mazes of the same height and width, or all of arms.
+        fps: frames per second; at most 50 for a GIF.
         size: as for `draw_scene`.
 
     Raises:
         ValueError: another suffix; no scenes; pictures of different sizes; `fps` not above 0.
-        ImportError: an MP4 is wanted and imageio-ffmpeg is not installed.
+        ImportError: `path` is an MP4 and imageio-ffmpeg is not installed.
         OSError: the file cannot be written.
     """
     path = Path(path)
@@ -55,9 +55,9 @@ def save_animation(
             f"{path}: suffix {path.suffix!r}; an animation is a .gif or .mp4 file: rename it"
         )
     if not fps > 0:
-        raise ValueError(f"fps={fps}; an animation needs more than 0 frames a second")
+        raise ValueError(f"fps={fps}; give more than 0 frames per second")
     frames = _frames(path, scenes, size)
-    write_beside(path, lambda beside: writers[suffix](beside, frames, fps))
+    write_atomically(path, lambda partial: writers[suffix](partial, frames, fps))
 
 
 def _frames(path: Path, scenes: Iterable[Drawable], size: int) -> Iterator[NDArray[np.uint8]]:
@@ -67,7 +67,7 @@ def _frames(path: Path, scenes: Iterable[Drawable], size: int) -> Iterator[NDArr
         if shape is not None and frame.shape != shape:
             raise ValueError(
                 f"{path}: a picture of {frame.shape[1]}x{frame.shape[0]} after pictures of "
-                f"{shape[1]}x{shape[0]}; animate mazes of one height and width"
+                f"{shape[1]}x{shape[0]}; give scenes of mazes of the same height and width"
             )
         shape = frame.shape
         yield frame
@@ -77,7 +77,7 @@ def _frames(path: Path, scenes: Iterable[Drawable], size: int) -> Iterator[NDArr
 
 @lru_cache(maxsize=1)
 def _palette() -> Image.Image:
-    """An image with every colour of the pictures, and four blends between any two, as palette.
+    """An image with a palette of all colours of the pictures, and four blends of every two.
 
     One palette for all frames keeps a GIF small and free of dithering noise.
     """
@@ -86,7 +86,7 @@ def _palette() -> Image.Image:
     entries = [*basis]
     for first, second in combinations(basis, 2):
         for blend in (first + (second - first) * i // 5 for i in range(1, 5)):
-            # Pillow rounds colours to multiples of 4: what lies next to a colour would replace it.
+            # Pillow rounds colours to multiples of 4, so a similar blend would replace a colour.
             if (abs(basis - blend).max(axis=1) >= 12).all():
                 entries.append(blend)
     palette = Image.new("P", (1, 1))

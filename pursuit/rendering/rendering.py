@@ -1,4 +1,4 @@
-"""Pictures of a game: plain text, an RGB array, a window; of any world, once it can draw."""
+"""Scenes of games in mazes, rendered as text and RGB arrays."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ Color = tuple[int, int, int]
 
 WHITE: Color = (255, 255, 255)
 FLOOR: Color = WHITE
-OPENING: Color = (238, 238, 238)  # the faint line between two joined cells
+OPENING: Color = (238, 238, 238)  # the faint line between connected cells
 WALL: Color = (38, 42, 48)
 BLOCKED: Color = (212, 212, 212)
 HATCH: Color = (158, 158, 158)
 CAPTURED: Color = (205, 205, 205)
 CAPTURED_LINE: Color = (112, 112, 112)
-# The colours of Okabe and Ito (2008), which colour-blind readers can tell apart.
+# The colours of Okabe and Ito (2008), which colour-blind readers can distinguish.
 ROLE_COLORS: dict[str, Color] = {
     "chaser": (213, 94, 0),
     "evader": (0, 114, 178),
@@ -40,14 +40,14 @@ MIN_TOKEN_PIXELS = 9
 
 
 class Drawable(Protocol):
-    """One moment of a game that can draw itself: what windows and animations show."""
+    """A state of a game that windows and animations can render."""
 
     def draw(self, size: int = 480) -> NDArray[np.uint8]:
         """[height, width, 3] uint8, RGB; both sides are even numbers."""
         ...
 
     def text(self) -> str:
-        """The same in characters."""
+        """The scene as text."""
         ...
 
 
@@ -57,11 +57,11 @@ class AgentMark:
 
     Args:
         name: role and number, as in `"chaser_0"`; the role is chaser, evader or runner.
-        cell: the number of the cell in which it stands, or was captured.
-        active: False once it is captured.
+        cell: the number of its cell; after capture, of its last cell.
+        active: False if captured.
 
     Raises:
-        ValueError: a name of another form.
+        ValueError: an invalid name.
     """
 
     name: str
@@ -71,7 +71,7 @@ class AgentMark:
     def __post_init__(self) -> None:
         if self.role not in ("chaser", "evader", "runner") or not self.number.isdecimal():
             raise ValueError(
-                f"agent name {self.name!r}; names are chaser_N, evader_N and runner_N, N a number"
+                f"agent name {self.name!r}; give chaser_N, evader_N or runner_N with a number N"
             )
 
     @property
@@ -81,23 +81,23 @@ class AgentMark:
 
     @property
     def number(self) -> str:
-        """What follows the role, as text."""
+        """The number after the role, as text."""
         return self.name.rpartition("_")[2]
 
 
 @dataclass(frozen=True)
 class Scene:
-    """All that a picture of one moment of a game shows.
+    """The data of a picture of one state of a game.
 
     Args:
-        maze: where it takes place.
-        agents: every agent, captured ones too.
-        goals: the cells of the goals that are left.
-        steps, max_steps: how many steps were made, and after how many the game is truncated.
-        caption: a remark for the footer.
+        maze: the maze.
+        agents: all agents, including captured ones.
+        goals: the cells of the remaining goals.
+        steps, max_steps: steps of the episode, and its maximal length.
+        caption: text for the footer.
 
     Raises:
-        ValueError: an agent or a goal is on a cell that the maze does not have.
+        ValueError: the cell of an agent or a goal is not in the maze.
     """
 
     maze: Maze
@@ -128,8 +128,8 @@ class Scene:
 def scene_to_text(scene: Scene) -> str:
     """The scene in the text format of mazes, then the step count and the caption.
 
-    A cell holds C (chaser), E (evader), R (runner) or G (goal), in lower case when captured. Where
-    several share a cell, their number stands there (`+` above nine), and a line below names them.
+    A cell holds C (chaser), E (evader), R (runner) or G (goal), in lower case when captured. If
+    several share a cell, it shows their number (`+` above nine), and a line below lists them.
     """
     maze = scene.maze
     lines = [list(line) for line in maze.to_text().splitlines()]
@@ -157,16 +157,16 @@ def draw_scene(scene: Scene, cell_pixels: int | None = None, size: int = 480) ->
 
     Chasers are orange triangles, evaders blue circles, runners green squares, goals yellow stars;
     captured agents are grey and crossed out. Agents of one role carry numbers if there are several
-    of them. All who share a cell are drawn side by side. The picture depends on the scene alone.
+    of them. Agents in the same cell are drawn side by side. The picture depends on the scene only.
 
     Args:
-        scene: what to draw.
+        scene: the scene.
         cell_pixels: the side of a cell; None to fit the maze into `size`.
-        size: where `cell_pixels` is None, the longer side of the picture without its footer is at
-            most this; but a maze that would get less than 3 pixels a cell makes a larger picture.
+        size: if `cell_pixels` is None, the maximal longer side of the picture without its footer.
+            It is exceeded if cells would be smaller than 3 pixels.
 
     Raises:
-        ValueError: `cell_pixels` or `size` is too small to show anything.
+        ValueError: `cell_pixels` or `size` is too small.
     """
     if cell_pixels is not None and cell_pixels < MIN_CELL_PIXELS:
         raise ValueError(f"cell_pixels={cell_pixels}; a cell needs at least {MIN_CELL_PIXELS}")
@@ -182,7 +182,7 @@ def draw_scene(scene: Scene, cell_pixels: int | None = None, size: int = 480) ->
 
 @dataclass(frozen=True)
 class _Layout:
-    """Where things lie in a picture, in pixels; the maze's outer corner is at (left, MARGIN)."""
+    """The layout of a picture in pixels; the upper left corner of the maze is at (left, MARGIN)."""
 
     cell: int
     wall: int
@@ -192,13 +192,13 @@ class _Layout:
     font_size: int
 
     @property
-    def room(self) -> int:
-        """The side of a cell between its walls."""
+    def inside(self) -> int:
+        """The side of a cell without its walls."""
         return self.cell - self.wall
 
     @property
     def smallest_token(self) -> int:
-        """The least diameter that shows in a picture of this size, however small the cells are."""
+        """The smallest visible diameter of a token in a picture of this size."""
         return max(MIN_TOKEN_PIXELS, max(self.width, self.height) // 40)
 
 
@@ -210,10 +210,10 @@ def _wall_pixels(cell: int) -> int:
 def _background(
     maze: Maze, cell_pixels: int | None, size: int, max_steps: int
 ) -> tuple[Image.Image, _Layout]:
-    """The picture of the empty maze, to be copied, and its layout."""
+    """The picture of the empty maze (copy it before drawing), and its layout."""
     longest = max(maze.height, maze.width)
-    room = size - 2 * MARGIN
-    cell = cell_pixels or max(MIN_CELL_PIXELS, (room - _wall_pixels(room // longest)) // longest)
+    side = size - 2 * MARGIN
+    cell = cell_pixels or max(MIN_CELL_PIXELS, (side - _wall_pixels(side // longest)) // longest)
     wall = _wall_pixels(cell)
     maze_width, height = maze.width * cell + wall, maze.height * cell + wall + 2 * MARGIN
     font_size = min(18, max(11, max(maze_width, height) // 32))
@@ -229,8 +229,8 @@ def _background(
 def _maze_pixels(maze: Maze, cell: int, wall: int) -> NDArray[np.uint8]:
     """[height * cell + wall, width * cell + wall, 3] uint8.
 
-    One code for each character of the text format, widened to pixels: no line is ever blurred, and
-    walls meet in their corners.
+    One code per character of the text format, repeated to pixels: lines are sharp, and walls meet
+    in their corners.
     """
     floor, opening, closed, blocked, hatch = range(5)
     colors = np.array([FLOOR, OPENING, WALL, BLOCKED, HATCH], dtype=np.uint8)
@@ -241,7 +241,7 @@ def _maze_pixels(maze: Maze, cell: int, wall: int) -> NDArray[np.uint8]:
     codes[1::2, 2:-1:2][maze.open_east] = opening
     codes[2:-1:2, 1::2][is_blocked[:-1] & is_blocked[1:]] = blocked
     codes[1::2, 2:-1:2][is_blocked[:, :-1] & is_blocked[:, 1:]] = blocked
-    # A corner is closed where any of the four walls around it is.
+    # A corner is closed if any of its four walls is.
     around = np.stack(
         [codes[1:-2:2, 2:-1:2], codes[3::2, 2:-1:2], codes[2:-1:2, 1:-2:2], codes[2:-1:2, 3::2]]
     )
@@ -257,7 +257,7 @@ def _maze_pixels(maze: Maze, cell: int, wall: int) -> NDArray[np.uint8]:
 
 
 def _placed_tokens(scene: Scene, layout: _Layout) -> Iterator[tuple[Image.Image, int, int]]:
-    """Every token of the scene and the pixel of its upper left corner, captured agents first."""
+    """The tokens of the scene and the pixels of their upper left corners, captured agents first."""
     roles = [agent.role for agent in scene.agents]
     inside = defaultdict(list)
     for goal in scene.goals:
@@ -268,11 +268,11 @@ def _placed_tokens(scene: Scene, layout: _Layout) -> Iterator[tuple[Image.Image,
     for cell, tokens in inside.items():
         columns = math.ceil(math.sqrt(len(tokens)))
         rows = math.ceil(len(tokens) / columns)
-        share = layout.room / columns
+        share = layout.inside / columns
         diameter = max(layout.smallest_token, round((0.7 if columns == 1 else 0.9) * share))
-        diameter += (layout.room - diameter) % 2  # a lone token sits exactly in the middle
+        diameter += (layout.inside - diameter) % 2  # a single token is centred exactly
         pitch = max(0.94 * share, diameter)
-        to_middle = layout.wall + layout.room / 2
+        to_middle = layout.wall + layout.inside / 2
         middle_x = layout.left + int(scene.maze.columns[cell]) * layout.cell + to_middle
         middle_y = MARGIN + int(scene.maze.rows[cell]) * layout.cell + to_middle
         half = (columns - 1) / 2 * pitch + diameter / 2 + 1  # of the group, kept in the picture
@@ -298,7 +298,7 @@ def _regular(corners: int, radius: float, inner: float | None = None) -> list[tu
     ]
 
 
-# Outlines in a token of diameter 1, of about equal weight to the eye.
+# Outlines of tokens of diameter 1, of about equal visual weight.
 OUTLINES: dict[str, list[tuple[float, float]]] = {
     "chaser": [(x, y + 0.13) for x, y in _regular(3, 0.56)],
     "evader": _regular(60, 0.45),
@@ -309,7 +309,7 @@ OUTLINES: dict[str, list[tuple[float, float]]] = {
 
 @lru_cache(maxsize=512)
 def _token(role: str, label: str, active: bool, diameter: int) -> Image.Image:
-    """[diameter + 2] squared RGBA, the shape of a role; a white rim parts it from walls."""
+    """[diameter + 2, diameter + 2] RGBA, the shape of a role with a white rim."""
     scale, side = SUPERSAMPLING * diameter, SUPERSAMPLING * (diameter + 2)
     image = Image.new("RGBA", (side, side), (*WHITE, 0))
     draw = ImageDraw.Draw(image)
@@ -339,15 +339,15 @@ def font_of(size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
     return ImageFont.load_default(size=size)
 
 
-def draw_footer(image: Image.Image, top: int, font_size: int, said: str, caption: str) -> None:
-    """Below the row `top` what is said on the left; on the right what there is room for."""
+def draw_footer(image: Image.Image, top: int, font_size: int, text: str, caption: str) -> None:
+    """Draw `text` on the left below row `top`, and `caption`, shortened to fit, on the right."""
     draw, font = ImageDraw.Draw(image), font_of(font_size)
     middle = top + (image.height - top - MARGIN) // 2
-    draw.text((MARGIN, middle), said, WALL, font, anchor="lm")
+    draw.text((MARGIN, middle), text, WALL, font, anchor="lm")
     caption = " ".join(caption.split())
-    room = image.width - 2 * MARGIN - font.getlength(said) - font_size
-    if font.getlength(caption) > room:
-        while caption and font.getlength(caption + "...") > room:
+    most = image.width - 2 * MARGIN - font.getlength(text) - font_size
+    if font.getlength(caption) > most:
+        while caption and font.getlength(caption + "...") > most:
             caption = caption[:-1]
         caption = caption and caption.rstrip() + "..."
     draw.text((image.width - MARGIN, middle), caption, WALL, font, anchor="rm")

@@ -1,4 +1,4 @@
-"""What an environment shows when it is rendered: a text, a picture, or a window."""
+"""Rendering of environments: text, images, or a window."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ RENDER_MODES = ("ansi", "rgb_array", "human")
 
 
 class Rendered(ABC):
-    """`render` and `close` of an environment of one game, which says what its `_scene` is."""
+    """Implements `render` and `close` for environments of one game; subclasses define `_scene`."""
 
     metadata: dict[str, Any]
     render_mode: str | None
@@ -34,17 +34,17 @@ class Rendered(ABC):
 
     @abstractmethod
     def _scene(self) -> Drawable:
-        """What is drawn now."""
+        """The current scene."""
 
     def _show(self) -> None:
-        """After a reset or a step: the next frame of a window."""
+        """Update the window after a reset or a step."""
         if self.render_mode == "human":
             self.render()
 
     def render(self) -> str | NDArray[np.uint8] | None:
-        """A text ("ansi"), a picture [height, width, 3] uint8 ("rgb_array"), or a window."""
+        """Text ("ansi"), an image [height, width, 3] uint8 ("rgb_array"), or None ("human")."""
         if self.render_mode is None:
-            gymnasium.logger.warn("render() without a render_mode; give one when making the env")
+            gymnasium.logger.warn("render() without a render_mode; give one to the environment")
             return None
         if self.render_mode == "ansi":
             return self._scene().text()
@@ -62,10 +62,10 @@ class Rendered(ABC):
 
 
 class Window:
-    """A window that shows scenes. Its close button closes it; later scenes are then ignored.
+    """A window that shows scenes. After it is closed by its button, scenes are ignored.
 
     Args:
-        title: what the window's bar says.
+        title: title of the window.
         size: as for `draw_scene`.
 
     Raises:
@@ -85,7 +85,7 @@ class Window:
         self.is_open = True
 
     def show(self, scene: Drawable, fps: float = 5) -> None:
-        """Draw the scene, then wait until 1 / fps seconds after the scene before it (0: never)."""
+        """Draw the scene; wait so that at most `fps` scenes are shown per second (0: no wait)."""
         if not self.is_open:
             return
         display = self._pygame.display
@@ -100,7 +100,7 @@ class Window:
             self.close()
 
     def close(self) -> None:
-        """Close the window; more than once does no harm."""
+        """Close the window; further calls have no effect."""
         if self.is_open:
             self.is_open = False
             self._pygame.display.quit()

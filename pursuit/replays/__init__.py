@@ -1,1 +1,1 @@
-"""Recorded games: files, and the page that shows them."""
+"""Recorded episodes: recorder, files, and HTML viewer."""

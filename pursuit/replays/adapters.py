@@ -1,4 +1,4 @@
-"""What a replay must know of a world: how an episode begins, and what a state is."""
+"""Adapters between replays and simulators of mazes or arms: settings, start states, and states."""
 
 from __future__ import annotations
 
@@ -20,14 +20,15 @@ State = dict[str, NDArray[Any]]
 
 
 class MazeAdapter:
-    """Games in mazes. Actions are one a seat."""
+    """Adapter for games in mazes. An action has one integer per agent."""
 
     name = "maze"
 
     def settings(self, task: Task) -> dict[str, Any]:
-        """The task as plain values; a function that pays is not kept, as its rewards are.
+        """The task as plain values, without a reward function (replays store the rewards).
 
-        What limits sight stands there only where something does, so that older versions read it.
+        Settings of partial observability are written only if used, so that older versions can read
+        the file.
         """
         plain = {
             each.name: getattr(task, each.name)
@@ -40,36 +41,36 @@ class MazeAdapter:
         return plain
 
     def task(self, settings: dict[str, Any]) -> Task:
-        """The task again; ValueError for settings of none."""
+        """The task with these settings; ValueError for invalid ones."""
         given = dict(settings)
         mazes = given.pop("mazes", None)
         if not isinstance(mazes, list) or not mazes or not all(isinstance(m, dict) for m in mazes):
-            raise ValueError(f"mazes={mazes!r}; a list of mazes with name and text is needed")
+            raise ValueError(f"mazes={mazes!r}; give a list of mazes with name and text")
         found = []
         for maze in mazes:
             text, name = maze.get("text"), maze.get("name")
             if not isinstance(text, str) or not isinstance(name, str):
-                raise ValueError(f"maze {maze!r}; it has a name and a text")
+                raise ValueError(f"maze {maze!r}; give a name and a text")
             found.append(Maze.from_text(text, name))
         rewards = given.pop("rewards", None)
         if rewards is not None and ":" in str(rewards):
-            raise ValueError(f"rewards={rewards!r}; a replay names no code")
+            raise ValueError(f"rewards={rewards!r}; a replay cannot name a function")
         unknown = set(given) - {each.name for each in fields(Task)}
         if unknown:
             raise ValueError(f"unknown settings of a task: {', '.join(sorted(unknown))}")
-        paid = {} if rewards is None else {"rewards": rewards}
-        return Task(maze=found[0] if len(found) == 1 else tuple(found), **given, **paid)
+        scheme = {} if rewards is None else {"rewards": rewards}
+        return Task(maze=found[0] if len(found) == 1 else tuple(found), **given, **scheme)
 
     def agents(self, task: Task) -> list[str]:
-        """Who acts: a column of the rewards each."""
+        """The names of the agents, one for each column of the rewards."""
         return list(task.agent_names)
 
     def simulator(self, task: Task) -> Simulator:
-        """One game, which stays as it ended."""
+        """A simulator of one game without automatic restarts."""
         return Simulator(task, auto_restart=False)
 
     def start(self, simulator: Simulator, game: int) -> dict[str, Any]:
-        """Where a game stands at the beginning of its episode, as plain values."""
+        """The start state of the episode, as plain values."""
         return {
             "positions": simulator.positions[game].tolist(),
             "goals": simulator.goals[game].tolist(),
@@ -77,14 +78,14 @@ class MazeAdapter:
         }
 
     def begin(self, simulator: Simulator, start: dict[str, Any]) -> None:
-        """Put the one game of a simulator there; ValueError for what is no start."""
+        """Start an episode in the game of a simulator; ValueError for an invalid start state."""
         goals = start.get("goals")
         simulator.place(start.get("positions"), goals or None, start.get("maze", 0))  # type: ignore[arg-type]
 
     def state(self, simulator: Simulator, game: int, final: bool = False) -> State:
-        """Copies of what can be seen of a game now, or as its last episode ended.
+        """Copies of the current state of a game, or of the final state of its last episode.
 
-        They are "cells" [agents], -1 once captured, "goals", and "events" [agents].
+        The keys are "cells" [agents], -1 after capture, "goals", and "events" [agents].
         """
         games = simulator._outcome.final if final else simulator.games
         cells = np.where(games.active[game] == 0, -1, games.position[game])
@@ -99,16 +100,16 @@ class MazeAdapter:
         simulator.step(action[None].astype(np.int32))
 
     def rewards(self, simulator: Simulator, game: int) -> NDArray[np.float32]:
-        """[agents], of the last step."""
+        """[agents] the rewards of the last step."""
         return simulator.rewards[game].copy()
 
     def width(self, task: Task) -> int:
-        """Numbers of an action of all agents together."""
+        """The number of values of the actions of one step."""
         return task.num_agents
 
 
 class ArmAdapter:
-    """Arms. An action has a number for every joint."""
+    """Adapter for arms. An action has one number per joint."""
 
     name = "arm"
 
@@ -117,22 +118,22 @@ class ArmAdapter:
         return {each.name: getattr(task, each.name) for each in fields(task)}
 
     def task(self, settings: dict[str, Any]) -> ReacherTask:
-        """The task again; ValueError for settings of none."""
+        """The task with these settings; ValueError for invalid ones."""
         unknown = set(settings) - {each.name for each in fields(ReacherTask)}
         if unknown:
             raise ValueError(f"unknown settings of an arm: {', '.join(sorted(unknown))}")
         return ReacherTask(**settings)
 
     def agents(self, task: ReacherTask) -> list[str]:
-        """Who acts: a column of the rewards each."""
+        """The names of the agents, one for each column of the rewards."""
         return ["arm"]
 
     def simulator(self, task: ReacherTask) -> ReacherSimulator:
-        """One game, which stays as it ended."""
+        """A simulator of one game without automatic restarts."""
         return ReacherSimulator(task, auto_restart=False)
 
     def start(self, simulator: ReacherSimulator, game: int) -> dict[str, Any]:
-        """Where a game stands at the beginning of its episode, as plain values."""
+        """The start state of the episode, as plain values."""
         arms = simulator.arms
         return {
             "angles": arms.angles[game].tolist(),
@@ -143,13 +144,15 @@ class ArmAdapter:
         }
 
     def begin(self, simulator: ReacherSimulator, start: dict[str, Any]) -> None:
-        """Put the one game of a simulator there; ValueError for what is no start."""
+        """Start an episode in the game of a simulator; ValueError for an invalid start state."""
         kept = {name: start.get(name) for name in ("free_joints", "hold", "tolerance")}
         simulator.configure(**kept)
         simulator.place(start.get("angles", ()), start.get("target", ()))
 
     def state(self, simulator: ReacherSimulator, game: int, final: bool = False) -> State:
-        """Copies of an arm now, or as its last episode ended: "angles" [joints], "target" [2]."""
+        """Copies of the current state of an arm, or of the final state of its last episode.
+
+        The keys are "angles" [joints] and "target" [2]."""
         arms = simulator.final if final else simulator.arms
         return {
             "angles": arms.angles[game].astype("<f8"),
@@ -161,11 +164,11 @@ class ArmAdapter:
         simulator.step(action[None])
 
     def rewards(self, simulator: ReacherSimulator, game: int) -> NDArray[np.float32]:
-        """[agents], of the last step."""
+        """[agents] the rewards of the last step."""
         return simulator.rewards[game : game + 1].copy()
 
     def width(self, task: ReacherTask) -> int:
-        """Numbers of an action of all agents together."""
+        """The number of values of the actions of one step."""
         return task.joints
 
 
@@ -173,24 +176,24 @@ VISIBILITY_SETTINGS = ("view_radius", "line_of_sight", "unknown_maze")
 
 
 def visibility_settings(task: Task) -> dict[str, Any]:
-    """What limits sight, as text, without what limits nothing."""
+    """The settings of partial observability that are in use, as text."""
     radius: Any = task.view_radius
     chosen: Any = {name: getattr(task, name) for name in VISIBILITY_SETTINGS[1:]}
-    texts = {name: agent_choice_text(who) for name, who in chosen.items()}
+    texts = {name: agent_choice_text(agents) for name, agents in chosen.items()}
     return {
         n: t for n, t in {VISIBILITY_SETTINGS[0]: view_radius_text(radius), **texts}.items() if t
     }
 
 
 def has_reward_function(task: Any) -> bool:
-    """Whether a function of a user's pays in this task."""
+    """Whether the task uses a custom reward function."""
     return isinstance(task, Task) and task.reward_function is not None
 
 
 def _rewards_as_text(task: Task) -> str:
     if isinstance(task.rewards, str):
         return task.rewards
-    by_role = {role: dict(vars(paid)) for role, paid in task.role_rewards.items()}
+    by_role = {role: dict(vars(rewards)) for role, rewards in task.role_rewards.items()}
     return rewards_text(by_role)
 
 
@@ -199,9 +202,9 @@ ADAPTERS: dict[str, Any] = {"maze": MazeAdapter(), "arm": ArmAdapter()}
 
 
 def adapter_for(task: Any) -> Any:
-    """The world of a task; ValueError for what is none."""
+    """The adapter of a task; ValueError for other objects."""
     if isinstance(task, Task):
         return ADAPTERS["maze"]
     if isinstance(task, ReacherTask):
         return ADAPTERS["arm"]
-    raise ValueError(f"task={task!r}; replays are of a pursuit.Task or a pursuit.ReacherTask")
+    raise ValueError(f"task={task!r}; give a pursuit.Task or a pursuit.ReacherTask")

@@ -1,4 +1,4 @@
-"""Recorder: keeps the episodes of any environment of ours as replays."""
+"""The class `Recorder`, which records the episodes of any Pursuit environment as replays."""
 
 from __future__ import annotations
 
@@ -13,49 +13,50 @@ from pursuit.replays.adapters import State, adapter_for, has_reward_function
 from pursuit.replays.replay import Episode, Replay, digest_of
 from pursuit.validation import whole
 
-LISTENED = ("step", "reset", "place", "set_state")
-"""The methods of a simulator that a recorder puts itself in front of."""
+WRAPPED = ("step", "reset", "place", "set_state")
+"""The methods of a simulator that a recorder wraps."""
 
 
 class Recorder:
     """Records the episodes of an environment from now on.
 
-    It listens at the simulator that every environment of ours stands on, so it takes any of them:
-    PettingZoo's (parallel or turn-based), Gymnasium's (single or vectorised, within wrappers),
-    Stable-Baselines3's, TorchRL's, and a simulator itself. Use the environment as ever, or the
-    recorder in its place: what it does not know it passes on (wrappers go inside it).
+    It wraps the methods of the simulator inside the environment. It accepts environments of
+    PettingZoo (parallel or turn-based), Gymnasium (single or vectorised, with wrappers),
+    Stable-Baselines3 and TorchRL, and simulators. Use the environment as before, or the recorder in
+    its place, which forwards all other attributes (apply wrappers before the recorder).
 
-    An episode is kept once it has ended, with the actions of all seats; one that was broken off, by
-    a wrapper's time limit or because one's own evader is caught while others play on, once the
-    environment is reset.
+    An episode is stored when it ends, with the actions of all agents. An unfinished episode is
+    stored at the next reset: one cut off by the time limit of a wrapper, or one that continued
+    after your evader was captured.
 
     Args:
-        env: an environment of ours.
-        games: of a batch, how many of its games are recorded: the first ones.
-        most: so many episodes are kept, the last ones.
+        env: an environment or simulator of Pursuit.
+        games: number of games of a batch to record, from the first.
+        most: maximal number of stored episodes; the oldest are dropped.
 
     Raises:
-        ValueError: there is no simulator of ours in `env`, or a number below 1.
+        ValueError: `env` contains no simulator of Pursuit, or a number below 1.
     """
 
     def __init__(self, env: Any, games: int = 16, most: int = 1000) -> None:
         self.env = env
         simulator = simulator_of(env)
-        self._world = adapter_for(simulator.task)
+        self._adapter = adapter_for(simulator.task)
         self._simulator = simulator
         self._games = min(whole("games", games, 1, 2**31), simulator.num_games)
         self._most = whole("most", most, 1, 2**31)
         self.episodes: list[Episode] = []
         self.seed: int | None = simulator.last_seed
         self._tracks: list[_Track | None] = [None] * self._games
-        self._methods = {name: getattr(simulator, name) for name in LISTENED}
-        self._own = {name: self._restarting(name) for name in LISTENED[1:]} | {"step": self._step}
-        for name, method in self._own.items():
+        self._methods = {name: getattr(simulator, name) for name in WRAPPED}
+        restarting = {name: self._restarting(name) for name in WRAPPED[1:]}
+        self._wrappers = {"step": self._step, **restarting}
+        for name, method in self._wrappers.items():
             setattr(simulator, name, method)
-        self._follow()
+        self._update_tracks()
 
     def __getattr__(self, name: str) -> Any:
-        """What is the environment's."""
+        """An attribute of the environment."""
         if name.startswith("__") or "env" not in vars(self):
             raise AttributeError(name)
         return getattr(self.env, name)
@@ -73,10 +74,10 @@ class Recorder:
         return self.replay.save(path)
 
     def stop(self) -> Replay:
-        """Listen no more; what was recorded. Recorders of one environment stop in any order."""
+        """Stop recording and return the replay. Several recorders may stop in any order."""
         self._tracks, self._games = [], 0
         kept = vars(self._simulator)
-        if kept.get("step") is self._own["step"]:
+        if kept.get("step") is self._wrappers["step"]:
             for name, method in self._methods.items():
                 if getattr(method, "__self__", None) is self._simulator:
                     kept.pop(name)
@@ -87,20 +88,20 @@ class Recorder:
     def _repr_html_(self) -> str:
         return self.replay._repr_html_()
 
-    def _follow(self) -> None:
-        """After games were put somewhere: those that stand where they were recorded go on."""
+    def _update_tracks(self) -> None:
+        """After a reset: continue recordings that still match their games, and start new ones."""
         simulator = self._simulator
         for game in range(self._games):
             track, steps = self._tracks[game], int(simulator.steps[game])
-            if track is not None and not track.stands(steps):
-                self._leave(track)
+            if track is not None and not track.matches(steps):
+                self._keep_unfinished(track)
                 track = None
             if track is None and steps == 0 and not simulator.ended[game]:
-                track = _Track(self._world, simulator, game)
+                track = _Track(self._adapter, simulator, game)
             self._tracks[game] = track
 
-    def _leave(self, track: _Track) -> None:
-        """Keep an episode that was broken off, by a wrapper's time limit, say, as it is."""
+    def _keep_unfinished(self, track: _Track) -> None:
+        """Store an unfinished episode, for example after the time limit of a wrapper."""
         if track.actions:
             self._keep(track.episode(False, False))
 
@@ -111,7 +112,7 @@ class Recorder:
     def _restarting(self, name: str) -> Any:
         def restart(*arguments: Any, **settings: Any) -> None:
             self._methods[name](*arguments, **settings)
-            self._follow()
+            self._update_tracks()
             if self._simulator.last_seed is not None:
                 self.seed = self._simulator.last_seed
 
@@ -127,35 +128,35 @@ class Recorder:
                 continue
             track.add(taken[game], bool(ended[game]) and simulator.auto_restart)
             if ended[game]:
-                ways = bool(simulator.terminated[game]), bool(simulator.truncated[game])
-                self._keep(track.episode(*ways))
+                flags = bool(simulator.terminated[game]), bool(simulator.truncated[game])
+                self._keep(track.episode(*flags))
                 self._tracks[game] = None
         if simulator.auto_restart:
             for restarted in np.flatnonzero(ended[: self._games]).tolist():
-                self._tracks[restarted] = _Track(self._world, simulator, restarted)
+                self._tracks[restarted] = _Track(self._adapter, simulator, restarted)
 
 
 class _Track:
-    """An episode that is being played."""
+    """The recording of an episode in progress."""
 
-    def __init__(self, world: Any, simulator: Any, game: int) -> None:
-        self.world, self.simulator, self.game = world, simulator, game
-        self.start = world.start(simulator, game)
-        self.states: list[State] = [world.state(simulator, game)]
+    def __init__(self, adapter: Any, simulator: Any, game: int) -> None:
+        self.adapter, self.simulator, self.game = adapter, simulator, game
+        self.start = adapter.start(simulator, game)
+        self.states: list[State] = [adapter.state(simulator, game)]
         self.actions: list[NDArray[Any]] = []
         self.rewards: list[NDArray[np.float32]] = []
 
     def add(self, action: NDArray[Any], final: bool) -> None:
-        """After a step; `final`: the simulator has begun the next episode already."""
+        """Record a step. `final`: the simulator has already restarted, so read the final state."""
         self.actions.append(np.array(action))
-        self.rewards.append(self.world.rewards(self.simulator, self.game))
-        self.states.append(self.world.state(self.simulator, self.game, final))
+        self.rewards.append(self.adapter.rewards(self.simulator, self.game))
+        self.states.append(self.adapter.state(self.simulator, self.game, final))
 
-    def stands(self, steps: int) -> bool:
-        """Whether the game is where it was recorded last, after so many steps."""
+    def matches(self, steps: int) -> bool:
+        """Whether the game, after `steps` steps, is in the last recorded state."""
         if steps != len(self.actions):
             return False
-        now = self.world.state(self.simulator, self.game)
+        now = self.adapter.state(self.simulator, self.game)
         return all(
             np.array_equal(now[name], kept)
             for name, kept in self.states[-1].items()
@@ -163,8 +164,8 @@ class _Track:
         )
 
     def episode(self, terminated: bool, truncated: bool) -> Episode:
-        """What was played."""
-        kind: Any = np.float64 if self.world.name == "arm" else np.uint8
+        """The recorded episode."""
+        kind: Any = np.float64 if self.adapter.name == "arm" else np.uint8
         return Episode(
             self.start,
             np.stack(self.actions).astype(kind),
@@ -176,11 +177,11 @@ class _Track:
 
 
 INNER = ("env", "aec_env", "par_env", "envs", "venv", "games")
-"""What wrappers call what is in them."""
+"""Attributes in which wrappers hold the wrapped object."""
 
 
 def simulator_of(env: Any) -> Any:
-    """The simulator that an environment of ours stands on; ValueError where there is none."""
+    """The simulator inside an environment of Pursuit; ValueError if there is none."""
     for layer in _layers(env):
         if hasattr(layer, "auto_restart") and hasattr(layer, "get_state"):
             return layer
@@ -188,13 +189,13 @@ def simulator_of(env: Any) -> Any:
         if own is not None:
             return own
     raise ValueError(
-        f"env={env!r}; give an environment of pursuit, or a Simulator: this one has none inside, "
-        "or several (of a batch of single environments record each)"
+        f"env={env!r}; give an environment of pursuit, or a Simulator; this one contains none or "
+        "several (record the environments of a batch one by one)"
     )
 
 
 def _layers(env: Any) -> Iterator[Any]:
-    """An environment and what it wraps, from outside to inside."""
+    """An environment and the layers that it wraps, from the outermost to the innermost."""
     seen: set[int] = set()
     layer = env
     while layer is not None and id(layer) not in seen and hasattr(layer, "__dict__"):

@@ -1,4 +1,4 @@
-"""Replays: episodes as small JSON files, which the simulator plays again to the same states."""
+"""The class `Replay`: recorded episodes, JSON files, and exact playback in the simulator."""
 
 from __future__ import annotations
 
@@ -15,31 +15,31 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.files import write_beside
+from pursuit.files import write_atomically
 from pursuit.replays.adapters import ADAPTERS, Adapter, State, adapter_for, has_reward_function
 from pursuit.replays.viewer.data import replay_page
 from pursuit.validation import one_of
 from pursuit.version import __version__
 
 FORM = 1
-"""Of the files; a newer one than this is refused."""
+"""Version of the file format; files of newer versions are refused."""
 MOST_BYTES = 256 * 2**20
-CLOSE = 1e-5
-"""Rewards that differ by less are the same: processors round sines and roots differently."""
+REWARD_TOLERANCE = 1e-5
+"""Tolerance for equal rewards, as processors round sines and roots differently."""
 
 
 @dataclass(frozen=True)
 class Episode:
-    """One episode, from its start to where the recording ends.
+    """One recorded episode.
 
     Attributes:
-        start: where it begins, as plain values: "positions", "goals" and "maze", or of an arm
+        start: the start state as plain values: "positions", "goals" and "maze", or for an arm
             "angles", "target", "free_joints", "hold" and "tolerance".
-        actions: [steps, agents] uint8, of all seats; of an arm [steps, joints] float64.
+        actions: [steps, agents] uint8; for an arm [steps, joints] float64.
         rewards: [steps, agents] float32.
-        terminated, truncated: how it ended; neither, where the recording ends before it.
-        digest: of all its states, in hexadecimal.
-        label: what a person calls it.
+        terminated, truncated: how the episode ended; both False if it is unfinished.
+        digest: SHA-256 of all states, in hexadecimal.
+        label: label for display.
     """
 
     start: dict[str, Any]
@@ -52,18 +52,18 @@ class Episode:
 
     @property
     def length(self) -> int:
-        """Its steps."""
+        """Number of steps."""
         return len(self.actions)
 
 
 @dataclass(frozen=True)
 class Played:
-    """An episode played again.
+    """The playback of an episode.
 
     Attributes:
-        states: [steps + 1] of every state, the start included; see `replay_worlds`.
-        rewards: [steps, agents] float32, as they are paid now.
-        differences: in words, whatever is not as it was recorded; empty where all is.
+        states: [steps + 1] all states with the start; see `pursuit.replays.adapters`.
+        rewards: [steps, agents] float32, the rewards of the playback.
+        differences: messages on differences from the recording; empty if there are none.
     """
 
     states: list[State]
@@ -77,13 +77,13 @@ class Replay:
 
     Attributes:
         task: a `pursuit.Task` or a `pursuit.ReacherTask`.
-        episodes: at least none.
-        title: what a person calls it.
-        seed: that of the games, if it is known; replays do not need it.
-        players: who acted, in words, by agent.
-        versions: what it was recorded with.
-        own_rewards: whether a custom reward function was used, which the file does not hold; the
-            rewards are then not compared.
+        episodes: the episodes; may be empty.
+        title: title for display.
+        seed: the seed of the games if known, for information; playback does not use it.
+        players: descriptions of the policies, by agent.
+        versions: versions of the packages at recording.
+        own_rewards: whether a custom reward function was used. Files do not contain it, so
+            playback does not compare the rewards.
     """
 
     task: Any
@@ -96,22 +96,22 @@ class Replay:
 
     @property
     def world(self) -> Any:
-        """What kind of task it is."""
+        """The adapter of the task."""
         return adapter_for(self.task)
 
     @property
     def agents(self) -> list[str]:
-        """Who is paid: the columns of the rewards."""
+        """The names of the agents, one for each column of the rewards."""
         return self.world.agents(self.task)
 
     def play(self, number: int = 0) -> Played:
-        """Play an episode again, in the simulator that is installed now.
+        """Play back an episode in the installed version of the simulator.
 
         Raises:
-            ValueError: there is no such episode, or it begins where none can.
+            ValueError: an unknown episode number, or an invalid start state.
         """
         if not 0 <= number < len(self.episodes):
-            raise ValueError(f"episode {number}; there are {len(self.episodes)}, from 0")
+            raise ValueError(f"episode {number}; this replay has {len(self.episodes)}, from 0")
         episode, world = self.episodes[number], self.world
         simulator = world.simulator(self.task)
         world.begin(simulator, episode.start)
@@ -119,7 +119,7 @@ class Replay:
         differences: list[str] = []
         for step, action in enumerate(episode.actions):
             if simulator.ended[0]:
-                differences.append(f"it ends after {step} steps, and not after {episode.length}")
+                differences.append(f"it ends after {step} steps, not after {episode.length}")
                 rewards = rewards[:step]
                 break
             world.step(simulator, action)
@@ -128,20 +128,20 @@ class Replay:
         else:
             ended = (bool(simulator.terminated[0]), bool(simulator.truncated[0]))
             if ended != (episode.terminated, episode.truncated):
-                differences.append("it ends in another way")
+                differences.append("it terminates or is truncated differently")
             if digest_of(states) != episode.digest:
-                differences.append("its states are others")
+                differences.append("its states differ")
             if not self.own_rewards and not np.allclose(
-                rewards, episode.rewards, rtol=CLOSE, atol=CLOSE
+                rewards, episode.rewards, rtol=REWARD_TOLERANCE, atol=REWARD_TOLERANCE
             ):
-                differences.append("its rewards are others")
+                differences.append("its rewards differ")
         return Played(states, rewards, differences)
 
     def check(self) -> list[str]:
-        """In words, what plays differently now than when it was recorded; empty where nothing does.
+        """Play back all episodes; messages on differences from the recording, empty if none.
 
         Raises:
-            ValueError: an episode begins where none can.
+            ValueError: an invalid start state.
         """
         found = []
         for number in range(len(self.episodes)):
@@ -153,63 +153,63 @@ class Replay:
         return found
 
     def page(self, title: str = "") -> str:
-        """A self-contained HTML page that plays the episodes.
+        """A self-contained HTML page with a viewer of the episodes.
 
         Raises:
-            ValueError: there is none, or one begins where none can.
+            ValueError: no episode, or an invalid start state.
         """
         return replay_page([self], title or self.title)
 
     def _repr_html_(self) -> str:
-        """The page within a notebook."""
+        """The page, for notebooks."""
         if not self.episodes:
-            return "<p>A replay without episodes: play one to its end first.</p>"
+            return "<p>This replay has no episodes; play an episode to its end first.</p>"
         return (
             f'<iframe srcdoc="{escape(self.page())}" width="100%" height="640" '
             'style="border: 0" title="pursuit replay"></iframe>'
         )
 
     def save(self, path: str | Path) -> Path:
-        """Write it as JSON, beside `path` and renamed; a suffix `.json` is added where none is.
+        """Write the replay as JSON (atomically); `.json` is appended if `path` has no suffix.
 
         Raises:
-            OSError: it cannot be written.
+            OSError: the file cannot be written.
         """
         path = with_suffix(path)
         text = msgspec.json.format(msgspec.json.encode(_file_of(self)), indent=0)
-        write_beside(path, lambda beside: beside.write_bytes(text + b"\n"))
+        write_atomically(path, lambda partial: partial.write_bytes(text + b"\n"))
         return path
 
     @classmethod
     def load(cls, path: str | Path) -> Replay:
-        """Read a file that `save` wrote.
+        """Read a file of `save`.
 
         Raises:
-            ValueError: it is no replay, or a damaged one; the message names the file.
-            OSError: it cannot be read.
+            ValueError: not a replay, or a damaged file; the message names the file.
+            OSError: the file cannot be read.
         """
         path = Path(path)
         if path.stat().st_size > MOST_BYTES:
-            raise ValueError(f"{path}: larger than {MOST_BYTES // 2**20} MiB; no replay of ours is")
+            raise ValueError(f"{path}: a replay has at most {MOST_BYTES // 2**20} MiB")
         try:
             return _replay_of(msgspec.json.decode(path.read_bytes(), type=_File))
         except (msgspec.MsgspecError, ValueError, TypeError, RecursionError) as error:
-            raise ValueError(f"{path}: no replay that can be played: {error}") from None
+            raise ValueError(f"{path}: not a valid replay: {error}") from None
 
 
 def with_suffix(path: str | Path) -> Path:
-    """The path of a replay: `.json` is added where there is no suffix."""
+    """The path of a replay; `.json` is appended if there is no suffix."""
     path = Path(path)
     return path if path.suffix else path.with_suffix(".json")
 
 
 def versions() -> dict[str, str]:
-    """What a replay is recorded with."""
+    """The versions of Pursuit and NumPy."""
     return {"pursuit": __version__, "numpy": np.__version__}
 
 
 def digest_of(states: Iterable[State]) -> str:
-    """The SHA-256 of states, in hexadecimal: equal for equal states, on every machine."""
+    """The SHA-256 of states in hexadecimal, the same on all machines."""
     digest = hashlib.sha256()
     for state in states:
         for name in sorted(state):
@@ -221,7 +221,7 @@ def digest_of(states: Iterable[State]) -> str:
 
 
 class _EpisodeFile(msgspec.Struct):
-    """An episode as JSON has it: actions are a string of digits an agent, or of an arm numbers."""
+    """The JSON form of an episode: one string of action digits per agent, for an arm base64."""
 
     start: dict[str, Any]
     actions: list[str] | str
@@ -233,7 +233,7 @@ class _EpisodeFile(msgspec.Struct):
 
 
 class _File(msgspec.Struct):
-    """A replay as JSON has it."""
+    """The JSON form of a replay."""
 
     kind: Literal["pursuit replay"]
     form: int
@@ -253,7 +253,7 @@ def _file_of(replay: Replay) -> _File:
         _EpisodeFile(
             episode.start,
             _numbers_text(episode.actions) if arm else _digits(episode.actions),
-            [[_short(paid) for paid in column] for column in episode.rewards.T],
+            [[_short(reward) for reward in column] for column in episode.rewards.T],
             episode.terminated,
             episode.truncated,
             episode.digest,
@@ -277,7 +277,7 @@ def _file_of(replay: Replay) -> _File:
 
 def _replay_of(file: _File) -> Replay:
     if file.form > FORM:
-        raise ValueError(f"form {file.form}, and this version reads up to {FORM}: update pursuit")
+        raise ValueError(f"form {file.form}; this version reads forms up to {FORM}: update pursuit")
     world = ADAPTERS[one_of("world", file.world, tuple(ADAPTERS))]
     task = world.task(file.task)
     episodes = tuple(_episode_of(each, world, task) for each in file.episodes)
@@ -291,23 +291,23 @@ def _episode_of(file: _EpisodeFile, world: Adapter, task: Any) -> Episode:
     if isinstance(file.actions, str):
         raw = base64.b64decode(file.actions, validate=True)
         if len(raw) % (8 * width):
-            raise ValueError(f"actions of {len(raw)} bytes; {width} numbers of 8 a step are needed")
+            raise ValueError(f"actions of {len(raw)} bytes; a step has {width} numbers of 8 bytes")
         actions: NDArray[Any] = np.frombuffer(raw, "<f8").reshape(-1, width)
         if not (np.abs(actions) <= 1.0 + 1e-6).all():
-            raise ValueError("an action outside [-1, 1]")
+            raise ValueError("an action is outside [-1, 1]")
     else:
         if len(file.actions) != width or len({len(row) for row in file.actions}) > 1:
-            raise ValueError(f"actions of {len(file.actions)} agents; {width} equal rows of digits")
+            raise ValueError(f"actions need {width} rows of equal length, one per agent")
         actions = np.array([[int(digit) for digit in row] for row in file.actions], np.uint8).T
         if actions.size and actions.max() >= task.num_actions:
-            raise ValueError(f"an action {actions.max()}; they go from 0 to {task.num_actions - 1}")
+            raise ValueError(f"action {actions.max()}; actions are 0 to {task.num_actions - 1}")
     if (world.name == "arm") != isinstance(file.actions, str):
-        raise ValueError("actions of another world")
-    paid = np.array(file.rewards, dtype=np.float32).reshape(len(agents), -1).T
-    if paid.shape != (len(actions), len(agents)):
-        raise ValueError(f"rewards of shape {paid.shape}; [steps, agents] is {len(actions)} long")
+        raise ValueError(f"actions do not fit world {world.name!r}")
+    rewards = np.array(file.rewards, dtype=np.float32).reshape(len(agents), -1).T
+    if rewards.shape != (len(actions), len(agents)):
+        raise ValueError(f"rewards of shape {rewards.shape}, but there are {len(actions)} steps")
     return Episode(
-        file.start, actions, paid, file.terminated, file.truncated, file.digest, file.label
+        file.start, actions, rewards, file.terminated, file.truncated, file.digest, file.label
     )
 
 
@@ -319,9 +319,9 @@ def _numbers_text(actions: NDArray[Any]) -> str:
     return base64.b64encode(np.ascontiguousarray(actions, "<f8").tobytes()).decode("ascii")
 
 
-def _short(paid: np.float32) -> float:
-    """The shortest decimal that is this float32 again."""
-    value = float(str(paid))
+def _short(reward: np.float32) -> float:
+    """The shortest decimal with the value of this float32."""
+    value = float(str(reward))
     if not math.isfinite(value):
-        raise ValueError(f"a reward of {paid}; files hold finite ones")
+        raise ValueError(f"reward {reward}; rewards in a replay are finite")
     return value

@@ -14,13 +14,13 @@ from pursuit.compilation.compiled import allocating, compiled, inlined, subrouti
 from pursuit.rules.layout import UNREACHABLE, Search, World
 
 NO_PATH = 65535
-"""UNREACHABLE in a table, whose entries are uint16."""
+"""UNREACHABLE in a table of uint16."""
 FAR = 2**30
 
 
 @compiled
 def breadth_first(neighbors: Any, origin: int, distances: Any, queue: Any) -> int:
-    """Fill `distances` (UNREACHABLE before) with the steps from `origin`; return how many."""
+    """Fill `distances` (all UNREACHABLE) from `origin`; return the number of reached cells."""
     distances[origin] = 0
     queue[0] = origin
     head, tail = 0, 1
@@ -38,7 +38,7 @@ def breadth_first(neighbors: Any, origin: int, distances: Any, queue: Any) -> in
 
 @allocating
 def all_distances(neighbors: Any, table: Any) -> None:
-    """Fill the [cells, cells] `table` by one breadth-first search a row."""
+    """Fill the [cells, cells] `table` by one breadth-first search per row."""
     queue = np.empty(table.shape[0], dtype=np.int32)
     for origin in range(table.shape[0]):
         table[origin, :] = UNREACHABLE

@@ -35,7 +35,7 @@ GOING_ON, TERMINATED, TRUNCATED = range(3)
 OK, BAD_ACTION = range(2)
 UNPLACED = -1
 """The cell of an agent that is not placed yet."""
-UNCHANGED = -1.0  # no pending epsilon: the present one stays
+UNCHANGED = -1.0  # no pending epsilon: the current one remains
 
 # The stacked layers of the flat arrays.
 POSITION, ACTIVE, EVENT, FINAL_POSITION, FINAL_ACTIVE, FINAL_EVENT, AGENT_LAYERS = range(7)
@@ -115,8 +115,8 @@ class Games(NamedTuple):
     active: [games, agents], 1, or 0 after capture.
     event: [games, agents], the last step's events: a sum of COLLECTED, CAPTURED, WAS_CAPTURED.
     goal: [games, goals], cells; -1 when collected or absent.
-    steps: [games], taken in this episode.
-    maze: [games], which maze of the world.
+    steps: [games], steps of this episode.
+    maze: [games], index of the maze.
     """
 
     position: Any

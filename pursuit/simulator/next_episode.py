@@ -1,7 +1,4 @@
-"""What an episode begins with: settings that wait for it, cells that are given, starts that repeat.
-
-All of it is checked before anything is changed.
-"""
+"""Settings, start cells and seeds of the next episode, checked before anything is changed."""
 
 from __future__ import annotations
 
@@ -29,10 +26,10 @@ def configure(
     goals_around: str | None,
     **numbers: ArrayLike | None,
 ) -> None:
-    """Write the settings that are given into `pending`; see `Simulator.configure`.
+    """Write settings into `pending`; see `Simulator.configure`.
 
     Raises:
-        ValueError: a value out of range, or a start that cannot be; nothing is changed then.
+        ValueError: a value out of range, or an impossible start. Nothing is changed then.
     """
     seats = slice(None) if seat is None else task.seat(seat)
     changed: dict[str, Any] = {}
@@ -55,7 +52,7 @@ def configure(
 
 
 def limits_of(task: Task) -> dict[str, tuple[int, int]]:
-    """The least and the largest of the whole numbers that wait for an episode."""
+    """The smallest and largest values of the integer settings."""
     return {
         "maze": (-1, len(task.mazes) - 1),
         "num_goals": (-1, task.num_goals),
@@ -67,10 +64,10 @@ def limits_of(task: Task) -> dict[str, tuple[int, int]]:
 
 
 def check_waiting(task: Task, waiting: NextEpisode) -> None:
-    """Refuse settings with which an episode cannot begin, in any of the mazes it may be drawn.
+    """Check that an episode can start with these settings, in all mazes that can be drawn.
 
     Raises:
-        ValueError: goals around marks that are not there, or distances that no placement meets.
+        ValueError: goals around missing marks, or distances that no placement satisfies.
     """
     if (waiting.goals_around_marks > 0).any() and not all(m.goal_marks for m in task.mazes):
         raise ValueError("goals_around='marks', but a maze of this task has no goal mark 'G'")
@@ -84,12 +81,12 @@ def check_waiting(task: Task, waiting: NextEpisode) -> None:
 
 
 def checked_shares(epsilon: ArrayLike) -> NDArray[np.float64]:
-    """Shares of random moves as float64; NaN is the agent's own.
+    """Probabilities of random moves as float64; NaN uses the epsilon of the agent.
 
     Raises:
-        ValueError: no number, or one outside [0, 1].
+        ValueError: not a number, or outside [0, 1].
     """
-    rule = "a share of random moves lies in [0, 1]; NaN leaves it to the agent"
+    rule = "give probabilities from 0 to 1; NaN uses the epsilon of the agent"
     shares = as_array("epsilon", epsilon, "iuf", rule).astype(np.float64)
     if ((shares < 0) | (shares > 1)).any():
         raise ValueError(f"epsilon={epsilon!r}; {rule}")
@@ -97,34 +94,34 @@ def checked_shares(epsilon: ArrayLike) -> NDArray[np.float64]:
 
 
 def fill_epsilon(array: NDArray[np.float64], epsilon: ArrayLike) -> None:
-    """Write shares of random moves into `array` [games, agents], or [games] of one seat.
+    """Write probabilities of random moves into `array` [games, agents], or [games] of one agent.
 
     Args:
-        array: is written.
-        epsilon: a number, [games] (one for each game, in all its seats) or as `array`.
+        array: the array to fill.
+        epsilon: a number, [games] (for all agents of a game), or the shape of `array`.
 
     Raises:
-        ValueError: a share outside [0, 1], or another shape.
+        ValueError: a value outside [0, 1], or a wrong shape.
     """
     shares = checked_shares(epsilon)
     fits = shares.ndim == 0 or shares.shape in (array.shape[:1], array.shape)
     if not fits and shares.size != 1:
         rest = "" if array.ndim == 1 else f", or {array.shape}, games by agents"
         raise ValueError(
-            f"epsilon of shape {shares.shape}; give one number, {array.shape[:1]}, one for each "
+            f"epsilon of shape {shares.shape}; give one number, {array.shape[:1]} for one per "
             f"game{rest}"
         )
     array[:] = shares[:, None] if shares.ndim == 1 and array.ndim == 2 else shares
 
 
 def fill(name: str, array: NDArray[Any], values: NDArray[Any]) -> None:
-    """Write one value, or one for each, into the whole array.
+    """Fill the array with one value for all games, or with one per game.
 
     Raises:
-        ValueError: neither one nor as many as there are; nothing is written then.
+        ValueError: another number of values. Nothing is written then.
     """
     if values.size == 0 < array.size:
-        raise ValueError(f"{name}: nothing given for {len(array)} games; one for all, or for each")
+        raise ValueError(f"{name}: no value for {len(array)} games; give one, or one per game")
     if values.size == 0 or array.size == 0:
         return
     try:
@@ -132,7 +129,7 @@ def fill(name: str, array: NDArray[Any], values: NDArray[Any]) -> None:
     except ValueError:
         raise ValueError(
             f"{name} of shape {values.shape} for games of shape {array.shape}; give one for all, "
-            "or one for each"
+            "or one per game"
         ) from None
 
 
@@ -146,7 +143,7 @@ def start_at(
     """The cells of all agents and goals, and the mazes, of every game; see `Simulator.place`.
 
     Raises:
-        ValueError: cells or mazes that make no start.
+        ValueError: invalid cells or mazes.
     """
     games = len(pending.maze)
     agents = np.empty((games, task.num_agents), dtype=np.int32)
@@ -156,16 +153,16 @@ def start_at(
         fill("maze", mazes, whole_numbers("maze", maze, 0, len(task.mazes) - 1))
     if (mazes < 0).any():
         raise ValueError(
-            f"maze left out; this task has {len(task.mazes)}: give the number of one, or one for "
-            "each game"
+            f"maze is missing; this task has {len(task.mazes)}: give the index of one, or one per "
+            "game"
         )
     fill("positions", agents, whole_numbers("positions", positions, 0, task.max_cells - 1))
     if goals is None and task.num_goals:
-        raise ValueError(f"goals left out; this task has {task.num_goals}")
+        raise ValueError(f"goals are missing; give cells for {task.num_goals} goals")
     if goals is not None:
         cells = whole_numbers("goals", goals, -1, task.max_cells - 1)
         if cells.size and not task.num_goals:
-            raise ValueError(f"goals={goals!r}; this task has none, leave them out")
+            raise ValueError(f"goals={goals!r}; this task has no goals, leave them out")
         fill("goals", wanted, cells)
     sizes = np.array([each.num_cells for each in task.mazes])[mazes][:, None]
     both = np.concatenate([agents, wanted], axis=1)
@@ -177,12 +174,12 @@ def start_at(
         )
     ordered = np.sort(both, axis=1)
     if ((ordered[:, 1:] == ordered[:, :-1]) & (ordered[:, 1:] >= 0)).any():
-        raise ValueError("two agents or goals begin in one cell; give each its own")
+        raise ValueError("two agents or goals start in the same cell; give different cells")
     return agents, wanted, mazes
 
 
 def seed_starts(streams: NDArray[np.uint64], games: NDArray[np.intp], seeds: Any) -> None:
-    """Make the next starts those of their seeds; see `Simulator.seed_starts`.
+    """Seed the next starts; see `Simulator.seed_starts`.
 
     Raises:
         ValueError: a seed out of range, or a wrong number of them.
@@ -193,10 +190,10 @@ def seed_starts(streams: NDArray[np.uint64], games: NDArray[np.intp], seeds: Any
 
 
 def slots(games: ArrayLike | None, num_games: int) -> NDArray[np.intp]:
-    """The indices of `games`, a bool mask or indices, of so many games; all for None.
+    """The indices of `games`, a bool mask or indices below `num_games`; all for None.
 
     Raises:
-        ValueError: neither of the two, or one that is not there.
+        ValueError: neither a mask nor indices, or an index out of range.
     """
     every = np.arange(num_games)
     if games is None:

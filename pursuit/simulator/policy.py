@@ -41,17 +41,17 @@ class GameArrays:
 
     @property
     def goals(self) -> NDArray[np.int32]:
-        """[num_games, num_goals] int32, the cell of every goal; -1 when gone."""
+        """[num_games, num_goals] int32, the cell of every goal; -1 after collection."""
         return self.games.goal
 
     @property
     def steps(self) -> NDArray[np.int32]:
-        """[num_games] int32, steps taken in the episode."""
+        """[num_games] int32, steps of the episode so far."""
         return self.games.steps
 
     @property
     def maze_index(self) -> NDArray[np.int32]:
-        """[num_games] int32, which of `task.mazes` each game plays in."""
+        """[num_games] int32, the index of the maze of each game in `task.mazes`."""
         return self.games.maze
 
 
@@ -60,16 +60,16 @@ class GameView(GameArrays):
     """A batch of games as seen by one agent: live arrays of the `Simulator`, not copies.
 
     Attributes:
-        task: the rules and settings.
+        task: the task.
         seat: the index of the agent.
-        games: the arrays of the games under the names of the rule book.
-        streams: [num_games, ...] uint64, the random streams; a policy draws from its own only.
+        games: the arrays of the games under the names that kernels use.
+        streams: [num_games, ...] uint64, the random streams; a policy draws from its stream only.
         epsilon: [num_games, num_agents] float64, the probability of a random move; NaN if the
             policy's own epsilon applies.
         mazes: the arrays of the mazes.
-        observe: `observe(encoding)` -> [num_games, ...] what the agent in this seat observes.
-        whole: of a view that `select` made, the view of all games of the batch; None otherwise.
-        chosen: [num_games], which of those games these are; None where they are all.
+        observe: `observe(encoding)` -> [num_games, ...], the observations of the agent.
+        whole: the view of the whole batch, for a view made by `select`; None otherwise.
+        chosen: [num_games], the indices of these games in the batch; None for all games.
     """
 
     task: Task
@@ -84,11 +84,11 @@ class GameView(GameArrays):
 
     @property
     def num_games(self) -> int:
-        """Games in the batch."""
+        """Number of games in the batch."""
         return len(self.games.steps)
 
     def select(self, games: NDArray[np.intp]) -> GameView:
-        """Copies of these games as a view of their own.
+        """A view of copies of these games.
 
         After a policy has drawn random numbers from it, copy the streams back:
         `view.streams[games] = part.streams`.
@@ -105,7 +105,7 @@ class GameView(GameArrays):
 
     @property
     def rows(self) -> NDArray[np.intp]:
-        """[num_games], the numbers of these games in the batch: the rows of a `Memory`."""
+        """[num_games], the indices of these games in the batch: the rows of a `Memory`."""
         return np.arange(self.num_games) if self.chosen is None else self.chosen
 
     def uniform(self) -> NDArray[np.float64]:
@@ -116,16 +116,16 @@ class GameView(GameArrays):
 
 
 def pairs_of_cells(task: Task, maze: Maze, agent: str | int) -> Games:
-    """Games of a duel that were never played: one for each pair of cells of `maze`.
+    """States of a duel, one for each pair of cells of `maze`.
 
     Game `own * num_cells + other` has `agent` in cell `own` and its opponent in cell `other`, both
-    active, and nothing else has happened. For policies that are functions of these two cells.
+    active, at the start of an episode. For policies that are functions of these two cells.
 
     Raises:
-        ValueError: the task is no duel, or is not played in this maze.
+        ValueError: the task is not a duel, or does not include this maze.
     """
     if not task.is_duel or maze not in task.mazes:
-        raise ValueError(f"task {task.name!r} is no duel in maze {maze.name}")
+        raise ValueError(f"task {task.name!r} is not a duel in maze {maze.name}")
     size, seat = maze.num_cells, task.seat(agent)
     games = layout.empty_games(size * size, task.num_agents, task.num_goals)
     own, other = np.divmod(np.arange(size * size, dtype=np.int32), size)
@@ -145,8 +145,8 @@ class Policy(Protocol):
     def act(self, view: GameView) -> NDArray[np.int32]:
         """[num_games] int32, an action for every game.
 
-        Draw random numbers from `view.uniform()` (or the seat's stream) only, so that a game does
-        not depend on the batch that it is in.
+        Draw random numbers from `view.uniform()` (or the stream of the agent) only, so that games
+        do not depend on the batch size.
         """
         ...
 
@@ -158,40 +158,40 @@ def role_of(policy: object) -> str | None:
 
 
 def check_plays(policy: Any, task: Task, seat: int) -> None:
-    """ValueError unless this is a policy, and of the role of a seat where it has one.
+    """Raise ValueError unless this is a policy and its role, if any, matches the agent.
 
-    A runner's policy may play an evader that collects goals.
+    The policy of a runner may control an evader that collects goals.
     """
     if not callable(getattr(policy, "act", None)):
         raise ValueError(
-            f"the policy of {task.agent_names[seat]} is {policy!r}; a policy has a method `act`"
+            f"the policy of {task.agent_names[seat]} is {policy!r}; it needs a method `act`"
         )
     role, needed = role_of(policy), task.seat_roles[seat]
     collects = role == "runner" and needed == "evader" and task.num_goals > 0
     if role in ROLES and role != needed and not collects:
         raise ValueError(
-            f"{policy!r} is a policy of the {role}; the seat of {task.agent_names[seat]} takes one "
+            f"{policy!r} is a policy of the {role}; {task.agent_names[seat]} needs one "
             f"of the {needed}"
         )
 
 
 def seat_policies(task: Task, policies: Any) -> list[Policy | None]:
-    """The policy of every seat, None where there is none.
+    """The policy of every agent, or None.
 
     Args:
-        task: the game.
-        policies: by agent name, or by role for all agents of that role; a name goes first.
+        task: the task.
+        policies: by agent name, or by role for all agents of that role; names take precedence.
 
     Raises:
-        ValueError: a policy of another role, or one for an agent that does not exist.
+        ValueError: a policy of another role, or for an unknown agent.
     """
     if not isinstance(policies, Mapping):
         raise ValueError(f"policies={policies!r}; give a dict, policies by agent or role")
     for name in policies:
         if name not in (*task.agent_names, *task.seat_roles):
             raise ValueError(
-                f"a policy for {name!r}; this task has {', '.join(task.agent_names)} (or give a "
-                f"role: {', '.join(sorted(set(task.seat_roles)))})"
+                f"a policy for {name!r}; give one of {', '.join(task.agent_names)} or a "
+                f"role ({', '.join(sorted(set(task.seat_roles)))})"
             )
     named = zip(task.agent_names, task.seat_roles, strict=True)
     filled = [policies.get(name, policies.get(role)) for name, role in named]
@@ -202,13 +202,13 @@ def seat_policies(task: Task, policies: Any) -> list[Policy | None]:
 
 
 class Memory:
-    """The memory of a policy: arrays for each batch and agent that it plays.
+    """The memory of a policy: arrays for each batch and agent that it controls.
 
-    They are created on first use and deleted with the batch, so one policy can play several agents
-    and batches. A copy of a policy starts with empty memory.
+    They are created on first use and deleted with the batch, so one policy can control several
+    agents and batches. A copy of a policy starts with empty memory.
 
     Args:
-        make: the arrays of a view, [num_games, ...] each, by name, at the start of an episode.
+        make: returns the initial arrays of a view by name, each [num_games, ...].
     """
 
     def __init__(self, make: Callable[[GameView], dict[str, NDArray[Any]]]) -> None:
@@ -216,7 +216,7 @@ class Memory:
         self._kept: WeakKeyDictionary[GameView, dict[str, NDArray[Any]]] = WeakKeyDictionary()
 
     def of(self, view: GameView) -> dict[str, NDArray[Any]]:
-        """The live arrays of the whole batch; those of the games of `view` are its `view.rows`."""
+        """The live arrays of the whole batch; `view.rows` are the rows of the games of `view`."""
         whole = view.whole or view
         if whole not in self._kept:
             self._kept[whole] = self._make(whole)
@@ -230,30 +230,27 @@ class Memory:
 class MemoryPolicy(Protocol):
     """A policy with memory: its actions depend on earlier steps of the episode.
 
-    Call `play`, which begins new episodes, rather than its `act`; the `Simulator` and the
-    environments do. It acts once in every step, in all games of the view, or of a part of them.
+    Call `play`, which also calls `begin`, and not `act`, as the `Simulator` and the environments
+    do. It acts once per step, in all games of the view or in a part of them.
 
     Attributes:
-        memory: its memory, for saving games within an episode.
+        memory: the memory, for saving games within an episode.
     """
 
     memory: Memory
 
     def begin(self, view: GameView, games: NDArray[np.intp]) -> None:
-        """Forget all of these games of `view` (numbers [n] in it): their episodes begin now."""
+        """Reset the memory of these games of `view` (indices [n]), as their episodes start."""
         ...
 
     def act(self, view: GameView) -> NDArray[np.int32]:
-        """[num_games] int32, as of any `Policy`."""
+        """[num_games] int32, as in `Policy`."""
         ...
 
 
 def play(policy: Policy, view: GameView) -> NDArray[np.int32]:
-    """[num_games] int32: the actions of a policy; its memory is reset in new episodes.
-
-    An episode is new where no step of it has been taken.
-    """
-    begin = getattr(policy, "begin", None)  # the protocol's isinstance takes as long as 20 steps
+    """[num_games] int32: the actions of a policy; its memory is reset at the start of episodes."""
+    begin = getattr(policy, "begin", None)  # isinstance with a protocol takes as long as 20 steps
     if begin is not None:
         fresh = np.flatnonzero(view.steps == 0)
         if len(fresh):
@@ -267,21 +264,20 @@ def play_all(
     shape: tuple[int, int],
     view: Callable[[int], GameView],
 ) -> None:
-    """Write the action of every seat that has a policy into `actions` [games, agents] = `shape`.
+    """Write the actions of all agents with a policy into `actions` [games, agents] = `shape`.
 
-    A policy without memory that has `act_together(view, seats, actions)` is called once for all its
-    seats; it writes what its `act` would do in each of them.
+    A policy without memory and with `act_together(view, seats, actions)` is called once for all its
+    agents; it writes the same actions as its `act` for each of them.
 
     Raises:
-        ValueError: a wrong shape, another number of seats, or a policy that is none or of another
-            role.
+        ValueError: a wrong shape or number of policies, or an invalid policy.
     """
     try:
         fit = actions.shape == shape and len(policies) == shape[1]
     except (AttributeError, TypeError):
         fit = False
     if not fit:
-        needed = f"a policy or None a seat, actions of shape {shape}"
+        needed = f"give a policy or None per agent, and actions of shape {shape}"
         raise ValueError(f"policies={policies!r}, actions={actions!r}; {needed}")
     together: dict[int, list[int]] = {}
     for seat, policy in enumerate(policies):
@@ -299,7 +295,7 @@ def play_all(
 
 @runtime_checkable
 class TabularPolicy(Protocol):
-    """A policy that is a function of (own cell, other cell) in games of one against one."""
+    """A policy that is a function of (own cell, other cell) in duels."""
 
     def action_probabilities(self, maze: Maze, stay_action: bool = False) -> NDArray[np.float64]:
         """[self cell, other cell, action] float64, the exact distribution over actions."""
@@ -308,15 +304,15 @@ class TabularPolicy(Protocol):
 
 @runtime_checkable
 class DistributionPolicy(Protocol):
-    """A policy that draws from a distribution known for any state of the games of a task.
+    """A policy with a known action distribution in every state of a task.
 
-    A team that draws its actions together has `joint_distribution(task, games)` besides: [games,
-    joint actions] float64, the last member's action counting fastest.
+    A team with correlated actions also has `joint_distribution(task, games)`: [games, joint
+    actions] float64, with the action of the last member varying fastest.
     """
 
     def distribution(self, task: Task, games: Games, seat: int) -> NDArray[np.float64]:
-        """[games, actions] float64, what it plays in `seat` of these games, played or not.
+        """[games, actions] float64, the distributions for agent `seat` in any given states.
 
         Raises:
-            ValueError: games for which it knows no distribution.
+            ValueError: states for which the distribution is unknown.
         """

@@ -1,4 +1,4 @@
-"""Simulator: thousands of games in lockstep, as named arrays over the rule book's memory."""
+"""The class `Simulator`, which steps batches of games in mazes."""
 
 from __future__ import annotations
 
@@ -25,44 +25,43 @@ __all__ = ["Simulator", "SimulatorState"]
 
 
 class Simulator(GameArrays):
-    """Any number of games of one task, stepped in lockstep by compiled kernels.
+    """A batch of games of one task, stepped together by compiled kernels.
 
-    Every game is ready to be played as soon as the simulator is made. A game that ends restarts in
-    the same step; what it ended with stays readable. Game i of a batch seeded s is identical to a
-    single game made with `seed=s, first_game=i`, whatever the batch size: every random number comes
-    from streams derived from (seed, game index).
+    The constructor starts all games. A game restarts in the step that ends its episode, and the
+    results of that episode remain available. All random numbers come from streams derived from
+    (seed, game index), so game i of a batch with seed s is identical to a single game with
+    `seed=s, first_game=i`, for any batch size.
 
     Args:
-        task: the rules and settings.
-        num_games: games in the batch.
+        task: the task.
+        num_games: number of games in the batch.
         seed: 0 to 2**64 - 1.
         first_game: the index of the first game of this batch.
-        auto_restart: False leaves ended games as they are, still flagged as ended and with rewards
-            of 0, until `reset` restarts them.
+        auto_restart: if False, ended games keep their state and flags, with rewards of 0, until
+            `reset`.
 
     Raises:
-        ValueError: counts or seeds out of range, or more games than memory holds.
+        ValueError: counts or seeds out of range, or not enough memory.
 
-    Attributes (arrays that every step overwrites in place; copy what you keep):
-        games: the arrays of the games under the names of the rule book.
+    Attributes (arrays that every step overwrites in place; copy them to keep them):
+        games: the arrays of the games under the names that kernels use.
         positions, active, events, goals, steps, maze_index: the same under their public names; see
             `pursuit.simulator.policy.GameArrays`.
         streams: [num_games, ...] uint64, the random streams.
         rewards: [num_games, num_agents] float32, of the last step.
         returns: [num_games, num_agents] float64, the sum of rewards of the episode so far.
-        collected: [num_games, num_agents] float64, the goals collected in it; shared ones in parts.
+        collected: [num_games, num_agents] float64, goals collected in it; shared ones by parts.
         terminated, truncated: [num_games] bool, of the last step; never both.
         episode_returns: [num_games, num_agents] float64, of each game's last finished episode.
         episode_lengths: [num_games] int32, likewise.
-        final_positions: [num_games, num_agents] int32, where that episode ended.
-        epsilon: [num_games, num_agents] float64, the share of random moves of the scripted agent
-            in each seat; NaN leaves it to the agent. Write to it to change it at once; what is
-            written stays, until `configure` says something else for the next episode. It may be
-            set to a number, to [num_games] (one for each game, as in `configure`) or to
-            [num_games, num_agents].
-        next_epsilon: the same from each game's next episode on; -1 where nothing waits.
-        last_seed: what all streams were last seeded with; None after `set_state`, and where only
-            some games were seeded.
+        final_positions: [num_games, num_agents] int32, the final cells of that episode.
+        epsilon: [num_games, num_agents] float64, the probability of random moves of each scripted
+            agent; NaN uses the epsilon of the agent. Writing to it has an immediate effect and
+            lasts until `configure` sets another value for the next episode. It can be set to a
+            number, to [num_games] (as in `configure`) or to [num_games, num_agents].
+        next_epsilon: the same from the next episode on; -1 for no change.
+        last_seed: the last seed of all streams; None after `set_state`, and after seeding only
+            some games.
     """
 
     def __init__(
@@ -88,7 +87,7 @@ class Simulator(GameArrays):
         memory = layout.allocate(num_games, task.num_agents, task.num_goals)
         self._memory = memory
         self._mazes = lay_out(task.mazes)
-        # What every kernel over the batch is given: the batch, the rules, the mazes, room to work.
+        # The arguments of all kernels: the batch, the rules, the mazes, scratch memory.
         self._kernel_arrays = (
             *memory,
             task.numbers_for_kernels(),
@@ -120,7 +119,7 @@ class Simulator(GameArrays):
 
     @property
     def ended(self) -> NDArray[np.bool_]:
-        """[num_games] bool, a fresh array: terminated or truncated in the last step."""
+        """[num_games] bool, a new array: terminated or truncated in the last step."""
         return self.terminated | self.truncated
 
     @property
@@ -133,11 +132,11 @@ class Simulator(GameArrays):
         next_episode.fill_epsilon(self._epsilon, shares)
 
     def seed(self, seed: int, games: ArrayLike | None = None) -> None:
-        """Give every random stream the state that belongs to (seed, game index).
+        """Seed the random streams of each game with (seed, game index).
 
         Args:
             seed: 0 to 2**64 - 1.
-            games: a bool mask or index list; all by default.
+            games: a bool mask or index list; default: all.
 
         Raises:
             ValueError: a seed or game out of range.
@@ -149,9 +148,9 @@ class Simulator(GameArrays):
         self.last_seed = seed if games is None else None
 
     def reset(self, seed: int | None = None, games: ArrayLike | None = None) -> None:
-        """Begin new episodes in all games, or in those of the bool mask or index list `games`.
+        """Start new episodes in all games, or in those of the bool mask or index list `games`.
 
-        A seed is that of these games only; the streams of the others go on.
+        A seed applies to these games only.
 
         Raises:
             ValueError: a seed or game out of range.
@@ -164,14 +163,14 @@ class Simulator(GameArrays):
         start(*self._kernel_arrays, chosen)
 
     def step(self, actions: ArrayLike) -> None:
-        """Move every game by one step. Results are in the attributes.
+        """Step all games. Results are in the attributes.
 
         Args:
             actions: [num_games, num_agents] integers below `task.num_actions`; those of captured
-                evaders are ignored (but must be in range).
+                evaders are ignored, but must be in range.
 
         Raises:
-            ValueError: a wrong shape, dtype or action. Then no game has moved.
+            ValueError: a wrong shape, dtype or action. Then no game moves.
         """
         if not (
             type(actions) is np.ndarray
@@ -213,22 +212,21 @@ class Simulator(GameArrays):
         """Change settings of all games, or of `games`, from their next restart on.
 
         Args:
-            games: a bool mask or index list; all by default.
-            epsilon: share of random moves in [0, 1] of the scripted agent in `seat` (all seats by
-                default); NaN leaves it to the agent. A number, [games] (one for each game), or
-                without a seat [games, agents].
-            maze: index into `task.mazes`; -1 draws one at every restart.
+            games: a bool mask or index list; default: all.
+            epsilon: probability of random moves, in [0, 1], of the scripted agent `seat` (default:
+                all agents); NaN uses the epsilon of the agent. A number, [games], or without `seat`
+                [games, agents].
+            maze: index in `task.mazes`; -1 draws a maze at every restart.
             num_goals: at most `task.num_goals`; -1 is all of them.
-            goal_radius: goals lie within this path distance; -1 is anywhere. Where too few cells
-                are that near, the radius grows until the goals fit.
-            goals_around: what that radius surrounds: "start" (the first runner's or evader's start)
+            goal_radius: goals are placed within this path distance; -1 is no limit. The radius
+                grows until it contains enough cells for the goals.
+            goals_around: centre of that radius: "start" (the start of the first runner or evader)
                 or "marks" (the nearest goal mark of the maze).
             min_start_distance, max_start_distance: path distance between every chaser and every
-                evader; -1 for no maximum. Cells that no path joins are infinitely far apart: every
-                minimum holds for them, and no maximum does.
+                evader; -1 for no maximum. The distance of unconnected cells is infinite.
 
         Raises:
-            ValueError: a value out of range, or distances that no placement meets; nothing is
+            ValueError: a value out of range, or distances that no placement satisfies. Nothing is
                 changed then.
         """
         next_episode.configure(
@@ -246,15 +244,13 @@ class Simulator(GameArrays):
         )
 
     def seed_starts(self, games: ArrayLike | None, seeds: ArrayLike) -> None:
-        """Make levels repeat: the next start of each game is that of its seed alone.
+        """Seed the starts: the next start of each game depends on its seed (and settings) only.
 
-        Two games of one task that are given the same seed here (and the same settings) begin their
-        next episode alike; later episodes follow from there. Other random numbers stay as they
-        were.
+        Later starts continue the stream of this seed. Other random streams do not change.
 
         Args:
             games: a bool mask or index list; None for all.
-            seeds: one whole number from 0 to 2**63 - 1 for all of them, or for each.
+            seeds: one whole number from 0 to 2**63 - 1 for all games, or one for each.
 
         Raises:
             ValueError: a seed out of range, or a wrong number of them.
@@ -264,29 +260,29 @@ class Simulator(GameArrays):
     # -- copies ----------------------------------------------------------------------------------
 
     def _live(self) -> dict[str, NDArray[Any]]:
-        """All that makes the games: the arrays themselves."""
+        """The live arrays that make up the state."""
         waiting = {f"next_{name}": array for name, array in self._coming._asdict().items()}
         return {**{name: getattr(self, name) for name in OWN}, "epsilon": self._epsilon, **waiting}
 
     def get_state(self, games: ArrayLike | None = None) -> SimulatorState:
-        """Copies of all games, or of those of the index list `games`, exact to the last bit."""
+        """Exact copies of the states of all games, or of those of the index list `games`."""
         chosen = slots(games, self.num_games)
         state = SimulatorState(**{name: array[chosen] for name, array in self._live().items()})
-        if self.auto_restart:  # the episodes that ended are over, these games are not
+        if self.auto_restart:  # these games have already restarted
             state.terminated[:] = state.truncated[:] = False
         return state
 
     def set_state(self, state: SimulatorState, games: ArrayLike | None = None) -> None:
-        """Put copied games into all slots, or into those of `games`; they go on as they would have.
+        """Restore copied states in all games, or in those of `games`.
 
         Raises:
-            ValueError: the number of games, or the task, is another one; or a game is over, and
-                this simulator restarts games by itself. Nothing is changed then.
+            ValueError: a different number of games or another task, or an ended game in a simulator
+                with `auto_restart`. Nothing is changed then.
         """
         chosen, live = slots(games, self.num_games), self._live()
         check_fits(state, live, self.task, len(chosen))
         if self.auto_restart and (state.terminated | state.truncated).any():
-            raise ValueError("a game of this state is over; reset it, or take auto_restart=False")
+            raise ValueError("the episode of a game has ended; reset it, or use auto_restart=False")
         for name, array in live.items():
             array[chosen] = getattr(state, name)
         self.last_seed = None
@@ -299,18 +295,18 @@ class Simulator(GameArrays):
         seed: int | None = None,
         games: ArrayLike | None = None,
     ) -> None:
-        """Put games at the beginning of an episode with these cells, however far apart.
+        """Start an episode with these cells; limits on start distances are ignored.
 
         Args:
-            positions: [num_games, num_agents] cells (or one row for all games).
-            goals: [num_games, num_goals] cells, -1 for an absent goal; needed if there are goals.
-            maze: index into `task.mazes`, for all games or for each; needed where there are
-                several, unless `configure` has chosen.
+            positions: [num_games, num_agents] cells, or one row for all games.
+            goals: [num_games, num_goals] cells, -1 for an absent goal; required if there are goals.
+            maze: index in `task.mazes`, for all games or for each; required if there are several
+                and `configure` has set none.
             seed, games: as in `reset`; cells are given for all games.
 
         Raises:
-            ValueError: a cell out of range, two agents or goals in one cell, or goals or the maze
-                left out. Nothing is changed then.
+            ValueError: a cell out of range, two agents or goals in one cell, or missing goals or
+                maze. Nothing is changed then.
         """
         start = next_episode.start_at(self.task, self._coming, positions, goals, maze)
         self.reset(seed, games)
@@ -320,11 +316,11 @@ class Simulator(GameArrays):
             array[chosen] = given[chosen]
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """For `copy` and `pickle`, which would tear the arrays that share memory apart."""
+        """For `copy` and `pickle`, which would otherwise separate arrays that share memory."""
         batch = (self.task, self.num_games, self.first_game, self.auto_restart)
         return _copied, (*batch, self._memory)
 
-    # -- what agents see -------------------------------------------------------------------------
+    # -- observations ----------------------------------------------------------------------------
 
     def encoder(self, encoding: str) -> Encoder:
         """The `Encoder` of `encoding` for this task."""
@@ -335,9 +331,9 @@ class Simulator(GameArrays):
     def observe(
         self, encoding: str = "one_hot", seat: int | str | None = None, out: Any = None
     ) -> NDArray[Any]:
-        """What the agents observe now: a fresh array, or `out`.
+        """The current observations: a new array, or `out`.
 
-        It is [num_games, num_agents, ...], or [num_games, ...] for one `seat`.
+        The shape is [num_games, num_agents, ...], or [num_games, ...] for one `seat`.
         """
         return self._encode(self.games, encoding, seat, out)
 
@@ -347,7 +343,7 @@ class Simulator(GameArrays):
         seat: int | str | None = None,
         games: ArrayLike | None = None,
     ) -> NDArray[Any]:
-        """What the agents observed as the last finished episode ended, of all games or `games`."""
+        """The observations at the end of the last episodes, of all games or of `games`."""
         final = self._outcome.final
         if games is not None:
             chosen = slots(games, self.num_games)
@@ -365,7 +361,7 @@ class Simulator(GameArrays):
         return encoder.encode(games, slice(number, number + 1), one)[:, 0]
 
     def view(self, seat: int | str) -> GameView:
-        """The games as the policy in `seat` sees them."""
+        """The view of the games for the policy of agent `seat`."""
         number = self.task.seat(seat)
         if number not in self._views:
             self._views[number] = GameView(
@@ -375,10 +371,10 @@ class Simulator(GameArrays):
         return self._views[number]
 
     def act(self, policies: Sequence[Policy | None], actions: NDArray[np.int32]) -> None:
-        """Write the action of every seat that has a policy into `actions` [games, agents].
+        """Write the actions of all agents with a policy into `actions` [games, agents].
 
         Raises:
-            ValueError: a wrong shape, another number of seats, or a policy of no or another role.
+            ValueError: a wrong shape or number of policies, or a policy of another role.
         """
         play_all(policies, actions, self._actions_shape, self.view)
 

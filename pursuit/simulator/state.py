@@ -1,4 +1,4 @@
-"""An exact copy of games, to be put back, elsewhere or later."""
+"""Saved states of games, and checks before they are restored."""
 
 from __future__ import annotations
 
@@ -17,53 +17,53 @@ OWN = (
     "positions", "active", "events", "goals", "steps", "maze_index", "streams", "returns",
     "collected", "episode_returns", "terminated", "truncated",
 )  # fmt: skip
-"""The arrays of a `Simulator` that make a state, besides `epsilon` and what waits (`next_...`)."""
+"""The arrays of a `Simulator` in a state, in addition to `epsilon` and `next_...`."""
 
 
 class SimulatorState(SimpleNamespace):
-    """An exact copy of games, or of arms, random streams and pending settings included.
+    """An exact copy of games or arms, with random streams and settings of the next episode.
 
-    Its attributes are arrays with one row a game; they are named as in the simulator, and those
-    that wait for the next episode begin with `next_`. A game that is `terminated` or `truncated` is
-    over and waits for a reset; no game of a simulator that restarts games by itself is.
+    Its attributes are arrays with one row per game, named as in the simulator; settings of the next
+    episode have the prefix `next_`. A `terminated` or `truncated` game waits for a reset (only in
+    simulators without `auto_restart`).
     """
 
 
 def check_arrays(state: Any, live: Mapping[str, NDArray[Any]], games: int) -> None:
-    """Refuse what is no state of so many games whose own arrays are `live`.
+    """Check the shapes and dtypes of a state of `games` games; `live` are the simulator's arrays.
 
     Raises:
-        ValueError: no state, or one of another number of games or of another task.
+        ValueError: not a state, a different number of games, or another task.
     """
     if not isinstance(state, SimulatorState):
-        raise ValueError(f"state={state!r}; give what `get_state` gave")
+        raise ValueError(f"state={state!r}; give a result of `get_state`")
     for name, array in live.items():
         given, shape = np.asarray(getattr(state, name, None)), (games, *array.shape[1:])
         if given.shape != shape or given.dtype != array.dtype:
             raise ValueError(
-                f"a state of other games: {name} is {given.dtype} of shape {given.shape}, and "
-                f"{array.dtype} of {shape} is needed: the same task, and as many games as slots"
+                f"state does not match this simulator: {name} is {given.dtype} {given.shape}, "
+                f"expected {array.dtype} {shape}; use the same task and number of games"
             )
 
 
 def check_range(state: SimulatorState, name: str, least: Any, most: Any) -> None:
-    """ValueError where an array of a state lies outside; NaN does not."""
+    """Raise ValueError if values of an array are out of range; NaN is accepted."""
     values = getattr(state, name)
     wrong = (values < least) | (values > most)
     if wrong.any():
         raise ValueError(
-            f"a state of other games than these: {name} holds {values[wrong][0]}; it must come "
-            "from the same task and mazes"
+            f"state does not match this simulator: {name} contains {values[wrong][0]}; use a "
+            "state of the same task and mazes"
         )
 
 
 def check_fits(
     state: SimulatorState, live: Mapping[str, NDArray[Any]], task: Task, games: int
 ) -> None:
-    """Refuse a state that is none of so many games of `task`, whose own arrays are `live`.
+    """Check a state of `games` games of `task`; `live` are the arrays of the simulator.
 
     Raises:
-        ValueError: the number of games, or the task, is another one, or a value that cannot be.
+        ValueError: a different number of games or another task, or invalid values.
     """
     check_arrays(state, live, games)
     check_range(state, "maze_index", 0, len(task.mazes) - 1)
@@ -77,6 +77,6 @@ def check_fits(
         check_range(state, f"next_{name}", *limits)
     shares = state.next_epsilon
     if (((shares < 0) & (shares != UNCHANGED)) | (shares > 1)).any():
-        raise ValueError("a state of other games than these: next_epsilon holds what is no share")
+        raise ValueError("state does not match this simulator: next_epsilon is not in [0, 1]")
     waiting = (getattr(state, f"next_{name}") for name in NextEpisode._fields)
     check_waiting(task, NextEpisode(*waiting))

@@ -1,4 +1,4 @@
-"""Steps of games whose rewards are computed by a custom reward function."""
+"""Steps of games with a custom reward function."""
 
 from __future__ import annotations
 

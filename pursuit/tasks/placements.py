@@ -55,7 +55,7 @@ def check_placeable(asked: StartConstraint) -> None:
     limits += [f"max_start_distance={asked.most}"] if asked.most >= 0 else []
     longest = ""
     if maze.num_cells <= MAX_TABLE_CELLS:
-        longest = f", whose longest distance is {maze.longest_distance}"
+        longest = f" (longest distance: {maze.longest_distance})"
     raise ValueError(
         f"{' and '.join(limits)}: no random placement of {chasers} chaser(s) and {evaders} "
         f"evader(s) {'with marks ' if asked.marked else ''}satisfies this in {maze.name}{longest}. "

@@ -17,7 +17,7 @@ RewardFunction = Callable[[Before, Any, After], Any]
 
 `actions` is [games, agents] int32. `before` and `after` are NamedTuples of arrays, so the function
 can be compiled by Numba; they are copies, which it may keep or change. Agents that had left the
-game before the step get a reward of 0, whatever the function returns.
+game before the step always get a reward of 0.
 """
 
 
@@ -97,8 +97,8 @@ def is_rewards(part: Any) -> bool:
     """Whether `part` is a reward function or a dict from role to `Rewards`."""
     if isinstance(part, Mapping):
         return set(part) <= set(ROLES) and all(
-            isinstance(paid, Rewards) and (role == "chaser" or not paid.per_evader)
-            for role, paid in part.items()
+            isinstance(rewards, Rewards) and (role == "chaser" or not rewards.per_evader)
+            for role, rewards in part.items()
         )
     return callable(part) and not isinstance(part, type) and takes_three(part)
 
@@ -184,7 +184,7 @@ def rewards_text(given: Any) -> str:
         entries = []
         for name, value in given.items():
             inner = value if isinstance(value, Mapping) else {"": value}
-            entries += [f"{name}.{key}".rstrip(".") + f"={paid}" for key, paid in inner.items()]
+            entries += [f"{name}.{key}".rstrip(".") + f"={number}" for key, number in inner.items()]
         given = ",".join(entries) or "="
     if not is_coefficients(given):
         return str(given)
@@ -192,10 +192,10 @@ def rewards_text(given: Any) -> str:
     same = len(by_role) == len(ROLES) and len(set(by_role.values())) == 1
     shown = {"": by_role[ROLES[0]]} if same else by_role
     return ",".join(
-        f"{role}.{field.name}".lstrip(".") + f"={_plain(getattr(paid, field.name))}"
-        for role, paid in shown.items()
+        f"{role}.{field.name}".lstrip(".") + f"={_plain(getattr(rewards, field.name))}"
+        for role, rewards in shown.items()
         for field in fields(Rewards)
-        if getattr(paid, field.name) or field.name == "step"
+        if getattr(rewards, field.name) or field.name == "step"
     )
 
 
@@ -218,13 +218,13 @@ def check_rewards(name: str, given: Any) -> Any:
         unknown = [role for role in given if role not in ROLES]
         if unknown:
             raise ValueError(f"{name} for {unknown}; the roles are {', '.join(ROLES)}")
-        for role, paid in given.items():
-            if not isinstance(paid, Rewards):
+        for role, rewards in given.items():
+            if not isinstance(rewards, Rewards):
                 raise ValueError(
-                    f"{name} of the {role}: {paid!r}; give pursuit.Rewards(...) (a "
+                    f"{name} of the {role}: {rewards!r}; give pursuit.Rewards(...) (a "
                     "reward function replaces the whole dict)"
                 )
-            if paid.per_evader and role != "chaser":
+            if rewards.per_evader and role != "chaser":
                 raise ValueError(
                     f"{name} of the {role}: per_evader=True; only chasers can have it: leave it out"
                 )

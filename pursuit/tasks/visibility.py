@@ -142,7 +142,7 @@ def visibility_of(mazes: tuple[Maze, ...], limits: tuple[Limit, ...]) -> Visibil
     """The `Visibility` of agents with these limits in these mazes.
 
     Raises:
-        ValueError: limited sight in a maze that is too large for a table of all pairs of cells.
+        ValueError: a limited view in a maze that is too large for a table of all pairs of cells.
     """
     hidden = np.array([not of.sees_all and of.unknown_maze for of in limits], dtype=bool)
     kinds = list(dict.fromkeys(of[:2] for of in limits if not of.sees_all))

@@ -303,7 +303,7 @@ def test_levels_with_regret_are_kept_and_played_again() -> None:
     assert (drawn >= 0).all() and (drawn < MAX_SEED).all()
 
 
-def test_the_error_names_a_value_that_is_no_level() -> None:
+def test_invalid_level_is_named_in_the_message() -> None:
     with pytest.raises(ValueError, match="outcomes of level -1; seeds are whole"):
         LevelReplay("learnability").update(outcomes([3.0, -1.0]), Progress())
 
@@ -327,7 +327,8 @@ def test_a_level_is_scored_by_its_last_episode_and_learnability_by_all() -> None
     learn.update(outcomes([7], [True]), Progress())
     found = dict(zip(learn.seeds, learn.scores, strict=True))
     assert found[7] == pytest.approx(3 / 5 * 2 / 5) and found[8] == pytest.approx(1 / 3 * 2 / 3)
-    assert learn.best(1)[0][:1] == (7,) and learn.best(1)[0][2:] == (2, 3)
+    assert learn.scores.argmax() == list(learn.seeds).index(7)
+    assert learn.counts[:, learn.scores.argmax()].tolist() == [2, 3]
 
 
 def test_unknown_optima_and_impossible_seeds_are_refused() -> None:

@@ -15,7 +15,7 @@ from pursuit.mazes.maze import MAX_TABLE_CELLS, Maze, load_maze
 from pursuit.rendering.rendering import Scene, draw_scene
 from scripted_agents.tours.tour import expected_tour_length
 from train.commands.parse import parse
-from train.files import check_new_files, write_beside, write_text
+from train.files import check_new_files, write_atomically, write_text
 from train.reports.figures import BLUE, FORMATS, GREEN, draw_walls, pyplot, save
 from train.settings.checks import check, check_default
 
@@ -91,7 +91,7 @@ def draw_maze(maze: Maze, path: Path) -> None:
     """Draw a rendered maze (.png), or its lines (.svg), with the marks S and G."""
     if path.suffix == ".png":
         picture = Image.fromarray(draw_scene(Scene(maze, (), maze.goal_marks, 0, 0)))
-        write_beside(path, lambda beside: picture.save(beside, format="png"))
+        write_atomically(path, lambda beside: picture.save(beside, format="png"))
         return
     figure, axis = pyplot().subplots(figsize=(0.5 * maze.width + 0.3, 0.5 * maze.height + 0.3))
     draw_walls(axis, maze)

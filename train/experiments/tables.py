@@ -13,7 +13,7 @@ from train.experiments.forms import Hints, read_hints, read_label
 from train.experiments.kinds import read_settings
 from train.experiments.study import ERROR, status_of
 from train.experiments.sweep import MEASURED, flat_plain
-from train.files import write_beside
+from train.files import write_atomically
 from train.runs.folder import CONFIG, METRICS, RESULTS, RUN, load_results, read_config, read_metrics
 from train.runs.provenance import check_sources
 from train.runs.tasks import maze_called
@@ -157,7 +157,7 @@ def write_parquet(path: Path, frame: polars.DataFrame) -> None:
     def write(beside: Path) -> None:
         beside.write_bytes(data.getvalue())
 
-    write_beside(path, write)
+    write_atomically(path, write)
 
 
 def row_of(folder: Path) -> dict[str, Any]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from pursuit.replays.adapters import has_reward_function
 from pursuit.replays.replay import Episode, Replay, digest_of
-from train.files import check_output_folder, hold, write_beside
+from train.files import check_output_folder, hold, write_atomically
 from train.play.session import Session
 from train.settings.checks import check
 
@@ -62,5 +62,5 @@ class ReplayFolder:
         """
         last = max((path.stem for path in self.folder.glob(PATTERN)), default="game-0000")
         file = f"game-{int(last.removeprefix('game-')) + 1:04d}.json"
-        write_beside(self.folder / file, replay_of(session, self.name).save)
+        write_atomically(self.folder / file, replay_of(session, self.name).save)
         self.added += 1

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pursuit.mazes.maze import Maze
 from pursuit.validation import one_of
-from train.files import write_beside
+from train.files import write_atomically
 
 FORMATS = ("png", "svg")
 """.png is what pages show; .svg holds lines and letters, as journals ask for."""
@@ -129,7 +129,7 @@ def save(figure: Any, path: Path, also_svg: bool = False, dpi: int = 130) -> Non
         undated: Any = {"Date": None} if form == "svg" else None
         write = partial(figure.savefig, dpi=dpi, format=form, metadata=undated)
         with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "pursuit"}):
-            write_beside(path.with_suffix(f".{form}"), write)
+            write_atomically(path.with_suffix(f".{form}"), write)
     pyplot().close(figure)
 
 

@@ -1,1 +1,1 @@
-"""The viewer: a self-contained page of plain JavaScript and SVG, for replays, reports, play."""
+"""The viewer: a self-contained page of plain JavaScript and SVG for replays, reports and play."""

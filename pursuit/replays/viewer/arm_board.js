@@ -1,4 +1,4 @@
-// The board of an arm: 10 units are a link; the base is at (0, 0), and y goes up.
+// The board of an arm. A link has length 10, the base is at (0, 0), and y points up.
 
 class ArmBoard {
   constructor(element, world) {
@@ -26,7 +26,7 @@ class ArmBoard {
     return points;
   }
 
-  // frame: {angles, target}; extras: {trail: [angles of the steps before]}
+  // frame: {angles, target}; extras: {trail: [angles of earlier steps]}
   show(frame, extras) {
     const text = (points) => points.map((point) => point.map((part) => part.toFixed(2)).join(",")).join(" ");
     const points = this.ends(frame.angles), [x, y] = [10 * frame.target[0], -10 * frame.target[1]];

@@ -1,6 +1,6 @@
 "use strict";
-// Boards: a picture of one moment in SVG. `new Board(element, world)` draws what never changes,
-// `board.show(frame, extras)` what does. Nothing here knows of time, keys or files.
+// A board is an SVG picture of one state. `new Board(element, world)` draws the static parts,
+// `board.show(frame, extras)` updates the others.
 
 const SVG = "http://www.w3.org/2000/svg";
 
@@ -12,7 +12,7 @@ function draw(parent, name, attributes = {}, text = null) {
   return element;
 }
 
-// Only what changes: a browser paints again whatever is set, even to what it was.
+// Set attributes that differ; browsers repaint after every assignment, even of an equal value.
 function place(element, attributes) {
   for (const [key, value] of Object.entries(attributes)) {
     const text = String(value);
@@ -31,7 +31,7 @@ function corners(count, radius, inner = null) {
   return points.join(" ");
 }
 
-// Shapes differ as colours do, so that nobody needs the colours.
+// Roles differ in shape as well as in colour, for readers who cannot distinguish the colours.
 const SHAPES = {
   chaser: (parent) => draw(parent, "polygon", { points: corners(3, 4.2), transform: "translate(0 0.9)" }),
   evader: (parent) => draw(parent, "circle", { r: 3.2 }),

@@ -1,4 +1,4 @@
-"""What the player is given: replays played again, as plain values."""
+"""The data of the viewer page: played-back replays as plain values."""
 
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ from pursuit.rules.layout import CAPTURED, COLLECTED
 from pursuit.rules.visibility import IN_VIEW
 
 MOVING = PLANES.index("walkable")
-"""The planes of the encoding "planes" before this one are of what moves, the others of the maze."""
+"""Planes before this one (of the encoding "planes") show agents and goals, the others the maze."""
 MOST_NUMBERS = 400
-"""Observations with more numbers than this are not written beside the board."""
+"""Observations with more numbers are not shown as numbers."""
 MOST_SEEN_STEPS = 2000
-"""Longer episodes come without what was observed."""
+"""Longer episodes are shown without observations."""
 
 
 @dataclass(frozen=True)
 class Side:
-    """What is known of one side of a duel, laid over its board.
+    """Values and policies of one agent of a duel, shown as an overlay of the board.
 
     Attributes:
-        name: of the agent.
-        seat, other: its number, and that of whom it plays against.
-        values: [own cell, other cell] float, the exact expected steps until capture.
-        learned: [own cell, other cell, action] probabilities of its policy.
-        optimal: [own cell, other cell, action] bool, the optimal actions.
+        name: name of the agent.
+        seat, other: indices of the agent and of its opponent.
+        values: [own cell, opponent cell] float, exact expected steps until capture.
+        learned: [own cell, opponent cell, action] float, probabilities of the learned policy.
+        optimal: [own cell, opponent cell, action] bool, the optimal actions.
     """
 
     name: str
@@ -47,18 +47,16 @@ class Side:
 
 @dataclass(frozen=True)
 class Extras:
-    """What a page adds to the episodes of a replay.
+    """Additional data for the episodes of a replay.
 
     Attributes:
-        names: of the episodes, in the order of the replay; their labels if left out.
-        notes: a remark for each.
-        sides: laid over the board, where it is a duel in the one maze that they belong to.
-        seat: whose observation is shown; None for nobody's.
-        encoding: of that observation.
+        names: names of the episodes, in order; default: their labels.
+        sides: overlays of the board, for duels in one maze.
+        seat: name of the agent with visible observations; None for no observations.
+        encoding: encoding of the observations.
     """
 
     names: Sequence[str] = ()
-    notes: Sequence[str] = ()
     sides: Sequence[Side] = ()
     seat: str | None = None
     encoding: str | None = None
@@ -66,13 +64,13 @@ class Extras:
 
 @dataclass
 class Builder:
-    """Gathers the replays of a page.
+    """Collects the data of a page.
 
     Attributes:
-        items: an episode each; see `player.js`.
-        worlds: mazes and arms, each once.
-        overlays: a `Side` each, as the player takes it.
-        warnings: in words, what plays differently than it was recorded.
+        items: one dict per episode; see `player.js`.
+        worlds: the distinct mazes and arms.
+        overlays: one dict per `Side`; see `side_data`.
+        warnings: messages on episodes that differ from their recordings.
     """
 
     items: list[dict[str, Any]] = field(default_factory=list)
@@ -87,26 +85,26 @@ class Builder:
         numbers = list(range(first, len(self.overlays)))
         for number, episode in enumerate(replay.episodes):
             played = replay.play(number)
-            paid = played.rewards
-            if replay.own_rewards:  # what a function paid is known from the record only
-                paid = episode.rewards[: len(played.rewards)]
+            rewards = played.rewards
+            if replay.own_rewards:  # known only from the recording
+                rewards = episode.rewards[: len(played.rewards)]
             title = " ".join(filter(None, (replay.title, episode.label)))
             name = extras.names[number] if number < len(extras.names) else title
             item = {
                 "name": name or f"episode {len(self.items) + 1}",
-                "note": extras.notes[number] if number < len(extras.notes) else "",
+                "note": "",
                 "length": len(played.states) - 1,
                 "terminated": episode.terminated,
                 "truncated": episode.truncated,
                 "players": [replay.players.get(agent, "") for agent in replay.agents],
-                "rewards": [_plain(column) for column in paid.T],
+                "rewards": [_plain(column) for column in rewards.T],
                 "overlays": numbers,
             }
             if played.differences:
-                told = "; ".join(played.differences)
+                differences = "; ".join(played.differences)
                 then = replay.versions.get("pursuit", "unknown")
                 item["note"] = (
-                    f"Recorded with pursuit {then}, and it plays differently now: {told}."
+                    f"The playback differs from the recording (pursuit {then}): {differences}."
                 )
                 self.warnings.append(f"{item['name']}: {item['note']}")
             fill = self._arm if replay.world.name == "arm" else self._maze
@@ -114,7 +112,7 @@ class Builder:
             self.items.append(item)
 
     def data(self, title: str) -> dict[str, Any]:
-        """What `player.js` reads."""
+        """The data for `player.js`."""
         return {
             "title": title,
             "items": self.items,
@@ -157,7 +155,7 @@ class Builder:
         maze = task.mazes[int(episode.start.get("maze") or 0)]
         for step in range(item["length"] + 1):
             planes = simulator.observe("planes", seat)[0]
-            planes = np.concatenate([planes[:MOVING], planes[len(PLANES) :]])  # and what is in view
+            planes = np.concatenate([planes[:MOVING], planes[len(PLANES) :]])  # with visible cells
             marks.append(
                 [[int(p), int(maze.cell_numbers[r, c])] for p, r, c in np.argwhere(planes)]
             )
@@ -186,7 +184,7 @@ class Builder:
 
 
 def maze_data(maze: Maze, agents: Sequence[str], num_goals: int) -> dict[str, Any]:
-    """What `maze_board.js` takes as its world."""
+    """The world of `maze_board.js`."""
     return {
         "kind": "maze",
         "name": maze.name,
@@ -200,7 +198,7 @@ def maze_data(maze: Maze, agents: Sequence[str], num_goals: int) -> dict[str, An
 
 
 def side_data(side: Side) -> dict[str, Any]:
-    """What `player.js` takes as an overlay: values float32, probabilities in 255ths, bits."""
+    """An overlay of `player.js`: values in float32, probabilities in 1/255, actions as bits."""
     given = next(a for a in (side.values, side.learned, side.optimal) if a is not None)
     actions = [a.shape[2] for a in (side.learned, side.optimal) if a is not None]
     found: dict[str, Any] = {
@@ -221,14 +219,14 @@ def side_data(side: Side) -> dict[str, Any]:
 
 
 def replay_page(replays: Mapping[str, Any] | Sequence[Any], title: str = "") -> str:
-    """One page that plays replays.
+    """A page with a viewer of several replays.
 
     Args:
-        replays: `pursuit.replays.replay.Replay`s, by name where they are to be told apart.
+        replays: objects of `pursuit.replays.replay.Replay`; a mapping also gives their names.
         title: plain text.
 
     Raises:
-        ValueError: no episode at all, or one that begins where none can.
+        ValueError: no episodes, or an invalid start state.
     """
     builder = Builder()
     named = replays.items() if isinstance(replays, Mapping) else [("", each) for each in replays]
@@ -243,7 +241,7 @@ def replay_page(replays: Mapping[str, Any] | Sequence[Any], title: str = "") -> 
 
 def _plain(numbers: NDArray[Any]) -> list[float]:
     if not np.isfinite(numbers).all():
-        raise ValueError("a number that is not finite, paid or observed; a page shows finite ones")
+        raise ValueError("a reward or observation is not finite; viewers show finite numbers")
     return [int(n) if n == int(n) else round(float(n), 5) for n in numbers.tolist()]
 
 
@@ -252,7 +250,7 @@ def _first(found: NDArray[np.bool_]) -> int | None:
 
 
 def _held(path: NDArray[Any]) -> NDArray[Any]:
-    """With the cell before in place of -1."""
+    """The path with -1 replaced by the last cell before it."""
     steps = np.where(path >= 0, np.arange(len(path)), 0)
     held: NDArray[Any] = path[np.maximum.accumulate(steps)]
     return held

@@ -1,4 +1,4 @@
-// The board of a maze. A cell is a square of 10 units; cell (row, column) has its middle at
+// The board of a maze. A cell is a square of 10 units; the centre of cell (row, column) is at
 // (10 column + 5, 10 row + 5).
 
 const MOVES = [[0, -1], [0, 1], [1, 0], [-1, 0], [0, 0]]; // x and y: north, south, east, west, stay
@@ -11,7 +11,7 @@ class MazeBoard {
     draw(element, "rect", { class: "floor", width, height });
     const layer = (name) => draw(element, "g", { class: name });
     this.layers = {};
-    for (const name of ["blocked", "values", "seen", "doors", "walls", "trails", "arrows", "goals", "agents"]) {
+    for (const name of ["blocked", "values", "seen", "openings", "walls", "trails", "arrows", "goals", "agents"]) {
       this.layers[name] = layer(name);
     }
     this.drawMaze(world);
@@ -27,7 +27,7 @@ class MazeBoard {
   drawMaze(world) {
     const lines = world.walls.split("\n");
     const at = (line, column) => (lines[line] || "")[column] || " ";
-    const walls = [], doors = [];
+    const walls = [], openings = [];
     for (let line = 0; line < 2 * world.height + 1; line++) {
       for (let column = 0; column < 2 * world.width + 1; column++) {
         const x = 5 * column, y = 5 * line;
@@ -35,11 +35,11 @@ class MazeBoard {
           if (at(line, column) === "#") draw(this.layers.blocked, "rect", { x: x - 5, y: y - 5, width: 10, height: 10 });
         } else if (line % 2 === 1 || column % 2 === 1) {
           const path = line % 2 === 0 ? `M${x - 5} ${y}h10` : `M${x} ${y - 5}v10`;
-          (at(line, column) === " " ? doors : walls).push(path);
+          (at(line, column) === " " ? openings : walls).push(path);
         }
       }
     }
-    draw(this.layers.doors, "path", { d: doors.join("") });
+    draw(this.layers.openings, "path", { d: openings.join("") });
     draw(this.layers.walls, "path", { d: walls.join("") });
   }
 
@@ -99,13 +99,13 @@ class MazeBoard {
     values.numbers.forEach((value, cell) => {
       const [square, text] = this.squares[cell];
       const known = Number.isFinite(value);
-      const told = known ? value.toFixed(value < 9.95 ? 1 : 0) : "";
+      const label = known ? value.toFixed(value < 9.95 ? 1 : 0) : "";
       place(square, { fill: known ? shade((value - values.low) / span) : "none" });
-      if (text.textContent !== told) text.textContent = told;
+      if (text.textContent !== label) text.textContent = label;
     });
   }
 
-  // arrows: {learned: [[probabilities of a cell] or null], optimal: [bits of a cell]}
+  // arrows: {learned: [[action probabilities] or null per cell], optimal: [action bits per cell]}
   showArrows(arrows) {
     this.layers.arrows.setAttribute("visibility", arrows ? "visible" : "hidden");
     if (!arrows) return;
@@ -134,7 +134,7 @@ class MazeBoard {
     });
   }
 
-  // seen: [[plane, cell], ...], what the chosen agent observes
+  // seen: [[plane, cell], ...], the observation of the selected agent
   showSeen(seen) {
     this.layers.seen.replaceChildren();
     for (const [plane, cell] of seen || []) {
@@ -144,7 +144,7 @@ class MazeBoard {
   }
 }
 
-// An arrow from the middle of a cell; those of the optimum are beside those that were learned.
+// An arrow from the centre of a cell; optimal and learned arrows are drawn on opposite sides.
 function arrow(x, y, [dx, dy], length, side) {
   if (!dx && !dy) return `M${x - 1.2} ${y + side * 1.6}h2.4`;
   const aside = 0.9 * side, ax = x - dy * aside, ay = y + dx * aside;
@@ -153,7 +153,7 @@ function arrow(x, y, [dx, dy], length, side) {
     `L${tx - 1.3 * dx + 1.1 * dy} ${ty - 1.3 * dy + 1.1 * dx}`;
 }
 
-// From dark blue (few steps) to yellow (many): cividis, which colour-blind readers see as others do.
+// The colour map cividis, readable for colour-blind users: dark blue (few steps) to yellow (many).
 const CIVIDIS = [[0, 34, 78], [66, 78, 108], [123, 124, 120], [186, 173, 108], [254, 232, 56]];
 
 function shade(share) {

@@ -1,4 +1,4 @@
-"""Pages: HTML that stands alone in one file, and asks nothing of anywhere."""
+"""Self-contained HTML pages without external resources."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from importlib.resources import files
 from typing import Any
 
 PLAYER = ("board.js", "maze_board.js", "arm_board.js", "player.js")
-"""The scripts of a page that shows replays, in the order in which they need each other."""
+"""The scripts of the replay viewer, in the order of their dependencies."""
 STYLE = "style.css"
 
 
@@ -23,10 +23,10 @@ def resource(name: str) -> str:
 
 
 def json_for_html(data: Any) -> str:
-    """`data` as JSON that ends no script element, whatever its texts are.
+    """`data` as JSON, escaped so that no text can end the script element.
 
     Raises:
-        ValueError: a number that JSON has not (NaN, infinity).
+        ValueError: NaN or infinity, which JSON cannot represent.
     """
     text = json.dumps(data, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
     for character in "<>&\u2028\u2029":
@@ -35,7 +35,7 @@ def json_for_html(data: Any) -> str:
 
 
 def digest(text: str) -> str:
-    """The source of a content security policy that allows just this inline text."""
+    """The source expression of a content security policy that allows this inline text only."""
     return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
 
 
@@ -46,20 +46,20 @@ def page(
     body: str = '<main id="pursuit"></main>',
     connects: bool = False,
 ) -> str:
-    """One page, complete in itself.
+    """Build one self-contained page.
 
-    Its content security policy lets nothing run but the scripts that are put in here, and nothing
-    be asked for but, with `connects`, from where the page came.
+    Its content security policy allows only the given scripts, and no requests except to the server
+    of the page with `connects`.
 
     Args:
         title: plain text.
-        data: what JSON can hold; the scripts find it in the element "pursuit-data".
+        data: JSON values, which the scripts read from the element "pursuit-data".
         scripts: files of this package.
-        body: HTML in which every text of others is escaped (`html.escape`).
-        connects: whether the scripts talk to the server that the page came from.
+        body: HTML; escape untrusted text with `html.escape`.
+        connects: whether the scripts send requests to the server of the page.
 
     Raises:
-        ValueError: data that JSON cannot hold.
+        ValueError: data that JSON cannot represent.
     """
     code, style = "\n".join(resource(name) for name in scripts), resource(STYLE)
     policy = (

@@ -1,13 +1,13 @@
-// The page of a game by hand: keys and touches become moves, the server decides, a board draws. What
-// it begins with stands in the element "pursuit-data" (see train/play/server.py).
+// The page of `pursuit play`: sends moves from keys and touches to the server and shows its answers.
+// The first state is in the element "pursuit-data" (see train/play/server.py).
 
 (function () {
-  const WAIT = 110; // ms between two moves while a key is held
+  const WAIT = 110; // ms between two moves while a key is pressed
   const MAZE_KEYS = {
     ArrowUp: 0, w: 0, ArrowDown: 1, s: 1, ArrowRight: 2, d: 2, ArrowLeft: 3, a: 3, " ": 4,
   };
-  const SIGNS = ["▲", "▼", "▶", "◀", "■"]; // of the actions, in the rule book's order
-  const TRAIL = 12; // steps that a trail shows
+  const SIGNS = ["▲", "▼", "▶", "◀", "■"]; // of the actions, in order of their numbers
+  const TRAIL = 12; // steps shown in a trail
 
   function make(kind, into, text, name) {
     const node = document.createElement(kind);
@@ -20,7 +20,7 @@
   function start(state) {
     const place = document.getElementById("pursuit");
     place.className = "play";
-    const who = make("h1", place), title = make("p", place, "", "faint");
+    const agentTitle = make("h1", place), title = make("p", place, "", "faint");
     const drawing = draw(place, "svg");
     const status = make("p", place);
     status.setAttribute("role", "status");
@@ -31,47 +31,47 @@
     const help = make("p", place, "", "faint");
     let board = null, world = null, busy = false, last = 0, past = [];
 
-    function show(fresh) {
-      const other = fresh.board && JSON.stringify(fresh.board) !== JSON.stringify(world);
-      state = fresh;
-      if (other) {
-        world = fresh.board;
+    function show(answer) {
+      const changed = answer.board && JSON.stringify(answer.board) !== JSON.stringify(world);
+      state = answer;
+      if (changed) {
+        world = answer.board;
         drawing.replaceChildren();
         board = new Board(drawing, world);
         board.inner.agents[world.you].classList.add("own");
         prepare();
       }
-      if (fresh.title) title.textContent = fresh.title;
-      who.textContent = `You are ${world.agents[world.you].name}`;
+      if (answer.title) title.textContent = answer.title;
+      agentTitle.textContent = `You are ${world.agents[world.you].name}`;
       if (!past.length || past[0].game !== state.game || past.length !== state.step) past = [];
       past.push({ game: state.game, ...state.frame });
       board.show(state.frame, trails());
-      drawing.setAttribute("aria-label", told());
-      const paid = state.frame.rewards[world.you];
+      drawing.setAttribute("aria-label", description());
+      const reward = state.frame.rewards[world.you];
       status.textContent =
-        `game ${state.game + 1}, step ${state.step} / ${world.max_steps}, reward ${+paid.toFixed(3)}`;
+        `game ${state.game + 1}, step ${state.step} / ${world.max_steps}, reward ${+reward.toFixed(3)}`;
       result.replaceChildren();
       if (state.over) {
         const table = make("table", result);
-        for (const [who, what] of state.rows) {
+        for (const [name, value] of state.rows) {
           const row = make("tr", table);
-          make("td", row, who);
-          make("td", row, what);
+          make("td", row, name);
+          make("td", row, value);
         }
       }
       if (state.total) make("p", result, state.total);
       if (state.warning) make("p", result, "warning: " + state.warning);
     }
 
-    // The moment in words.
-    function told() {
-      const at = (cell) => (cell < 0 ? "gone" : `row ${world.cells[cell][0]} column ${world.cells[cell][1]}`);
+    // The state as text.
+    function description() {
+      const at = (cell) => (cell < 0 ? "captured" : `row ${world.cells[cell][0]} column ${world.cells[cell][1]}`);
       const agents = world.agents.map((agent, n) => `${agent.name} ${at(state.frame.cells[n])}`);
       const goals = state.frame.goals.filter((goal) => goal >= 0).map((goal) => `goal ${at(goal)}`);
       return [...agents, ...goals].join(", ");
     }
 
-    // Where everybody was, and of who is gone where it was last.
+    // The recent cells of all agents, and the last cell of captured agents.
     function trails() {
       const some = past.slice(-TRAIL);
       const of = (number) => past.map((frame) => frame.cells[number]).filter((cell) => cell >= 0);
@@ -91,11 +91,11 @@
           headers: { "Content-Type": "application/json" },
           body: JSON.stringify(content),
         });
-        const told = await answer.json();
-        if (told.frame) show(told); // also where it was out of turn: that is how it stands
-        else status.textContent = told.error;
+        const reply = await answer.json();
+        if (reply.frame) show(reply); // also after a refused move
+        else status.textContent = reply.error;
       } catch (error) {
-        status.textContent = "nobody answers: pursuit play has ended. Start it again";
+        status.textContent = "The server does not answer; start pursuit play again.";
       }
       busy = false;
     }
@@ -119,15 +119,15 @@
         node.addEventListener("click", () => move(number));
         node.style.gridArea = `${places[number][0]} / ${places[number][1]}`;
       }
-      const stays = world.actions.length > 4 ? "space stays" : "a move into a wall waits";
-      help.textContent = `Arrow keys or w, a, s, d; ${stays}; n begins the next game.`;
+      const stays = world.actions.length > 4 ? "space to stay" : "move into a wall to stay";
+      help.textContent = `Arrow keys or w, a, s, d to move; ${stays}; n for the next game.`;
     }
 
     document.addEventListener("keydown", (event) => {
       if (event.ctrlKey || event.metaKey || event.altKey) return;
       const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
       const pressed = document.activeElement && document.activeElement.tagName === "BUTTON";
-      if (key === " " && pressed) return; // it presses the button that has the focus
+      if (key === " " && pressed) return; // activates the focused button
       if (key === "n") {
         if (!event.repeat) begin();
         return;
@@ -136,7 +136,7 @@
       const number = MAZE_KEYS[key];
       if (number === undefined || number >= world.actions.length) return;
       if (!soon) move(number);
-      event.preventDefault(); // the page does not scroll
+      event.preventDefault(); // no scrolling
     });
     next.addEventListener("click", begin);
     show(state);

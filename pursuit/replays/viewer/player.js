@@ -1,12 +1,12 @@
-// The player: one clock for one episode or for several side by side. What it plays stands in the
-// element "pursuit-data" (see pursuit/replays/viewer/data.py).
+// The player of one episode, or of several side by side. Its data is in the element "pursuit-data"
+// (see pursuit/replays/viewer/data.py).
 
-const TRAIL = 24; // steps that a trail shows
+const TRAIL = 24; // steps shown in a trail
 const HELP = [
-  ["space", "play, pause"], ["← →", "a step back, forth (with shift ten)"], ["home end", "first, last step"],
-  ["↑ ↓", "another episode"], ["0 … 9", "speed: 1 is one step a second, each next one doubles it, 0 is as fast as it goes"],
-  ["b", "all episodes side by side, or one"], ["t", "trails"], ["v", "exact value of every cell, for the side chosen"],
-  ["p", "learned policy (solid) beside the optimal moves (dashed)"], ["o", "what the learner observes"], ["d", "dark, light"], ["?", "this list"],
+  ["space", "play, pause"], ["← →", "one step back, forward (with shift ten)"], ["home end", "first, last step"],
+  ["↑ ↓", "previous, next episode"], ["0 … 9", "speed: 1 is one step per second, each higher number doubles it, 0 is the maximum"],
+  ["b", "all episodes side by side, or one"], ["t", "trails"], ["v", "exact value of every cell, for the selected agent"],
+  ["p", "learned policy (solid) and optimal moves (dashed)"], ["o", "observation of the learner"], ["d", "dark, light"], ["?", "this list"],
 ];
 
 function make(name, attributes = {}, ...children) {
@@ -23,7 +23,7 @@ function bytes(text) {
   return Uint8Array.from(atob(text), (character) => character.charCodeAt(0));
 }
 
-// An episode at any of its steps, in the form that boards show.
+// An episode; `frame(step)` is the state that boards show.
 class Episode {
   constructor(item, worlds) {
     Object.assign(this, item);
@@ -40,8 +40,8 @@ class Episode {
     return { cells, goals, step };
   }
 
-  // Rewards of the step that led here, and all so far, of every agent.
-  paid(step) {
+  // [reward of the last step, return so far] of every agent.
+  rewardsAt(step) {
     return this.rewards.map((row) => {
       let sum = 0;
       for (let i = 0; i < step; i++) sum += row[i];
@@ -50,16 +50,16 @@ class Episode {
   }
 
   count(step, agent, kind) {
-    return this.events.filter(([when, who, what]) => when <= step && who === agent && what === kind).length;
+    return this.events.filter(([at, actor, event]) => at <= step && actor === agent && event === kind).length;
   }
 
   ending(step) {
     if (step < this.length) return "";
-    return this.terminated ? "ended" : this.truncated ? "out of time" : "cut off";
+    return this.terminated ? "(terminated)" : this.truncated ? "(truncated)" : "(unfinished)";
   }
 }
 
-// The exact values and the policies of one side of a duel, by its own cell and the other's.
+// Exact values and policies of one agent of a duel, by its own cell and the opponent's cell.
 class Overlay {
   constructor(given) {
     Object.assign(this, given);
@@ -114,7 +114,7 @@ class Player {
 
   sides(episode = this.episode) { return (episode.overlays || []).map((number) => this.overlays[number]); }
 
-  // What tests and notebooks ask.
+  // The state of the viewer, for tests and notebooks.
   state() {
     const frame = this.episode.frame(Math.min(this.step, this.episode.length));
     return { episode: this.chosen, playing: this.playing, speed: this.speed, several: this.several, length: this.length, shown: { ...this.shown }, ...frame, step: this.step };
@@ -127,8 +127,8 @@ class Player {
       play: button("play", "play (space)", () => this.play(!this.playing)),
       trails: toggle("trails", "t", "trails", () => this.toggle("trails")),
       values: toggle("values", "v", "exact value of every cell", () => this.toggle("values")),
-      policy: toggle("policy", "p", "learned policy beside the optimal moves", () => this.toggle("policy")),
-      seen: toggle("observed", "o", "what the learner observes", () => this.toggle("seen")),
+      policy: toggle("policy", "p", "learned policy and optimal moves", () => this.toggle("policy")),
+      seen: toggle("observed", "o", "observation of the learner", () => this.toggle("seen")),
       several: toggle("side by side", "b", "all episodes side by side", () => this.lay(!this.several)),
     };
     this.bar = make("input", { type: "range", min: 0, step: 1, value: 0, "aria-label": "step", oninput: () => this.go(Number(this.bar.value)) });
@@ -137,7 +137,7 @@ class Player {
       ...Array.from({ length: 10 }, (_, speed) => make("option", { value: speed }, speed ? `${2 ** (speed - 1)}/s` : "fastest")));
     this.choice = make("select", { "aria-label": "episode", onchange: () => this.choose(Number(this.choice.value)) },
       ...this.episodes.map((episode, number) => make("option", { value: number }, episode.name)));
-    this.sideChoice = make("select", { "aria-label": "side", onchange: () => { this.side = Number(this.sideChoice.value); this.show(); } });
+    this.sideChoice = make("select", { "aria-label": "agent", onchange: () => { this.side = Number(this.sideChoice.value); this.show(); } });
     this.stage = make("div", { class: "stage" });
     this.score = make("div", { class: "wide" });
     this.numbers = make("div", { class: "numbers" });
@@ -148,8 +148,8 @@ class Player {
       make("table", {}, ...HELP.map(([keys, what]) => make("tr", {}, make("td", {}, make("kbd", {}, keys)), make("td", {}, what)))),
       make("form", { method: "dialog" }, make("button", {}, "close")));
     const controls = make("div", { class: "controls" },
-      button("«", "first step (home)", () => this.go(0)), button("‹", "a step back (left)", () => this.go(this.step - 1)),
-      this.buttons.play, button("›", "a step forth (right)", () => this.go(this.step + 1)), button("»", "last step (end)", () => this.go(this.length)),
+      button("«", "first step (home)", () => this.go(0)), button("‹", "one step back (left)", () => this.go(this.step - 1)),
+      this.buttons.play, button("›", "one step forward (right)", () => this.go(this.step + 1)), button("»", "last step (end)", () => this.go(this.length)),
       this.bar, this.clock, this.pace);
     const side = make("div", { class: "side" }, make("div", { class: "row" }, this.choice), this.note,
       make("div", { class: "row" }, this.buttons.trails, this.buttons.values, this.buttons.policy, this.buttons.seen, this.sideChoice),
@@ -160,7 +160,7 @@ class Player {
     this.root.append(this.frame);
   }
 
-  // Boards for what is shown now.
+  // Create the boards of the episodes that are shown.
   lay(several = this.several) {
     this.several = several && this.episodes.length > 1;
     this.frame.classList.toggle("several", this.several);
@@ -174,7 +174,7 @@ class Player {
     this.stage.replaceChildren(...this.boards.map(({ picture }) => picture.parentElement));
     const sides = this.sides();
     this.side = Math.min(this.side, Math.max(sides.length - 1, 0));
-    this.sideChoice.replaceChildren(...sides.map((side, number) => make("option", { value: number }, `side: ${side.name}`)));
+    this.sideChoice.replaceChildren(...sides.map((side, number) => make("option", { value: number }, `agent: ${side.name}`)));
     this.sideChoice.value = String(this.side);
     this.sideChoice.hidden = sides.length < 2;
     this.buttons.several.hidden = this.episodes.length < 2;
@@ -225,14 +225,14 @@ class Player {
     this.buttons.play.setAttribute("aria-label", on ? "pause (space)" : "play (space)");
     cancelAnimationFrame(this.ticking);
     if (on) {
-      let last = null, owed = 0;
+      let last = null, due = 0;
       const tick = (now) => {
         if (!this.playing) return;
-        owed += this.speed === 0 ? 1 : last === null ? 0 : ((now - last) / 1000) * 2 ** (this.speed - 1);
+        due += this.speed === 0 ? 1 : last === null ? 0 : ((now - last) / 1000) * 2 ** (this.speed - 1);
         last = now;
-        const steps = Math.floor(owed);
+        const steps = Math.floor(due);
         if (steps > 0) {
-          owed -= steps;
+          due -= steps;
           this.go(this.step + steps);
         }
         this.ticking = requestAnimationFrame(tick);
@@ -246,9 +246,9 @@ class Player {
     if (event.ctrlKey || event.metaKey || event.altKey || this.help.open) return;
     const target = event.target, typing = target.closest && target.closest("select, textarea, input:not([type=range])");
     if (typing) return;
-    const leap = event.shiftKey ? 10 : 1;
+    const stride = event.shiftKey ? 10 : 1;
     const actions = {
-      " ": () => this.play(!this.playing), ArrowLeft: () => this.go(this.step - leap), ArrowRight: () => this.go(this.step + leap),
+      " ": () => this.play(!this.playing), ArrowLeft: () => this.go(this.step - stride), ArrowRight: () => this.go(this.step + stride),
       Home: () => this.go(0), End: () => this.go(this.length),
       ArrowUp: () => this.choose(this.chosen - 1), ArrowDown: () => this.choose(this.chosen + 1),
       t: () => this.toggle("trails"), v: () => this.toggle("values"), p: () => this.toggle("policy"), o: () => this.toggle("seen"),
@@ -274,7 +274,7 @@ class Player {
     this.pace.value = String(this.speed);
     for (const name of ["trails", "values", "policy", "seen"]) this.buttons[name].setAttribute("aria-pressed", String(this.shown[name]));
     this.buttons.several.setAttribute("aria-pressed", String(this.several));
-    if (!this.several) this.tell();
+    if (!this.several) this.showNumbers();
   }
 
   extras(episode, frame, step) {
@@ -295,30 +295,30 @@ class Player {
     return extras;
   }
 
-  // The numbers beside the board.
-  tell() {
+  // The table and texts next to the board.
+  showNumbers() {
     const { episode, step } = this;
     const row = (...parts) => make("tr", {}, ...parts);
     const number = (value) => make("td", { class: "number" }, value === null ? "" : Number(value.toFixed(3)).toString());
-    const head = ["", "reward", "sum"], arm = episode.world.kind === "arm";
-    const goals = !arm && episode.world.num_goals > 0, hunted = !arm && episode.world.agents.some((agent) => agent.role === "chaser");
+    const head = ["", "reward", "return"], arm = episode.world.kind === "arm";
+    const goals = !arm && episode.world.num_goals > 0, pursued = !arm && episode.world.agents.some((agent) => agent.role === "chaser");
     if (goals) head.push("goals");
-    if (hunted) head.push("captures");
+    if (pursued) head.push("captures");
     const names = arm ? ["arm"] : episode.world.agents.map((agent) => agent.name);
-    const paid = episode.paid(step);
+    const rewards = episode.rewardsAt(step);
     this.score.replaceChildren(make("table", {}, row(...head.map((text) => make("th", { class: text ? "number" : "" }, text))),
       ...names.map((name, agent) => {
-        const cells = [make("td", { title: episode.players[agent] || "" }, name), number(paid[agent][0]), number(paid[agent][1])];
+        const cells = [make("td", { title: episode.players[agent] || "" }, name), number(rewards[agent][0]), number(rewards[agent][1])];
         if (goals) cells.push(number(episode.count(step, agent, "collected")));
-        if (hunted) cells.push(number(episode.count(step, agent, "captured")));
+        if (pursued) cells.push(number(episode.count(step, agent, "captured")));
         return row(...cells);
       })));
     const side = this.sides()[this.side], parts = [];
-    const who = names.map((name, agent) => episode.players[agent] && `${name} is ${episode.players[agent]}`).filter(Boolean);
-    if (who.length) parts.push(`${who.join(", ")}.`);
-    if (side && this.shown.values && side.values) parts.push(`Values: exact expected steps until capture if the ${side.name} stood there, at the start of an episode (blue few, yellow many).`);
-    if (side && this.shown.policy) parts.push(`Moves of the ${side.name}: dashed optimal${side.learned ? ", solid learned (its most probable one); a dotted frame where they differ" : ""}.`);
-    if (this.shown.seen && episode.seen) parts.push(`Observed by ${episode.seen.agent}: ${episode.seen.names.join(", ")}.`);
+    const players = names.map((name, agent) => episode.players[agent] && `${name} is ${episode.players[agent]}`).filter(Boolean);
+    if (players.length) parts.push(`${players.join(", ")}.`);
+    if (side && this.shown.values && side.values) parts.push(`Values: exact expected steps until capture from the start of an episode, for each cell of the ${side.name} (blue few, yellow many).`);
+    if (side && this.shown.policy) parts.push(`Moves of the ${side.name}: dashed optimal${side.learned ? ", solid learned (the most probable one); a dotted frame if they differ" : ""}.`);
+    if (this.shown.seen && episode.seen) parts.push(`Observation of ${episode.seen.agent}: ${episode.seen.names.join(", ")}.`);
     this.legend.textContent = parts.join(" ");
     const observed = this.shown.seen && episode.observed;
     this.numbers.textContent = observed ? `${observed.encoding}: ${observed.steps[step].join(" ")}` : "";
@@ -327,7 +327,7 @@ class Player {
 
   words(frame) {
     if (frame.angles) return `step ${frame.step}: target at ${frame.target.map((part) => part.toFixed(2)).join(", ")}`;
-    const where = (cell) => (cell < 0 ? "gone" : `row ${this.episode.world.cells[cell][0] + 1}, column ${this.episode.world.cells[cell][1] + 1}`);
+    const where = (cell) => (cell < 0 ? "captured" : `row ${this.episode.world.cells[cell][0] + 1}, column ${this.episode.world.cells[cell][1] + 1}`);
     return `step ${frame.step}: ${this.episode.world.agents.map((agent, number) => `${agent.name} ${where(frame.cells[number])}`).join("; ")}`;
   }
 }

@@ -1,4 +1,4 @@
-"""Compiled kernels are kept on disk, and thrown away when the rules that they inline change."""
+"""Compiled kernels are cached on disk and recompiled when functions that they inline change."""
 
 import importlib
 import os
@@ -68,7 +68,7 @@ def package(tmp_path: Path) -> Path:
 
 
 def run(package: Path) -> tuple[int, str]:
-    """What total(10) is, and what is said on stderr, in a process of its own."""
+    """The result of total(10) and the output on stderr, in a subprocess."""
     environment = {key: value for key, value in os.environ.items() if key != "NUMBA_CACHE_DIR"}
     code = "from pursuit.kernel import total; print(total(10))"
     process = subprocess.run(
@@ -83,7 +83,7 @@ def run(package: Path) -> tuple[int, str]:
     return int(process.stdout), process.stderr
 
 
-def test_a_change_of_the_rules_reaches_the_kernels_of_other_files(package: Path) -> None:
+def test_a_change_of_the_rules_recompiles_kernels_of_other_files(package: Path) -> None:
     assert run(package) == (10, ANNOUNCEMENT)
     assert list(package.glob("__pycache__/kernel.total-*.nbc"))
     assert run(package) == (10, "")

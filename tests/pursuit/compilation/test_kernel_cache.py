@@ -49,8 +49,8 @@ def kernel_in(folder: Path, monkeypatch: pytest.MonkeyPatch, stamp: str = "stamp
     return doubled
 
 
-def test_processes_that_compile_one_kernel_lose_nothing_and_mix_up_nothing(tmp_path: Path) -> None:
-    """Half of what each of them compiles another one compiles as well; all begin at once."""
+def test_parallel_compilation_keeps_all_cache_entries(tmp_path: Path) -> None:
+    """Processes start simultaneously; each signature is compiled by two of them."""
     script = tmp_path / "script.py"
     script.write_text(WRITER)
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
@@ -87,7 +87,7 @@ def test_processes_that_compile_one_kernel_lose_nothing_and_mix_up_nothing(tmp_p
     assert not list(tmp_path.rglob("*.tmp.*"))  # nothing half written is left
 
 
-def test_machine_code_is_given_for_what_it_was_made_for_alone(
+def test_machine_code_is_loaded_for_its_signature_only(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     kernel = kernel_in(tmp_path, monkeypatch)
@@ -101,7 +101,7 @@ def test_machine_code_is_given_for_what_it_was_made_for_alone(
     assert sum(again.stats.cache_hits.values()) == sum(again.stats.cache_misses.values()) == 1
 
 
-def test_what_another_source_was_compiled_to_is_never_given(
+def test_machine_code_of_other_sources_is_never_loaded(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def hits(stamp: str, number: Any) -> int:
@@ -115,7 +115,7 @@ def test_what_another_source_was_compiled_to_is_never_given(
 
 
 @pytest.mark.parametrize("fails", ["open", "replace", "makedirs"])
-def test_where_the_disk_takes_nothing_there_is_one_warning_and_nothing_is_left_half_written(
+def test_a_full_disk_gives_one_warning_and_no_partial_files(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fails: str
 ) -> None:
     def full(*_: Any, **__: Any) -> Any:
@@ -125,10 +125,10 @@ def test_where_the_disk_takes_nothing_there_is_one_warning_and_nothing_is_left_h
     monkeypatch.setattr(kernel_cache, "has_warned", False)
     with monkeypatch.context() as disk:
         disk.setattr(os, fails, full)
-        with pytest.warns(UserWarning, match=r"No space left on device.*NUMBA_CACHE_DIR") as told:
+        with pytest.warns(UserWarning, match=r"No space left on device.*NUMBA_CACHE_DIR") as warned:
             assert kernel(np.array([2])) == 4
             assert kernel(np.array([2.5])) == 5.0
-    assert len(told) == 1 and str(tmp_path) in str(told[0].message)
+    assert len(warned) == 1 and str(tmp_path) in str(warned[0].message)
     assert not list(tmp_path.iterdir())
 
 
@@ -137,7 +137,7 @@ def test_where_the_disk_takes_nothing_there_is_one_warning_and_nothing_is_left_h
 def test_damaged_files_are_ignored(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str, left: bytes | None
 ) -> None:
-    """One byte of the machine code that is another one would unpickle, and end the process."""
+    """Machine code with one changed byte could be unpickled, and end the process."""
     assert kernel_in(tmp_path, monkeypatch)(np.array([2])) == 4
     (path,) = tmp_path.glob(suffix)
     content = path.read_bytes()
@@ -168,7 +168,7 @@ def test_an_index_that_cannot_be_read_is_ignored_with_a_warning(
     assert sum(kernel.stats.cache_hits.values()) == 1  # it was not taken for one of another source
 
 
-def test_a_kernel_is_compiled_though_its_folder_is_gone(
+def test_a_kernel_is_compiled_without_its_cache_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "file").touch()

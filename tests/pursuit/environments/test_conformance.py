@@ -1,4 +1,4 @@
-"""`check_parallel_env` passes on every environment of ours, and finds every broken one."""
+"""`check_parallel_env` passes for all environments and finds every faulty one."""
 
 from collections.abc import Callable
 from copy import deepcopy
@@ -39,7 +39,7 @@ OURS: dict[str, Callable[..., PursuitParallelEnv]] = {
 
 @pytest.mark.parametrize("observation", ENCODINGS)
 @pytest.mark.parametrize("name", OURS)
-def test_our_environments_conform(name: str, observation: str) -> None:
+def test_the_environments_conform(name: str, observation: str) -> None:
     check_parallel_env(OURS[name](observation=observation, max_steps=40), max_steps=40)
 
 
@@ -49,20 +49,20 @@ def test_conformance_holds_after_a_copy() -> None:
     check_parallel_env(deepcopy(env), max_steps=40)
 
 
-def test_an_environment_of_others_passes() -> None:
+def test_an_environment_of_pettingzoo_passes() -> None:
     env = pettingzoo.make("parallel", "classic/rps-v2")
     check_parallel_env(env, random_starts=False)
 
 
-def test_fixed_starts_need_a_word() -> None:
+def test_fixed_starts_need_random_starts_false() -> None:
     env = chase_v0.parallel_env(maze=MARKED, start="marks", max_steps=20)
     check_parallel_env(env, random_starts=False)
-    with pytest.raises(ConformanceError, match="16 different seeds gave one start"):
+    with pytest.raises(ConformanceError, match="16 seeds gave the same start"):
         check_parallel_env(env)
 
 
 @pytest.mark.parametrize("counts", [{"episodes": 0}, {"max_steps": 0}])
-def test_a_check_of_nothing_is_refused(counts: dict[str, int]) -> None:
+def test_zero_episodes_or_steps_are_refused(counts: dict[str, int]) -> None:
     with pytest.raises(ValueError, match="at least 1"):
         check_parallel_env(chase_v0.parallel_env(), **counts)
 
@@ -75,11 +75,11 @@ def test_a_broken_environment_is_found(name: str) -> None:
     assert isinstance(raised.value, AssertionError)
 
 
-def test_the_environment_that_is_broken_here_is_sound_otherwise() -> None:
+def test_the_unmodified_test_environment_conforms() -> None:
     check_parallel_env(Broken(), episodes=4, max_steps=60)
 
 
-def test_infos_may_hold_whatever_they_like() -> None:
+def test_infos_may_contain_any_values() -> None:
     def note(infos: dict[str, Any], env: Broken) -> dict[str, Any]:
         odd = {"nan": np.full(3, np.nan), "nothing": np.array(None), "clock": iter(())}
         return {agent: {**info, **odd} for agent, info in infos.items()}

@@ -1,4 +1,4 @@
-"""The world, scripted agents, exact solvers and curricula need nothing of what training needs."""
+"""Environments, scripted agents, solvers and curricula need no dependency of training."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ BLOCKED = (
     "rich",
     "filelock",
 )
-"""What `requirements-core.txt` leaves out of the default installation, and what comes with it."""
+"""Packages of the default installation that are not in `requirements-core.txt`."""
 
 USE = """
 import sys

@@ -214,7 +214,7 @@ def test_a_captured_evader_leaves_and_the_game_goes_on() -> None:
     with pytest.raises(ValueError, match="the action of chaser_0 is None"):
         env.step({"evader_0": None, "chaser_0": None, "evader_1": EAST})
     assert (env.state() == before).all()
-    # Many libraries give every possible agent an action, whoever is left: those are ignored.
+    # Many libraries give every possible agent an action, even inactive ones: these are ignored.
     *_, terminations, _, _ = env.step({"chaser_0": EAST, "evader_0": 77, "evader_1": WEST})
     assert terminations == {"chaser_0": True, "evader_1": True} and env.agents == []
     assert env.step({}) == ({}, {}, {}, {}, {})
@@ -244,7 +244,7 @@ def test_capture_in_the_last_step_is_a_termination() -> None:
         ({"chaser_0": 0, "evader_0": 0, "ghost_0": 0}, "'ghost_0', which is not active"),
     ],
 )
-def test_bad_actions_move_nobody(actions: dict[str, Any], message: str) -> None:
+def test_invalid_actions_move_no_agent(actions: dict[str, Any], message: str) -> None:
     env = chase_v0.parallel_env()
     env.reset(seed=0)
     before = env.state()
@@ -294,9 +294,9 @@ def test_bad_seeds(seed: Any) -> None:
     ("options", "message"),
     [
         ({"positions": [0, 99]}, r"positions=\[0, 99\]; whole numbers from 0 to 24"),
-        ({"positions": [0, 1], "goals": [3]}, "this task has none"),
+        ({"positions": [0, 1], "goals": [3]}, "this task has no goals"),
         (5, "options=5; give a dict"),
-        ({"positions": [3, 3]}, "begin in one cell"),
+        ({"positions": [3, 3]}, "start in the same cell"),
         ({"postions": [0, 1]}, "unknown option 'postions'; the options of reset are positions, g"),
         ({"goals": [3]}, "give positions too"),
     ],
@@ -315,7 +315,7 @@ def test_options_name_the_maze_where_there_are_several() -> None:
     for seed in range(4):
         env.reset(seed=seed, options={"positions": [0, 24], "maze": 1})
         assert env.state().tolist() == [1, 25, 0]
-    with pytest.raises(ValueError, match="maze left out; this task has 2"):
+    with pytest.raises(ValueError, match="maze is missing; this task has 2"):
         env.reset(options={"positions": [0, 8]})
 
 
@@ -339,7 +339,7 @@ def test_unknown_task() -> None:
     ],
     ids=["deepcopy", "pickle", "cloudpickle"],
 )
-def test_a_copy_goes_on_as_the_original_does(copy: Any, restart: bool) -> None:
+def test_a_copy_continues_like_the_original(copy: Any, restart: bool) -> None:
     env = chase_v0.parallel_env(maze="4x4", num_evaders=2, max_steps=30)
     env.reset(seed=7)
     env.step({agent: EAST for agent in env.agents})

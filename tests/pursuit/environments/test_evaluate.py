@@ -1,4 +1,4 @@
-"""`pursuit.evaluate`: any function from observations to actions, beside the exact optimum."""
+"""`pursuit.evaluate`: functions from observations to actions, compared with the exact optimum."""
 
 import subprocess
 import sys
@@ -68,16 +68,16 @@ def test_a_function_is_played_and_compared_with_the_optimum() -> None:
 
 def test_the_interval_of_the_gap_covers_as_often_as_it_says() -> None:
     def straight(seen: NDArray[Any]) -> NDArray[Any]:
-        return seen[:, 0] % 4  # a bad policy, whose lengths vary
+        return seen[:, 0] % 4  # a poor policy with varying episode lengths
 
     game = {**CHASE, "observation": "positions", "max_steps": 30}
-    truth = pursuit.evaluate(straight, "chase", episodes=40_000, seed=1000, **game).gap
-    assert truth is not None
+    exact = pursuit.evaluate(straight, "chase", episodes=40_000, seed=1000, **game).gap
+    assert exact is not None
     inside = 0
     for seed in range(100):
         found = pursuit.evaluate(straight, "chase", episodes=200, seed=seed, **game).gap_ci95
         assert found is not None
-        inside += found[0] <= truth <= found[1]
+        inside += found[0] <= exact <= found[1]
     assert 88 <= inside <= 99
 
 
@@ -97,7 +97,7 @@ def test_tours_arms_and_heists() -> None:
     assert 0.0 < race.mean <= race.optimum + 0.1
 
 
-def test_what_is_no_action_is_refused() -> None:
+def test_invalid_actions_are_refused() -> None:
     for function, said in (
         (lambda seen: np.zeros(3, dtype=int), r"shape \(3,\) and dtype int64"),
         (lambda seen: np.zeros(len(seen)), "dtype float64; give integers"),

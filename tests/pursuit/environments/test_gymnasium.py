@@ -1,4 +1,4 @@
-"""The Gymnasium environments: one seat is yours, single and vectorised."""
+"""The Gymnasium environments of one agent, single and vectorised."""
 
 from typing import Any
 
@@ -40,7 +40,7 @@ pytestmark = pytest.mark.filterwarnings("error::UserWarning", "ignore:mask_bumps
 
 
 class Eastward:
-    """A policy of a user: always east, but remembers what it was shown."""
+    """A custom policy that always moves east and stores its observations."""
 
     def __init__(self, observation: str | None = None) -> None:
         self.observation = observation
@@ -63,7 +63,7 @@ def test_gymnasiums_own_check(name: str, observation: str, monkeypatch: pytest.M
 
 @pytest.mark.parametrize("observation", ENCODINGS)
 @pytest.mark.parametrize(("task", "agent"), SEATS)
-def test_every_seat_of_every_task(task: str, agent: str, observation: str) -> None:
+def test_every_agent_of_every_task(task: str, agent: str, observation: str) -> None:
     env = make_env(task, agent, observation=observation, opponent_epsilon=0.3, max_steps=60)
     rng = np.random.default_rng(1)
     env.reset(seed=1)
@@ -233,7 +233,7 @@ def test_the_capture_of_your_evader_ends_your_episode_only() -> None:
     env.reset(seed=0, options=start)
     observed, reward, terminated, truncated, _ = env.step(WEST)
     assert (reward, terminated, truncated) == (-1.0, True, False)
-    assert observed.tolist() == [0, 5, 2, 0]  # you are gone, and see the others
+    assert observed.tolist() == [0, 5, 2, 0]  # captured, and observes the others
     assert not env.simulator.ended.any()  # the game itself goes on
 
     envs = SingleAgentVectorEnv(
@@ -261,7 +261,7 @@ def test_capture_in_the_last_step_is_no_truncation() -> None:
     assert (terminations.tolist(), truncations.tolist()) == ([True, False], [False, True])
 
 
-def test_a_policy_of_your_own_fills_a_seat() -> None:
+def test_a_custom_policy_controls_another_agent() -> None:
     opponent = Eastward()
     env = gymnasium.make(IDS[0], maze=CORRIDOR, opponent=opponent, observation="positions")
     env.reset(options={"positions": [0, 1]})
@@ -271,7 +271,7 @@ def test_a_policy_of_your_own_fills_a_seat() -> None:
     assert seat == 1 and positions.tolist() == [[0, 1]] and steps.tolist() == [0]
 
 
-def test_an_opponent_may_ask_for_any_observation() -> None:
+def test_an_opponent_may_use_any_observation() -> None:
     opponent = Eastward("cells")
     envs = make_vector_env("chase", "chaser", num_envs=3, maze=CORRIDOR, opponent=opponent)
     envs.reset(seed=0)
@@ -302,7 +302,7 @@ def test_opponent_epsilon_reaches_the_opponent() -> None:
     assert env.policies[0] is None and env.policies[1].epsilon == 0.25  # type: ignore[union-attr]
 
 
-def test_policies_by_name_go_before_those_by_role() -> None:
+def test_policies_by_name_take_precedence_over_roles() -> None:
     task = make_task("race", num_runners=3)
     first, others = RandomAgent(), RandomAgent()
     env = SingleAgentEnv(task, "runner_1", {"runner_0": first, "runner": others})
@@ -317,10 +317,10 @@ def test_policies_by_name_go_before_those_by_role() -> None:
         ("evader_1", {"chaser": RandomAgent()}, "unknown agent 'evader_1'"),
         (2, {"chaser": RandomAgent()}, "agent index 2; this task has 0 to 1"),
         ("chaser", {}, "evader_0 has no policy; add policies={'evader_0': ...}"),
-        ("chaser", {"runner": RandomAgent()}, "a policy for 'runner'; this task has chaser_0"),
+        ("chaser", {"runner": RandomAgent()}, "a policy for 'runner'; give one of chaser_0"),
     ],
 )
-def test_wrong_seats(kind: Any, agent: Any, policies: Any, message: str) -> None:
+def test_invalid_agents_and_policies(kind: Any, agent: Any, policies: Any, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         kind(make_task("chase"), agent, policies)
 
@@ -342,7 +342,7 @@ def test_wrong_settings(settings: dict[str, Any], message: str) -> None:
         gymnasium.make_vec(IDS[0], num_envs=2, **settings)
 
 
-def test_nobody_steps_before_a_reset() -> None:
+def test_steps_before_a_reset_are_refused() -> None:
     task, policies = make_task("chase"), {"evader": RandomAgent()}
     with pytest.raises(ValueError, match="step before reset; call reset"):
         SingleAgentEnv(task, "chaser", policies).step(0)
@@ -358,7 +358,7 @@ def test_an_unknown_setting_is_an_unknown_keyword() -> None:
 
 
 @pytest.mark.parametrize("action", [4, -1, 1.5, None, "north", np.array([1]), 2**70])
-def test_a_wrong_action_moves_nobody(action: Any) -> None:
+def test_an_invalid_action_moves_no_agent(action: Any) -> None:
     env, untouched = (make_env("chase", "chaser", opponent_epsilon=0.5) for _ in range(2))
     for each in (env, untouched):
         each.reset(seed=0)
@@ -372,7 +372,7 @@ def test_a_wrong_action_moves_nobody(action: Any) -> None:
     "actions",
     [np.array([0, 4]), np.array([-1, 0]), np.array([0]), np.array([0.0, 1.0]), 0, [[0, 0]]],
 )
-def test_wrong_actions_move_nobody(actions: Any) -> None:
+def test_invalid_actions_of_a_batch_move_no_agent(actions: Any) -> None:
     envs, untouched = (
         make_vector_env("chase", "chaser", 2, opponent_epsilon=0.5) for _ in range(2)
     )

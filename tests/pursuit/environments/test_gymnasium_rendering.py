@@ -35,5 +35,5 @@ def test_a_batch_renders_every_game() -> None:
     pictures = make_vector_env("chase", "chaser", 3, render_mode="rgb_array")
     pictures.reset(seed=0)
     assert [picture.ndim for picture in pictures.render()] == [3, 3, 3]
-    with pytest.raises(ValueError, match="a batch draws 'rgb_array' or 'ansi'"):
+    with pytest.raises(ValueError, match="give None, 'rgb_array' or 'ansi'"):
         make_vector_env("chase", "chaser", 3, render_mode="human")

@@ -1,4 +1,4 @@
-"""What is no value of its kind is a ValueError with the value and the rule; nothing is changed."""
+"""Invalid values raise ValueError with the value and the rule; nothing is changed."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def test_a_simulator_refuses_bad_counts_and_seeds(bad: dict[str, Any]) -> None:
     ],
     ids=lambda wrong: next(iter(wrong)),
 )
-def test_a_state_that_cannot_be_is_refused_and_changes_nothing(wrong: dict[str, Any]) -> None:
+def test_an_invalid_state_is_refused_and_changes_nothing(wrong: dict[str, Any]) -> None:
     simulator = Simulator(TASKS["chase"], 3, seed=1)
     before = simulator.get_state()
     with pytest.raises(ValueError):

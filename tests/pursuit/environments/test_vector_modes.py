@@ -1,4 +1,4 @@
-"""Vector environments begin games anew as Gymnasium's own do that hold single environments."""
+"""Vector environments restart games like Gymnasium's vector environments."""
 
 from collections.abc import Callable
 from typing import Any
@@ -67,7 +67,7 @@ def check_equal(one: Any, other: Any) -> None:
 
 @pytest.mark.parametrize("mode", AutoresetMode)
 @pytest.mark.parametrize("form", [*GRIDS, *ARMS])
-def test_it_is_gymnasiums_own_over_single_environments(form: str, mode: AutoresetMode) -> None:
+def test_results_equal_gymnasiums_vector_environment(form: str, mode: AutoresetMode) -> None:
     ours, theirs = pair(form, mode)
     assert ours.metadata["autoreset_mode"] is ours.autoreset_mode is mode
     assert ours.observation_space == theirs.observation_space
@@ -105,7 +105,7 @@ def test_it_is_gymnasiums_own_over_single_environments(form: str, mode: Autorese
 
 
 @pytest.mark.parametrize("form", ["chase", "kept"])
-def test_a_reset_mask_leaves_the_other_games_alone(form: str) -> None:
+def test_a_reset_mask_does_not_change_other_games(form: str) -> None:
     ours, theirs = pair(form, AutoresetMode.DISABLED)
     ours.action_space.seed(1)
     for envs in (ours, theirs):
@@ -125,7 +125,7 @@ def test_a_reset_mask_leaves_the_other_games_alone(form: str) -> None:
     assert ours.simulator.last_seed is None or (ours.simulator.steps[1:3] > 0).all()
 
 
-def test_a_mask_may_come_with_places() -> None:
+def test_a_mask_can_be_combined_with_positions() -> None:
     envs = make_vector_env("chase", "chaser", 3, maze=CORRIDOR, autoreset_mode="DISABLED")
     envs.reset(seed=0, options={"positions": [0, 4]})
     mask = np.array([False, True, False])
@@ -169,7 +169,7 @@ def test_what_is_refused_changes_nothing(wrong: dict[str, Any], message: str) ->
     np.testing.assert_array_equal(envs.reset()[0], untouched.reset()[0])
 
 
-def test_a_wrong_action_moves_nobody_where_games_wait() -> None:
+def test_an_invalid_action_moves_no_agent_while_games_wait() -> None:
     envs, untouched = (
         make_vector_env("chase", "chaser", 2, maze=CORRIDOR, autoreset_mode="NextStep")
         for _ in "ab"

@@ -1,4 +1,4 @@
-"""Names, wrappers and masks of other libraries meet our environments."""
+"""Names, wrappers and masks of other libraries work with the environments."""
 
 import copy
 import pickle
@@ -53,7 +53,7 @@ def test_max_cycles_is_max_steps() -> None:
     assert chase_v0.parallel_env(max_cycles=9).task.max_steps == 9
     assert gymnasium.make("pursuit/Reacher-v0", max_cycles=9).unwrapped.task.max_steps == 9
     for make in (chase_v0.parallel_env, reacher_v0.parallel_env):
-        with pytest.raises(TypeError, match="max_steps and max_cycles, which are one"):
+        with pytest.raises(TypeError, match="max_steps and max_cycles; give only one"):
             make(max_cycles=9, max_steps=9)
         with pytest.raises(ValueError, match="max_steps=0"):
             make(max_cycles=0)
@@ -96,7 +96,7 @@ def test_terminate_illegal_ends_the_game_at_a_masked_move() -> None:
     assert env.agents == ["chaser_0", "evader_0"] and not any(env.terminations.values())
 
 
-def test_terminate_illegal_lets_the_legal_pass_to_the_end() -> None:
+def test_terminate_illegal_allows_legal_moves() -> None:
     for place in ({}, {"mask_in_observation": True}):
         env = TerminateIllegalWrapper(chase_v0.env(maze="3x3", **MASKED, **place), -7.0)
         env.reset(seed=0)
@@ -121,7 +121,7 @@ def test_the_turn_based_environment_is_copied_whole() -> None:
 
 
 FAR: dict[str, dict[str, Any]] = {"Chaser": {"maze": "9x9"}, "Reacher": {"tolerance": 1e-6}}
-"""Games that do not end in a few steps of doing nothing."""
+"""Games that do not end in a few idle steps."""
 
 
 @pytest.mark.parametrize("name", FAR)
@@ -201,7 +201,7 @@ def test_torchrls_frame_skip_falls_back_as_it_relies_on() -> None:
     assert rollout["next", "truncated"].any()
 
 
-def test_torchrl_plays_teams_on_after_a_capture() -> None:
+def test_torchrl_continues_team_games_after_a_capture() -> None:
     parallel = chase_v0.parallel_env(maze="3x3", num_chasers=2, num_evaders=2, max_steps=30)
     env = PettingZooWrapper(parallel, done_on_any=False, use_mask=True)
     env.set_seed(0)
@@ -213,7 +213,7 @@ def test_torchrl_plays_teams_on_after_a_capture() -> None:
 
 
 @pytest.mark.parametrize("world", ["grid", "arm"])
-def test_the_batched_environment_refuses_games_that_restart_by_themselves(world: str) -> None:
+def test_the_batched_environment_refuses_auto_restart(world: str) -> None:
     task, arm = make_task("chase", maze="3x3"), ReacherTask()
 
     def make(restart: bool) -> Any:

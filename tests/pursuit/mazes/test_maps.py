@@ -1,4 +1,4 @@
-"""Maps of other projects: what their squares become, and what is no such map."""
+"""Maps of other projects: conversion of squares, and invalid maps."""
 
 from __future__ import annotations
 
@@ -39,10 +39,10 @@ def test_a_map_has_cells_where_it_is_passable(tmp_path: Path) -> None:
     ("text", "problem"),
     [
         ("@@\n..\n", "no header"),
-        (MAP.replace("height 4", "height 3"), "4 rows, and its header says height 3"),
+        (MAP.replace("height 4", "height 3"), "4 rows, but the header says height 3"),
         (MAP.replace("@..S@", "@..x@"), "line 6: unknown terrain 'x'"),
-        (MAP.replace("@..S@", "@..S"), "line 6: 4 characters; its header says width 5"),
-        ("type octile\nheight 0\nwidth 0\nmap\n", "a map without cells"),
+        (MAP.replace("@..S@", "@..S"), "line 6: 4 characters, but the header says width 5"),
+        ("type octile\nheight 0\nwidth 0\nmap\n", "the map has no cells"),
     ],
 )
 def test_other_maps_are_refused(text: str, problem: str, tmp_path: Path) -> None:

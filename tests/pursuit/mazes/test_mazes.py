@@ -157,10 +157,10 @@ SHORT_LINE = "+-+-+\n|   |\n+-+\n|   |\n+-+-+\n"
         ("+-+-+\n|S X|\n+-+-+\n", 2, "unknown character 'X'; a cell is"),
         ("+-+-+\n|\t  |\n+-+-+\n", 2, r"unknown character '\t'; a maze is plain text"),
         ("+-+-+\n|S S|\n+-+-+\n", 2, "second start mark 'S'; keep one"),
-        ("+-+-+\n|   |\n+G+-+\n|   |\n+-+-+\n", 3, "stands between cells; put it in a cell"),
+        ("+-+-+\n|   |\n+G+-+\n|   |\n+-+-+\n", 3, "is between cells; put it in a cell"),
         ("+-+-+\n|S|G|\n+-+-+\n", 2, "unreachable from S; open a wall or move the mark"),
         ("+-+-+\n|G| |\n+-+ +\n|G  |\n+-+-+\n", 4, "unreachable from the other goals"),
-        ("+-+-+\n|###|\n+-+-+\n", None, "no walkable cell; leave at least one cell blank"),
+        ("+-+-+\n|###|\n+-+-+\n", None, "no walkable cell; at least one must be walkable"),
         ("", None, "the file is empty; a maze of one cell is"),
         (" \n\n", None, "the file is empty"),
         (b"\x89PNG\r\n\x1a\n", 1, "not a text file"),
@@ -168,7 +168,7 @@ SHORT_LINE = "+-+-+\n|   |\n+-+\n|   |\n+-+-+\n"
         (b"\x00\x01\x02\x03", 1, ""),
     ],
 )
-def test_a_bad_file_is_named_with_line_and_remedy(
+def test_errors_of_invalid_files_name_line_and_remedy(
     tmp_path: Path, content: str | bytes, line: int | None, remedy: str
 ) -> None:
     path = tmp_path / "bad.txt"
@@ -180,7 +180,7 @@ def test_a_bad_file_is_named_with_line_and_remedy(
     assert remedy in message and "\n" not in message
 
 
-def test_what_is_no_file_is_named_with_the_remedy(tmp_path: Path) -> None:
+def test_errors_of_missing_files_name_the_remedy(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="a directory or device; give a maze file"):
         load_maze(tmp_path)
     for missing in ("5x6", str(tmp_path / "missing.txt"), ""):
@@ -341,7 +341,7 @@ def test_wilson_is_uniform_over_spanning_trees_and_prim_is_not() -> None:
         ({"seed": -1}, "seed -1; give an int of 0 or more, or a numpy Generator"),
     ],
 )
-def test_bad_wishes_are_named_with_the_remedy(arguments: dict[str, object], remedy: str) -> None:
+def test_invalid_arguments_are_refused(arguments: dict[str, object], remedy: str) -> None:
     with pytest.raises(ValueError, match=remedy):
         generate_maze(**{"algorithm": "prim", "height": 5, **arguments})  # type: ignore[arg-type]
 
@@ -358,7 +358,7 @@ def test_the_shipped_files_are_what_the_generator_makes() -> None:
 
 
 @pytest.mark.parametrize("size", [*range(2, 10), 15])
-def test_the_library_keeps_its_promises(size: int) -> None:
+def test_the_shipped_mazes_have_the_documented_properties(size: int) -> None:
     braided, tree, room = (load_maze(f"{size}x{size}{kind}") for kind in ("", "-tree", "-open"))
     for maze in (braided, tree, room):
         assert maze.is_connected and maze.num_cells == size * size

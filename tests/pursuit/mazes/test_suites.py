@@ -1,4 +1,4 @@
-"""Frozen suites: what is in them, that no maze is in two, and that they stay as they are."""
+"""Maze suites: contents, no duplicates, and reproducible files."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from scripted_agents import shortest_path
 
 
 @pytest.mark.parametrize("size", SIZES)
-def test_no_maze_and_no_turned_copy_of_one_is_in_two_places(size: int) -> None:
+def test_suites_contain_no_duplicates_or_symmetric_copies(size: int) -> None:
     copies = []
     for split, number in SPLITS.items():
         suite = load_suite(f"{size}x{size}-{split}")
@@ -60,12 +60,12 @@ def test_the_files_are_what_the_generators_make() -> None:
         assert (SUITES / name).read_bytes() == content
 
 
-def test_the_files_have_the_sums_that_are_shipped_with_them() -> None:
+def test_the_files_match_the_shipped_checksums() -> None:
     tables = {path.name: path.read_bytes() for path in SUITES.glob("*.csv")}
     assert (SUITES / SUMS).read_text() == sums_text(tables)
 
 
-def test_suites_have_names_wherever_a_maze_has_one() -> None:
+def test_suite_names_are_accepted_as_mazes() -> None:
     suite = pursuit.load_suite("5x5-test")
     assert pursuit.suite_names() == suite_names() and len(suite_names()) == 12
     assert load_maze("suite:5x5-test/017") == suite[17] and suite[17].name == "5x5-test/017"
@@ -91,16 +91,16 @@ def test_suites_have_names_wherever_a_maze_has_one() -> None:
         ("suite:5x5-test/x", "unknown suite"),
         (
             "suite:5x5-test",
-            "is 200 mazes, and one is needed here; one of them is suite:5x5-test/000",
+            "is 200 mazes, but one is needed; give one of them, such as suite:5x5-test/000",
         ),
     ],
 )
-def test_other_names_are_refused_with_the_remedy(name: str, remedy: str) -> None:
+def test_unknown_suites_are_refused_with_the_remedy(name: str, remedy: str) -> None:
     with pytest.raises(ValueError, match=remedy):
         load_maze(name)
 
 
-def test_a_thousand_mazes_are_played_like_each_by_itself() -> None:
+def test_games_in_a_thousand_mazes_equal_games_in_single_mazes() -> None:
     together = Simulator(make_task("chase", maze="suite:5x5-train"), 1000, seed=3)
     together.configure(maze=np.arange(1000))
     together.reset()

@@ -1,4 +1,4 @@
-"""Action masks: every action is legal, `mask_bumps=True` forbids bumps, and then everywhere."""
+"""Action masks: all actions are legal by default; `mask_bumps=True` forbids bumps everywhere."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def test_masks_of_a_batch_are_those_of_its_cells() -> None:
 @pytest.mark.parametrize(
     ("name", "epsilon", "free", "masked"), [("5x5", 0.0, 58.51, 199.34), ("3x3", 0.2, 4.929, 8.730)]
 )
-def test_masks_cost_a_chaser_that_may_not_wait_its_optimum(
+def test_masks_without_waiting_worsen_the_optimum_of_a_chaser(
     name: str, epsilon: float, free: float, masked: float
 ) -> None:
     maze = load_maze(name)
@@ -97,7 +97,7 @@ def test_masks_cost_a_chaser_that_may_not_wait_its_optimum(
                 assert allowed[cells, best.actions[cells, others]].all()
     assert means[False, False] == pytest.approx(free, abs=0.006)
     assert means[False, True] == pytest.approx(masked, abs=0.006)
-    # With the stay action nobody needs a wall to wait.
+    # With the stay action no agent needs a wall to wait.
     assert means[True, True] == pytest.approx(means[True, False], abs=1e-9)
 
 
@@ -142,14 +142,14 @@ def test_a_masked_best_response_is_that_of_the_rules(maze: Maze, role: Role) -> 
             np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
-def test_whether_a_masked_evader_can_live_for_ever_is_known() -> None:
-    # Who must move runs into the chaser that sits at one end of the corridor; who may bump stays.
+def test_endless_escape_of_a_masked_evader_is_detected() -> None:
+    # With masks the evader must move into the chaser at one end of the corridor; without, it waits.
     sitting = np.zeros((5, 5, 4))
     sitting[..., NORTH] = 1.0
     with pytest.raises(ValueError, match="capture can be avoided forever"):
         best_response("evader", CORRIDOR, sitting, None)
     with pytest.raises(ValueError, match="capture can be avoided forever"):
-        best_response("evader", CORRIDOR, sitting, None, mask_bumps=True)  # to and fro
+        best_response("evader", CORRIDOR, sitting, None, mask_bumps=True)  # moving back and forth
     chasing = AStarChaser().action_probabilities(CORRIDOR)
     longest = [
         best_response("evader", CORRIDOR, chasing, None, mask_bumps=mask).values.sum()
@@ -161,7 +161,7 @@ def test_whether_a_masked_evader_can_live_for_ever_is_known() -> None:
 # -- environments ----------------------------------------------------------------------------------
 
 
-def test_nothing_is_masked_unasked() -> None:
+def test_nothing_is_masked_by_default() -> None:
     env = chase_v0.parallel_env(maze="3x3", max_steps=5)
     infos: Any = env.reset(seed=0)[1]
     while env.agents:
@@ -174,7 +174,7 @@ def test_nothing_is_masked_unasked() -> None:
     assert "action_mask" not in ours.reset().keys()  # noqa: SIM118
 
 
-def test_libraries_that_follow_infos_get_the_masks_that_were_asked_for() -> None:
+def test_infos_contain_masks_only_with_mask_bumps() -> None:
     env = chase_v0.parallel_env(maze="3x3", max_steps=5, mask_bumps=True)
     wrapped = PettingZooWrapper(env)
     rollout = wrapped.rollout(4)
@@ -183,7 +183,7 @@ def test_libraries_that_follow_infos_get_the_masks_that_were_asked_for() -> None
         assert chosen.all() and not rollout[role, "action_mask"].all()
 
 
-def test_it_says_where_waiting_is_forbidden() -> None:
+def test_masks_that_forbid_waiting_give_a_warning() -> None:
     chaser = {"task": "chase", "agent": "chaser", "maze": "3x3", "mask_bumps": True}
     for make in (
         lambda: chase_v0.parallel_env(mask_bumps=True),
@@ -222,7 +222,7 @@ def test_the_masks_of_gymnasium_environments() -> None:
         assert any(ends) and env.action_masks().all()  # captured: the game is over
 
 
-def test_sb3_contrib_is_given_every_games_own_masks() -> None:
+def test_sb3_contrib_gets_one_mask_per_game() -> None:
     pytest.importorskip("stable_baselines3")
     from pursuit.environments.stable_baselines import StableBaselinesVecEnv
 

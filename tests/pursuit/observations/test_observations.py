@@ -68,7 +68,7 @@ def test_observations_lie_in_their_space(name: str, encoding: str) -> None:
 
 
 @pytest.mark.parametrize("encoding", ENCODINGS)
-def test_one_seat_and_given_arrays_hold_the_same(encoding: str) -> None:
+def test_one_agent_and_given_arrays_have_the_same_observations(encoding: str) -> None:
     *_, simulator = played(TASKS["all, in two mazes"])
     every = simulator.observe(encoding)
     for seat, name in enumerate(simulator.task.agent_names):

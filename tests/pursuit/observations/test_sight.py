@@ -1,4 +1,4 @@
-"""Limited sight: who and what is not in view is absent from every observation, and nothing else."""
+"""Limited views: exactly the entities out of view are absent from every observation."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def test_observations_in_random_mazes_hide_what_is_not_in_view(
 
 
 @pytest.mark.parametrize("encoding", [*ENCODINGS[:-1], "window:3"])
-def test_full_sight_however_it_is_said_is_what_it_was(encoding: str) -> None:
+def test_all_settings_of_full_views_are_equivalent(encoding: str) -> None:
     plain = Task(maze=(HALL, "3x3"), **CROWD)
     seen = Simulator(plain, 16, seed=3).observe(encoding)
     for same in ({"unknown_maze": True}, {"view_radius": {"chaser": None}}):
@@ -103,7 +103,7 @@ def test_full_sight_however_it_is_said_is_what_it_was(encoding: str) -> None:
 
 
 @pytest.mark.parametrize("encoding", ENCODINGS)
-def test_a_game_of_a_batch_is_seen_as_alone_and_as_it_ends(encoding: str) -> None:
+def test_limited_observations_do_not_depend_on_the_batch(encoding: str) -> None:
     task = make_task("chase", maze="3x3", num_evaders=2, max_steps=9, **LIMITS["radius"])
     batch = Simulator(task, 5, seed=4)
     alone = [Simulator(task, seed=4, first_game=game) for game in range(5)]
@@ -129,7 +129,7 @@ def test_a_game_of_a_batch_is_seen_as_alone_and_as_it_ends(encoding: str) -> Non
 
 
 class Cells:
-    """An observation of a user's own: where everybody is, 0 for whom it is not told of."""
+    """A custom observation: 1 + cell of every agent, 0 for agents out of view."""
 
     def space(self, task: Task) -> Any:
         import gymnasium
@@ -143,13 +143,13 @@ class Cells:
         return np.repeat(cells[:, None], len(seats), axis=1)
 
 
-def test_observations_of_a_users_own_are_not_told_of_whom_is_not_in_view() -> None:
+def test_custom_observations_get_no_agents_out_of_view() -> None:
     task = Task(maze=(HALL, "3x3"), **CROWD, **LIMITS["mixed"])
     simulator = Simulator(task, 8, seed=2)
     rng = np.random.default_rng(3)
     for _ in range(6):
         simulator.step(rng.integers(4, size=(8, 6)))
-        told = simulator.observe(Cells())  # type: ignore[arg-type]
+        encoded = simulator.observe(Cells())  # type: ignore[arg-type]
         for game, seat in np.ndindex(8, 6):
             seen = Seen(simulator, game, seat)
             cells = [*simulator.positions[game] * simulator.active[game], *simulator.goals[game]]
@@ -157,10 +157,10 @@ def test_observations_of_a_users_own_are_not_told_of_whom_is_not_in_view() -> No
             expected = [
                 c + 1 if p and c in seen.view else 0 for c, p in zip(cells, plays, strict=True)
             ]
-            assert told[game, seat].tolist() == expected
+            assert encoded[game, seat].tolist() == expected
 
 
-def test_what_an_agent_sees_can_be_asked_of_the_task() -> None:
+def test_task_sees_returns_the_visible_cells() -> None:
     task = Task(maze=(HALL, "3x3"), **CROWD, **LIMITS["mixed"])
     for seat, name in enumerate(task.agent_names):
         radius, in_line, _ = task.sight.limits[seat]
@@ -174,7 +174,7 @@ def test_what_an_agent_sees_can_be_asked_of_the_task() -> None:
         task.sees(0, 2)
 
 
-def test_sight_is_said_in_several_ways_and_kept_in_one() -> None:
+def test_all_forms_of_view_settings_are_stored_alike() -> None:
     by_name = make_task("chase", view_radius={"chaser": 2, "evader_0": None})
     assert by_name == make_task("chase", view_radius="chaser=2, evader_0=none")
     assert hash(by_name) == hash(pickle.loads(pickle.dumps(by_name)))
@@ -204,7 +204,7 @@ def test_sight_is_said_in_several_ways_and_kept_in_one() -> None:
         ({"maze": "HUGE", "view_radius": 2}, "at most 4096"),
     ],
 )
-def test_sight_that_is_none_is_refused(given: dict[str, Any], said: str) -> None:
+def test_invalid_view_settings_are_refused(given: dict[str, Any], said: str) -> None:
     if given.get("maze") == "HUGE":
         walls = np.ones((64, 64), bool), np.ones((65, 63), bool)
         given = {**given, "maze": Maze(np.ones((65, 64), bool), *walls)}
@@ -212,7 +212,7 @@ def test_sight_that_is_none_is_refused(given: dict[str, Any], said: str) -> None
         make_task("chase", **given)
 
 
-def test_a_replay_says_what_limited_sight() -> None:
+def test_replays_store_view_settings() -> None:
     world = ADAPTERS["maze"]
     task = Task(maze=(HALL, "3x3"), **CROWD, **LIMITS["mixed"])
     assert world.task(world.settings(task)).sight.limits == task.sight.limits
@@ -220,6 +220,6 @@ def test_a_replay_says_what_limited_sight() -> None:
 
 
 @pytest.mark.parametrize("name", ["window:", "window:x", "window:-1", "window:1.5", "window:²"])
-def test_windows_that_are_none_are_refused_in_words(name: str) -> None:
-    with pytest.raises(ValueError, match=f"'{name}'; of window:R, R is a whole number from 0"):
+def test_invalid_windows_are_refused(name: str) -> None:
+    with pytest.raises(ValueError, match=f"'{name}'; give window:R with a number R from 0"):
         chase_v0.parallel_env(maze="3x3", observation=name)

@@ -1,4 +1,4 @@
-"""Limited sight and the encoding "window" in every environment, in runs and in learned policies."""
+"""Limited views and the encoding "window" in all environments, runs and learned policies."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ HIDDEN: dict[str, Any] = {
 
 
 @pytest.mark.parametrize("observation", ["index", "walls", "planes", "window", "window:1"])
-def test_environments_of_limited_sight_keep_their_promises(observation: str) -> None:
+def test_environments_with_limited_views_conform(observation: str) -> None:
     env = heist_v0.parallel_env(
         maze=["3x3", "4x4-open"], num_chasers=2, observation=observation, max_steps=30, **HIDDEN
     )
@@ -65,16 +65,16 @@ def test_the_state_keeps_everything() -> None:
     assert (hidden.state() == known.state()).all() and hidden.state()[:-1].all()
 
 
-def test_scripted_agents_see_everything_all_the_same() -> None:
-    blind, seeing = (
+def test_scripted_agents_ignore_limited_views() -> None:
+    hidden, visible = (
         Simulator(make_task("chase", view_radius=radius), 50, seed=1) for radius in (0, None)
     )
-    for simulator in (blind, seeing):
+    for simulator in (hidden, visible):
         actions = np.zeros((50, 2), dtype=np.int32)
         for _ in range(10):
             simulator.act([None, AStarEvader(0.2)], actions)
             simulator.step(actions)
-    assert (blind.positions == seeing.positions).all()
+    assert (hidden.positions == visible.positions).all()
 
 
 @pytest.mark.parametrize("observation", ["positions", "window"])
@@ -100,7 +100,7 @@ def test_gymnasium_and_stable_baselines_observe_what_the_simulator_shows(observa
 
 
 @pytest.mark.parametrize("observation", ["index", "window", "walls"])
-def test_a_learned_policy_of_limited_sight_is_a_table_of_the_pair_of_cells(
+def test_a_learned_policy_with_limited_view_is_a_table_of_pairs_of_cells(
     observation: str,
 ) -> None:
     task = make_task("chase", maze="3x3", max_steps=40, view_radius=1, unknown_maze=True)
@@ -170,7 +170,7 @@ def test_a_window_too_large_is_refused() -> None:
         settings_of(observation="window:999", seconds=1)
 
 
-def test_settings_of_runs_say_what_limits_sight() -> None:
+def test_settings_of_runs_store_view_settings() -> None:
     plain = settings_of(seconds=1)
     limited = settings_of(
         seconds=1, view_radius={"evader": 3, "chaser": 2}, line_of_sight=True,
@@ -198,7 +198,7 @@ def test_options_that_name_agents_mean_all_without_a_name() -> None:
     assert parse(TaskSettings, ["--unknown-maze", "evader"], "train").unknown_maze == "evader"
 
 
-def test_a_replay_of_limited_sight_plays_again_and_shows_what_was_in_view(tmp_path: Path) -> None:
+def test_a_replay_with_limited_views_shows_the_visible_cells(tmp_path: Path) -> None:
     env = Recorder(chase_v0.parallel_env(maze="3x3", max_steps=8, **HIDDEN))
     env.reset(seed=1)
     while env.agents:
@@ -207,8 +207,8 @@ def test_a_replay_of_limited_sight_plays_again_and_shows_what_was_in_view(tmp_pa
     assert again.task.sight.limits == env.task.sight.limits and not again.check()
     pages = Builder()
     pages.add(again, Extras(seat="chaser_0"))
-    told, (start, *_) = pages.items[0]["seen"], again.play().states
-    assert told["names"][-1] == "in view"
-    shown = {cell for plane, cell in told["steps"][0] if plane == told["names"].index("in view")}
-    seen = again.task.sees("chaser_0")[start["cells"][0]]
-    assert shown == set(np.flatnonzero(seen)) != set(range(9))
+    seen, (start, *_) = pages.items[0]["seen"], again.play().states
+    assert seen["names"][-1] == "in view"
+    shown = {cell for plane, cell in seen["steps"][0] if plane == seen["names"].index("in view")}
+    visible = again.task.sees("chaser_0")[start["cells"][0]]
+    assert shown == set(np.flatnonzero(visible)) != set(range(9))

@@ -1,4 +1,4 @@
-"""The arm's environments of Gymnasium and PettingZoo, and their own checks."""
+"""The arm in environments of Gymnasium and PettingZoo, with the checks of both libraries."""
 
 from __future__ import annotations
 
@@ -158,7 +158,7 @@ def test_episode_statistics_of_gymnasium_agree_with_ours() -> None:
     assert envs.episode_count > 20
 
 
-def test_actions_outside_are_refused_and_the_wrappers_mend_them() -> None:
+def test_actions_out_of_range_are_refused_and_wrappers_clip_them() -> None:
     env = gymnasium.make(ID, start="fixed").unwrapped
     env.reset(seed=0, options={"angles": [0.0, 0.0], "target": [0.0, 1.0]})
     for wrong in ([0.0, 2.0], [np.nan, 0.0], [np.inf, 0.0]):
@@ -175,18 +175,18 @@ def test_actions_outside_are_refused_and_the_wrappers_mend_them() -> None:
     np.testing.assert_allclose(env.simulator.angles, [[0.15, -0.1]], atol=1e-7)
 
 
-def test_discrete_actions_turn_back_stay_and_forth() -> None:
+def test_discrete_actions_turn_back_stay_and_forward() -> None:
     env = gymnasium.make(ID, joints=3, start="fixed", discrete_actions=True).unwrapped
     env.reset(seed=0)
     env.step(np.array([0, 1, 2]))
     np.testing.assert_array_equal(env.simulator.angles, [[-0.1, 0.0, 0.1]])
     for wrong in ([0, 1, 3], [-1, 0, 0], [0.0, 1.0, 2.0], [1, 1], 13):
-        with pytest.raises(ValueError, match=r"whole numbers 0 \(back\), 1 \(stay\) and 2 \(forth"):
+        with pytest.raises(ValueError, match=r"integers 0 \(back\), 1 \(stay\) and 2 \(forward"):
             env.step(wrong)
     assert env.simulator.steps.tolist() == [1]
 
 
-def test_options_begin_an_episode_there() -> None:
+def test_options_set_the_start() -> None:
     for make in (lambda: gymnasium.make(ID).unwrapped, lambda: reacher_v0.parallel_env()):
         env: Any = make()
         options: dict[str, Any] = {"angles": [0.5, -0.5], "target": (1.0, 1.5)}
@@ -263,14 +263,14 @@ def test_seeds_and_state_of_pettingzoo(form: dict[str, Any]) -> None:
     pettingzoo_test.state_test(reacher_v0.env(**form), parallel(**form), num_cycles=10)
 
 
-def test_the_registry_makes_it() -> None:
+def test_the_registry_creates_the_arm() -> None:
     env = pettingzoo.make("parallel", "pursuit/reacher-v0", joints=3)
     assert env.possible_agents == ["joint_0", "joint_1", "joint_2"]
     assert pursuit.reacher_v0.parallel_env().possible_agents == ["joint_0", "joint_1"]
 
 
 @pytest.mark.parametrize("discrete", [False, True])
-def test_the_team_is_the_arm_and_each_knows_its_number(discrete: bool) -> None:
+def test_joints_observe_the_arm_and_their_own_number(discrete: bool) -> None:
     settings: dict[str, Any] = {"joints": 3, "tolerance": 0.5, "discrete_actions": discrete}
     env, arm = parallel(**settings), gymnasium.make(ID, **settings).unwrapped
     seen, _ = env.reset(seed=3)
@@ -304,7 +304,7 @@ def test_the_team_is_the_arm_and_each_knows_its_number(discrete: bool) -> None:
     [
         ({"joint_0": [0.0]}, "no action for joint_1"),
         ({"joint_0": [0.0], "joint_1": [0.0], "joint_2": [0.0]}, "'joint_2', which is not active"),
-        ({"joint_0": [0.0], "joint_1": [1.5]}, r"the action of joint_1=\[1.5\]; an array of one"),
+        ({"joint_0": [0.0], "joint_1": [1.5]}, r"the action of joint_1=\[1.5\]; give an array"),
         ({"joint_0": [np.nan], "joint_1": [0.0]}, "the action of joint_0="),
         ({"joint_0": 0.5, "joint_1": [0.0]}, "the action of joint_0=0.5"),
         ({"joint_0": [0.0, 0.0], "joint_1": [0.0]}, "the action of joint_0="),
@@ -325,12 +325,14 @@ def test_wrong_discrete_actions_of_an_agent() -> None:
     env = parallel(discrete_actions=True)
     env.reset(seed=1)
     for wrong in (3, -1, 1.0, [1], True, "1"):
-        with pytest.raises(ValueError, match=r"the action of joint_0=.*; 0 \(back\), 1 \(stay\)"):
+        with pytest.raises(
+            ValueError, match=r"the action of joint_0=.*; give 0 \(back\), 1 \(stay\)"
+        ):
             env.step({"joint_0": wrong, "joint_1": 1})
     assert env.state()[-1] == 0
 
 
-def test_the_turn_based_environment_clips_what_is_outside(caplog: Any) -> None:
+def test_the_turn_based_environment_clips_actions(caplog: Any) -> None:
     env = reacher_v0.env(start="fixed")
     env.reset(seed=0, options={"angles": [0.0, 0.0], "target": [0.0, 1.0]})
     env.step(np.array([4.0], dtype=np.float32))
@@ -345,7 +347,7 @@ def test_the_turn_based_environment_clips_what_is_outside(caplog: Any) -> None:
 
 @pytest.mark.parametrize("copied", [deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
 @pytest.mark.parametrize("kind", ["single", "vector", "parallel"])
-def test_a_copy_goes_on_as_the_original_does(copied: Callable[[Any], Any], kind: str) -> None:
+def test_a_copy_continues_like_the_original(copied: Callable[[Any], Any], kind: str) -> None:
     task, rng = ReacherTask(max_steps=12), np.random.default_rng(0)
     shapes = {"single": (2,), "vector": (3, 2), "parallel": (2, 1)}
     env: Any = {

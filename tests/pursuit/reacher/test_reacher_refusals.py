@@ -1,4 +1,4 @@
-"""What the arm refuses: nothing moves then, and the error names the value and the rule."""
+"""Invalid input to arms: nothing changes, and the error names the value and the rule."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ ID = "pursuit/Reacher-v0"
         *(({"joints": joints}, "joints=") for joints in (0, 9, 2.5, True, "2", None)),
         *(({"tolerance": value}, "tolerance=") for value in (0, -0.1, math.nan, math.inf, True)),
         ({"hold": 0}, "hold=0; it is at least 1"),
-        ({"hold": 401}, "hold=401 of max_steps=400; no episode can succeed: lower it"),
-        ({"hold": 3, "max_steps": 2}, "hold=3 of max_steps=2"),
+        ({"hold": 401}, "hold=401 is above max_steps=400; lower hold"),
+        ({"hold": 3, "max_steps": 2}, "hold=3 is above max_steps=2"),
         ({"max_steps": 0}, "max_steps=0"),
         ({"start": "straight"}, "unknown start 'straight'; one of kept, random, fixed"),
         *(({"max_turn": value}, "max_turn=") for value in (0.0, -1.0, 1e-300, 3.15, math.nan)),
@@ -32,7 +32,7 @@ ID = "pursuit/Reacher-v0"
         ({"discrete_actions": 1}, "discrete_actions=1; it is True or False"),
     ],
 )
-def test_tasks_that_cannot_be(settings: dict[str, Any], message: str) -> None:
+def test_invalid_tasks(settings: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         ReacherTask(**settings)
 
@@ -80,7 +80,7 @@ def test_rounding_is_clipped() -> None:
 @pytest.mark.parametrize(
     ("angles", "targets", "message"),
     [
-        ([0.0, 0.0], [2.3, 0.0], r"target \(2.3, 0.0\) is out of reach; .* from radius 0 to 2"),
+        ([0.0, 0.0], [2.3, 0.0], r"target \(2.3, 0.0\) is out of reach; .* has radius 0 to 2"),
         ([0.0, 0.0], [[0.0, 0.0], [0.0, -9.0]], "is out of reach"),
         ([0.0, 0.0], [math.nan, 0.0], "targets="),
         ([0.0, math.inf], [1.0, 0.0], "angles="),
@@ -90,7 +90,7 @@ def test_rounding_is_clipped() -> None:
         ("straight", [1.0, 0.0], "angles="),
     ],
 )
-def test_nothing_moves_when_a_place_is_refused(angles: Any, targets: Any, message: str) -> None:
+def test_nothing_changes_when_a_start_is_refused(angles: Any, targets: Any, message: str) -> None:
     simulator = ReacherSimulator(ReacherTask(2), 2)
     before = snapshot(simulator)
     with pytest.raises(ValueError, match=message):
@@ -98,32 +98,32 @@ def test_nothing_moves_when_a_place_is_refused(angles: Any, targets: Any, messag
     assert_equal(snapshot(simulator), before)
 
 
-def test_places_are_judged_by_the_tolerance_of_the_episode_that_begins() -> None:
+def test_targets_are_checked_with_the_tolerance_of_the_new_episode() -> None:
     simulator = ReacherSimulator(ReacherTask(1), 2)
-    with pytest.raises(ValueError, match=r"tolerance=0\.2 beyond"):
+    with pytest.raises(ValueError, match=r"tolerance=0\.2: give"):
         simulator.place([0.0], [1.4, 0.0])
     simulator.configure([1], tolerance=0.5)
-    with pytest.raises(ValueError, match=r"tolerance=0\.2 beyond"):
+    with pytest.raises(ValueError, match=r"tolerance=0\.2: give"):
         simulator.place([0.0], [1.4, 0.0])  # of the first arm it is still the task's
     simulator.configure(tolerance=0.5)
     simulator.place([0.0], [1.4, 0.0])
     simulator.step(np.zeros((2, 1)))
     assert simulator.terminated.all()
     simulator.configure(tolerance=0.1)
-    with pytest.raises(ValueError, match=r"tolerance=0\.1 beyond"):
+    with pytest.raises(ValueError, match=r"tolerance=0\.1: give"):
         simulator.place([0.0], [1.15, 0.0])
 
 
-def test_places_that_locked_joints_forbid() -> None:
+def test_locked_joints_restrict_poses_and_targets() -> None:
     simulator = ReacherSimulator(ReacherTask(4), 1)
     simulator.configure(free_joints=2)
-    with pytest.raises(ValueError, match="of which 2 turn goes from radius 2 to 4"):
+    with pytest.raises(ValueError, match="of which 2 turn has radius 2 to 4"):
         simulator.place([0.0] * 4, [1.0, 0.0])
-    with pytest.raises(ValueError, match="joints that are locked are straight"):
+    with pytest.raises(ValueError, match="angles of locked joints must be 0"):
         simulator.place([0.0, 0.0, 0.1, 0.0], [3.0, 0.0])
     simulator.place([1.0, 2.0, 0.0, 0.0], [3.0, 0.0])
     one = ReacherSimulator(ReacherTask(1))
-    with pytest.raises(ValueError, match="of which 1 turn goes from radius 1 to 1"):
+    with pytest.raises(ValueError, match="of which 1 turn has radius 1 to 1"):
         one.place([0.0], [0.5, 0.0])
 
 
@@ -144,7 +144,7 @@ def test_places_that_locked_joints_forbid() -> None:
         {"hold": 2, "tolerance": -1.0},
     ],
 )
-def test_settings_that_cannot_be_change_nothing(settings: dict[str, Any]) -> None:
+def test_invalid_settings_change_nothing(settings: dict[str, Any]) -> None:
     simulator = ReacherSimulator(ReacherTask(2), 2)
     before = snapshot(simulator)
     with pytest.raises(ValueError, match=r"=.*; "):
@@ -152,7 +152,7 @@ def test_settings_that_cannot_be_change_nothing(settings: dict[str, Any]) -> Non
     assert_equal(snapshot(simulator), before)
 
 
-def test_other_arguments_that_cannot_be() -> None:
+def test_other_invalid_arguments() -> None:
     task = ReacherTask(2)
     for settings in ({"num_games": 0}, {"num_games": 2.0}, {"seed": -1}, {"first_game": -1}):
         with pytest.raises(ValueError, match=next(iter(settings))):
@@ -187,10 +187,10 @@ def test_other_arguments_that_cannot_be() -> None:
         ({"joints": 2.5}, "joints=2.5; it is a whole number"),
         ({"joints": True}, "joints=True"),
         ({"tolerance": 0}, "tolerance=0"),
-        ({"hold": 500}, "hold=500 of max_steps=400"),
+        ({"hold": 500}, "hold=500 is above max_steps=400"),
     ],
 )
-def test_environments_that_cannot_be(settings: dict[str, Any], message: str) -> None:
+def test_invalid_environments(settings: dict[str, Any], message: str) -> None:
     for make in (
         lambda: gymnasium.make(ID, **settings),
         lambda: gymnasium.make_vec(ID, num_envs=2, **settings),

@@ -1,4 +1,4 @@
-"""Pictures of the arm: what is drawn stands where it is."""
+"""Rendering of the arm: all parts are drawn at their positions."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def test_tip_and_target_show_where_they_are(joints: int, size: int) -> None:
     assert (picture == LINK).all(axis=-1).sum() > 4
 
 
-def test_the_disc_of_the_target_is_as_wide_as_the_tolerance_and_tells_of_reach() -> None:
+def test_the_target_disc_shows_tolerance_and_reach() -> None:
     picture = draw_arm(replace(SCENE, tolerance=0.5))
     unit = (480 / 2 - 12) / 2.5
     area = (picture == TARGET).all(axis=-1).sum()
@@ -201,7 +201,7 @@ def test_a_batch_renders_every_arm() -> None:
     pictures = gymnasium.make_vec(ID, num_envs=2, render_mode="rgb_array").unwrapped
     pictures.reset(seed=0)
     assert [picture.shape for picture in pictures.render()] == [(510, 480, 3)] * 2
-    with pytest.raises(ValueError, match="a batch draws 'rgb_array' or 'ansi'"):
+    with pytest.raises(ValueError, match="give None, 'rgb_array' or 'ansi'"):
         gymnasium.make_vec(ID, num_envs=3, render_mode="human")
     silent = gymnasium.make_vec(ID, num_envs=3).unwrapped
     assert silent.render() is None

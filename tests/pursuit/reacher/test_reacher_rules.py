@@ -1,4 +1,4 @@
-"""The arm's kernels against complex numbers, and the law of what an episode begins with."""
+"""The arm's kernels compared with complex numbers, and the distribution of starts."""
 
 from __future__ import annotations
 
@@ -178,13 +178,13 @@ def test_locked_joints_neither_move_nor_cost() -> None:
     assert simulator.rewards[0] == pytest.approx(-6 * math.cos(0.05) / 6 - 1.0)
 
 
-# -- what an episode begins with -------------------------------------------------------------------
+# -- starts of episodes ----------------------------------------------------------------------------
 
 MANY = 4000
 
 
 def uniform(drawn: NDArray[Any], least: float, most: float) -> bool:
-    """Kolmogorov and Smirnov's test, at a level that chance misses once in a thousand."""
+    """Kolmogorov-Smirnov test at level 0.001."""
     law = stats.uniform(least, most - least)
     return bool(stats.kstest(drawn, law.cdf).pvalue > 1e-3)
 
@@ -268,7 +268,7 @@ def test_a_fixed_pose_is_straight() -> None:
 @pytest.mark.parametrize("joints", [1, 2, 4])
 @pytest.mark.parametrize("distance", [0.0, 1.0, 7.5, 31.0])
 def test_a_target_within_a_distance_needs_no_more_steps(joints: int, distance: float) -> None:
-    """One joint in closed form; more of them by going there along the pose that was drawn."""
+    """One joint in closed form; several joints by moving to the drawn pose."""
     simulator = ReacherSimulator(ReacherTask(joints, start="random", tolerance=1e-6), 500)
     simulator.configure(target_distance=distance)
     simulator.reset(seed=4)

@@ -27,7 +27,7 @@ KEPT = ("rewards", "returns", "terminated", "truncated", "episode_returns", "epi
 
 
 def snapshot(simulator: ReacherSimulator) -> dict[str, NDArray[Any]]:
-    """Copies of all that can be read, one row an arm."""
+    """Copies of all readable arrays, one row per arm."""
     found = {name: getattr(simulator, name).copy() for name in (*KEPT, "streams")}
     found |= {name: array.copy() for name, array in simulator.arms._asdict().items()}
     found |= {f"final {name}": array.copy() for name, array in simulator.final._asdict().items()}
@@ -81,7 +81,7 @@ def test_other_seeds_and_other_arms_are_other_games() -> None:
 
 @pytest.mark.parametrize("name", TASKS)
 @pytest.mark.parametrize("auto_restart", [True, False])
-def test_a_state_put_back_goes_on_exactly(name: str, auto_restart: bool) -> None:
+def test_a_restored_state_continues_exactly(name: str, auto_restart: bool) -> None:
     simulator = ReacherSimulator(TASKS[name], 6, seed=3, auto_restart=auto_restart)
     play(simulator, 10)
     simulator.configure([1], target_distance=3, hold=1, tolerance=0.9, free_joints=1)
@@ -92,14 +92,14 @@ def test_a_state_put_back_goes_on_exactly(name: str, auto_restart: bool) -> None
     other = ReacherSimulator(TASKS[name], 6, seed=99, auto_restart=auto_restart)
     other.set_state(state)
     third = play(other, 60)
-    told = [key for key in first[0] if "final" not in key and "episode" not in key]
+    keys = [key for key in first[0] if "final" not in key and "episode" not in key]
     for one, two, three in zip(first, second, third, strict=True):
-        for key in told:  # what was last finished is no part of a state
+        for key in keys:  # results of finished episodes are not part of a state
             np.testing.assert_array_equal(one[key], two[key], err_msg=key)
             np.testing.assert_array_equal(one[key], three[key], err_msg=key)
 
 
-def test_an_arm_copied_into_another_slot_goes_on_as_the_original() -> None:
+def test_an_arm_copied_to_another_index_continues_like_the_original() -> None:
     simulator = ReacherSimulator(TASKS["kept"], 5, seed=3)
     play(simulator, 10)
     simulator.set_state(simulator.get_state([1, 3]), [4, 0])
@@ -112,7 +112,7 @@ def test_an_arm_copied_into_another_slot_goes_on_as_the_original() -> None:
 
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda it: pickle.loads(pickle.dumps(it))])
 @pytest.mark.parametrize("auto_restart", [True, False])
-def test_a_copy_in_the_middle_goes_on_as_the_original_does(
+def test_a_copy_within_an_episode_continues_like_the_original(
     copied: Callable[[Any], Any], auto_restart: bool
 ) -> None:
     simulator = ReacherSimulator(TASKS["fixed"], 4, seed=8, auto_restart=auto_restart)
@@ -155,7 +155,7 @@ def test_a_state_is_a_copy_and_fits_its_own_task_only() -> None:
 
 @pytest.mark.parametrize("name", TASKS)
 def test_a_restart_keeps_what_the_episode_ended_with(name: str) -> None:
-    """Beside a twin that does not restart by itself, and so still stands where it ended."""
+    """Compared with a simulator without automatic restarts."""
     simulator = ReacherSimulator(TASKS[name], 8, seed=2)
     twin = ReacherSimulator(TASKS[name], 8, seed=2, auto_restart=False)
     ends = 0
@@ -208,7 +208,7 @@ def test_returns_and_lengths_are_sums_over_the_episode() -> None:
         totals[over], lengths[over] = 0.0, 0
 
 
-def test_settings_wait_for_the_next_episode() -> None:
+def test_settings_apply_from_the_next_episode() -> None:
     simulator = ReacherSimulator(ReacherTask(3, max_steps=4, hold=2), 4, seed=0)
     simulator.configure([0, 1], hold=[3, 4], tolerance=0.5, free_joints=2, target_distance=5)
     assert simulator.arms.hold.tolist() == [2] * 4 and simulator.arms.tolerance.max() == 0.2
@@ -235,7 +235,7 @@ def test_seeded_starts_repeat() -> None:
     np.testing.assert_array_equal(other.targets[0], simulator.targets[1])
 
 
-def test_a_place_is_taken_as_it_is_given() -> None:
+def test_place_sets_poses_and_targets() -> None:
     simulator = ReacherSimulator(ReacherTask(2), 2)
     simulator.place([[0.3, -math.pi], [7.0, math.pi]], [1.0, 1.0])
     assert simulator.angles[0].tolist() == [0.3, -math.pi]

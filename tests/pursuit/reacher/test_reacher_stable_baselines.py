@@ -52,8 +52,8 @@ def test_ends_of_episodes_of_stable_baselines(mode: AutoresetMode) -> None:
     for _ in range(40):
         actions = rng.uniform(-1, 1, (9, 2)).astype(np.float32)
         observations, rewards, dones, infos = env.step(actions)
-        seen, paid, terminations, truncations, expected = reference.step(actions)
-        assert (observations == seen).all() and (rewards == paid).all()
+        seen, amounts, terminations, truncations, expected = reference.step(actions)
+        assert (observations == seen).all() and (rewards == amounts).all()
         assert (dones == (terminations | truncations)).all()
         for arm in np.flatnonzero(dones):
             kinds.add(infos[arm]["TimeLimit.truncated"])
@@ -73,8 +73,8 @@ def test_supersuit_vectorises_the_team_of_joints() -> None:
     for _ in range(20):
         actions = rng.uniform(-1, 1, (3, 1)).astype(np.float32)
         observed, rewards, terminations, truncations, _ = envs.step(actions)
-        seen, paid, *ends, _ = twin.step(dict(zip(twin.agents, actions, strict=True)))
-        assert rewards.tolist() == [np.float32(reward) for reward in paid.values()]
+        seen, amounts, *ends, _ = twin.step(dict(zip(twin.agents, actions, strict=True)))
+        assert rewards.tolist() == [np.float32(reward) for reward in amounts.values()]
         for flags, expected in zip((terminations, truncations), ends, strict=True):
             assert flags.tolist() == [*expected.values()]
         if not twin.agents:

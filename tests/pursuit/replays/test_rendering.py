@@ -134,7 +134,7 @@ def test_blocked_cells_differ_from_the_floor() -> None:
 
 
 @pytest.mark.parametrize("cell_pixels", [6, 20, 100])
-def test_all_who_share_a_cell_are_visible(cell_pixels: int) -> None:
+def test_agents_in_the_same_cell_are_visible(cell_pixels: int) -> None:
     for cell in (0, 6, 11):
         marks = tuple(replace(mark, cell=cell) for mark in SCENE.agents)
         scene = replace(SCENE, agents=marks, goals=(cell,))
@@ -184,7 +184,7 @@ def test_text_shows_every_agent_goal_and_the_step_count() -> None:
     )
 
 
-def test_text_names_those_who_share_a_cell() -> None:
+def test_text_lists_agents_in_the_same_cell() -> None:
     marks = (
         AgentMark("chaser_0", 5),
         AgentMark("evader_0", 5, active=False),
@@ -206,7 +206,7 @@ def test_unknown_names_are_refused(name: str) -> None:
         AgentMark(name, 0)
 
 
-def test_cells_and_sizes_outside_the_rules_are_refused() -> None:
+def test_invalid_cells_and_sizes_are_refused() -> None:
     with pytest.raises(ValueError, match="the cells are 0 to 11"):
         replace(SCENE, goals=(12,))
     with pytest.raises(ValueError, match="cell_pixels=2"):
@@ -277,7 +277,7 @@ def test_a_failure_keeps_the_old_file(tmp_path: Path, suffix: str) -> None:
     other_size = replace(SCENE, maze=open_maze(12, 1))
     with pytest.raises(RuntimeError, match="the game broke"):
         save_animation(path, broken_episode())
-    with pytest.raises(ValueError, match="one height and width"):
+    with pytest.raises(ValueError, match="same height and width"):
         save_animation(path, [SCENE, other_size])
     with pytest.raises(ValueError, match="no scenes"):
         save_animation(path, [])

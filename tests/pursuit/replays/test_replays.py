@@ -1,4 +1,4 @@
-"""Replays: what was recorded plays again to the same states, in files that stay small."""
+"""Replays: playback reproduces recorded states, and files are small."""
 
 from __future__ import annotations
 
@@ -36,36 +36,36 @@ def same_task(one: Replay, other: Replay) -> bool:
 
 
 @pytest.mark.parametrize("num_evaders", [1, 3])
-def test_every_state_of_a_parallel_game_is_there_again(num_evaders: int, tmp_path: Path) -> None:
+def test_playback_reproduces_every_state(num_evaders: int, tmp_path: Path) -> None:
     env = heist_v0.parallel_env(maze="5x5", num_evaders=num_evaders, num_chasers=2)
     recorder, rng = Recorder(env), np.random.default_rng(0)
     seen: list[list[Any]] = []
     for seed in range(5):
         env.reset(seed=seed)
-        states, paid = [env.state()], dict.fromkeys(env.possible_agents, 0.0)
+        states, totals = [env.state()], dict.fromkeys(env.possible_agents, 0.0)
         while env.agents:
             _, rewards, _, _, _ = env.step({a: int(rng.integers(4)) for a in env.agents})
             states.append(env.state())
             for agent, reward in rewards.items():
-                paid[agent] += reward
-        seen.append([states, paid])
+                totals[agent] += reward
+        seen.append([states, totals])
     replay = Replay.load(recorder.save(tmp_path / "games"))
     assert same_task(replay, recorder.replay) and replay.check() == [] and len(replay.episodes) == 5
-    for number, (states, paid) in enumerate(seen):
+    for number, (states, totals) in enumerate(seen):
         played = replay.play(number)
         assert len(played.states) == len(states)
-        for told, state in zip(played.states, states, strict=True):
+        for again, state in zip(played.states, states, strict=True):
             agents = len(env.possible_agents)
-            np.testing.assert_array_equal(told["cells"] + 1, state[:agents])
-            np.testing.assert_array_equal(told["goals"] + 1, state[agents:-1])
+            np.testing.assert_array_equal(again["cells"] + 1, state[:agents])
+            np.testing.assert_array_equal(again["goals"] + 1, state[agents:-1])
         sums = replay.episodes[number].rewards.sum(axis=0, dtype=np.float64)
-        np.testing.assert_allclose(sums, list(paid.values()), atol=1e-4)
+        np.testing.assert_allclose(sums, list(totals.values()), atol=1e-4)
 
 
 def test_any_environment_can_be_recorded(tmp_path: Path) -> None:
     single = Recorder(gymnasium.make("pursuit/Evader-v0", maze="3x3", max_steps=30))
-    paid = random_episode(single, 3)
-    assert single.replay.episodes[0].rewards[:, 1].tolist() == pytest.approx(paid)
+    totals = random_episode(single, 3)
+    assert single.replay.episodes[0].rewards[:, 1].tolist() == pytest.approx(totals)
     batch = Recorder(gymnasium.make_vec("pursuit/Maze-v0", num_envs=8, maze="3x3"), games=4)
     batch.reset(seed=1)
     for step in range(250):
@@ -95,7 +95,7 @@ def test_any_environment_can_be_recorded(tmp_path: Path) -> None:
             assert replace(before, actions=0, rewards=0) == replace(after, actions=0, rewards=0)
 
 
-def test_what_is_recorded_changes_nothing_and_can_be_left() -> None:
+def test_recording_changes_nothing_and_can_be_stopped() -> None:
     task = pursuit.make_task("chase", maze="5x5")
     free, watched = pursuit.Simulator(task, 2, seed=4), pursuit.Simulator(task, 2, seed=4)
     recorder = Recorder(watched)
@@ -110,7 +110,7 @@ def test_what_is_recorded_changes_nothing_and_can_be_left() -> None:
     assert len(recorder.episodes) == kept
 
 
-def test_episodes_that_are_broken_off_are_kept_as_they_are() -> None:
+def test_unfinished_episodes_are_kept() -> None:
     simulator = pursuit.Simulator(pursuit.make_task("chase"), 2, auto_restart=False)
     simulator.step([[0, 0], [1, 1]])
     recorder = Recorder(simulator)  # in the middle of two episodes, which are not recorded
@@ -143,7 +143,7 @@ def test_episodes_that_are_broken_off_are_kept_as_they_are() -> None:
 
 @pytest.mark.parametrize("mode", ["SAME_STEP", "NEXT_STEP", "DISABLED"])
 @pytest.mark.parametrize("name", ["Chaser", "Reacher"])
-def test_every_episode_of_a_batch_is_kept_whatever_restarts_it(name: str, mode: str) -> None:
+def test_every_episode_of_a_batch_is_kept_in_all_reset_modes(name: str, mode: str) -> None:
     settings: dict[str, Any] = {"max_steps": 15}
     settings |= {"maze": "3x3"} if name == "Chaser" else {"joints": 1, "start": "random"}
     envs = gymnasium.make_vec(f"pursuit/{name}-v0", num_envs=5, autoreset_mode=mode, **settings)
@@ -164,7 +164,7 @@ def test_every_episode_of_a_batch_is_kept_whatever_restarts_it(name: str, mode: 
 
 
 def test_ten_thousand_steps_are_less_than_a_megabyte(tmp_path: Path) -> None:
-    # Four evaders that nobody can reach: the maze falls into two parts.
+    # Four evaders that are unreachable: the maze has two components.
     maze = pursuit.Maze.from_text("+-+-+-+-+-+-+-+-+\n|       |       |\n+-+-+-+-+-+-+-+-+")
     task = pursuit.make_task(
         "chase", maze=maze, num_chasers=4, num_evaders=4, max_steps=10_000, rewards="distance"
@@ -186,7 +186,7 @@ def test_ten_thousand_steps_are_less_than_a_megabyte(tmp_path: Path) -> None:
     assert arm.save(tmp_path / "arm.json").stat().st_size < 1_000_000
 
 
-def test_a_version_that_plays_differently_is_told(tmp_path: Path) -> None:
+def test_differences_from_the_recording_are_reported(tmp_path: Path) -> None:
     env = gymnasium.make("pursuit/Maze-v0", maze="3x3", max_steps=40)
     recorder = Recorder(env)
     random_episode(env, 0)
@@ -194,20 +194,20 @@ def test_a_version_that_plays_differently_is_told(tmp_path: Path) -> None:
     content = json.loads(path.read_text())
     episode = content["episodes"][0]
 
-    def told(**changes: Any) -> list[str]:
+    def differences(**changes: Any) -> list[str]:
         changed = {**content, "versions": {"pursuit": "0.0.1"}}
         changed["episodes"] = [{**episode, **changes}]
         path.write_text(json.dumps(changed))
         return Replay.load(path).check()
 
-    assert told() == []
-    found = told(digest="0" * 64)
-    assert found[0] == "episode 0: its states are others"
+    assert differences() == []
+    found = differences(digest="0" * 64)
+    assert found[0] == "episode 0: its states differ"
     assert found[1] == f"recorded with pursuit 0.0.1, played with {pursuit.__version__}"
-    assert "rewards" in told(rewards=[[paid + 1 for paid in episode["rewards"][0]]])[0]
-    assert "another way" in told(terminated=not episode["terminated"])[0]
+    assert "rewards" in differences(rewards=[[each + 1 for each in episode["rewards"][0]]])[0]
+    assert "terminates" in differences(terminated=not episode["terminated"])[0]
     longer = {"actions": [episode["actions"][0] + "0"], "rewards": [episode["rewards"][0] + [0.0]]}
-    assert "ends after" in told(**longer)[0] or "another way" in told(**longer)[0]
+    assert "ends after" in differences(**longer)[0] or "terminates" in differences(**longer)[0]
 
 
 @pytest.mark.parametrize(
@@ -216,13 +216,13 @@ def test_a_version_that_plays_differently_is_told(tmp_path: Path) -> None:
         (lambda c: c.update(kind="other"), "kind"),
         (lambda c: c.update(form=99), "form 99.*update pursuit"),
         (lambda c: c.update(world="sea"), "unknown world 'sea'"),
-        (lambda c: c["task"].update(rewards="os:system"), "a replay names no code"),
+        (lambda c: c["task"].update(rewards="os:system"), "a replay cannot name a function"),
         (lambda c: c["task"].update(colour="red"), "unknown settings of a task: colour"),
         (lambda c: c["task"].update(mazes=[]), "a list of mazes"),
         (lambda c: c["task"].update(max_steps=0), "max_steps=0"),
         (lambda c: c["task"]["mazes"][0].update(text="no maze"), "maze"),
-        (lambda c: c["episodes"][0].update(actions=["0123", "0"]), "equal rows"),
-        (lambda c: c["episodes"][0].update(actions=["7"]), "an action 7"),
+        (lambda c: c["episodes"][0].update(actions=["0123", "0"]), "rows of equal length"),
+        (lambda c: c["episodes"][0].update(actions=["7"]), "action 7; actions are 0 to 3"),
         (lambda c: c["episodes"][0].update(actions="AAAA"), "numbers of 8|another world"),
         (lambda c: c["episodes"][0].update(rewards=[[1.0]]), "rewards of shape"),
         (lambda c: c["episodes"][0].pop("digest"), "digest"),
@@ -241,18 +241,18 @@ def test_damaged_files_are_refused_by_name(change: Any, message: str, tmp_path: 
 
 
 def test_other_bad_input() -> None:
-    with pytest.raises(ValueError, match="this one has none inside"):
+    with pytest.raises(ValueError, match="this one contains none"):
         Recorder(gymnasium.make("CartPole-v1"))
     env = gymnasium.make("pursuit/Maze-v0", maze="3x3")
     with pytest.raises(ValueError, match="games=0"):
         Recorder(env, games=0)
     with pytest.raises(ValueError, match="no episode to show"):
         Recorder(env).replay.page()
-    with pytest.raises(ValueError, match="episode 0; there are 0"):
+    with pytest.raises(ValueError, match="episode 0; this replay has 0"):
         Recorder(env).replay.play()
 
 
-def test_rewards_of_every_kind_come_back(tmp_path: Path) -> None:
+def test_all_reward_settings_are_restored(tmp_path: Path) -> None:
     for rewards in ("zero_sum", "chaser.step=-0.25,evader.capture=-2", HEIST_REWARDS):
         task = pursuit.make_task("chase", maze="3x3", rewards=rewards)
         simulator = pursuit.Simulator(task, auto_restart=False)
@@ -262,10 +262,10 @@ def test_rewards_of_every_kind_come_back(tmp_path: Path) -> None:
         replay = Replay.load(recorder.save(tmp_path / "r.json"))
         assert replay.check() == [] and replay.task.role_rewards == task.role_rewards
 
-    def paid(before: Any, actions: Any, after: Any) -> Any:
+    def custom(before: Any, actions: Any, after: Any) -> Any:
         return np.full(actions.shape, 7.0)
 
-    task = pursuit.make_task("chase", maze="3x3", rewards=paid)
+    task = pursuit.make_task("chase", maze="3x3", rewards=custom)
     recorder = Recorder(pursuit.Simulator(task))
     for step in range(300):
         recorder.step(np.random.default_rng(step).integers(4, size=(1, 2)))
@@ -273,11 +273,11 @@ def test_rewards_of_every_kind_come_back(tmp_path: Path) -> None:
     assert replay.own_rewards and (replay.episodes[0].rewards == 7.0).all() and replay.check() == []
 
 
-def test_a_page_shows_what_was_paid_by_rewards_that_it_cannot_know(tmp_path: Path) -> None:
-    def paid(before: Any, actions: Any, after: Any) -> Any:
+def test_a_page_shows_recorded_rewards_of_custom_functions(tmp_path: Path) -> None:
+    def custom(before: Any, actions: Any, after: Any) -> Any:
         return np.full(actions.shape, 7.0)
 
-    task = pursuit.make_task("chase", maze="3x3", rewards=paid, max_steps=5)
+    task = pursuit.make_task("chase", maze="3x3", rewards=custom, max_steps=5)
     recorder = Recorder(pursuit.Simulator(task))
     for step in range(20):
         recorder.step(np.random.default_rng(step).integers(4, size=(1, 2)))
@@ -289,11 +289,11 @@ def test_a_page_shows_what_was_paid_by_rewards_that_it_cannot_know(tmp_path: Pat
 def test_a_file_that_is_nested_too_deeply_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "deep.json"
     path.write_text("[" * 100_000)
-    with pytest.raises(ValueError, match="no replay that can be played"):
+    with pytest.raises(ValueError, match="not a valid replay"):
         Replay.load(path)
 
 
-def test_an_episode_of_one_step_is_kept_where_the_next_one_begins_alike() -> None:
+def test_an_episode_of_one_step_is_kept_if_the_next_start_is_equal() -> None:
     recorder = Recorder(
         pursuit.Simulator(pursuit.make_task("chase", maze="3x3"), auto_restart=False)
     )

@@ -1,4 +1,4 @@
-"""The pages in a real browser: driven by keys and mouse, they show what the simulator plays."""
+"""The pages in a browser, controlled by keys and mouse, show the states of the simulator."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ HOSTILE = """</script><script>window.hacked = 1</script><img src=x onerror="wind
 
 
 class Sheet:
-    """A page that is open, and all that it said and asked for."""
+    """An open page, with its console messages and requests."""
 
     def __init__(self, browser: Any, path: Path, **settings: Any) -> None:
         self.said: list[str] = []
@@ -50,7 +50,7 @@ class Sheet:
         return found
 
     def close(self) -> None:
-        """Nothing was asked for but the page itself, and nothing went wrong."""
+        """No requests except the page, and no errors."""
         assert self.asked == [self.address] and self.said == []
         self.tab.close()
 
@@ -104,7 +104,7 @@ def test_keys_and_mouse_show_the_states_of_the_simulator(
     assert abs(middle - duel.episodes[longest].length / 2) <= 1
     expected = duel.play(longest).states[middle]["cells"].tolist()
     assert sheet.state()["cells"] == expected
-    sheet.tab.get_by_role("button", name="a step back (left)").click()
+    sheet.tab.get_by_role("button", name="one step back (left)").click()
     assert sheet.state()["step"] == middle - 1
     sheet.press("Home", "0", " ")  # as fast as it goes
     for _ in range(200):
@@ -126,7 +126,7 @@ def near(picture: NDArray[Any], color: tuple[int, int, int]) -> NDArray[Any]:
     return distance < 40
 
 
-def test_the_board_looks_as_the_picture_of_the_game_does(browser: Any, tmp_path: Path) -> None:
+def test_the_board_matches_the_rendered_image(browser: Any, tmp_path: Path) -> None:
     env = gymnasium.make("pursuit/Chaser-v0", maze="7x7", max_steps=30)
     replay = random_replay(env, 1)
     sheet = Sheet(browser, written(tmp_path / "board.html", replay.page()))
@@ -216,7 +216,7 @@ def test_an_arm_moves_on_a_phone_in_the_dark(browser: Any, tmp_path: Path) -> No
     for step, state in enumerate(replay.play(0).states):
         assert sheet.state()["angles"] == pytest.approx(state["angles"].tolist(), abs=1e-4)
         assert sheet.state()["step"] == step
-        sheet.tab.get_by_role("button", name="a step forth (right)").tap()
+        sheet.tab.get_by_role("button", name="one step forward (right)").tap()
     wide = sheet.tab.evaluate("document.documentElement.scrollWidth")
     assert wide <= phone["width"]  # nothing to scroll sideways
     assert (
@@ -225,7 +225,7 @@ def test_an_arm_moves_on_a_phone_in_the_dark(browser: Any, tmp_path: Path) -> No
     sheet.close()
 
 
-def test_texts_of_others_run_nothing(browser: Any, duel: Replay, tmp_path: Path) -> None:
+def test_untrusted_texts_are_not_executed(browser: Any, duel: Replay, tmp_path: Path) -> None:
     labelled = tuple(replace(episode, label=HOSTILE) for episode in duel.episodes)
     hostile = replace(
         duel, title=HOSTILE, episodes=labelled, players={"chaser_0": HOSTILE}, versions={}
@@ -246,7 +246,7 @@ def test_texts_of_others_run_nothing(browser: Any, duel: Replay, tmp_path: Path)
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A short run whose folder and maze have hostile names."""
+    """A short run with HTML in the names of its folder and maze."""
     folder = tmp_path_factory.mktemp("runs")
     maze = folder / "<img src=x onerror=hacked()>.txt"
     maze.write_text(pursuit.load_maze("4x4").to_text())
@@ -298,14 +298,14 @@ def test_view_writes_pages_of_runs_and_replays(
     assert len(labels) == 2 + len(Replay.load(run / "replays.json").episodes)
     sheet.close()
     capsys.readouterr()
-    for wrong, told in (
+    for wrong, message in (
         ([], "nothing to view"),
         ([str(tmp_path / "none.json")], "no such file or folder"),
-        ([str(out)], "no replay that can be played"),
+        ([str(out)], "not a valid replay"),
     ):
         with pytest.raises(SystemExit):
             main(["view", *wrong, "--no-open", "--out", str(tmp_path / "x.html")])
-        assert told in capsys.readouterr().err
+        assert message in capsys.readouterr().err
 
 
 def test_a_notebook_shows_the_page(browser: Any, duel: Replay, tmp_path: Path) -> None:

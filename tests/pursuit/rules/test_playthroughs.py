@@ -1,12 +1,12 @@
-"""The golden playthroughs: what the rules do, in plain text, is what it was."""
+"""Games equal their stored playthroughs in plain text."""
 
 import pytest
 from playthroughs import FOLDER, NAMES, playthrough
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_the_game_is_the_one_that_is_written_down(name: str) -> None:
-    """Where a rule is changed on purpose: `python tests/playthroughs.py`, and read the change."""
+def test_the_game_matches_the_stored_playthrough(name: str) -> None:
+    """After an intended change of a rule: `python tests/playthroughs.py`, and check the diff."""
     assert playthrough(name) == (FOLDER / f"{name}.txt").read_text(encoding="utf-8")
 
 

@@ -48,7 +48,7 @@ schemes = st.sampled_from(sorted(REWARD_SCHEMES)) | st.fixed_dictionaries(
 
 @st.composite
 def tasks(draw: st.DrawFn) -> Task:
-    """Any task that makes a game: all roles, in any maze that holds them."""
+    """Any valid task: all roles, in any maze that is large enough."""
     chasers, evaders, runners, goals = (draw(st.integers(0, most)) for most in (3, 3, 3, 4))
     collectors = evaders + runners
     if not collectors:
@@ -130,7 +130,7 @@ def test_every_step_is_that_of_the_reference(task: Task, seed: int) -> None:
 def test_crowds_whose_cells_and_numbers_share_bits_are_captured_as_in_the_reference(
     move_order: str,
 ) -> None:
-    """More than 64 cells, and more than 64 chasers: what the bits of a word tell apart no more."""
+    """More than 64 cells and more than 64 chasers, which share bits of a word."""
     maze = generate_maze("prim", 12, loops=0.4, seed=3)
     rules: dict[str, Any] = {"max_steps": 30, "stay_action": True, "move_order": move_order}
     task = Task(maze, num_chasers=70, num_evaders=40, **rules)
@@ -143,7 +143,7 @@ def test_crowds_whose_cells_and_numbers_share_bits_are_captured_as_in_the_refere
 
 
 def test_random_play_of_the_reference_meets_every_case() -> None:
-    """The comparison above would prove little if rare cases never came up."""
+    """Ensures that the comparison above covers rare cases."""
     met = set()
     for seed in range(300):
         task = Task(
@@ -201,13 +201,13 @@ def test_a_move_into_a_wall_leaves_the_agent_in_place() -> None:
     assert not game.terminated[0] and game.rewards.tolist() == [[np.float32(-0.1), 1.0]]
 
 
-def test_who_stand_in_one_cell_after_the_move_meet() -> None:
+def test_agents_in_the_same_cell_after_the_move_meet() -> None:
     game = play([1, 3], [EAST, WEST], **DUEL)
     assert game.positions.tolist() == [[2, 2]] and game.terminated[0]
     assert game.rewards.tolist() == [[1.0, -1.0]]
 
 
-def test_who_swap_cells_meet() -> None:
+def test_agents_that_swap_cells_meet() -> None:
     game = play([1, 2], [EAST, WEST], **DUEL)
     assert game.positions.tolist() == [[2, 1]] and game.terminated[0]
     assert game.active.tolist() == [[1, 0]]
@@ -292,7 +292,7 @@ def test_termination_wins_over_truncation() -> None:
     assert game.truncated[0] and not game.terminated[0]
 
 
-def test_a_game_that_began_without_goals_does_not_end_for_want_of_them() -> None:
+def test_a_game_without_goals_does_not_end_at_once() -> None:
     game = play([0, 4], [EAST, WEST], [-1], **DUEL)
     assert not game.ended.any()
 
@@ -302,20 +302,20 @@ def test_staying_is_a_move_that_can_capture() -> None:
     assert game.terminated[0] and game.positions.tolist() == [[2, 2]]
 
 
-def test_completion_pays_events_only_in_the_last_step() -> None:
+def test_completion_rewards_events_only_in_the_last_step() -> None:
     task = {"num_runners": 1, "rewards": "completion"}
     assert play([1], [EAST], [2, 4], **task).rewards.tolist() == [[np.float32(-0.1)]]
     assert play([1], [EAST], [2], **task).rewards.tolist() == [[1.0]]
 
 
-def test_completion_pays_a_captured_evader_though_the_game_goes_on() -> None:
+def test_completion_rewards_the_capture_of_an_evader_before_the_end() -> None:
     chase = {"num_chasers": 1, "num_evaders": 2, "rewards": "completion"}
     game = play([0, 1, 4], [EAST, NORTH, NORTH], **chase)
     assert not game.terminated[0]
     assert game.rewards.tolist() == [[np.float32(-0.1), -1.0, 1.0]]
 
 
-def test_distance_pays_by_rows_plus_columns_after_the_move() -> None:
+def test_distance_rewards_use_the_manhattan_distance_after_the_move() -> None:
     game = play([0, 8], [SOUTH, WEST], maze=ROOM, rewards="distance", **DUEL)
     assert game.positions.tolist() == [[3, 7]] and game.rewards.tolist() == [[-2.0, 2.0]]
 
@@ -333,7 +333,7 @@ def test_zero_sum_returns_are_the_length_of_the_chase() -> None:
 
 @pytest.mark.parametrize("move_order", ["simultaneous", "chasers_first"])
 @pytest.mark.parametrize(("chasers", "evaders"), [(2, 1), (1, 2), (2, 2)])
-def test_zero_sum_pays_by_the_evaders_that_were_free_in_every_state_and_for_all_actions(
+def test_zero_sum_rewards_count_free_evaders_in_all_states_and_actions(
     chasers: int, evaders: int, move_order: Any
 ) -> None:
     """By enumeration: all cells, all that can be free, all joint actions."""
@@ -386,7 +386,7 @@ def test_rewards_per_evader_are_for_chasers_and_for_events_at_once() -> None:
 
 
 def step_as_any_task(simulator: Simulator, actions: NDArray[np.int32]) -> None:
-    """One step by the rules compiled for any teams, whatever the task."""
+    """One step by the rules compiled for any teams."""
     done = batches.step_any(*simulator._kernel_arrays, actions, simulator.auto_restart)
     assert done == layout.OK
 
@@ -434,5 +434,5 @@ def test_rules_compiled_for_known_teams_follow_the_general_rules_bit_for_bit(
         fast.step(actions)
         step_as_any_task(general, actions)
         for one, other in zip(fast._kernel_arrays, general._kernel_arrays, strict=True):
-            if one is not fast._kernel_arrays[-1]:  # room to work holds nothing
+            if one is not fast._kernel_arrays[-1]:  # scratch memory differs
                 np.testing.assert_array_equal(one, other)

@@ -22,7 +22,7 @@ from scripted_agents import (
 # -- settings --------------------------------------------------------------------------------------
 
 
-def test_epsilon_takes_effect_at_the_next_restart_of_each_game_and_seat() -> None:
+def test_epsilon_takes_effect_at_the_next_restart_of_each_game_and_agent() -> None:
     simulator = Simulator(CROWD, 4)
     simulator.configure(epsilon=0.5)
     simulator.configure([1, 2], epsilon=[0.1, 0.2], seat="evader_1")
@@ -41,7 +41,7 @@ def test_epsilon_takes_effect_at_the_next_restart_of_each_game_and_seat() -> Non
     np.testing.assert_array_equal(simulator.epsilon, expected)
 
 
-def test_what_is_written_to_epsilon_lasts_until_something_else_is_configured() -> None:
+def test_epsilon_lasts_until_it_is_configured_again() -> None:
     simulator = Simulator(CROWD, 3)
     simulator.epsilon[:] = 0.5
     simulator.epsilon[1, 2] = np.nan
@@ -59,8 +59,8 @@ def test_what_is_written_to_epsilon_lasts_until_something_else_is_configured() -
     assert (simulator.epsilon[:, 1] == 0.5).all() and simulator.epsilon[0, 0] == 0.25
 
 
-def test_one_number_a_game_means_the_same_to_epsilon_and_to_configure() -> None:
-    """With as many games as agents both meanings would fit: it is one for each game."""
+def test_one_number_per_game_has_the_same_effect_in_epsilon_and_configure() -> None:
+    """With as many games as agents, a vector means one number per game."""
     now, later = Simulator(TASKS["chase"], 2), Simulator(TASKS["chase"], 2)
     assert now.num_agents == 2
     now.epsilon = [0.1, 0.9]  # type: ignore[assignment]
@@ -83,7 +83,7 @@ def test_one_number_a_game_means_the_same_to_epsilon_and_to_configure() -> None:
 
 
 @pytest.mark.parametrize("wrong", [np.inf, -0.1, 1.5, "much", None, [0.5, 2.0], {}, 1j])
-def test_epsilon_is_a_share(wrong: Any) -> None:
+def test_epsilon_is_a_probability(wrong: Any) -> None:
     simulator = Simulator(TASKS["chase"], 2)
     with pytest.raises(ValueError, match="epsilon"):
         simulator.epsilon = wrong
@@ -101,7 +101,7 @@ def test_settings_of_no_games_change_nothing() -> None:
     after = simulator.get_state()
     for name in vars(before):
         np.testing.assert_array_equal(getattr(after, name), getattr(before, name))
-    with pytest.raises(ValueError, match="maze: nothing given for 3 games"):
+    with pytest.raises(ValueError, match="maze: no value for 3 games"):
         simulator.configure(maze=[])
 
 
@@ -135,7 +135,7 @@ def test_goals_lie_within_the_radius_around_the_first_collector(task: Task, coll
 
 
 def assert_all_apart(simulator: Simulator) -> None:
-    """Agents and goals that are there stand on cells of their own."""
+    """Agents and present goals are on different cells."""
     for positions, goals in zip(simulator.positions, simulator.goals, strict=True):
         cells = [*positions, *goals[goals >= 0]]
         assert len(set(cells)) == len(cells)
@@ -177,7 +177,7 @@ def test_goals_within_the_radius_are_uniform() -> None:
     assert chisquare(counts[around]).pvalue > 1e-4
 
 
-def test_fewer_goals_may_be_asked_for() -> None:
+def test_fewer_goals_can_be_configured() -> None:
     simulator = Simulator(make_task("maze"), 4)
     simulator.configure([0, 1, 2], num_goals=[0, 1, 2])
     simulator.reset()
@@ -201,7 +201,7 @@ def test_start_distances_hold_between_every_chaser_and_every_evader() -> None:
         assert_all_apart(simulator)
 
 
-def test_each_game_may_be_given_its_maze() -> None:
+def test_each_game_can_have_its_maze() -> None:
     simulator = Simulator(make_task("chase", maze=MAZES), 300, seed=0)
     counts = np.bincount(simulator.maze_index, minlength=3)
     assert chisquare(counts).pvalue > 1e-4
@@ -278,7 +278,7 @@ def test_settings_that_no_placement_meets_are_reported() -> None:
     simulator = Simulator(TASKS["chase"], 2)
     with pytest.raises(
         ValueError,
-        match=r"min_start_distance=24.*5x5, whose longest distance is 10\. Lower the minimum",
+        match=r"min_start_distance=24.*5x5 \(longest distance: 10\)\. Lower the minimum",
     ):
         simulator.configure(min_start_distance=24)
     assert (simulator.get_state().next_min_start_distance == 2).all()
@@ -326,7 +326,7 @@ def test_starts_on_marks() -> None:
     simulator = Simulator(race, 200)
     assert (simulator.positions[:, 0] == MARKED.start_mark).all()
     assert (simulator.goals[:, :2] == [first, second]).all()
-    assert_all_apart(simulator)  # who has no mark keeps off the marked goals
+    assert_all_apart(simulator)  # agents without a mark avoid the marked goals
     assert len(np.unique(simulator.positions[:, 1])) == MARKED.num_cells - 3
     simulator.configure(num_goals=1)
     simulator.reset()
@@ -342,7 +342,7 @@ def large() -> Maze:
     return generate_maze("prim", 70, 70, loops=0.1, seed=1)
 
 
-def test_mazes_without_a_distance_table_obey_the_same_settings() -> None:
+def test_settings_apply_in_mazes_without_a_distance_table() -> None:
     maze = large()
     assert maze.num_cells > MAX_TABLE_CELLS
     task = Task(

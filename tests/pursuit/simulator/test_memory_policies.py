@@ -1,4 +1,4 @@
-"""Policies that remember: every episode begins with nothing, wherever and in however many it is."""
+"""Policies with memory: every episode starts with empty memory in all batches."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from scripted_agents import AStarChaser, AStarEvader
 
 
 class Counter:
-    """Counts its own steps in every episode, and holds them against the game's."""
+    """Counts the steps of every episode in memory, and compares them with the game."""
 
     def __init__(self) -> None:
         self.memory = Memory(lambda view: {"steps": np.full(view.num_games, -1)})
@@ -39,7 +39,7 @@ def played(simulator: Simulator, policies: Any, steps: int) -> None:
         simulator.step(actions)
 
 
-def test_one_policy_remembers_many_episodes_in_several_batches_and_seats() -> None:
+def test_one_policy_has_separate_memory_per_batch_agent_and_game() -> None:
     counter = Counter()
     assert isinstance(counter, MemoryPolicy) and not isinstance(AStarChaser(), MemoryPolicy)
     small, large = Simulator(TASK, 3, seed=1), Simulator(TASK, 50, seed=2)
@@ -48,7 +48,7 @@ def test_one_policy_remembers_many_episodes_in_several_batches_and_seats() -> No
         played(large, [counter, counter], 11)
 
 
-def test_parts_of_a_batch_remember_by_their_own_numbers() -> None:
+def test_parts_of_a_batch_use_their_rows_of_memory() -> None:
     counter, simulator = Counter(), Simulator(TASK, 10, seed=3)
     actions = np.zeros((10, 2), dtype=np.int32)
     for _ in range(20):
@@ -60,7 +60,7 @@ def test_parts_of_a_batch_remember_by_their_own_numbers() -> None:
         simulator.step(actions)
 
 
-def test_environments_begin_episodes() -> None:
+def test_environments_reset_memory() -> None:
     env = chase_v0.parallel_env(maze="3x3", max_steps=5)
     counter = Counter()
     for _ in range(3):
@@ -71,7 +71,7 @@ def test_environments_begin_episodes() -> None:
             assert counter.memory.of(env.unwrapped.simulator.view("chaser"))["steps"] == before + 1
 
 
-def test_a_copy_begins_without_memories() -> None:
+def test_a_copy_starts_with_empty_memory() -> None:
     counter, simulator = Counter(), Simulator(TASK, 4, seed=5)
     played(simulator, [counter, AStarEvader()], 2)
     copied = Memory(counter.memory._make)

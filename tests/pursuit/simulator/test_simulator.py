@@ -40,7 +40,7 @@ def test_other_seeds_and_other_games_are_other_games() -> None:
 
 
 @pytest.mark.parametrize("name", TASKS)
-def test_a_state_put_back_goes_on_exactly(name: str) -> None:
+def test_a_restored_state_continues_exactly(name: str) -> None:
     simulator = Simulator(TASKS[name], 6, seed=3)
     play(simulator, 40)
     simulator.configure([1], epsilon=0.9, max_start_distance=3)
@@ -57,7 +57,7 @@ def test_a_state_put_back_goes_on_exactly(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", TASKS)
-def test_a_game_copied_into_another_slot_goes_on_as_the_original(name: str) -> None:
+def test_a_game_copied_to_another_index_continues_like_the_original(name: str) -> None:
     simulator = Simulator(TASKS[name], 6, seed=3)
     play(simulator, 40)
     others = simulator.get_state([0, 2, 4])
@@ -81,7 +81,7 @@ def test_a_state_of_another_task_or_number_of_games_is_refused() -> None:
     for task, games in ((make_task("chase"), 4), (make_task("chase", maze="9x9"), 3), (CROWD, 4)):
         simulator = Simulator(task, games)
         before = rows_of(simulator)
-        with pytest.raises(ValueError, match="state of"):
+        with pytest.raises(ValueError, match="state does not match"):
             simulator.set_state(state.get_state())
         np.testing.assert_array_equal(rows_of(simulator), before)
 
@@ -91,7 +91,7 @@ def test_a_state_of_another_task_or_number_of_games_is_refused() -> None:
 
 @pytest.mark.parametrize("name", TASKS)
 def test_a_restart_keeps_what_the_episode_ended_with(name: str) -> None:
-    """Beside a twin that does not restart by itself and so still stands where it ended."""
+    """Compared with a simulator without automatic restarts."""
     task = TASKS[name]
     simulator, twin = Simulator(task, 8, seed=2), Simulator(task, 8, seed=2, auto_restart=False)
     policies = policies_for(task)
@@ -155,7 +155,7 @@ def test_without_automatic_restart_ended_games_stay_as_they_are() -> None:
         assert simulator.steps[3] == 1 and (rows_of(simulator)[4:] == rows[4:]).all()
 
 
-def test_a_game_that_is_over_stays_so_in_its_copy() -> None:
+def test_a_copy_of_an_ended_game_is_ended() -> None:
     simulator = Simulator(TASKS["chase"], 16, seed=6, auto_restart=False)
     play(simulator, 8)
     over = simulator.ended.copy()
@@ -166,7 +166,7 @@ def test_a_game_that_is_over_stays_so_in_its_copy() -> None:
     for copied in (copy.deepcopy(simulator), pickle.loads(pickle.dumps(simulator))):
         np.testing.assert_array_equal(copied.ended, simulator.ended)
     restarting = Simulator(TASKS["chase"], 16)
-    with pytest.raises(ValueError, match="is over; reset it, or take auto_restart=False"):
+    with pytest.raises(ValueError, match="has ended; reset it, or use auto_restart=False"):
         restarting.set_state(state)
     restarting.set_state(simulator.get_state(~simulator.ended), ~simulator.ended)
 
@@ -174,7 +174,7 @@ def test_a_game_that_is_over_stays_so_in_its_copy() -> None:
 def assert_goes_on_as_over(
     simulator: Simulator, state: SimulatorState, over: NDArray[Any], rows: NDArray[Any]
 ) -> None:
-    """Put the state back: what is over is so, pays nothing and does not move; the rest goes on."""
+    """After a restore, ended games do not move and get no rewards; other games continue."""
     simulator.set_state(state)
     np.testing.assert_array_equal(simulator.ended, over)
     play(simulator, 1)
@@ -182,7 +182,7 @@ def assert_goes_on_as_over(
     assert not simulator.rewards[over].any() and (simulator.steps[~over] == 9).all()
 
 
-def test_no_game_that_restarts_by_itself_is_over() -> None:
+def test_states_with_auto_restart_have_no_ended_games() -> None:
     simulator = Simulator(TASKS["chase"], 16, seed=6)
     while not simulator.ended.any():
         play(simulator, 1)
@@ -191,8 +191,8 @@ def test_no_game_that_restarts_by_itself_is_over() -> None:
 
 
 @pytest.mark.parametrize("auto_restart", [True, False])
-def test_every_game_is_begun_at_birth(auto_restart: bool) -> None:
-    """And one that is begun anew leaves the others where they stand."""
+def test_the_constructor_starts_every_game(auto_restart: bool) -> None:
+    """A reset of one game does not change the others."""
     simulator = Simulator(TASKS["crowd"], 4, seed=1, auto_restart=auto_restart)
     seen = simulator.observe("positions")
     assert (seen[..., :-1] > 0).all() and simulator.active.all()
@@ -204,7 +204,7 @@ def test_every_game_is_begun_at_birth(auto_restart: bool) -> None:
     assert (simulator.steps[~simulator.ended] == 1).all()
 
 
-def test_a_seed_of_some_games_leaves_the_others_alone() -> None:
+def test_a_seed_of_some_games_does_not_change_the_others() -> None:
     simulator, other = Simulator(TASKS["chase"], 6, seed=8), Simulator(TASKS["chase"], 6, seed=5)
     streams = simulator.streams.copy()
     simulator.reset(seed=5, games=[0, 3])
@@ -217,7 +217,7 @@ def test_a_seed_of_some_games_leaves_the_others_alone() -> None:
     assert simulator.last_seed == 5
 
 
-def test_reset_of_some_games_leaves_the_others_alone() -> None:
+def test_reset_of_some_games_does_not_change_the_others() -> None:
     simulator = Simulator(TASKS["chase"], 6, seed=8)
     play(simulator, 5)
     rows = rows_of(simulator)
@@ -232,7 +232,7 @@ def test_reset_of_some_games_leaves_the_others_alone() -> None:
     assert simulator.steps[0] == 0
 
 
-# -- what it refuses -------------------------------------------------------------------------------
+# -- invalid input ---------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -331,7 +331,7 @@ PARTS = Maze.from_text("+-+-+-+\n|   | |\n+-+-+-+", name="two parts")
         ),
     ],
 )
-def test_a_task_that_makes_no_game_names_value_and_remedy(
+def test_errors_of_invalid_tasks_name_value_and_remedy(
     settings: dict[str, Any], message: str
 ) -> None:
     with pytest.raises(ValueError, match=message):

@@ -1,4 +1,4 @@
-"""What memory cannot hold is refused with the bytes that it needs, before anything is allocated."""
+"""Objects too large for the memory are refused, with their size, before allocation."""
 
 import tracemalloc
 from pathlib import Path
@@ -30,9 +30,9 @@ def test_the_bytes_of_a_batch_are_what_it_takes() -> None:
     tracemalloc.stop()
     with pytest.raises(ValueError, match="bytes") as refused:
         Simulator(task, 10**15)
-    told = int(str(refused.value).split("needs ")[1].split()[0].replace(",", ""))
-    told = told // 10**15 * kept.num_games
-    assert 0.9 * taken < told < 1.1 * taken
+    needed = int(str(refused.value).split("needs ")[1].split()[0].replace(",", ""))
+    needed = needed // 10**15 * kept.num_games
+    assert 0.9 * taken < needed < 1.1 * taken
 
 
 def test_a_maze_beyond_memory_is_refused_with_its_bytes_before_it_is_made(

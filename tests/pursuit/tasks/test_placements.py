@@ -1,4 +1,4 @@
-"""Starts that are as far apart, and as near, as is asked: exact and uniform."""
+"""Start distances: limits hold exactly, and placements are uniform."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def test_placements_are_uniform_over_all_that_hold(
     ],
     ids=str,
 )
-def test_what_exists_is_what_an_enumeration_finds(
+def test_existing_placements_match_an_enumeration(
     maze: Any, teams: tuple[int, int, int, int], least: int, most: int
 ) -> None:
     asked = StartConstraint(load_maze(maze), Teams(*teams), False, 0, least, most)
@@ -141,7 +141,7 @@ def test_rare_starts_of_whole_games_are_uniform_and_belong_to_the_game() -> None
         simulator.step(np.zeros((400, 3), dtype=np.int32))
 
 
-def test_what_is_never_found_is_refused() -> None:
+def test_impossible_placements_are_refused() -> None:
     ring = Maze.from_text("+-+-+-+\n|     |\n+ +-+ +\n| |#| |\n+ +-+ +\n|     |\n+-+-+-+")
     simulator = Simulator(Task(maze=ring, num_chasers=2, num_evaders=2), 2)
     with pytest.raises(ValueError, match=r"no random placement of 2 chaser.*Lower the min"):
@@ -168,7 +168,7 @@ def test_large_mazes_without_tables_are_searched_too() -> None:
     [
         (
             {"min_start_distance": 11},
-            "min_start_distance=11: no .* 1 chaser.*5x5.*10. Lower the minimum",
+            "min_start_distance=11: no .* 1 chaser.*5x5.*10\\). Lower the minimum",
         ),
         ({"min_start_distance": 10, "num_chasers": 3}, "3 chaser.*5x5.*Lower"),
         (
@@ -179,12 +179,12 @@ def test_large_mazes_without_tables_are_searched_too() -> None:
     ],
     ids=str,
 )
-def test_what_cannot_be_placed_is_no_task(settings: dict[str, Any], message: str) -> None:
+def test_tasks_without_valid_placements_are_refused(settings: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         make_task("chase", **settings)
 
 
-def test_what_cannot_be_placed_cannot_be_configured() -> None:
+def test_settings_without_valid_placements_are_refused() -> None:
     simulator = Simulator(make_task("chase", maze=("9x9", "3x3"), min_start_distance=2), 4)
     for wrong, message in (
         ({"min_start_distance": 7}, "in 3x3.*Lower"),
@@ -225,10 +225,10 @@ def split(size: int) -> Maze:
     return Maze(np.ones((size, size), dtype=bool), south, np.ones((size, size - 1), dtype=bool))
 
 
-# -- cells that are given --------------------------------------------------------------------------
+# -- given cells -----------------------------------------------------------------------------------
 
 
-def test_place_begins_an_episode_where_asked() -> None:
+def test_place_starts_an_episode_in_the_given_cells() -> None:
     task = make_task("heist", maze="5x5")
     simulator = Simulator(task, 3, seed=0)
     play(simulator, 5)
@@ -258,7 +258,7 @@ def test_place_begins_an_episode_where_asked() -> None:
         ([0, 2**70], [3, 4, 5]),
     ],
 )
-def test_place_refuses_what_is_no_start_and_changes_nothing(positions: Any, goals: Any) -> None:
+def test_place_refuses_invalid_starts_and_changes_nothing(positions: Any, goals: Any) -> None:
     simulator = Simulator(make_task("heist", maze="5x5"), 2, auto_restart=False)
     play(simulator, 3)
     before = simulator.get_state()
@@ -271,7 +271,7 @@ def test_place_refuses_what_is_no_start_and_changes_nothing(positions: Any, goal
         np.testing.assert_array_equal(getattr(after, name), getattr(before, name))
 
 
-def test_place_leaves_nothing_to_luck_where_there_are_several_mazes() -> None:
+def test_place_needs_a_maze_if_there_are_several() -> None:
     simulator = Simulator(make_task("chase", maze=("3x3", "5x5")), 40)
     for wrong in (None, 2, -1, 0.5, [0, 1]):
         with pytest.raises(ValueError, match="maze"):
@@ -289,5 +289,5 @@ def test_place_leaves_nothing_to_luck_where_there_are_several_mazes() -> None:
 def test_place_needs_no_goals_where_there_are_none() -> None:
     simulator = Simulator(make_task("chase"), 2)
     simulator.place([0, 8], [])
-    with pytest.raises(ValueError, match="this task has none"):
+    with pytest.raises(ValueError, match="this task has no goals"):
         simulator.place([0, 8], [3])

@@ -1,4 +1,4 @@
-"""Task and Rewards: they never change, they hash, and every field is checked at birth."""
+"""Task and Rewards: immutable, hashable, and checked at creation."""
 
 import copy
 import json
@@ -49,7 +49,7 @@ def test_the_order_of_rewards_does_not_count() -> None:
     assert one != Task(**DUEL, rewards={**OWN, "evader": Rewards(step=-0.6)})
 
 
-def test_nothing_of_the_callers_stays_inside() -> None:
+def test_tasks_do_not_share_mutable_arguments() -> None:
     rewards, mazes = dict(OWN), ["3x3", "5x5"]
     task = Task(**DUEL, rewards=rewards, maze=mazes)
     before = hash(task)
@@ -149,20 +149,20 @@ def test_equal_mazes_hash_alike_whatever_their_names(maze: str, name: str) -> No
     assert hash(Task(**DUEL, maze=one)) == hash(Task(**DUEL, maze=other))
 
 
-def test_equal_mazes_are_told_without_their_text(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_equal_mazes_are_compared_without_their_text(monkeypatch: pytest.MonkeyPatch) -> None:
     maze, other = load_maze("5x5"), load_maze("5x5")
     monkeypatch.setattr(Maze, "to_text", None)
     assert maze == other and hash(maze) == hash(other) and maze is not other
     assert maze != load_maze("5x5-tree") and maze != "5x5"
 
 
-def test_marks_tell_mazes_apart() -> None:
+def test_marks_distinguish_mazes() -> None:
     lines = ("|S G|", "|  G|", "|   |", "|G G|")
     texts = [f"+-+-+\n{line}\n+-+-+" for line in lines]
     assert len({Maze.from_text(text) for text in texts}) == 4
 
 
-def test_a_task_is_a_key() -> None:
+def test_a_task_can_be_a_dict_key() -> None:
     simulators = {make_task(name): Simulator(make_task(name)) for name in TASK_NAMES}
     for name in TASK_NAMES:
         assert simulators[make_task(name)].task.name == name

@@ -50,14 +50,14 @@ def test_what_is_no_policy_is_refused() -> None:
         ({"runner": RandomAgent()}, "chaser_0, evader_0"),
         ({"chaser": 3}, "method `act`"),
         ([RandomAgent()], "a dict"),
-        ({"chaser": AStarEvader()}, "policy of the evader; the seat of chaser_0 takes one of the"),
+        ({"chaser": AStarEvader()}, "policy of the evader; chaser_0 needs one of the"),
     ):
         with pytest.raises(ValueError, match=message):
             env.act(policies)
 
 
 def test_a_policy_of_another_role_is_refused_wherever_it_is_given() -> None:
-    wrong, message = AStarChaser(), "policy of the chaser; the seat of evader_0 takes one of the"
+    wrong, message = AStarChaser(), "policy of the chaser; evader_0 needs one of the"
     simulator = Simulator(make_task("chase"), 2, seed=0)
     actions = np.full((2, 2), 3, dtype=np.int32)
     for policies in ([None, wrong], [wrong, wrong]):
@@ -66,9 +66,9 @@ def test_a_policy_of_another_role_is_refused_wherever_it_is_given() -> None:
     assert (actions == 3).all()
     learned = SimpleNamespace(act=wrong.act, agent="chaser_0")
     for opponent in (wrong, learned):
-        with pytest.raises(ValueError, match="the seat of evader_0 takes one of the evader"):
+        with pytest.raises(ValueError, match="evader_0 needs one of the evader"):
             gymnasium.make("pursuit/Chaser-v0", opponent=opponent)
-        with pytest.raises(ValueError, match="the seat of evader_0 takes one of the evader"):
+        with pytest.raises(ValueError, match="evader_0 needs one of the evader"):
             gymnasium.make_vec("pursuit/Chaser-v0", num_envs=2, opponent=opponent)
     heist = Simulator(make_task("heist", maze="4x4"), 2, seed=0)
     heist.act([None, NearestGoalRunner()], np.zeros((2, 2), dtype=np.int32))  # it collects goals

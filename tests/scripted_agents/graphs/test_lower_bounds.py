@@ -35,7 +35,7 @@ def test_training_works_at_the_lower_ends(tmp_path: Path) -> None:
     for part in Path(sysconfig.get_paths()["purelib"]).glob("torch*"):
         if re.fullmatch(r"torch|torchgen|torch-.*\.dist-info", part.name):
             (fresh / part.name).symlink_to(part)
-    pip = [python, "-m", "pip", "install", "--quiet", "pytest", *lower_ends()]
+    pip = [python, "-m", "pip", "install", "--quiet", "pytest", "hypothesis", *lower_ends()]
     installed = subprocess.run(pip, capture_output=True, text=True, timeout=1200)
     if installed.returncode:
         pytest.skip(f"cannot be installed here: {installed.stderr.strip().splitlines()[-1]}")

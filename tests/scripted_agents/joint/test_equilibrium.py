@@ -391,7 +391,7 @@ def test_exact_agents_say_where_they_cannot_play() -> None:
     simulator = Simulator(make_task("chase", maze=["3x3", "4x4"]))
     with pytest.raises(ValueError, match="one maze"):
         simulator.act([OptimalChaser(), None], np.zeros((1, 2), dtype=np.int32))
-    with pytest.raises(ValueError, match="the seat of evader_0 takes one of the evader"):
+    with pytest.raises(ValueError, match="evader_0 needs one of the evader"):
         Simulator(make_task("chase")).act([None, OptimalChaser()], np.zeros((1, 2), dtype=np.int32))
     with pytest.raises(ValueError, match="roles here"):
         BestResponder(NearestGoalRunner(), "runner")  # type: ignore[arg-type]

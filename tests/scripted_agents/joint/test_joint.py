@@ -273,7 +273,7 @@ def test_threads_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
             threaded = solve_joint(task, "chaser", IN_A_HEIST, *rest)
         np.testing.assert_array_equal(alone.values, threaded.values)
     monkeypatch.setattr(joint_sweeps, "MAX_STORE_BYTES", 1000)
-    with pytest.raises(ValueError, match=r"transitions of .* states needs .* 1,000 are the most"):
+    with pytest.raises(ValueError, match=r"transitions of .* states needs .* the limit is 1,000"):
         solve_joint(task, "chaser", IN_A_HEIST, objective="return")
 
 

@@ -147,9 +147,8 @@ def test_a_chaser_and_an_evader_beat_random_by_far() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("goals", [1, 2])
-def test_a_runner_beats_random_by_far(goals: int) -> None:
-    learner, contest = make(task="maze", num_goals=goals)
+def test_a_runner_beats_random_by_far() -> None:
+    learner, contest = make(task="maze", num_goals=1)
     while learner.frames < 4_500_000:
         learner.iterate(learner.frames / 4_500_000)
     steps = contest.score("learned", learner.policy()).mean_steps

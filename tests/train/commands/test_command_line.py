@@ -20,7 +20,7 @@ import torch
 
 from train.commands.main import in_words, main
 from train.experiments.executors import check_answers
-from train.files import write_beside
+from train.files import write_atomically
 from train.runs.folder import load_checkpoint, read_metrics
 from train.runs.report import describe_loops
 
@@ -387,7 +387,7 @@ def test_a_full_disk_loses_nothing_that_was_saved(tmp_path: Path) -> None:
         raise OSError(28, "No space left on device")
 
     with pytest.raises(OSError, match="No space left"):
-        write_beside(path, fail)
+        write_atomically(path, fail)
     assert path.read_text() == "old" and list(tmp_path.iterdir()) == [path]
 
 

@@ -118,5 +118,5 @@ def test_a_page_whose_server_has_ended_says_so(browser: Any) -> None:
         server.stop()
         server.close()
         page.tab.keyboard.press("w")
-        page.tab.get_by_text("nobody answers").wait_for()
+        page.tab.get_by_text("does not answer").wait_for()
         page.tab.close()

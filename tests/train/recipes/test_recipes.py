@@ -74,7 +74,7 @@ def test_a_saved_model_is_an_opponent(models: dict[str, Path], tmp_path: Path) -
     assert run.trainee.optimum.exact
     learned = run.trainee.contest.opponents["chaser"]
     assert isinstance(learned, LearnedPolicy) and not learned.greedy  # as it was learned
-    with pytest.raises(ValueError, match="another role"):
+    with pytest.raises(ValueError, match="is a policy for 'chaser'"):
         settings_of(maze="3x3", frames=1, opponent=str(models["ppo"]))
 
 

@@ -198,7 +198,7 @@ def test_games_that_could_not_be_written_are_not_called_kept(
             while not session.over:
                 session.move(NORTH)
             if broken:
-                monkeypatch.setattr("train.play.replay_folder.write_beside", full)
+                monkeypatch.setattr("train.play.replay_folder.write_atomically", full)
             with contextlib.suppress(OSError):  # as the page does, which shows it
                 keeper.keep(session)
             session.next_game()

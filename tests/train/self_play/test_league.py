@@ -73,7 +73,7 @@ def test_sampling_schemes_are_compared_by_a_sweep(
     assert "4 complete" in capsys.readouterr().out
     report = (tmp_path / "out" / "report" / "report.md").read_text()
     assert "NashConv (discounted steps) [95 %]" in report and "| double-oracle |" in report
-    assert (tmp_path / "out" / "report" / "learning_curves_frames.png").stat().st_size > 10_000
+    assert (tmp_path / "out" / "report" / "learning_curves.png").stat().st_size > 10_000
     done = {path: path.stat().st_mtime_ns for path in tmp_path.glob(f"out/runs/*/{RESULTS}")}
     main(command)
     assert len(done) == 4 and all(path.stat().st_mtime_ns == then for path, then in done.items())
