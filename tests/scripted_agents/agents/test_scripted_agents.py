@@ -323,9 +323,9 @@ def test_without_distance_tables_whole_games_are_the_same(
 @pytest.mark.parametrize("epsilon", [-0.1, 1.1, np.nan])
 def test_a_share_of_random_moves_lies_between_0_and_1(epsilon: float) -> None:
     for kind in (AStarChaser, AStarEvader, NearestGoalRunner, TourRunner):
-        with pytest.raises(ValueError, match=r"epsilon=.*lies in"):
+        with pytest.raises(ValueError, match=r"epsilon=.*probability from 0 to 1"):
             kind(epsilon)
-    with pytest.raises(ValueError, match=r"epsilon=.*lies in"):
+    with pytest.raises(ValueError, match=r"epsilon=.*probability from 0 to 1"):
         TablePolicy(MAZE, random_table(MAZE), epsilon)
 
 
