@@ -68,6 +68,7 @@ VARIANTS: dict[str, dict[str, Any]] = {
         "rollout_steps": 32,
         "standardize_advantages": True,
         "entropy_coef": 0.01,
+        "frames": 400_000,
     },
     "reinforce": {"algorithm": "reinforce"},
     "reinforce without a baseline": {"algorithm": "reinforce", "baseline": False},
@@ -104,8 +105,8 @@ SLOW = {
 )
 def test_every_learner_beats_random_by_far(name: str, tmp_path: Path) -> None:
     chosen = VARIANTS[name]
-    flat = {**EASY, **SMALL[chosen["algorithm"]], **chosen}
-    run = start(RUN, settings_of(**flat, frames=100_000), tmp_path)
+    flat = {"frames": 100_000, **EASY, **SMALL[chosen["algorithm"]], **chosen}
+    run = start(RUN, settings_of(**flat), tmp_path)
     run.train()
     random = run.trainee.contest.score("random", RandomAgent()).mean_steps
     assert steps_of(run) < 0.35 * random

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import signal
 import subprocess
 import sys
 import time
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 
 import polars
@@ -23,7 +23,7 @@ from train.experiments.study import prepare, status_of
 from train.experiments.sweep import load_sweep, shipped
 from train.experiments.sweep_report import sentences
 from train.experiments.tables import CURVES, RUNS, collect
-from train.experiments.worker import progress_of
+from train.experiments.worker import progress_of, start_worker
 from train.files import only_one
 
 TINY = """
@@ -274,6 +274,7 @@ def test_two_sweeps_cannot_share_a_folder_at_once(tmp_path: Path) -> None:
 def test_another_process_is_refused_at_once_and_a_killed_one_does_not_block(tmp_path: Path) -> None:
     code = """
 import sys, time
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 from train.files import only_one
 with only_one(Path(sys.argv[1]), 'sweep'):
@@ -293,7 +294,7 @@ with only_one(Path(sys.argv[1]), 'sweep'):
 
 @pytest.mark.slow
 def test_a_run_that_dies_is_recorded_and_the_others_go_on(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     text = TINY.replace("frames = 2000", "frames = 60000").replace("[0, 1]", "[0]")
     path = write(tmp_path / "tiny.toml", text.replace('"a2c", "q_learning"', '"a2c"'))
@@ -302,18 +303,19 @@ def test_a_run_that_dies_is_recorded_and_the_others_go_on(
     broken = out / "runs" / sweep.runs[0].name
     (broken / "checkpoint.pt").write_bytes(b"no checkpoint")  # it crashes on reading this
     victim = out / "runs" / sweep.runs[1].name
-    killed: list[int] = []
+    started: dict[Path, BaseProcess] = {}
+
+    def start(folder: Path) -> BaseProcess:
+        started[folder] = start_worker(folder)
+        return started[folder]
 
     def kill(statuses: dict[str, str], progress: dict[str, float]) -> None:
-        if not killed and progress_of(victim) > 0:
-            name = ["pgrep", "-x", victim.name[-15:]]  # as a forked one is called
-            found = subprocess.run(name, capture_output=True, text=True)
-            killed.extend(int(number) for number in found.stdout.split())
-            for number in killed:
-                os.kill(number, signal.SIGKILL)
+        if progress_of(victim) > 0:
+            started[victim].kill()
 
+    monkeypatch.setattr("train.experiments.executors.start_worker", start)
     statuses = run_locally(sweep, out, 2, kill)
-    assert killed and set(statuses.values()) == {"failed"}
+    assert set(statuses.values()) == {"failed"}
     assert "damaged" in (broken / "error.txt").read_text()
     assert "signal 9 (SIGKILL)" in (victim / "error.txt").read_text()
     runs, _ = collect(out)
