@@ -1,4 +1,4 @@
-"""Prioritised level replay, which trains again on levels with high scores."""
+"""Prioritised level replay: levels with high scores are repeated more often."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Ranked(Resumable):
         return mixed + self.staleness * by_age / by_age.sum()
 
     def _logged(self, mark: int, scores: NDArray[np.float64], what: str) -> list[Change]:
-        """The change to log if `mark` differs from the one of the last log."""
+        """The change to log; none if `mark` is the same as at the last log."""
         if mark == self.reported or not len(scores):
             return []
         self.reported = mark
@@ -62,7 +62,7 @@ def _rank_weights(count: int, temperature: float) -> NDArray[np.float64]:
 
 
 def least(values: NDArray[np.float64], count: int) -> NDArray[np.intp]:
-    """[count] indices of the smallest `values` in increasing order; the first of equal ones."""
+    """[count] indices of the smallest `values` in increasing order; ties by index."""
     if count >= len(values):
         return np.argsort(values, kind="stable")
     near = np.flatnonzero(values <= np.partition(values, count - 1)[count - 1])
@@ -72,16 +72,16 @@ def least(values: NDArray[np.float64], count: int) -> NDArray[np.intp]:
 class LevelReplay(Ranked):
     """Prioritised level replay (Jiang et al., 2021) over seeds of levels.
 
-    A fraction of the games replays levels of a buffer, the others get new levels. Levels of the
-    buffer are drawn by the rank of their score, mixed with their age in updates (see `Ranked`). A
-    new level replaces the level with the lowest probability if its score is higher.
+    A fraction of the games replays levels of a buffer; the other games get new levels. The
+    probability of a level depends on the rank of its score and on its age in updates (see
+    `Ranked`). A new level replaces the least probable one if its score is higher.
 
     Args:
         score: "regret" (shortfall of the last episode from the exact optimum), "value_loss"
-            (mean positive advantage of the last episode) or "learnability" (p(1 - p), p the mean of
-            the posterior of the level's success rate under a uniform prior; Rutherford et al.,
-            2024).
-        capacity: the number of levels of the buffer.
+            (mean positive advantage of the last episode) or "learnability" (p(1 - p), where p is
+            the posterior mean of the level's success rate under a uniform prior; Rutherford et
+            al., 2024).
+        capacity: the size of the buffer in levels.
         replay_share: the fraction of games that replay a level, once the buffer is half full.
         temperature: above 0; lower values put more weight on the highest scores.
         staleness: in [0, 1].
@@ -120,7 +120,7 @@ class LevelReplay(Ranked):
         return 2 * len(self.seeds) >= self.capacity
 
     def probabilities(self) -> NDArray[np.float64]:
-        """[levels] the probabilities of the levels of the buffer in a game that replays."""
+        """[levels] the probability of each level of the buffer, given that a game replays one."""
         return self.chances(self.scores, self.updates - self.played)
 
     def update(self, outcomes: Outcomes, progress: Progress) -> list[Change]:
@@ -135,8 +135,8 @@ class LevelReplay(Ranked):
         return self._logged(int(self.replays) + int(20 * progress.share), self.scores, what)
 
     def _note(self, outcomes: Outcomes) -> None:
-        seeds = outcomes.lessons
-        wrong = ~((seeds >= 0) & (seeds < MAX_SEED) & (seeds % 1 == 0))  # NaN is wrong as well
+        seeds = outcomes.stages
+        wrong = ~((seeds >= 0) & (seeds < MAX_SEED) & (seeds % 1 == 0))  # also NaN
         if wrong.any():
             raise ValueError(
                 f"outcomes of level {seeds[wrong][0]:g}; seeds are whole numbers from 0 to "
@@ -177,7 +177,7 @@ class LevelReplay(Ranked):
                     if self.score == "regret"
                     else "advantages, which this learner does not compute"
                 )
-                + "; use learnability"
+                + '; use score="learnability" (--level-score learnability)'
             )
         return values[last]
 
@@ -192,8 +192,8 @@ class LevelReplay(Ranked):
         seeds, scores, counts = seeds[free:], scores[free:], counts[:, free:]
         if not len(seeds):
             return
-        # Compare the best new levels with the least probable old ones, pair by pair. A new level
-        # below all old ones replaces none.
+        # Pair the best new levels with the least probable old ones. A new level with a score below
+        # all old scores replaces none.
         best = np.argsort(-scores, kind="stable")
         best = best[: min(np.count_nonzero(scores > self.scores.min()), len(self.scores))]
         if not len(best):

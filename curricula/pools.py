@@ -1,7 +1,7 @@
 """Prioritised replay of a fixed pool of levels with computed scores (exact regret, learnability).
 
-The caller regularly scores the levels that `to_judge` returns with the current policy, and reports
-the scores by `note`.
+The caller regularly scores the levels returned by `to_score` with the current policy, and stores
+the scores with `note`.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ UNKNOWN = -1.0
 class PoolReplay(Ranked):
     """Prioritised replay of a pool of levels.
 
-    A fraction of the games replays scored levels, drawn by the rank of their score mixed with its
-    age, as in `LevelReplay`. The others play uniformly drawn levels (domain randomisation).
+    A fraction of the games replays scored levels, with probabilities by rank and age of the scores
+    as in `LevelReplay`. The other games use uniformly drawn levels (domain randomisation).
 
     Args:
         levels: the number of levels.
@@ -62,7 +62,7 @@ class PoolReplay(Ranked):
         return np.flatnonzero(self.scores != UNKNOWN)
 
     def probabilities(self) -> NDArray[np.float64]:
-        """[replayed] the probabilities of these levels in a game that replays."""
+        """[replayed] the probability of each of these levels, given that a game replays one."""
         chosen = self.replayed
         return self.chances(self.scores[chosen], self.rounds - self.judged_at[chosen])
 
@@ -75,9 +75,9 @@ class PoolReplay(Ranked):
             levels[again] = rng.choice(known, int(again.sum()), p=self.probabilities())
         return levels
 
-    def to_judge(self, rng: np.random.Generator) -> NDArray[np.int64]:
-        """[n] different levels to be scored with the current policy: levels without a score first,
-        then those with the oldest scores."""
+    def to_score(self, rng: np.random.Generator) -> NDArray[np.int64]:
+        """[n] distinct levels to score with the current policy: levels without a score first, then
+        those with the oldest scores."""
         shuffled = rng.permutation(len(self.scores))
         order = np.argsort(self.judged_at[shuffled], kind="stable")
         return shuffled[order][: self.judged]
@@ -86,7 +86,7 @@ class PoolReplay(Ranked):
         """Store the scores of levels that were scored together.
 
         Raises:
-            ValueError: an unknown level, or a score that is not a number of at least 0.
+            ValueError: an unknown level, or a score that is negative or not finite.
         """
         levels, scores = np.asarray(levels), np.asarray(scores, dtype=np.float64)
         if levels.shape != scores.shape or not (np.isfinite(scores) & (scores >= 0)).all():
@@ -97,7 +97,7 @@ class PoolReplay(Ranked):
         self.scores[levels], self.judged_at[levels] = scores, self.rounds
 
     def update(self, outcomes: Outcomes, progress: Progress) -> list[Change]:
-        """Log the replayed levels twenty times in a run; episodes do not change the scores."""
+        """Log the scores twenty times in a run; outcomes do not change them."""
         what = "{count} levels replayed, mean score {mean:.4g}"
         return self._logged(int(20 * progress.share), self.scores[self.replayed], what)
 

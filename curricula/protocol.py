@@ -1,7 +1,7 @@
 """The protocol of curricula, which use outcomes of episodes to choose the next stages or levels.
 
-A stage or level (`lessons` in `Outcomes`) is one number: the value of a setting (an epsilon, a
-radius, the index of a maze), or the seed of a level. Curricula do not know its meaning.
+A stage or level is one number: the value of a setting (an epsilon, a radius, the index of a maze),
+or the seed of a level. Curricula do not depend on its meaning.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ class Outcomes:
     """Episodes that ended since the last update, in any order.
 
     Attributes:
-        lessons: [n] float64, the stage or level of each episode.
+        stages: [n] float64, the stage or level of each episode.
         successes: [n] bool.
         returns: [n] float64, undiscounted.
         lengths: [n] int64, steps.
@@ -30,7 +30,7 @@ class Outcomes:
         errors: [n] float64, mean positive advantage of each; NaN if the learner computes none.
     """
 
-    lessons: NDArray[np.float64]
+    stages: NDArray[np.float64]
     successes: NDArray[np.bool_]
     returns: NDArray[np.float64]
     lengths: NDArray[np.int64]
@@ -38,7 +38,7 @@ class Outcomes:
     errors: NDArray[np.float64]
 
     def __len__(self) -> int:
-        return len(self.lessons)
+        return len(self.stages)
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class Curriculum(Protocol):
         """Update from episodes that ended; return the changes.
 
         Raises:
-            ValueError: outcomes of stages or levels that this curriculum does not have.
+            ValueError: outcomes of stages or levels that are not part of this curriculum.
         """
 
     def sample(self, num_games: int, rng: np.random.Generator) -> NDArray[np.float64]:
@@ -81,7 +81,7 @@ class Curriculum(Protocol):
 
 
 def check_count(name: str, value: Any, least: int, what: str) -> None:
-    """ValueError unless `value` is a whole number of at least `least`; `what` is its unit."""
+    """ValueError unless `value` is a whole number of at least `least`; `what`: its unit."""
     whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
     if not whole or value < least:
         raise ValueError(f"{name}={value!r}; give a whole number, at least {least} {what}")
@@ -95,9 +95,9 @@ def check_shares(**shares: float) -> None:
 
 
 class Resumable:
-    """`state_dict` and `load_state_dict` of a curriculum: attributes, saved under their names.
+    """`state_dict` and `load_state_dict` of a curriculum, which save the attributes in `STATE`.
 
-    Arrays keep their length, unless they are in `GROWING`.
+    Arrays have a fixed length, except those in `GROWING`.
     """
 
     KIND = "this"

@@ -1,7 +1,7 @@
-"""Schedules: pure functions from the progress of a run to a value.
+"""Pure functions from the progress of a run to the value of a setting.
 
-They start exactly at their start value, finish exactly at their end value, and stay within the
-range between both, regardless of rounding.
+Schedules return exactly their start value at the start and exactly their end value at the end, and
+stay between these two values in spite of rounding.
 """
 
 from __future__ import annotations
@@ -82,27 +82,27 @@ def step(start: float, end: float, progress: float, every: float, size: float = 
     return _between(start + moved if end >= start else start - moved, start, end)
 
 
-def exponential(start: float, floor_: float, progress: float, every: float, factor: float) -> float:
-    """`start` times `factor` for each whole `every` of progress, at least `floor_`.
+def exponential(start: float, least: float, progress: float, every: float, factor: float) -> float:
+    """`start` times `factor` for each whole `every` of progress, at least `least`.
 
-    The thesis annealed epsilon by 0.99 every n episodes, down to 0.2.
+    The thesis multiplied epsilon by 0.99 every n episodes, down to 0.2.
 
     Raises:
-        ValueError: a start below 0, `floor_` above the start, a factor outside
-            (0, 1), or `every` not above 0.
+        ValueError: a start below 0, `least` above the start, a factor outside (0, 1), or `every`
+            not above 0.
     """
     _check_positive(every=every)
     if not 0.0 < factor < 1.0:
         raise ValueError(f"factor={factor}; give a factor between 0 and 1")
     if start < 0.0:
         raise ValueError(f"start={start}; give a start of at least 0")
-    if floor_ > start:
-        raise ValueError(f"the end {floor_} is above the start {start}; swap them")
-    return max(start * factor ** floor(max(progress, 0.0) / every), floor_)
+    if least > start:
+        raise ValueError(f"the end {least} is above the start {start}; swap them")
+    return max(start * factor ** floor(max(progress, 0.0) / every), least)
 
 
 def piecewise(points: Sequence[tuple[float, float]], progress: float) -> float:
-    """Linear interpolation of (progress, value) points; constant before the first, after the last.
+    """Linear interpolation of (progress, value) points; constant outside their range.
 
     Raises:
         ValueError: no points, progress values that do not increase, or numbers that are not finite.
@@ -127,7 +127,7 @@ def _check_positive(**named: float) -> None:
 
 @dataclass(frozen=True)
 class Schedule:
-    """A schedule as plain values; callable with a `Progress`.
+    """A schedule defined by plain values; call it with a `Progress`.
 
     Args:
         shape: one of SHAPES.

@@ -27,28 +27,28 @@ def checked_stages(values: Sequence[float]) -> NDArray[np.float64]:
     return stages
 
 
-def stage_numbers(stages: NDArray[np.float64], lessons: NDArray[np.float64]) -> NDArray[np.intp]:
-    """[n] the index of the stage of each episode.
+def stage_indices(stages: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.intp]:
+    """[n] the index in `stages` of each of `values` [n].
 
     Raises:
         ValueError: a value that is not a stage.
     """
-    if len(lessons) == 0:
+    if len(values) == 0:
         return np.zeros(0, dtype=np.intp)
     order = np.argsort(stages)
-    places = np.minimum(np.searchsorted(stages[order], lessons), len(stages) - 1)
-    numbers = order[places]
-    wrong = stages[numbers] != lessons
+    places = np.minimum(np.searchsorted(stages[order], values), len(stages) - 1)
+    indices = order[places]
+    wrong = stages[indices] != values
     if wrong.any():
         raise ValueError(
-            f"outcomes of unknown stage {lessons[wrong][0]:g}; the stages of this curriculum are "
-            f"{', '.join(f'{value:g}' for value in stages)}: give outcomes of these stages"
+            f"outcomes of unknown stage {values[wrong][0]:g}; the stages of this curriculum are "
+            f"{', '.join(f'{stage:g}' for stage in stages)}: give outcomes of these stages"
         )
-    return numbers
+    return indices
 
 
 class Scheduled(Resumable):
-    """The value of a schedule, the same for all games.
+    """One value for all games, given by a schedule.
 
     Args:
         schedule: the value as a function of progress.
@@ -87,7 +87,7 @@ class Scheduled(Resumable):
 
 
 class Uniform(Resumable):
-    """A control: stages drawn uniformly in the whole run.
+    """Stages drawn uniformly during the whole run: a control experiment.
 
     Args:
         stages: the values, all equally likely.
@@ -101,7 +101,7 @@ class Uniform(Resumable):
 
     def update(self, outcomes: Outcomes, progress: Progress) -> list[Change]:
         """Log the distribution once; it does not change."""
-        stage_numbers(self.stages, outcomes.lessons)
+        stage_indices(self.stages, outcomes.stages)
         if self.reported:
             return []
         self.reported = True
@@ -114,11 +114,11 @@ class Uniform(Resumable):
 
 
 class Shuffled(Resumable):
-    """A control: all stages in a random order, then the last (hardest) one.
+    """All stages in a random order, then the last (hardest) one: a control experiment.
 
     Args:
         stages: the values, from easy to hard.
-        length: the progress after which all stages have been used.
+        length: the progress at which all stages have been used.
         unit: the unit of progress.
         seed: the seed of the order.
     """
@@ -141,8 +141,8 @@ class Shuffled(Resumable):
         return float(self.stages[-1] if last else self.stages[self.order[self.turn]])
 
     def update(self, outcomes: Outcomes, progress: Progress) -> list[Change]:
-        """Move to the next stage when its progress is reached."""
-        stage_numbers(self.stages, outcomes.lessons)
+        """Change to the next stage when the progress reaches its start."""
+        stage_indices(self.stages, outcomes.stages)
         self.turn = int(self._turns(progress))
         if self.turn == self.reported:
             return []
@@ -159,9 +159,9 @@ class Shuffled(Resumable):
 class SuccessGated(Resumable):
     """One stage for all games; promotion at a high success rate, optional demotion at a low one.
 
-    Episodes that fail by truncation end late, so the first episodes to end are nearly all successes
-    (for an evader nearly all failures). So running episodes count as failures in the decision on
-    promotion, and as successes in the decision on demotion.
+    Episodes that fail by truncation are long, so the first episodes to end are nearly all successes
+    (for an evader nearly all failures). To avoid this bias, running episodes count as failures in
+    the decision on promotion, and as successes in the decision on demotion.
 
     Args:
         stages: the values, from easy to hard.
@@ -199,11 +199,11 @@ class SuccessGated(Resumable):
 
     def update(self, outcomes: Outcomes, progress: Progress) -> list[Change]:
         """Count the episodes of this stage, and change the stage if a threshold is reached."""
-        own = stage_numbers(np.array(self.stages), outcomes.lessons) == self.stage
-        begun, ended, won = self.counts
-        ended += int(own.sum())
-        won += int(outcomes.successes[own].sum())
-        running = max(begun - ended, 0)
+        current = stage_indices(np.array(self.stages), outcomes.stages) == self.stage
+        started, ended, won = self.counts
+        ended += int(current.sum())
+        won += int(outcomes.successes[current].sum())
+        running = max(started - ended, 0)
         reason = "" if self.reported else "first stage"
         self.reported = True
         move = 0
@@ -216,9 +216,9 @@ class SuccessGated(Resumable):
                 reason = f"{100 * high:.1f} % success fell to {100 * self.demote_at:.0f} %"
                 move = -1
             elif ended >= self.RUNNING_SHARE * running:
-                begun, ended, won = running, 0, 0
+                started, ended, won = running, 0, 0
         self.stage += move
-        self.counts = [0, 0, 0] if move else [begun, ended, won]
+        self.counts = [0, 0, 0] if move else [started, ended, won]
         value = self.stages[self.stage]
         return [Change(value, value, value, reason)] if reason else []
 
@@ -236,7 +236,7 @@ class SuccessGated(Resumable):
 
 
 class LearningProgress(Resumable):
-    """A bandit over stages, which prefers stages with large changes of the return, up or down.
+    """A bandit that prefers stages on which the return changes most, up or down.
 
     Absolute learning progress (Portelas et al., 2019; Matiisen et al., 2017): the difference of two
     moving averages of the return, one `fast` and one `slow`.
@@ -271,16 +271,16 @@ class LearningProgress(Resumable):
 
     def update(self, outcomes: Outcomes, progress: Progress) -> list[Change]:
         """Update the averages of the stages of these episodes, and the probabilities."""
-        numbers, count = stage_numbers(self.stages, outcomes.lessons), len(self.stages)
-        played = np.bincount(numbers, minlength=count)
-        sums = np.bincount(numbers, weights=outcomes.returns, minlength=count)
+        indices, count = stage_indices(self.stages, outcomes.stages), len(self.stages)
+        played = np.bincount(indices, minlength=count)
+        sums = np.bincount(indices, weights=outcomes.returns, minlength=count)
         seen = played > 0
         means = sums[seen] / played[seen]
         for average, rate in ((self.fast, self.fast_rate), (self.slow, self.slow_rate)):
             before = np.where(np.isnan(average[seen]), means, average[seen])
             average[seen] = before + rate * (means - before)
         change = np.abs(self.fast - self.slow)
-        # A stage without episodes counts as much as the stage with the largest change.
+        # A stage without episodes gets the largest change of all stages.
         known = change[~np.isnan(change)]
         change = np.where(np.isnan(change), known.max() if len(known) else 1.0, change)
         total = change.sum()

@@ -1,6 +1,6 @@
 """Agents without learning: heuristics and exact solvers.
 
-A name that is imported as itself is public.
+Names imported as themselves are public.
 """
 
 from scripted_agents.agents.runner import NearestGoalRunner as NearestGoalRunner

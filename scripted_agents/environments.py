@@ -1,4 +1,4 @@
-"""The Gymnasium environments with their default opponents: what the registered ids make."""
+"""The registered Gymnasium environments, with scripted opponents by default."""
 
 from __future__ import annotations
 
@@ -31,18 +31,18 @@ DEFAULTS: dict[str, type[Scripted]] = {
     "evader": AStarEvader,
     "runner": NearestGoalRunner,
 }
-"""The scripted agent that fills a seat of each role by default."""
+"""The default scripted agent of each role."""
 
 
 SCRIPTED = ("astar", "random", "optimal")
-"""The names on the command line of scripted agents that see everything and play every role."""
+"""The names on the command line of scripted agents with a full view, which play all roles."""
 
 SEARCHERS: dict[str, dict[str, Callable[..., Policy]]] = {
     "searching": {"chaser": SearchingChaser, "evader": WaryEvader, "runner": SearchingRunner},
     "sweeping": {"chaser": SweepingChaser},
     "belief": {"chaser": BeliefChaser},
 }
-"""Those of scripted agents that see what the task lets them see, by the roles that they play."""
+"""Scripted agents with the view limits of the task, by name and role."""
 
 AGENTS = (*SCRIPTED, *SEARCHERS)
 """All names of scripted agents."""
@@ -54,40 +54,40 @@ POLICIES: Registry[Callable[[Task, str], Policy]] = Registry(
     plural="policies",
     ours=AGENTS,
 )
-"""Policies of users' own. One that plays some roles only says which in `roles`."""
+"""User-defined policies. The attribute `roles` of a class restricts it to these roles."""
 
 
 def is_custom_policy(name: str) -> bool:
-    """Whether a name is that of a user's own policy."""
+    """Whether a name is that of a user-defined policy."""
     return is_reference(name) or (name not in AGENTS and name in POLICIES.names())
 
 
-def own_roles(name: str, task: Task) -> tuple[str, ...]:
-    """The roles of a task that a user's own policy plays; ValueError for no such policy."""
+def custom_roles(name: str, task: Task) -> tuple[str, ...]:
+    """The roles of a task that a user-defined policy plays; ValueError for an unknown policy."""
     plays = getattr(POLICIES.get(name), "roles", task.seat_roles)
     return tuple(role for role in dict.fromkeys(task.seat_roles) if role in plays)
 
 
 def roles_of_agent(name: str, task: Task) -> tuple[str, ...]:
-    """The roles of a task that a scripted agent or a user's own policy plays."""
+    """The roles of a task that a scripted agent or a user-defined policy plays."""
     if name not in AGENTS:
-        return own_roles(name, task)
+        return custom_roles(name, task)
     plays = SEARCHERS.get(name, DEFAULTS)
     return tuple(role for role in DEFAULTS if role in plays and role in task.seat_roles)
 
 
 def custom_policy(name: str, task: Task, role: str) -> Policy:
-    """A user's own policy in one role of a task.
+    """A user-defined policy in one role of a task.
 
     Raises:
-        ValueError: no such policy, one that does not play this role, or no `Policy` at all.
+        ValueError: an unknown policy, one that does not play this role, or no `Policy`.
     """
-    make, roles = POLICIES.get(name), own_roles(name, task)
+    make, roles = POLICIES.get(name), custom_roles(name, task)
     if role not in roles:
         raise ValueError(f"policy {name!r} plays {', '.join(roles)}, not {role!r}")
     policy: Policy = make(task, role)
     if not callable(getattr(policy, "act", None)):
-        raise ValueError(f"policy {name!r} gave {policy!r}; a Policy has act(view)")
+        raise ValueError(f"policy {name!r} returned {policy!r}; return a Policy with act(view)")
     return policy
 
 
@@ -98,13 +98,13 @@ def scripted_policy(
     move_order: MoveOrder = "simultaneous",
     discount: float = 0.95,
 ) -> Policy:
-    """A scripted agent by its name: one of AGENTS.
+    """A scripted agent by name, one of AGENTS.
 
-    astar is the nearest goal for runners; optimal chasers and evaders play the equilibrium of the
-    duel, optimal runners a shortest tour. Those of SEARCHERS see what the task lets them see.
+    An astar runner goes to the nearest goal. Optimal chasers and evaders play the equilibrium of
+    the duel, optimal runners a shortest tour. Agents of SEARCHERS have the view limits of the task.
 
     Raises:
-        ValueError: another name, a role that it does not play, or epsilon outside [0, 1].
+        ValueError: an unknown name, a role that it does not play, or epsilon outside [0, 1].
     """
     if name not in AGENTS:
         raise ValueError(f"unknown agent {name!r}; one of {', '.join(AGENTS)}")
@@ -123,7 +123,7 @@ def scripted_policy(
 
 
 def check_plays(name: str, role: str) -> None:
-    """ValueError where a scripted agent does not play a role."""
+    """ValueError unless a scripted agent plays a role."""
     roles = SEARCHERS.get(name, dict.fromkeys(ROLES))
     if role not in roles:
         raise ValueError(
@@ -133,7 +133,7 @@ def check_plays(name: str, role: str) -> None:
 
 
 def check_agent(name: str, task: Task, role: str) -> None:
-    """ValueError saying why, where a scripted agent does not play a role of a task."""
+    """ValueError, with the reason, unless a scripted agent plays a role of a task."""
     check_plays(name, role)
     if name == "optimal":
         check_optimal(task, role)
@@ -142,17 +142,17 @@ def check_agent(name: str, task: Task, role: str) -> None:
 
 
 def is_agent(name: str) -> bool:
-    """Whether a name is that of a scripted agent or of a user's own policy."""
+    """Whether a name is that of a scripted agent or of a user-defined policy."""
     return name in AGENTS or is_custom_policy(name)
 
 
 def named_policy(
     name: str, task: Task, role: str, epsilon: float = 0.0, discount: float = 0.95
 ) -> Policy:
-    """A scripted agent or a user's own policy in one role of a task.
+    """A scripted agent or a user-defined policy in one role of a task.
 
     Raises:
-        ValueError: none of this name, or one that does not play this role of this task.
+        ValueError: an unknown name, or a policy that does not play this role of this task.
     """
     if name not in AGENTS:
         return custom_policy(name, task, role)
@@ -164,13 +164,13 @@ def named_policy(
 def default_policies(
     task: Task, epsilon: float = 0.0, opponent: Policy | None = None, own: str | None = None
 ) -> dict[str, Policy]:
-    """A policy for every role of `task`: the scripted ones, with `epsilon`.
+    """A policy for every role of `task`, by default the scripted ones with `epsilon`.
 
     Args:
         task: the game.
         epsilon: probability of random moves of the scripted agents.
-        opponent: fills every role but `own` instead.
-        own: the agent (name or role) that is yours.
+        opponent: the policy of all roles except that of `own`, instead of scripted ones.
+        own: your agent, by name or role.
     """
     own_role = "" if own is None else own.split("_")[0]
     return {
@@ -182,16 +182,16 @@ def default_policies(
 def chosen_policies(
     task: Task, agent: str, opponent: Policy | str | Path | None, epsilon: float
 ) -> dict[str, Policy]:
-    """A policy for every role of `task`: scripted ones, and `opponent` in all roles but yours.
+    """A policy for every role of `task`; `opponent` in all roles but that of your agent.
 
     Args:
         task: the game.
-        agent: yours, by name or role.
+        agent: your agent, by name or role.
         opponent: as in `single_agent_arguments`.
         epsilon: probability of random moves of the scripted agents.
 
     Raises:
-        ValueError: no such policy, or one that does not play a role of another seat.
+        ValueError: an unknown policy, or one that does not play a role of another agent.
     """
     if not isinstance(opponent, str | Path):
         return default_policies(task, epsilon, opponent, agent)
@@ -225,12 +225,11 @@ def single_agent_arguments(
 
     Args:
         task_name: "chase", "maze", "race" or "heist".
-        agent: yours, by name or role.
+        agent: your agent, by name or role.
         maze: as in `pursuit.Task`.
-        opponent_epsilon: probability of random moves of the scripted agents in the other seats.
-        opponent: fills the seats of all other roles instead: a `Policy`, one of AGENTS, a policy of
-            your own as "package.module:Name", or the folder of a run. A* (of runners the nearest
-            goal) where it is None.
+        opponent_epsilon: probability of random moves of the scripted opponents.
+        opponent: the policy of all other roles: a `Policy`, one of AGENTS, "package.module:Name" of
+            a user-defined policy, or the folder of a run. None for A* (runners: nearest goal).
         **settings: those of `pursuit.Task`.
     """
     task = make_task(task_name, maze=maze, **settings)
@@ -254,11 +253,11 @@ def make_env(
         agent: your agent, by name or role.
         observation: one of `pursuit.observations.observations.ENCODINGS`.
         render_mode: None, "ansi", "rgb_array" or "human".
-        mask_bumps: infos hold an "action_mask" that forbids moves into walls.
-        mask_in_observation: observations are {"observation", "action_mask"}.
-        **settings: maze, opponent_epsilon (probability of random moves of the scripted agents, 0 by
-            default), opponent (for all other roles: a `Policy`, one of AGENTS,
-            package.module:Name of your own, or the folder of a run), and those of `pursuit.Task`.
+        mask_bumps: whether infos hold an "action_mask" that forbids moves into walls.
+        mask_in_observation: whether observations are {"observation", "action_mask"}.
+        **settings: maze, opponent_epsilon (probability of random moves of the scripted opponents, 0
+            by default), opponent (of all other roles: a `Policy`, one of AGENTS, the folder of a
+            run, or package.module:Name of a user-defined policy), and those of `pursuit.Task`.
     """
     arguments = single_agent_arguments(task, agent, **settings)
     return SingleAgentEnv(
@@ -286,7 +285,7 @@ def make_vector_env(
     """`make_env` for `num_envs` games in lockstep.
 
     Args:
-        max_episode_steps: cuts episodes off earlier than the task does, as Gymnasium's TimeLimit.
+        max_episode_steps: truncates episodes earlier than the task, as Gymnasium's TimeLimit.
     """
     arguments = single_agent_arguments(task, agent, **settings)
     arguments["task"] = limited(arguments["task"], max_episode_steps)

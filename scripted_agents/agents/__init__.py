@@ -1,1 +1,1 @@
-"""Scripted epsilon-greedy agents: A*, runners, searchers, tables."""
+"""Scripted epsilon-greedy agents: A*, runners, agents with limited views, and tables."""

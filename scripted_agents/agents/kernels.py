@@ -1,10 +1,10 @@
-"""The decisions of the scripted agents, compiled: which moves are greedy, and which one is taken.
+"""Compiled decisions of the scripted agents: the sets of greedy moves, and the choice among them.
 
 A set of moves is a bit mask over the actions. The same functions fill the tables of exact
-probabilities and act in the batch, so that what is solved exactly is what plays. Those that act
-take the arrays of games and mazes one by one, which takes less time to hand over. `scratch` is
-int32 [NUM_SCRATCH, cells of the largest maze], -1 in the rows of distances: room for three
-searches.
+probabilities and act in batches, so exact solutions are those of the agents as simulated. Kernels
+that act take the arrays of games and mazes as separate arguments, which is faster to call.
+`scratch` is int32 [NUM_SCRATCH, cells of the largest maze], scratch memory of three searches, with
+-1 in its rows of distances.
 """
 
 from __future__ import annotations
@@ -51,28 +51,28 @@ CHASER, EVADER, RUNNER, RANDOM = range(4)
     FIELD_DISTANCE,
     FIELD_QUEUE,
     FIELD_OWNER,
-    SOUGHT,
+    TARGETS,
     NUM_SCRATCH,
 ) = range(9)
 PAIRS_A_CELL = 8
-"""A search takes about as long for a cell as it takes to look up so many pairs."""
+"""The time of a search per cell, in lookups of pairs."""
 
 
 @inlined
 def look_of(scratch: Any) -> Search:
-    """Room for the search around oneself."""
+    """Scratch memory of the search around the agent."""
     return Search(scratch[LOOK_DISTANCE], scratch[LOOK_QUEUE])
 
 
 @inlined
 def path_of(scratch: Any) -> Search:
-    """Room for searches for a path."""
+    """Scratch memory of searches for a path."""
     return Search(scratch[PATH_DISTANCE], scratch[PATH_QUEUE])
 
 
 @inlined
 def field_of(scratch: Any) -> Search:
-    """Scratch memory of one search from all cells that the agents of a kind seek."""
+    """Scratch memory of one search from the cells of all targets."""
     return Search(scratch[FIELD_DISTANCE], scratch[FIELD_QUEUE])
 
 
@@ -89,8 +89,8 @@ def mask_fleeing(
 ) -> int:
     """First steps of shortest paths to the cells within `look_radius` farthest from `threat`.
 
-    Where one's own cell is as far as any, staying if that is an action, else every move.
-    `reach` is at least the distance between `threat` and any cell looked at.
+    If no cell is farther than the own cell: staying if that is an action, else every move.
+    `reach` is at least the distance between `threat` and any of these cells.
     """
     look, path = look_of(scratch), path_of(scratch)
     seen = search_within(world, maze, own, look_radius, -1, look)
@@ -125,7 +125,7 @@ def fill_greedy_table(
     settings: Any,
     greedy: Any,
 ) -> None:
-    """Fill `greedy`, laid out as `tables`: the mask at [own, other], all moves where any will do.
+    """Fill `greedy` with the mask at [own, other], in the layout of `tables`; by default all moves.
 
     `settings` is (epsilon, alert distance, look radius, stay action).
     """
@@ -152,8 +152,8 @@ def fill_greedy_table(
 
 
 @inlined
-def sought_by(kind: int, teams: Teams) -> Any:
-    """The indices of the agents or goals that an agent of this kind approaches or avoids."""
+def targets_of(kind: int, teams: Teams) -> Any:
+    """The indices of the targets of a kind: agents or goals that it approaches or avoids."""
     if kind == CHASER:
         return evaders_of(teams)
     if kind == EVADER:
@@ -162,17 +162,17 @@ def sought_by(kind: int, teams: Teams) -> Any:
 
 
 @inlined
-def list_sought(kind: int, games: Games, game: int, teams: Teams, cells: Any) -> int:
-    """List the cells of the goals or opponents that are left, in their order; how many."""
+def list_targets(kind: int, games: Games, game: int, teams: Teams, cells: Any) -> int:
+    """Fill `cells` with those of the remaining targets by index; return their number."""
     count = 0
-    for number in sought_by(kind, teams):
-        sought = np.uint64(number)
+    for number in targets_of(kind, teams):
+        target = np.uint64(number)
         if kind == RUNNER:
-            cells[np.uint64(count)] = games.goal[game, sought]
-            count += games.goal[game, sought] >= 0
+            cells[np.uint64(count)] = games.goal[game, target]
+            count += games.goal[game, target] >= 0
         else:
-            cells[np.uint64(count)] = games.position[game, sought]
-            count += games.active[game, sought] != 0
+            cells[np.uint64(count)] = games.position[game, target]
+            count += games.active[game, target] != 0
     return count
 
 
@@ -189,7 +189,7 @@ def moves_away(
 
 @inlined
 def use_table(world: World, maze: int, pairs: int) -> bool:
-    """Whether so many pairs are quicker looked up than searched, which takes all cells at most."""
+    """Whether looking up so many pairs is faster than a search, which visits every cell once."""
     return has_table(world, maze) and pairs <= PAIRS_A_CELL * world.num_cells[maze]
 
 
@@ -201,24 +201,24 @@ def list_moves(
     counts: Any,
     mazes: Any,
     greedy: Any,
-    sought: Any,
+    targets: Any,
     moves: Any,
 ) -> None:
-    """Fill `moves` [games, 2] with the masks that agents draw from: greedy, and every move.
+    """Fill `moves` [games, 2] with the masks that actions are drawn from: greedy, and every move.
 
-    Arguments are those of `entry_for`'s kernels; `sought` is room for all agents or goals, and all
-    mazes have tables.
+    Arguments as of the kernels of `entry_for`; `targets` is scratch memory for all agents or goals.
+    All mazes must have tables.
     """
     teams = Teams(counts[0], counts[1], counts[2], counts[3])
     world = world_of(*mazes)
     for game in range(moves.shape[0]):
         row, mask = np.uint64(game), np.int64(0)
         maze, own = np.int64(games.maze[row]), np.int64(games.position[row, np.uint64(seat)])
-        count = list_sought(kind, games, row, teams, sought)
+        count = list_targets(kind, games, row, teams, targets)
         if kind == EVADER:
-            mask = away_from_nearest(world, maze, own, sought, count, greedy)
+            mask = away_from_nearest(world, maze, own, targets, count, greedy)
         elif kind != RANDOM:
-            mask = towards_nearest(world, maze, own, sought, count, greedy)
+            mask = towards_nearest(world, maze, own, targets, count, greedy)
         every = legal_moves(world, maze, own)
         moves[game, 0], moves[game, 1] = every if mask == 0 else mask, every
 
@@ -234,9 +234,9 @@ def draw_moves(
     settings: Any,
     actions: Any,
 ) -> None:
-    """Fill `actions` [games] by drawing from `masks` [games], from every move where one is 0.
+    """Fill `actions` [games] with draws from `masks` [games]; a mask of 0 stands for every move.
 
-    `settings` is (epsilon, stay action). An epsilon of NaN in the game means that of the settings.
+    `settings` is (epsilon, stay action). Its epsilon applies where that of the game is NaN.
     """
     default, stay_action = settings
     world = world_of(*mazes)
@@ -254,7 +254,7 @@ def draw_moves(
 
 
 def entry_for(kind: int) -> Any:
-    """The compiled decisions of the agents of one kind."""
+    """The kernel that chooses the actions of all agents of one kind."""
 
     @compiled
     def choose_actions(
@@ -281,36 +281,36 @@ def entry_for(kind: int) -> Any:
         """Fill `columns` of `actions` [games, any] for the agents in `seats`, both [agents] int64.
 
         `counts` is (chasers, evaders, runners, goals); `settings` is (epsilon, alert distance, look
-        radius, stay action). An epsilon of NaN in the game means that of the settings. Captured
-        evaders choose as if they were free: it takes less time than to check.
+        radius, stay action), and its epsilon applies where that of the game is NaN. Captured
+        evaders choose actions as well, which is faster than a check.
 
-        Whom they seek is listed once a game. A few are looked up one by one; where agents are many,
-        one search spreads from all who are sought, so that agents and cells add up.
+        Targets are listed once per game. A few distances are looked up. For many agents and targets
+        one search from all targets is faster: its time grows with agents plus cells.
         """
         default, alert, _, stay_action = settings
         games = Games(position, active, event, goal, steps, maze_of)
         teams = Teams(counts[0], counts[1], counts[2], counts[3])
         world = world_of(mazes, neighbors, facts, tables)
-        field, owner, sought = field_of(scratch), scratch[FIELD_OWNER], scratch[SOUGHT]
+        field, owner, targets = field_of(scratch), scratch[FIELD_OWNER], scratch[TARGETS]
         for game in range(actions.shape[0]):
             maze, row = np.int64(games.maze[np.uint64(game)]), np.uint64(game)
             head = tail = 0
-            count = list_sought(kind, games, row, teams, sought)
+            count = list_targets(kind, games, row, teams, targets)
             by_table = use_table(world, maze, count * seats.shape[0])
             if not by_table and kind != RANDOM:
-                tail = begin_field(field, owner, sought, count)
+                tail = begin_field(field, owner, targets, count)
                 if kind == EVADER:
                     head, tail = spread_field(world, maze, field, owner, -1, alert - 1, head, tail)
             for i in range(seats.shape[0]):
                 seat = np.uint64(seats[np.uint64(i)])
                 own, mask = np.int64(games.position[row, seat]), np.int64(0)
                 if by_table and kind == EVADER:
-                    mask = away_from_nearest(world, maze, own, sought, count, greedy)
+                    mask = away_from_nearest(world, maze, own, targets, count, greedy)
                 elif by_table:
-                    mask = towards_nearest(world, maze, own, sought, count, greedy)
+                    mask = towards_nearest(world, maze, own, targets, count, greedy)
                 elif kind == EVADER:
                     if 0 <= field.distance[own] < alert:
-                        threat = np.int64(sought[owner[own]])
+                        threat = np.int64(targets[owner[own]])
                         mask = moves_away(world, maze, own, threat, greedy, scratch, settings)
                 elif kind != RANDOM:
                     head, tail = spread_field(world, maze, field, owner, own, FAR, head, tail)
@@ -324,4 +324,4 @@ def entry_for(kind: int) -> Any:
 
 
 ENTRIES = {kind: entry_for(kind) for kind in (CHASER, EVADER, RUNNER, RANDOM)}
-"""What fills actions, by the kind, each compiled when first used."""
+"""The kernels by kind, each compiled at its first call."""

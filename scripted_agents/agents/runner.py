@@ -1,4 +1,4 @@
-"""Runners: to the nearest goal, or along the shortest tour through all of them."""
+"""Runners that go to the nearest goal, or along a shortest tour through all goals."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from scripted_agents.tours.tour import MAX_EXACT_GOALS
 
 
 class Plans(NamedTuple):
-    """What a `TourRunner` remembers of each game, int32.
+    """The cache of a `TourRunner` for each game, int32.
 
     Attributes:
         next_goal: [games] the cell of the next goal; -1 for none.
-        maze, own: [games] the maze and the own cell that it was last asked for.
-        goals: [games, goals] what was left then.
+        maze, own: [games] the maze and the own cell in the last call.
+        goals: [games, goals] the remaining goals in the last call.
     """
 
     next_goal: NDArray[np.int32]
@@ -34,7 +34,7 @@ class Plans(NamedTuple):
 
     @classmethod
     def empty(cls, num_games: int, num_goals: int) -> Plans:
-        """Plans that hold for nothing."""
+        """A cache that matches no state."""
         never = np.full(num_games, -2, dtype=np.int32)
         goals = np.full((num_games, num_goals), -2, dtype=np.int32)
         return cls(never, never.copy(), never.copy(), goals)
@@ -43,18 +43,18 @@ class Plans(NamedTuple):
 class NearestGoalRunner(Scripted):
     """With probability epsilon a random move, else a first step towards the nearest goal.
 
-    Goals that are equally near, and paths that are equally short, are drawn uniformly. An evader
-    that collects goals can be played by it as well; it ignores chasers.
+    Ties between goals and between paths are broken uniformly. It also plays evaders that collect
+    goals, and ignores chasers then.
     """
 
     kind, role = kernels.RUNNER, "runner"
 
 
 class TourRunner(Scripted):
-    """Optimal where it is alone: follows a shortest tour through all goals that are left.
+    """Follows a shortest tour through all remaining goals: optimal if it is the only agent.
 
-    For up to `scripted_agents.tours.tour.MAX_EXACT_GOALS` goals. It keeps the plans of the games
-    that it last saw, for speed only: what it does depends on the state alone.
+    For up to `scripted_agents.tours.tour.MAX_EXACT_GOALS` goals. Plans of the last games are cached
+    for speed; actions depend only on the state.
     """
 
     kind, role = kernels.RUNNER, "runner"
@@ -65,7 +65,7 @@ class TourRunner(Scripted):
         self._kept_for: object = None
 
     def act(self, view: GameView) -> NDArray[np.int32]:
-        """[num_games] int32, an action for every game; random numbers from the seat's stream.
+        """[num_games] int32, an action for every game; random numbers from the agent's stream.
 
         Raises:
             ValueError: more than MAX_EXACT_GOALS goals.
@@ -73,22 +73,22 @@ class TourRunner(Scripted):
         goals = view.task.num_goals
         if goals > MAX_EXACT_GOALS:
             raise ValueError(
-                f"{self!r}: {goals} goals; shortest tours are known of up to {MAX_EXACT_GOALS}"
+                f"{self!r}: {goals} goals; shortest tours are computed for up to {MAX_EXACT_GOALS}"
             )
         if goals == 0:
             return super().act(view)
         if self._kept_for is not view.mazes or self._kept.goals.shape != view.goals.shape:
             self._kept_for, self._kept = view.mazes, Plans.empty(view.num_games, goals)
         if (view.mazes.world.table >= 0).all():
-            room = (
+            scratch = (
                 np.empty((1 << goals, goals), dtype=np.int32),
                 np.empty((1 + goals, 1 + goals), dtype=np.int32),
                 np.empty(1 + goals, dtype=np.int64),
             )
-            plan_next_goals(view.games, view.seat, view.mazes, self._kept, room)
+            plan_next_goals(view.games, view.seat, view.mazes, self._kept, scratch)
         else:
             self._plan_one_by_one(view)
-        # The kernel of the nearest goal sees one goal only: the next of the tour.
+        # The kernel of the nearest goal gets only one goal, the next of the tour.
         left = np.full_like(view.goals, -1)
         left[:, 0] = self._kept.next_goal
         return super().act(replace(view, games=view.games._replace(goal=left)))
@@ -97,35 +97,35 @@ class TourRunner(Scripted):
         """As `NearestGoalRunner.moves`, in games of one goal.
 
         Raises:
-            ValueError: several goals: among equally short tours it takes the one with the goal
-                has the smallest number, so that what it plays is no function of where goals are.
+            ValueError: several goals. Ties between tours are broken by the indices of goals, so
+                actions are no function of the cells of goals.
         """
         if task.num_goals > 1:
             raise ValueError(
-                f"{self!r} in task {task.name!r}: with {task.num_goals} goals what it plays "
-                "depends on their numbers, and it has no distribution; take NearestGoalRunner"
+                f"{self!r} in task {task.name!r}: with {task.num_goals} goals its actions depend "
+                "on the indices of goals, so it has no distribution; use NearestGoalRunner"
             )
         return super().moves(task, games, seat)
 
     def _plan_one_by_one(self, view: GameView) -> None:
-        """The same where mazes have no distance table."""
+        """As `plan_next_goals`, for mazes without a distance table."""
         kept = self._kept
         for game, (own, maze) in enumerate(
             zip(view.positions[:, view.seat].tolist(), view.maze_index.tolist(), strict=True)
         ):
-            place, goals, aim = view.task.mazes[maze], view.goals[game], int(kept.next_goal[game])
-            holds = kept.maze[game] == maze and aim >= 0 and np.array_equal(kept.goals[game], goals)
-            if holds and own != kept.own[game]:
-                away, before = place.distances_from(aim), kept.own[game]
-                holds = own in place.neighbors[before] and away[own] < away[before]
-            if not holds:
-                kept.next_goal[game] = _next_goal(place, own, goals[goals >= 0].tolist())
+            here, goals, aim = view.task.mazes[maze], view.goals[game], int(kept.next_goal[game])
+            valid = kept.maze[game] == maze and aim >= 0 and np.array_equal(kept.goals[game], goals)
+            if valid and own != kept.own[game]:
+                away, before = here.distances_from(aim), kept.own[game]
+                valid = own in here.neighbors[before] and away[own] < away[before]
+            if not valid:
+                kept.next_goal[game] = _next_goal(here, own, goals[goals >= 0].tolist())
                 kept.goals[game] = goals
             kept.maze[game], kept.own[game] = maze, own
 
 
 def _next_goal(maze: Maze, own: int, goals: list[int]) -> int:
-    """The goal that a shortest tour visits first, of several the first in `goals`; -1 for none."""
+    """The goal that a shortest tour visits first, ties by the order in `goals`; -1 for none."""
     if not goals:
         return -1
     cells = np.array([own, *goals])

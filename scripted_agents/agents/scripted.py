@@ -1,6 +1,6 @@
-"""The scripted agents that see everything, from settings to actions and tables.
+"""The scripted agents with a full view: their base class, random, A* chaser and A* evader.
 
-`Scripted` is their common ground; runners are in `runner`.
+Runners are in `runner`.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from scripted_agents.agents import kernels, known_kernels
 class Scripted:
     """An epsilon-greedy agent: with probability `epsilon` a uniformly random move.
 
-    A random move is one that changes the cell. Greedy moves that are equally good are drawn
-    uniformly. An agent keeps no state of the games, so one may fill many seats and batches.
+    A random move is one that changes the cell. Ties between greedy moves are broken uniformly. An
+    agent has no state of games, so one object can be used for several agents and batches.
 
     Args:
-        epsilon: share of random moves in [0, 1]; the simulator's own epsilon of a game goes first.
+        epsilon: share of random moves in [0, 1]; an epsilon set in the simulator has priority.
 
     Raises:
         ValueError: epsilon outside [0, 1].
@@ -46,12 +46,12 @@ class Scripted:
         return f"{type(self).__name__}(epsilon={self.epsilon:g})"
 
     def __init_subclass__(cls) -> None:
-        own_way = cls.act is not Scripted.act  # defined by this or another class
-        if own_way and cls.act_together is Scripted.act_together:
-            cls.act_together = None  # type: ignore[assignment]  # it would not use that `act`
+        overridden = cls.act is not Scripted.act
+        if overridden and cls.act_together is Scripted.act_together:
+            cls.act_together = None  # type: ignore[assignment]  # it would not call the new `act`
 
     def act(self, view: GameView) -> NDArray[np.int32]:
-        """[num_games] int32, an action for every game; random numbers from the seat's stream."""
+        """[num_games] int32, an action for every game; random numbers from the agent's stream."""
         actions = np.empty((view.num_games, 1), dtype=np.int32)
         self._fill(view, (view.seat,), (0,), actions)
         return actions[:, 0]
@@ -59,9 +59,9 @@ class Scripted:
     def act_together(
         self, view: GameView, seats: tuple[int, ...], actions: NDArray[np.int32]
     ) -> None:
-        """Write into `actions` [num_games, num_agents] what `act` would do in each of `seats`.
+        """Write the actions of several agents, by index, into `actions` [num_games, num_agents].
 
-        In one pass over the games, in which targets are looked up once for all agents.
+        The same actions as by `act`, in one pass over the games.
         """
         self._fill(view, tuple(seats), tuple(seats), actions)
 
@@ -72,14 +72,16 @@ class Scripted:
         columns: tuple[int, ...],
         actions: NDArray[np.int32],
     ) -> None:
-        """Write into these columns of `actions` what the agents in `seats` do."""
+        """Write the actions of the agents `seats` into these columns of `actions`."""
         task = view.task
         room = max(task.max_cells, task.num_agents, task.num_goals)
         if room > self._scratch.shape[1]:
             self._scratch = _scratch_for(room)
         entry = kernels.ENTRIES[self.kind]
         if is_known_team(self.kind, view, seats):
-            entry = known_kernels.team_entry_for(self.kind, len(seats), num_sought(self.kind, task))
+            entry = known_kernels.team_entry_for(
+                self.kind, len(seats), num_targets(self.kind, task)
+            )
         entry(
             *view.games,
             view.streams,
@@ -95,7 +97,7 @@ class Scripted:
         )
 
     def action_probabilities(self, maze: Maze, stay_action: bool = False) -> NDArray[np.float64]:
-        """[self cell, other cell, action] float64: the exact distribution in a game of one to one.
+        """[self cell, other cell, action] float64: the exact distribution with one target.
 
         Raises:
             ValueError: the maze has too many cells for a table.
@@ -103,7 +105,7 @@ class Scripted:
         maze, stay_action = load_maze(maze), check_bool("stay_action", stay_action)
         if maze.num_cells > MAX_TABLE_CELLS:
             raise ValueError(
-                f"{maze.name}: {maze.num_cells} cells; tables are made up to {MAX_TABLE_CELLS}"
+                f"{maze.name}: {maze.num_cells} cells; tables have at most {MAX_TABLE_CELLS}"
             )
         arrays = lay_out((maze,))
         greedy = self._greedy_table(arrays, stay_action)
@@ -113,21 +115,21 @@ class Scripted:
         return rows[number_of_moves(np.stack([greedy.reshape(pairs), every], axis=-1))]
 
     def moves(self, task: Task, games: Games, seat: int) -> NDArray[np.uint8]:
-        """[games, 2] uint8, bit masks over the actions in `seat` of any games of a task: the greedy
-        moves, and all that change the cell.
+        """[games, 2] uint8, bit masks over the actions of the agent `seat` in games of a task: the
+        greedy moves, and all moves that change the cell.
 
         Raises:
-            ValueError: another role's seat, or a maze that has too many cells for a table.
+            ValueError: an agent of another role, or a maze with too many cells for a table.
         """
         if task.max_cells > MAX_TABLE_CELLS:
             raise ValueError(
-                f"a maze of {task.max_cells} cells; moves are known up to {MAX_TABLE_CELLS}"
+                f"a maze of {task.max_cells} cells; moves are computed for up to {MAX_TABLE_CELLS}"
             )
         role = task.seat_roles[seat]
         own = getattr(self, "role", role)
         if own != role and not (own == "runner" and role == "evader" and task.num_goals):
             raise ValueError(
-                f"{self!r} is a {own}; this seat is another's: {task.agent_names[seat]}"
+                f"{self!r} is a {own}, and the agent is {task.agent_names[seat]}; use it for {own}s"
             )
         mazes = lay_out(task.mazes)
         moves = np.zeros((len(games.steps), 2), dtype=np.uint8)
@@ -154,24 +156,24 @@ class Scripted:
         return rows[number_of_moves(self.moves(task, games, seat))]
 
     def _settings(self, stay_action: bool) -> tuple[float, int, int, bool]:
-        """As the kernels take them."""
+        """The settings as arguments of kernels."""
         return self.epsilon, self.alert_distance, self.look_radius, stay_action
 
     def _greedy_table(self, mazes: MazeArrays, stay_action: bool) -> NDArray[np.uint8]:
-        """The greedy moves at every [own, other], laid out as the distance tables, as bit masks."""
+        """The bit masks of greedy moves at [own, other], in the layout of the distance tables."""
         tables = mazes.tables
         key = (id(tables), stay_action)
         if key not in self._greedy or self._greedy[key][0] is not tables:
             greedy = greedy_moves(self.kind, mazes, self._settings(stay_action))
-            # Holding on to `tables` keeps its id from being given to another array; only a copied
-            # agent holds ids of arrays that it does not have.
+            # The reference to `tables` prevents reuse of its id; only in a copied agent ids may
+            # belong to other arrays.
             self._greedy[key] = (tables, greedy)
         return self._greedy[key][1]
 
 
 def draw_actions(view: GameView, masks: NDArray[np.uint8], epsilon: float) -> NDArray[np.int32]:
-    """[num_games] int32: one of the moves in `masks` [num_games], of every move where it is 0, and
-    with probability `epsilon` (the game's own goes first) of every move; from the seat's stream."""
+    """[num_games] int32: draws from `masks` [num_games], or from all moves if a mask is 0 and with
+    probability `epsilon` (that of the game has priority); from the random stream of the agent."""
     actions = np.empty(view.num_games, dtype=np.int32)
     kernels.draw_moves(
         view.games,
@@ -186,8 +188,8 @@ def draw_actions(view: GameView, masks: NDArray[np.uint8], epsilon: float) -> ND
     return actions
 
 
-def num_sought(kind: int, task: Task) -> int:
-    """How many agents or goals an agent of a kind heads for, or keeps away from."""
+def num_targets(kind: int, task: Task) -> int:
+    """The number of targets of an agent of a kind: agents or goals that it approaches or avoids."""
     counts = {
         kernels.CHASER: task.num_evaders,
         kernels.EVADER: task.num_chasers,
@@ -197,15 +199,15 @@ def num_sought(kind: int, task: Task) -> int:
 
 
 def is_known_team(kind: int, view: GameView, seats: tuple[int, ...]) -> bool:
-    """Whether agents of a kind are decided for by a kernel for exactly so many of them.
+    """Whether these agents use a kernel that is compiled for their number.
 
-    Those in neighbouring seats are, few against few, where all mazes have tables. One against one
-    is not: the kernel for any number is as quick there.
+    That is for few agents with consecutive indices and few targets, if all mazes have tables. For
+    one agent with one target the general kernel is as fast.
     """
-    first, sought = seats[0], num_sought(kind, view.task)
-    if len(seats) * sought <= 1 or seats != tuple(range(first, first + len(seats))):
+    first, targets = seats[0], num_targets(kind, view.task)
+    if len(seats) * targets <= 1 or seats != tuple(range(first, first + len(seats))):
         return False
-    if max(len(seats), sought) > known_kernels.MOST_KNOWN or not all_have_tables(view.mazes):
+    if max(len(seats), targets) > known_kernels.MOST_KNOWN or not all_have_tables(view.mazes):
         return False
     in_rows = layout.named(
         known_kernels.in_rows, view.games.position, view.games.active, view.epsilon
@@ -214,23 +216,23 @@ def is_known_team(kind: int, view: GameView, seats: tuple[int, ...]) -> bool:
 
 
 def all_have_tables(mazes: MazeArrays) -> bool:
-    """Whether no maze is too large for a table of distances."""
+    """Whether all mazes have a table of distances."""
     return bool(mazes.mazes[layout.TABLE].min() >= 0)
 
 
 NUM_MOVES = 32 * 16
-"""How many pairs of greedy moves (of 5 actions) and of all moves (4) there are."""
+"""The number of pairs of sets: greedy moves (of 5 actions), and all moves (of 4)."""
 
 
 def number_of_moves(moves: NDArray[np.uint8]) -> NDArray[np.int64]:
-    """[...] int64, a number below NUM_MOVES for each of `Scripted.moves` [..., 2]."""
+    """[...] int64, the number below NUM_MOVES of each pair of `Scripted.moves` [..., 2]."""
     return moves[..., 0].astype(np.int64) * 16 + moves[..., 1]
 
 
 def rows_of_moves(epsilon: float, num_actions: int) -> NDArray[np.float64]:
-    """[NUM_MOVES, actions] float64: the action distribution for each set of moves."""
+    """[NUM_MOVES, actions] float64: the action distribution of each pair of sets of moves."""
     greedy, every = np.divmod(np.arange(NUM_MOVES), 16)
-    # An enclosed cell has no move: its agent stays, or moves into the north wall.
+    # In an enclosed cell the agent stays, or moves into the north wall.
     nowhere = np.eye(num_actions)[4 if num_actions == 5 else 0]
     rows = np.zeros((NUM_MOVES, num_actions))
     for weight, sets in ((1.0 - epsilon, greedy), (epsilon, every)):
@@ -243,14 +245,14 @@ def rows_of_moves(epsilon: float, num_actions: int) -> NDArray[np.float64]:
 def greedy_moves(
     kind: int, mazes: MazeArrays, settings: tuple[float, int, int, bool]
 ) -> NDArray[np.uint8]:
-    """The greedy moves at every [own, other], laid out as the distance tables, as bit masks.
+    """The bit masks of greedy moves at [own, other], in the layout of the distance tables.
 
-    All moves where any will do; 0 where a cell has none.
+    All moves if none is preferred; 0 for cells without moves.
 
     Args:
-        kind: of agent, as `kernels` numbers them.
+        kind: CHASER, EVADER, RUNNER or RANDOM of `kernels`.
         mazes: the arrays of the mazes.
-        settings: epsilon (not looked at), alert distance, look radius, stay action.
+        settings: epsilon (ignored), alert distance, look radius, stay action.
     """
     greedy = np.zeros(len(mazes.tables), dtype=np.uint8)
     if kind != kernels.RANDOM:
@@ -264,7 +266,7 @@ def _scratch_for(room: int) -> NDArray[np.int32]:
 
 @lru_cache(maxsize=256)
 def _numbers(seats: tuple[int, ...]) -> NDArray[np.int64]:
-    """Seats as kernels take them."""
+    """Agent indices as an argument of kernels."""
     return np.array(seats, dtype=np.int64)
 
 
@@ -278,9 +280,9 @@ class RandomAgent(Scripted):
 class AStarChaser(Scripted):
     """With probability epsilon a random move, else a first step of a shortest path.
 
-    The path leads to the nearest active evader, by path distance; first steps to evaders that are
-    equally near, and of paths that are equally short, are drawn uniformly. Not optimal: against an
-    evader that flees, cutting off its way catches it sooner (see `best_response`).
+    The path leads to the nearest active evader by path distance. Ties between evaders and between
+    paths are broken uniformly over first steps. It is not optimal: intercepting a fleeing evader is
+    faster (see `best_response`).
     """
 
     kind, role = kernels.CHASER, "chaser"
@@ -289,16 +291,16 @@ class AStarChaser(Scripted):
 class AStarEvader(Scripted):
     """Flees to the cell within `look_radius` that is farthest from the nearest chaser.
 
-    It is alerted when the nearest chaser is nearer than `alert_distance` (path distance); then it
-    draws uniformly among the first steps of all shortest paths to all such cells: among steps, not
-    among cells. When no cell within reach is farther than its own it stays, if the task has that
-    action, and else makes a random move. Not alerted, and with probability epsilon, it makes a
-    random move: uniformly one of those that change the cell, never "stay".
+    It is alerted if the nearest chaser is nearer than `alert_distance` (path distance). Then its
+    move is uniform over the first steps of all shortest paths to all such cells. If no cell within
+    reach is farther than its own cell it stays, or makes a random move if the task has no stay
+    action. Otherwise, and with probability epsilon, it makes a random move, which is uniform over
+    the moves that change the cell, never "stay".
 
     Args:
         epsilon: share of random moves in [0, 1].
         alert_distance: path distance below which a chaser is a threat.
-        look_radius: path distance of the farthest cell that it considers.
+        look_radius: path distance of the farthest cells that it considers.
 
     Raises:
         ValueError: a value out of range.

@@ -1,7 +1,7 @@
-"""Compiled decisions of agents of limited sight: what they remember, and where they go by it.
+"""Compiled decisions of agents with a limited view: updates of their memory, and their moves.
 
-Tables over pairs of cells have the layout of the distance tables: `sight` [own, other],
-whether the other cell is in view; `towards` and `away`, the moves of an A* agent as bit masks.
+Tables over pairs of cells have the layout of the distance tables: `visible` [own, other] is whether
+the other cell is in view; `towards` and `away` are the moves of an A* agent as bit masks.
 """
 
 from __future__ import annotations
@@ -27,15 +27,14 @@ from pursuit.rules.layout import (
 FAR = 2**30
 
 
-class Remembered(NamedTuple):
-    """What is remembered of every game, int32; -1 for nothing.
+class SearchMemory(NamedTuple):
+    """The memory of every game, int32; -1 for nothing.
 
     Attributes:
-        seen_at: [games, cells], the step in which a cell was in view last.
-        known: [games, goals], the cell of a goal that was in view and not found gone since.
-        aim: [games], the cell where the nearest opponent was in view last, until it is looked for
-            in vain.
-        aim_at: [games], the step in which it was.
+        seen_at: [games, cells], the last step in which a cell was in view.
+        known: [games, goals], the cell of a goal that was seen and not yet found to be collected.
+        aim: [games], the last visible cell of the nearest opponent; -1 once it is known to be left.
+        aim_at: [games], the step in which the opponent was seen there.
     """
 
     seen_at: Any
@@ -45,19 +44,19 @@ class Remembered(NamedTuple):
 
 
 @inlined
-def look_around(world: World, maze: int, own: int, step: int, sight: Any, seen_at: Any) -> None:
-    """Remember which cells are in view in this step."""
+def mark_visible(world: World, maze: int, own: int, step: int, visible: Any, seen_at: Any) -> None:
+    """Store the step for all cells in view."""
     first = pair_index(world, maze, own, 0)
     for cell in range(world.num_cells[maze]):
-        seen_at[cell] = step if sight[first + cell] else seen_at[cell]
+        seen_at[cell] = step if visible[first + cell] else seen_at[cell]
 
 
 @inlined
 def moves_to_longest_unseen(world: World, maze: int, own: int, towards: Any, seen_at: Any) -> int:
-    """First steps to the nearest of the cells in reach that were out of view for longest, or 0.
+    """First steps to the nearest of the reachable cells that were out of view for longest, or 0.
 
-    Cells of one age stay of one age until they are seen, and every step comes closer to one of
-    them: so all are seen in the end, and nothing need be remembered of where one was going.
+    Cells of equal age keep equal ages until they are seen, and every step approaches one of them.
+    So all cells are seen eventually, without a stored destination.
     """
     mask, oldest, nearest, first = 0, FAR, FAR, pair_index(world, maze, own, 0)
     for cell in range(world.num_cells[maze]):
@@ -75,18 +74,18 @@ def moves_to_longest_unseen(world: World, maze: int, own: int, towards: Any, see
 
 @inlined
 def pursue(
-    games: Games, game: int, teams: Teams, world: World, own: int, sight: Any, towards: Any,
-    kept: Remembered, row: int, remembered: int,
+    games: Games, game: int, teams: Teams, world: World, own: int, visible: Any, towards: Any,
+    kept: SearchMemory, row: int, remembered: int,
 ) -> int:  # fmt: skip
-    """The moves of a chaser: to evaders in view, where one was last (if that is remembered), or in
-    a sweep."""
+    """The moves of a chaser: to evaders in view, to where one was last seen (with `remembered`), or
+    in a sweep."""
     maze = np.int64(games.maze[game])
-    look_around(world, maze, own, games.steps[game], sight, kept.seen_at[row])
+    mark_visible(world, maze, own, games.steps[game], visible, kept.seen_at[row])
     mask, nearest, found = 0, np.int64(FAR), np.int64(-1)
     for evader in evaders_of(teams):
         cell = np.int64(games.position[game, evader])
         pair = pair_index(world, maze, own, cell)
-        if not games.active[game, evader] or not sight[pair]:
+        if not games.active[game, evader] or not visible[pair]:
             continue
         distance = np.int64(world.tables[pair])
         if distance < nearest:
@@ -105,19 +104,19 @@ def pursue(
 
 @inlined
 def collect(
-    games: Games, game: int, teams: Teams, world: World, own: int, sight: Any, towards: Any,
-    kept: Remembered, row: int,
+    games: Games, game: int, teams: Teams, world: World, own: int, visible: Any, towards: Any,
+    kept: SearchMemory, row: int,
 ) -> int:  # fmt: skip
-    """The moves of a runner: to the nearest goal that it knows of, else a sweep."""
+    """The moves of a runner: to the nearest known goal, else in a sweep."""
     maze = np.int64(games.maze[game])
-    look_around(world, maze, own, games.steps[game], sight, kept.seen_at[row])
+    mark_visible(world, maze, own, games.steps[game], visible, kept.seen_at[row])
     mask, nearest = 0, np.int64(FAR)
     for number in goals_of(teams):
         here = np.int64(games.goal[game, number])
         was = np.int64(kept.known[row, number])
-        if here >= 0 and sight[pair_index(world, maze, own, here)]:
+        if here >= 0 and visible[pair_index(world, maze, own, here)]:
             kept.known[row, number] = here
-        elif was >= 0 and sight[pair_index(world, maze, own, was)]:
+        elif was >= 0 and visible[pair_index(world, maze, own, was)]:
             kept.known[row, number] = -1
         cell = np.int64(kept.known[row, number])
         if cell < 0:
@@ -135,33 +134,33 @@ def collect(
 
 @inlined
 def flee(
-    games: Games, game: int, teams: Teams, world: World, own: int, sight: Any, away: Any,
-    kept: Remembered, row: int, remembered: int,
+    games: Games, game: int, teams: Teams, world: World, own: int, visible: Any, away: Any,
+    kept: SearchMemory, row: int, remembered: int,
 ) -> int:  # fmt: skip
-    """The moves of an evader: away from the nearest chaser in view, or last in view."""
+    """The moves of an evader: away from the nearest chaser in view, or from where one was seen."""
     maze, step, nearest = np.int64(games.maze[game]), games.steps[game], np.int64(FAR)
     for chaser in chasers_of(teams):
         pair = pair_index(world, maze, own, np.int64(games.position[game, chaser]))
-        if sight[pair] and np.int64(world.tables[pair]) < nearest:
+        if visible[pair] and np.int64(world.tables[pair]) < nearest:
             nearest = np.int64(world.tables[pair])
             kept.aim[row], kept.aim_at[row] = games.position[game, chaser], step
     if kept.aim[row] < 0:
         return 0
     threat = pair_index(world, maze, own, np.int64(kept.aim[row]))
-    if kept.aim_at[row] != step and (sight[threat] or step - kept.aim_at[row] > remembered):
+    if kept.aim_at[row] != step and (visible[threat] or step - kept.aim_at[row] > remembered):
         kept.aim[row] = -1
         return 0
     return np.int64(away[threat])
 
 
 @compiled
-def list_moves_by_sight(
+def list_moves_in_view(
     role: int,
     games: Games,
     seat: int,
     counts: Any,
     mazes: Any,
-    sight: Any,
+    visible: Any,
     moves: Any,
     rows: Any,
     seen_at: Any,
@@ -171,21 +170,22 @@ def list_moves_by_sight(
     remembered: int,
     masks: Any,
 ) -> None:
-    """Fill `masks` [games] with the moves of an agent of this role, 0 where any will do.
+    """Fill `masks` [games] with the moves of an agent of this role; 0 for any move.
 
-    `moves` are towards or, of an evader, away; `seen_at` to `aim_at` are `Remembered` of all games,
-    and `rows` [games] which of them these are. `remembered` is for how many steps an evader keeps
-    out of the way of a chaser out of view, and whether a chaser goes where it saw an evader.
+    `moves` are `towards`, or `away` for an evader. `seen_at` to `aim_at` are the fields of
+    `SearchMemory` of all games, and `rows` [games] the rows of these games in it. `remembered` is
+    the number of steps for which an evader avoids a chaser that is out of view; for a chaser, 1 to
+    go to where an evader was last seen, else 0.
     """
     teams = Teams(counts[0], counts[1], counts[2], counts[3])
     world = world_of(*mazes)
-    kept = Remembered(seen_at, known, aim, aim_at)
+    kept = SearchMemory(seen_at, known, aim, aim_at)
     for game in range(masks.shape[0]):
         row, own = rows[game], np.int64(games.position[game, seat])
         if role == CHASER:
-            mask = pursue(games, game, teams, world, own, sight, moves, kept, row, remembered)
+            mask = pursue(games, game, teams, world, own, visible, moves, kept, row, remembered)
         elif role == EVADER:
-            mask = flee(games, game, teams, world, own, sight, moves, kept, row, remembered)
+            mask = flee(games, game, teams, world, own, visible, moves, kept, row, remembered)
         else:
-            mask = collect(games, game, teams, world, own, sight, moves, kept, row)
+            mask = collect(games, game, teams, world, own, visible, moves, kept, row)
         masks[game] = mask

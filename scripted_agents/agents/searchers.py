@@ -1,7 +1,6 @@
-"""Agents of limited sight: they act on what is in view, and on what they remember of it.
+"""Scripted agents with a limited view, which act on visible agents and goals and on a memory.
 
-They know the walls of the maze. With everything in view they play as the A* agents do, action for
-action.
+They know the walls of the maze. With a full view their actions are those of the A* agents.
 """
 
 from __future__ import annotations
@@ -20,13 +19,13 @@ from scripted_agents.agents.view_tables import ViewTables
 
 
 class LimitedAgent:
-    """The common ground of agents that see a part of the games only, and remember.
+    """The base class of agents with a limited view and a memory.
 
     Args:
-        epsilon: share of random moves in [0, 1]; the simulator's own epsilon of a game goes first.
-        view_radius: path steps that it sees; what the task lets its seat see where left out.
-        line_of_sight: whether it sees along rows and columns only, until a wall; with a radius as
-            well both must hold.
+        epsilon: share of random moves in [0, 1]; an epsilon set in the simulator has priority.
+        view_radius: path distance up to which cells are visible; by default the limits of the task.
+        line_of_sight: whether cells are visible only along rows and columns, up to the next wall;
+            applies in addition to a radius.
 
     Raises:
         ValueError: a setting outside these limits.
@@ -41,7 +40,7 @@ class LimitedAgent:
     ) -> None:
         self.epsilon = check_probability("epsilon", epsilon)
         self.view_tables = ViewTables(view_radius, line_of_sight)
-        self.memory = Memory(_remembered)
+        self.memory = Memory(_empty_memory)
         self._moves = Memory(self._moves_of)
 
     def __repr__(self) -> str:
@@ -49,20 +48,20 @@ class LimitedAgent:
         return f"{type(self).__name__}({', '.join(filter(None, settings))})"
 
     def begin(self, view: GameView, games: NDArray[np.intp]) -> None:
-        """Forget all of these games of `view` (numbers [n] in it): their episodes begin now."""
+        """Clear the memory of `games` [n] (indices in `view`), in which new episodes start."""
         for array in self.memory.of(view).values():
             array[view.rows[games]] = -1
 
     def act(self, view: GameView) -> NDArray[np.int32]:
-        """[num_games] int32, an action for every game; random numbers from the seat's stream.
+        """[num_games] int32, an action for every game; random numbers from the agent's stream.
 
         Raises:
-            ValueError: another role's seat, or a maze too large for tables of pairs of cells.
+            ValueError: an agent of another role, or a maze too large for tables of pairs of cells.
         """
         check_plays(self, view.task, view.seat)
         masks = np.zeros(view.num_games, dtype=np.uint8)
-        kept = search_kernels.Remembered(**self.memory.of(view))
-        search_kernels.list_moves_by_sight(
+        kept = search_kernels.SearchMemory(**self.memory.of(view))
+        search_kernels.list_moves_in_view(
             ROLES.index(self.role),
             view.games,
             view.seat,
@@ -78,7 +77,7 @@ class LimitedAgent:
         return draw_actions(view, masks, self.epsilon)
 
     def _moves_of(self, view: GameView) -> dict[str, NDArray[Any]]:
-        """The moves towards (of an evader away from) each cell."""
+        """The moves towards each cell, or away from it for an evader."""
         kind = kernels.EVADER if self.role == "evader" else kernels.CHASER
         settings = (0.0, self.alert_distance, self.look_radius, view.task.stay_action)
         return {"moves": greedy_moves(kind, view.mazes, settings)}
@@ -87,24 +86,24 @@ class LimitedAgent:
 class SearchingChaser(LimitedAgent):
     """Chases visible evaders, else goes to where it last saw one, else sweeps the maze.
 
-    In view it heads for the nearest evader, as `AStarChaser`; out of view for the cell in which one
-    was in view last. From there it sweeps: to the nearest of the cells that have been out of view
-    for longest, those never seen first. Ties are drawn uniformly.
+    It goes to the nearest visible evader, as `AStarChaser`, else to the cell in which one was last
+    visible. From there it sweeps: it goes to the nearest of the cells that have been out of view
+    for longest, or were never seen. Ties are broken uniformly.
     """
 
     role, remembered = "chaser", True
 
 
 class SweepingChaser(SearchingChaser):
-    """Chases visible evaders, else sweeps the maze; it does not remember evaders out of view."""
+    """Chases visible evaders, else sweeps the maze, without a memory of evaders."""
 
     remembered = False
 
 
 class SearchingRunner(LimitedAgent):
-    """Collects the nearest goal of those it has seen, and sweeps while it knows of none.
+    """Goes to the nearest goal that it has seen, and sweeps the maze if there is none.
 
-    A goal that another has taken is forgotten when its cell is in view.
+    A goal collected by another agent is dropped when its cell is visible.
     """
 
     role = "runner"
@@ -113,16 +112,16 @@ class SearchingRunner(LimitedAgent):
 class WaryEvader(LimitedAgent):
     """Flees from the nearest chaser in view, as `AStarEvader` does, or from where it was last seen.
 
-    A chaser out of view is forgotten after `remembered` steps, and when that cell is in view and
-    nobody is there. Without one it moves uniformly.
+    That cell is dropped after `remembered` steps, and when it is visible without a chaser. Without
+    a chaser or such a cell the evader moves uniformly.
 
     Args:
-        epsilon: share of random moves in [0, 1]; the simulator's own epsilon of a game goes first.
-        view_radius: path steps that it sees; what the task lets its seat see where left out.
-        line_of_sight: whether it sees along rows and columns only, until a wall.
+        epsilon: share of random moves in [0, 1]; an epsilon set in the simulator has priority.
+        view_radius: path distance up to which cells are visible; by default the limits of the task.
+        line_of_sight: whether cells are visible only along rows and columns, up to the next wall.
         alert_distance: path distance below which a chaser is a threat.
-        look_radius: path distance of the farthest cell that it considers.
-        remembered: steps for which it flees from a chaser out of view.
+        look_radius: path distance of the farthest cells that it considers.
+        remembered: number of steps for which it flees from a chaser that is out of view.
 
     Raises:
         ValueError: a setting outside these limits.
@@ -145,11 +144,11 @@ class WaryEvader(LimitedAgent):
         self.remembered = whole("remembered", remembered, 0)
 
 
-def _remembered(view: GameView) -> dict[str, NDArray[Any]]:
-    """What all of them may keep of a batch, as `search_kernels.Remembered` names it."""
+def _empty_memory(view: GameView) -> dict[str, NDArray[Any]]:
+    """The fields of `search_kernels.SearchMemory` for a batch, without content."""
     games, task = view.num_games, view.task
     shapes = ((games, task.max_cells), (games, task.num_goals), (games,), (games,))
     return {
         name: np.full(shape, -1, dtype=np.int32)
-        for name, shape in zip(search_kernels.Remembered._fields, shapes, strict=True)
+        for name, shape in zip(search_kernels.SearchMemory._fields, shapes, strict=True)
     }

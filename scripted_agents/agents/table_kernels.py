@@ -1,4 +1,4 @@
-"""Compiled play of policy tables, of one agent and of teams that draw together."""
+"""Compiled sampling of actions from policy tables, for one agent and for teams."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ def sample_table(
 ) -> None:
     """Fill `actions` [games] from a policy table, given as cumulative sums over the actions.
 
-    The other cell is that of the first active opponent. `cumulative` is [all pairs, actions], the
-    pairs of maze m beginning at `table_offsets[m]`.
+    The other cell is that of the first active opponent. `cumulative` is [all pairs, actions]; the
+    pairs of maze m start at `table_offsets[m]`.
     """
     world, stream = world_of(*mazes), stream_of(seat)
     num_actions = cumulative.shape[1]
@@ -58,8 +58,8 @@ def sample_table(
 def draw_together(streams: Any, steps: Any, numbers: Any) -> None:
     """Fill `numbers` [games] with uniform float64 in [0, 1), the same for all calls in a step.
 
-    A function of the state of the stream of teams, which moves on with every episode, and of the
-    step; no stream moves on.
+    They are a function of the step and of the stream of teams, which advances with every episode;
+    the call advances no stream.
     """
     for game in range(numbers.shape[0]):
         word = mix(streams[game, team_stream(streams[game])]) ^ mix(np.uint64(steps[game] + 1))

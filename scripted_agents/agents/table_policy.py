@@ -1,4 +1,4 @@
-"""TablePolicy: a policy given as a table of probabilities over pairs of cells."""
+"""Policies given as a table of action probabilities over pairs of cells."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from scripted_agents.duel.best_response import checked_table
 
 
 class TablePolicy:
-    """Plays the distribution table[own cell, other cell] in games of one against one.
+    """Samples actions from table[own cell, other cell] in games of two agents.
 
-    The other cell is that of the first active agent of another role; in a race, where all have one
-    role, that of the first active other runner. Exact solutions
-    (`best_response(...).policy`) and learned networks, run once on all pairs, are such tables.
+    The other cell is that of the first active agent of another role; in a race that of the first
+    other active runner. Exact solutions (`best_response(...).policy`) are such tables, and so are
+    learned networks evaluated once on all pairs.
 
     Args:
         maze: the maze that the table belongs to.
         table: [cells, cells, actions], probabilities over 4 or 5 actions.
-        epsilon: share of random moves in [0, 1]; the simulator's own epsilon of a game goes first.
+        epsilon: share of random moves in [0, 1]; an epsilon set in the simulator has priority.
 
     Raises:
-        ValueError: a shape that does not fit, negative entries, or rows that do not sum to 1.
+        ValueError: a wrong shape, negative entries, or rows that do not sum to 1.
     """
 
     def __init__(self, maze: Maze, table: ArrayLike, epsilon: float = 0.0) -> None:
@@ -39,7 +39,7 @@ class TablePolicy:
         self._offsets = np.zeros(1, dtype=np.int64)
 
     def act(self, view: GameView) -> NDArray[np.int32]:
-        """[num_games] int32, an action for every game; random numbers from the seat's stream.
+        """[num_games] int32, an action for every game; random numbers from the agent's stream.
 
         Raises:
             ValueError: the games are in another maze, or have another number of actions.
@@ -65,9 +65,9 @@ class TablePolicy:
         actions = 4 + stay_action
         if mazes != (self.maze,) or self.table.shape[2] != actions:
             raise ValueError(
-                f"a table over {self.table.shape[2]} actions for {self.maze.name}, but the games "
-                f"have {actions} actions in {', '.join(maze.name for maze in mazes)}; mazes and "
-                "stay_action must be the same"
+                f"the table has {self.table.shape[2]} actions in {self.maze.name}, and the games "
+                f"have {actions} actions in {', '.join(maze.name for maze in mazes)}; use the same "
+                "maze and stay_action"
             )
 
     def distribution(self, task: Task, games: Games, seat: int) -> NDArray[np.float64]:
@@ -97,10 +97,10 @@ class TablePolicy:
 
 
 def opponents_of(task: Task, seat: int) -> NDArray[np.int64]:
-    """The seats of other roles than that of a seat; all other seats where there is one role.
+    """The indices of agents of other roles; of all other agents if there is only one role.
 
     Raises:
-        ValueError: no other agent, so no other cell.
+        ValueError: there is no other agent.
     """
     role = task.seat_roles[seat]
     others = [other for other, theirs in enumerate(task.seat_roles) if theirs != role]
@@ -108,6 +108,6 @@ def opponents_of(task: Task, seat: int) -> NDArray[np.int64]:
     if not others:
         raise ValueError(
             f"a table [self cell, other cell, action] in task {task.name!r}, with no agent but "
-            f"{task.agent_names[seat]}; give a policy of one cell, such as NearestGoalRunner"
+            f"{task.agent_names[seat]}; use a policy of a single agent, such as NearestGoalRunner"
         )
     return np.array(others, dtype=np.int64)

@@ -14,11 +14,11 @@ from pursuit.validation import check_bool, whole
 
 
 class ViewTables:
-    """Whether a cell is in view from another.
+    """Tables of the cells that are visible from each cell.
 
     Args:
-        view_radius: the path distance up to which it sees, at least 0.
-        line_of_sight: whether it sees only along rows and columns, up to the next wall.
+        view_radius: the path distance up to which cells are visible, at least 0.
+        line_of_sight: whether cells are visible only along rows and columns, up to the next wall.
             Without both, the limits of the task apply.
 
     Raises:
@@ -40,13 +40,13 @@ class ViewTables:
         Raises:
             ValueError: a maze is too large for a table.
         """
-        return self._kept.of(view)["sight"]
+        return self._kept.of(view)["visible"]
 
     def _laid_out(self, view: GameView) -> dict[str, NDArray[Any]]:
         for maze in view.task.mazes:
             check_visible(maze)
         pairs = [self.of(view, number, maze).ravel() for number, maze in enumerate(view.task.mazes)]
-        return {"sight": np.concatenate(pairs).astype(np.uint8)}
+        return {"visible": np.concatenate(pairs).astype(np.uint8)}
 
     def of(self, view: GameView, number: int, maze: Maze) -> NDArray[np.bool_]:
         """[own, other] bool in one of the mazes of a view."""

@@ -1,1 +1,1 @@
-"""The arm: inverse kinematics and the least number of steps."""
+"""Policies of the arm without learning: inverse kinematics and minimum steps."""

@@ -1,4 +1,4 @@
-"""Policies of the arm without learning: random, inverse kinematics, and least steps."""
+"""Policies of the arm without learning: random, inverse kinematics, and minimum steps."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from scripted_agents.arm import kernels as arm_kernels
 from scripted_agents.arm.least_steps import BUDGET, least_steps_of
 
 IK_METHODS = ("transpose", "pseudo-inverse", "damped", "cyclic")
-"""In the order of their numbers in the kernels."""
+"""The methods in the order of their numbers in the kernels."""
 
 DAMPING = 0.3
-"""Of the damped method, in link lengths."""
+"""Default of the damped method, in link lengths."""
 AS_PLANNED = 1e-6
-"""A pose may be off its plan by so many radians."""
+"""Difference in radians of a pose from its plan above which the episode is planned again."""
 
 
 class RandomArm:
-    """Turns every joint by a uniformly random part of a step, or of three choices where discrete.
+    """Uniformly random actions of all joints, in [-1, 1] or from three discrete values.
 
-    Random numbers come from the arms' own streams.
+    Random numbers are from the streams of the arms.
     """
 
     def __repr__(self) -> str:
@@ -38,10 +38,10 @@ class RandomArm:
 
 
 class InverseKinematics:
-    """Turns towards the target as the pose of the moment says, and holds still in reach of it.
+    """Moves towards the target by inverse kinematics, and stops within the tolerance.
 
-    `scripted_agents.arm.kernels` describes the methods and their sources. Where a method finds
-    no way, as when a straight arm points at the target, the arm is bent for a step.
+    `scripted_agents.arm.kernels` describes the methods and cites their sources. In a singular pose,
+    such as a straight arm that points at the target, the arm is bent for one step.
 
     Args:
         method: "transpose" or "pseudo-inverse" of the Jacobian, "damped" least squares, or
@@ -56,7 +56,9 @@ class InverseKinematics:
         self.method = one_of("method", method, IK_METHODS)
         self.damping = number("damping", damping)
         if self.damping <= 0.0:
-            raise ValueError(f"damping={damping}; it is above 0: take the pseudo-inverse for none")
+            raise ValueError(
+                f"damping={damping}; give a number above 0, or method='pseudo-inverse'"
+            )
 
     def __repr__(self) -> str:
         return f"InverseKinematics({self.method!r}, damping={self.damping:g})"
@@ -78,8 +80,8 @@ class InverseKinematics:
 
 
 class ArmGoals(NamedTuple):
-    """What arms are to reach, and how: [games, 2], [games], [games], [games]; `max_turn` is the
-    radians of a whole action."""
+    """The targets of arms [games, 2], and their tolerance, free joints and `max_turn` [games], the
+    radians of an action of 1."""
 
     targets: NDArray[Any]
     tolerance: NDArray[Any]
@@ -88,11 +90,10 @@ class ArmGoals(NamedTuple):
 
 
 class Planned(ABC):
-    """Plans all of an episode at its start, and again where an arm is not as the plan has it.
+    """Plans an episode at its start, and again if the pose or target differs from the plan.
 
-    Plans are kept by the number of the arm in the batch. A plan is a constant action for a number
-    of steps, which need not be whole: of the last one only a part is played. Then the arm holds
-    still.
+    There is a plan for each arm of the batch. It is a constant action for a number of steps that
+    need not be whole; only that part of the last action is taken. After that the arm does not move.
     """
 
     def __init__(self) -> None:
@@ -112,7 +113,7 @@ class Planned(ABC):
         pairs: list[tuple[NDArray[Any], NDArray[Any]]] = list(zip(aims, self._aims, strict=True))
         off = (view.angles - self._angles + np.pi) % (2.0 * np.pi) - np.pi
         new = (view.steps == 0) | (np.abs(off) > AS_PLANNED).any(axis=1)
-        # Rounding can leave the tip just out of reach at the end of a plan.
+        # By rounding the tip can be just outside the tolerance at the end of a plan.
         away = np.hypot(*(view.ends[:, -1] - view.targets).T)
         new |= (self._left <= 0.0) & (away > view.tolerance)
         for array, planned in pairs:
@@ -121,8 +122,8 @@ class Planned(ABC):
             for array, planned in pairs:
                 planned[new] = array[new]
             self._angles[new] = view.angles[new]
-            given = ArmGoals(*(array[new] for array in aims))
-            self._actions[new], self._left[new] = self.plan(view.angles[new], given)
+            changed = ArmGoals(*(array[new] for array in aims))
+            self._actions[new], self._left[new] = self.plan(view.angles[new], changed)
         part = np.minimum(self._left, 1.0)
         actions: NDArray[np.float64] = part[:, None] * self._actions
         self._left -= part
@@ -134,20 +135,20 @@ class Planned(ABC):
         self, angles: NDArray[np.float64], aims: ArmGoals
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """[games, joints] float64 actions in [-1, 1] from these angles [games, joints], and [games]
-        float64, how many steps of them."""
+        float64 the number of steps."""
 
 
 class LeastStepsPolicy(Planned):
-    """Goes straight to a pose that is in reach after the least steps, and holds still there.
+    """Moves in equal steps to a pose that `least_steps` found, and stops there.
 
-    An episode takes max(T, 1) + hold - 1 steps, with T the upper bound of `least_steps`. Those with
-    discrete actions cannot be played so.
+    An episode takes max(T, 1) + hold - 1 steps, where T is the upper bound of `least_steps`. Does
+    not support discrete actions.
 
     Args:
         budget: as in `least_steps`.
 
     Raises:
-        ValueError: a budget that is no whole number from 0 on.
+        ValueError: a budget that is no whole number of at least 0.
     """
 
     def __init__(self, budget: int = BUDGET) -> None:
@@ -160,7 +161,7 @@ class LeastStepsPolicy(Planned):
     def plan(
         self, angles: NDArray[np.float64], aims: ArmGoals
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """As `Planned.plan`: equal moves."""
+        """As `Planned.plan`, with equal moves in all steps."""
         targets, tolerance, free_joints, (max_turn, *_) = aims
         _, steps, turns = least_steps_of(
             angles, targets, max_turn, tolerance, free_joints, self.budget
@@ -170,15 +171,15 @@ class LeastStepsPolicy(Planned):
 
 
 class ThesisInverseKinematics(Planned):
-    """The thesis' baseline (section 3.3.1): finds a pose at the target, then goes there.
+    """The baseline of the thesis (section 3.3.1): computes a pose at the target, then moves there.
 
-    The pose is where iterations of the pseudo-inverse end that begin at the present one. The way
-    there is straight, each joint going the shorter way round; the one with the farthest to go turns
-    by whole steps, and the others in proportion.
+    The pose is the result of pseudo-inverse iterations from the current pose. Every joint turns in
+    the shorter direction. The joint with the largest turn takes full steps, the others proportional
+    ones.
 
     Args:
-        precision: the pose puts the tip so near to the target.
-        iterations: at most.
+        precision: largest distance between tip and target in the computed pose.
+        iterations: maximum number of iterations.
 
     Raises:
         ValueError: a precision that is not above 0, or no iterations.
@@ -189,7 +190,7 @@ class ThesisInverseKinematics(Planned):
         self.precision = number("precision", precision)
         self.iterations = whole("iterations", iterations, 1)
         if self.precision <= 0.0:
-            raise ValueError(f"precision={precision}; it is above 0")
+            raise ValueError(f"precision={precision}; give a number above 0")
 
     def __repr__(self) -> str:
         return f"ThesisInverseKinematics({self.precision:g}, {self.iterations})"
@@ -197,11 +198,11 @@ class ThesisInverseKinematics(Planned):
     def plan(
         self, angles: NDArray[np.float64], aims: ArmGoals
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """As `Planned.plan`: the largest action is 1."""
-        goals, room = angles.copy(), np.empty_like(angles)
+        """As `Planned.plan`, with a largest action of 1."""
+        goals, scratch = angles.copy(), np.empty_like(angles)
         arm_kernels.solve_arms(
             arm_kernels.PSEUDO_INVERSE, goals, aims.targets, aims.free_joints, DAMPING,
-            self.precision, self.iterations, room,
+            self.precision, self.iterations, scratch,
         )  # fmt: skip
         turns = (goals - angles + np.pi) % (2.0 * np.pi) - np.pi
         largest = np.abs(turns).max(axis=1)

@@ -1,20 +1,19 @@
-"""Compiled kernels of the kinematic policies of an arm: how its joints turn towards the target.
+"""Compiled kernels of inverse kinematics: the turns of the joints towards the target.
 
-The Jacobian J is [2, n]: column j is the way from joint j to the tip, turned by a right angle. With
-e the way from the tip to the target, the methods turn the joints by
+The Jacobian J is [2, n]: column j is the vector from joint j to the tip, rotated by a right angle.
+Let e be the vector from the tip to the target. The methods turn the joints by
 
-    transpose         a J' e (Wolovich and Elliott, 1984), a being 0.7 of what shortens e most to
-                      first order, which is <e, J J' e> / |J J' e|^2: the most itself goes to and
-                      fro across a narrow valley for ever (Raydan and Svaiter, 2002)
-    pseudo-inverse    J' (J J')^-1 e, and of the one direction that is left where J J' has no
-                      inverse (Whitney, 1969)
+    transpose         a J' e (Wolovich and Elliott, 1984), with a step size a of 0.7 times that of
+                      steepest descent, <e, J J' e> / |J J' e|^2, as the full step size oscillates
+                      in narrow valleys (Raydan and Svaiter, 2002)
+    pseudo-inverse    J' (J J')^+ e (Whitney, 1969)
     damped            J' (J J' + d^2)^-1 e (Wampler, 1986; Nakamura and Hanafusa, 1986)
-    cyclic            from the last joint to the first, each so that the tip, as the joints behind
-                      have put it, comes nearest to the target (Wang and Chen, 1991)
+    cyclic            from the last joint to the first, each to the angle that minimises the
+                      distance to the target given the later joints (Wang and Chen, 1991)
 
-The first three scale all turns alike where one exceeds what a step allows: the tip goes on in the
-direction that was asked for. A turn of the last is right by itself, and is cut by itself: a part of
-it brings the tip nearer too.
+If a turn exceeds the maximum of a step, the first three methods scale all turns by one factor,
+which keeps the direction of the tip. The cyclic method clips each turn separately, as a part of a
+turn also reduces the distance.
 """
 
 from __future__ import annotations
@@ -27,11 +26,11 @@ from pursuit.compilation.compiled import compiled, subroutine
 TRANSPOSE, PSEUDO_INVERSE, DAMPED, CYCLIC = 0, 1, 2, 3
 
 SINGULAR = 1e-9
-"""J J' has no inverse where its determinant is so small a part of its trace's square."""
+"""J J' counts as singular if its determinant is at most this multiple of its squared trace."""
 SHORTENED = 0.7
-"""The share of the best step of steepest descent that is taken."""
+"""Step size as a multiple of the optimal one of steepest descent."""
 STUCK = 1e-6
-"""A largest turn of so small a part of a step leads nowhere: the arm points at the target."""
+"""If all turns are at most this share of a step, the arm points at the target."""
 
 
 @compiled
@@ -39,7 +38,7 @@ def turn_arms(
     method: int, angles: Any, targets: Any, tolerances: Any, free_joints: Any, max_turn: float,
     damping: float, actions: Any,
 ) -> None:  # fmt: skip
-    """Fill `actions` [arms, n] in [-1, 1] with a step towards the targets; none when in reach."""
+    """Fill `actions` [arms, n] in [-1, 1] with a step to the targets; 0 within the tolerance."""
     for arm in range(angles.shape[0]):
         near = turn_towards(
             method, angles[arm], targets[arm], tolerances[arm], free_joints[arm], max_turn,
@@ -55,9 +54,9 @@ def solve_arms(
     method: int, angles: Any, targets: Any, free_joints: Any, damping: float, precision: float,
     most: int, turns: Any,
 ) -> None:  # fmt: skip
-    """Turn `angles` [arms, n] until the tip is at the target, in `most` iterations or before.
+    """Turn `angles` [arms, n] until the tip is at the target, in at most `most` iterations.
 
-    `turns` [arms, n] is room to work in. An iteration turns a joint by 1 radian at most.
+    `turns` [arms, n] is scratch memory. An iteration turns a joint by at most 1 radian.
     """
     for arm in range(angles.shape[0]):
         for _ in range(most):
@@ -75,7 +74,7 @@ def turn_towards(
     method: int, angles: Any, target: Any, tolerance: float, free: int, most: float,
     damping: float, turns: Any,
 ) -> bool:  # fmt: skip
-    """Fill `turns` [n] with up to `most` radians each; True if the tip is in reach already."""
+    """Fill `turns` [n] with up to `most` radians each; True if the tip is within the tolerance."""
     n = angles.shape[0]
     x, y, direction = 0.0, 0.0, 0.0
     for joint in range(n):
@@ -94,7 +93,7 @@ def turn_towards(
     for joint in range(free):
         largest = max(largest, abs(turns[joint]))
     if largest <= STUCK * most:
-        for joint in range(free):  # bend a straight arm so that its tip comes back along its line
+        for joint in range(free):  # bend a straight arm, so that its tip moves back along its line
             turns[joint] = 0.5 * most if joint == 0 else -most
     elif largest > most:
         for joint in range(free):
@@ -107,7 +106,7 @@ def turn_by_jacobian(
     method: int, angles: Any, free: int, damping: float, x: float, y: float, right: float,
     up: float, turns: Any,
 ) -> None:  # fmt: skip
-    """The turns that move the tip at (x, y) by (right, up), as far as the method allows."""
+    """The turns by which a method moves the tip at (x, y) by (right, up)."""
     a, b, c = 0.0, 0.0, 0.0  # J J' is [[a, b], [b, c]]
     base_x, base_y, direction = 0.0, 0.0, 0.0
     for joint in range(free):
@@ -118,7 +117,7 @@ def turn_by_jacobian(
         direction += angles[joint]
         base_x += cos(direction)
         base_y += sin(direction)
-    # The force on the tip that turns the joints.
+    # The vector that J' is multiplied by.
     push_x, push_y, scale = right, up, 1.0
     if method == DAMPED:
         a += damping * damping
@@ -131,7 +130,7 @@ def turn_by_jacobian(
     elif determinant > SINGULAR * trace * trace:
         push_x, push_y = c * right - b * up, a * up - b * right
         scale = 1.0 / determinant
-    elif trace > 0.0:  # a matrix of rank 1 over its trace's square is its pseudo-inverse
+    elif trace > 0.0:  # a matrix of rank 1 over its squared trace is its pseudo-inverse
         push_x, push_y = a * right + b * up, b * right + c * up
         scale = 1.0 / (trace * trace)
     base_x, base_y, direction = 0.0, 0.0, 0.0
@@ -147,7 +146,7 @@ def turn_in_cycle(
     angles: Any, target: Any, free: int, most: float, direction: float, x: float, y: float,
     turns: Any,
 ) -> None:  # fmt: skip
-    """From the last joint to the first, each as far as it may towards the target."""
+    """The turns of cyclic coordinate descent, each of at most `most` radians."""
     base_x, base_y = x, y
     for joint in range(angles.shape[0] - 1, -1, -1):
         base_x -= cos(direction)

@@ -1,8 +1,8 @@
-"""The least number of steps in which an arm brings its tip to a target: the arm's exact optimum.
+"""The exact optimum of the arm: the minimum number of steps to move its tip to a target.
 
-A step turns every joint by up to `max_turn`, so after T steps the joints can be at any angles
-within T * max_turn of the present ones, and nowhere else. The least number of steps is the least T
-for which the tip is in reach at one of these.
+A step turns every joint by up to `max_turn`, so after T steps each joint can have any angle within
+T * max_turn of the current one. The minimum is the least T for which one of these poses has its tip
+within the tolerance.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from pursuit.validation import as_array, number, whole
 from scripted_agents.arm.least_steps_kernels import least_steps_kernel
 
 BUDGET = 1_000_000
-"""Nodes of the search for one arm: up to some 0.2 seconds, and many times what most arms take."""
+"""Maximum nodes of the search for one arm: about 0.2 seconds; most arms need far fewer."""
 
 
 def least_steps(
@@ -27,26 +27,26 @@ def least_steps(
     tolerance: float = 0.2,
     budget: int = BUDGET,
 ) -> tuple[int, int]:
-    """Bounds (lower, upper) of the least steps of one arm; equal where it is known exactly.
+    """Bounds (lower, upper) of the minimum steps of one arm; equal if it is known exactly.
 
-    It is exact unless the budget ends the search or the tip passes the target within rounding
-    (1e-9) of the tolerance, for any number of joints. `upper` steps are always enough.
+    It is exact for any number of joints, unless the budget ends the search, or the nearest distance
+    to the target is within rounding (1e-9) of the tolerance. `upper` steps are always sufficient.
 
     Args:
-        angles: [n] radians, each joint's from the link before; 1 to 8 joints.
+        angles: [n] radians, relative to the previous link; 1 to 8 joints.
         target: [2], with the base at (0, 0) and links of length 1.
         max_turn: radians that a joint turns in a step; above 0 and at most pi.
-        tolerance: the tip is in reach within this distance; at least 1e-6.
-        budget: nodes of the search after which it is content with bounds.
+        tolerance: distance within which the target is reached; at least 1e-6.
+        budget: nodes of the search after which only bounds are returned.
 
     Returns:
-        0 and 0 where the tip is in reach at once. An episode takes at least a step all the same.
+        The bounds; (0, 0) if the target is reached at the start (episodes have at least 1 step).
 
     Raises:
-        ValueError: wrong shapes, what is no number, or a target that no pose reaches.
+        ValueError: wrong shapes, values that are no numbers, or a target that no pose reaches.
     """
-    pose, place = _floats("angles", angles, 1), _floats("target", target, 1)
-    lower, upper, _ = least_steps_of(pose[None], place[None], max_turn, tolerance, budget=budget)
+    pose, position = _floats("angles", angles, 1), _floats("target", target, 1)
+    lower, upper, _ = least_steps_of(pose[None], position[None], max_turn, tolerance, budget=budget)
     return int(lower[0]), int(upper[0])
 
 
@@ -58,19 +58,19 @@ def least_steps_of(
     free_joints: ArrayLike | None = None,
     budget: int = BUDGET,
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
-    """`least_steps` of many arms, and poses that are in reach after the upper bound.
+    """`least_steps` of many arms, and turns that reach the target in the upper bound.
 
     Args:
         angles: [arms, n] radians.
         targets: [arms, 2].
         max_turn: as in `least_steps`.
-        tolerance: likewise, of all arms or [arms].
-        free_joints: only so many joints turn, of all arms or [arms]; the others keep their angles.
+        tolerance: as in `least_steps`, for all arms or [arms].
+        free_joints: number of joints that turn, for all arms or [arms]; the others are locked.
         budget: nodes of the search for each arm.
 
     Returns:
-        [arms] int64 lower and [arms] int64 upper bounds; [arms, n] float64, how far each joint
-        turns in all, at most upper * max_turn, until the tip is in reach.
+        [arms] int64 lower and [arms] int64 upper bounds; [arms, n] float64, the total turn of each
+        joint to a pose at the target, at most upper * max_turn.
 
     Raises:
         ValueError: as `least_steps`.
@@ -78,22 +78,23 @@ def least_steps_of(
     poses, places = _floats("angles", angles, 2), _floats("targets", targets, 2)
     arms, n = poses.shape
     if not 1 <= n <= MAX_JOINTS:
-        raise ValueError(f"angles of {n} joints; an arm has 1 to {MAX_JOINTS}")
+        raise ValueError(f"angles of {n} joints; give 1 to {MAX_JOINTS}")
     if places.shape != (arms, 2):
-        raise ValueError(f"targets of shape {places.shape}; one for each arm is {(arms, 2)}")
+        raise ValueError(f"targets of shape {places.shape}; give one for each arm, {(arms, 2)}")
     max_turn, budget = number("max_turn", max_turn), whole("budget", budget, 0, 2**62)
     if not LEAST_TURN <= max_turn <= np.pi:
-        rule = f"a step turns a joint by {LEAST_TURN:g} at least, and at most by pi"
-        raise ValueError(f"max_turn={max_turn}; {rule}")
+        raise ValueError(f"max_turn={max_turn}; give a number from {LEAST_TURN:g} to pi")
     within = _one_each("tolerance", tolerance, arms, "fiu").astype(np.float64)
     if not ((within >= LEAST_TOLERANCE) & np.isfinite(within)).all():
-        raise ValueError(f"tolerance={tolerance!r}; it is at least {LEAST_TOLERANCE}, and finite")
+        raise ValueError(
+            f"tolerance={tolerance!r}; give finite numbers, at least {LEAST_TOLERANCE}"
+        )
     free = np.full(arms, n, dtype=np.int64)
     if free_joints is not None:
         free[:] = _one_each("free_joints", free_joints, arms, "iu")
         if arms and not 1 <= free.min() <= free.max() <= n:
-            raise ValueError(f"free_joints={free_joints!r}; 1 to {n} of {n} joints turn")
-    poses = (poses + np.pi) % (2.0 * np.pi) - np.pi  # sines of large angles are not exact
+            raise ValueError(f"free_joints={free_joints!r}; give 1 to {n} for {n} joints")
+    poses = (poses + np.pi) % (2.0 * np.pi) - np.pi  # sines of large angles are inexact
     tails = _tails(poses, free)
     _check_reach(places, within, free, np.abs(tails))
     steps, turns = np.zeros((arms, 2), dtype=np.int64), np.zeros((arms, n))
@@ -106,10 +107,10 @@ def least_steps_of(
 
 
 def pose_at(target: complex, joints: int, last: complex) -> NDArray[np.float64]:
-    """[joints] radians: a pose whose tip is at the target, or as near as it comes.
+    """[joints] radians: a pose with its tip at the target, or as near as possible.
 
-    The links but the last, which is `last` when it points along the x-axis, are bent alike into an
-    arc. Its chord makes a triangle with the last link and the way from the base to the target.
+    All links but the last form an arc with equal bends. Its chord, the last link and the line from
+    the base to the target form a triangle. `last` is the last link if it points along the x-axis.
     """
     bent, tail, gap = joints - 1, abs(last), abs(target)
     angles = np.zeros(joints)
@@ -117,7 +118,7 @@ def pose_at(target: complex, joints: int, last: complex) -> NDArray[np.float64]:
     if bent:
         chord = min(float(bent), gap + tail)
         low, high = 0.0, 2.0 * np.pi / bent
-        for _ in range(60):  # a chord falls from `bent` to 0 as the arc becomes a circle
+        for _ in range(60):  # the chord decreases from `bent` to 0 as the arc becomes a circle
             bend = 0.5 * (low + high)
             if np.sin(0.5 * bent * bend) > chord * np.sin(0.5 * bend):
                 low = bend
@@ -128,7 +129,7 @@ def pose_at(target: complex, joints: int, last: complex) -> NDArray[np.float64]:
         if chord * tail > 0.0:
             cosine = (gap * gap - chord * chord - tail * tail) / (2.0 * chord * tail)
             corner = np.arccos(np.clip(cosine, -1.0, 1.0))
-        along = 0.5 * (bent - 1) * low  # the direction of the chord, the first link's being 0
+        along = 0.5 * (bent - 1) * low  # the direction of the chord relative to the first link
         angles[bent] = along + corner - np.angle(last) - (bent - 1) * low
         heading = np.exp(1j * np.cumsum(angles))
         tip = heading[:-1].sum() + heading[-1] * last
@@ -137,7 +138,7 @@ def pose_at(target: complex, joints: int, last: complex) -> NDArray[np.float64]:
 
 
 def _tails(angles: NDArray[np.float64], free: NDArray[np.int64]) -> NDArray[np.complex128]:
-    """[arms] complex: the last link that turns, with those behind it, if it lies on the x-axis."""
+    """[arms] complex: the last link that turns, with the links after it, along the x-axis."""
     locked = np.arange(angles.shape[1]) >= free[:, None]
     links = np.exp(1j * np.cumsum(np.where(locked, angles, 0.0), axis=1))
     return 1.0 + np.where(locked, links, 0.0).sum(axis=1)
@@ -152,13 +153,13 @@ def _check_reach(
     radii, others = np.hypot(targets[:, 0], targets[:, 1]), free - 1.0
     most = others + tails
     least = np.maximum(2.0 * np.maximum(tails, free > 1) - most, 0.0)
-    within = tolerance - 1e-9  # what rounding alone could reach is out of reach
+    within = tolerance - 1e-9  # targets reached only by rounding are out of reach
     wrong = (radii - most > within) | (least - radii > within)
     if wrong.any():
         arm = int(wrong.argmax())
         raise ValueError(
-            f"target {tuple(targets[arm].tolist())} is out of reach; the tip of this arm goes from "
-            f"radius {least[arm]:g} to {most[arm]:g}, and tolerance={tolerance[arm]:g} beyond"
+            f"target {tuple(targets[arm].tolist())} is out of reach; give one at a radius from "
+            f"{least[arm]:g} to {most[arm]:g}, or within tolerance={tolerance[arm]:g} of these"
         )
 
 
@@ -171,7 +172,7 @@ def _floats(name: str, value: ArrayLike, dimensions: int) -> NDArray[np.float64]
 
 
 def _one_each(name: str, value: ArrayLike, arms: int, kinds: str) -> NDArray[Any]:
-    rule = f"one, or one for each of the {arms} arms"
+    rule = f"give one number, or one for each of the {arms} arms"
     array = as_array(name, value, kinds, rule)
     if array.shape not in ((), (arms,)):
         raise ValueError(f"{name} of shape {array.shape}; {rule}")

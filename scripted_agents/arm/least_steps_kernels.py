@@ -1,21 +1,21 @@
-"""The least number of steps in which an arm reaches its target, exactly, for any number of joints.
+"""Compiled kernels of the exact minimum number of steps of an arm with any number of joints.
 
-Within `width` of its present angle in every joint, how near to the target can the tip come? Where
-it cannot touch the target, the nearest pose is a local minimum of the distance h > 0. Every joint
-of it is either at an end of its range or free there; the free joints lie on the line through tip
-and target, since turning one must not change the distance to first order. They cut the arm behind
-the first of them into rigid pieces with lengths L_i from end to end, which all lie along that line,
-with signs s_i. To second order, with x_i = s_i L_i along the line from target to tip, the matrix
-x x' - h diag(x) must have no negative eigenvalue. So either all pieces point at the target, which
-is out of their reach (h = |q| - sum L, with q from the first free joint to the target), or one
-piece points at it and is longer than all others, which point back, together with |q|
-(h = L_p - sum of the others - |q|). Hence the nearest of at most 3**joints poses, each in closed
-form, is the nearest of all: `nearest_pose` visits them in a tree and leaves a branch as soon as a
-free joint would have to be out of its range. (Pieces of length 0 turn freely, to a bound.)
+`nearest_pose` computes the least distance from tip to target over all poses in which every joint is
+within `width` of its current angle. If the tip cannot touch the target, the nearest pose is a local
+minimum of the distance h > 0. Each of its joints is either at an end of its range or free. Free
+joints lie on the line through tip and target, as turning one must not change the distance to first
+order. They cut the arm after the first of them into rigid pieces of end-to-end lengths L_i, which
+all lie along that line, with signs s_i. To second order, with x_i = s_i L_i along the line from
+target to tip, the matrix x x' - h diag(x) must have no negative eigenvalue. So there are two cases,
+with q the vector from the first free joint to the target. Either all pieces point at the target,
+and it is out of reach (h = |q| - sum L). Or one piece points at it, all others point back, and it
+is longer than these together with |q| (h = L_p - sum of the others - |q|). Hence the nearest pose
+is one of at most 3**joints poses in closed form. `nearest_pose` searches them as a tree, and prunes
+a branch if a free joint would be out of its range. (Pieces of length 0 turn freely, to a bound.)
 
-This holds only while the tip cannot touch the target, so `march` widens the range by steps that are
-too small for that: turning every joint by less than x moves link k by less than k x, and so the tip
-by less than the sum over k of 2 sin(k x / 2).
+This is valid only while the tip cannot touch the target, so `march` widens the range by steps that
+are too small for that: turning every joint by less than x moves link k by less than k x, and so the
+tip by less than the sum over k of 2 sin(k x / 2).
 """
 
 from __future__ import annotations
@@ -28,30 +28,30 @@ import numpy as np
 from pursuit.compilation.compiled import allocating, inlined, subroutine
 
 ROUNDING = 1e-9
-"""Angles and distances that differ by no more count as equal; nothing is proved by them."""
+"""Angles and distances with a smaller difference count as equal, and prove nothing."""
 SHORT = 1e-6
-"""A piece so short has no direction; its joint is taken to be within its range."""
+"""A shorter piece has no direction; its joint counts as within its range."""
 
 LOW, HIGH, FREE = 0, 1, 2
-"""What a joint does: turns as far as it may to either side, or stops where it is best."""
+"""The choices for a joint: the lower or upper end of its range, or free."""
 
 STRETCHED, ENDS_ONLY = -1, -2
-"""Kinds of poses, beside the number of the piece that points at a target which is too near."""
+"""Kinds of poses; other kinds are the number of the piece that points at a target too near."""
 
 
 class Search(NamedTuple):
-    """Room for the search, each [n + 2]: the state before every joint, and the best pose.
+    """Scratch memory of the search, each [n + 2]: the state before every joint, and the best pose.
 
-    A piece is rigid, from one free joint to the next or to the tip; `pieces` counts those finished
-    or begun, and `first` is the joint where the present one begins.
+    A piece is rigid, from one free joint to the next or to the tip. `pieces` counts the finished
+    pieces and the current one, and `first` is the joint where the current one starts.
     """
 
-    turns: Any  # complex, the present angles as unit numbers
-    last: Any  # [1] complex, the last link, with what does not turn behind it, along the x-axis
+    turns: Any  # complex, the current angles as unit numbers
+    last: Any  # [1] complex, the last link with all links that do not turn, along the x-axis
     tail: Any  # [1] float64, its length
-    place: Any  # complex, where the joint is: from the base, or from the start of its piece
-    heading: Any  # complex, direction of the link before, in the same frame
-    out: Any  # complex, likewise of the piece before, from the line between its ends
+    place: Any  # complex, the position of the joint, from the base or from the start of its piece
+    heading: Any  # complex, direction of the previous link, in the same frame
+    out: Any  # complex, the same for the previous piece, from the line between its ends
     pieces: Any  # int64
     first: Any  # int64
     gap: Any  # float64, from the first free joint to the target
@@ -63,7 +63,7 @@ class Search(NamedTuple):
     forth: Any  # int64, bit i: whether piece i can point at the target, and the others back
     choice: Any  # int64, LOW, HIGH or FREE
     best: Any  # int64, the choices of the nearest pose, then its kind
-    spare: Any  # float64, a pose on trial
+    spare: Any  # float64, a candidate pose
     visits: Any  # [1] int64, nodes of the tree visited so far
 
 
@@ -72,15 +72,15 @@ def least_steps_kernel(
     angles: Any, targets: Any, tolerances: Any, free_joints: Any, max_turn: float, budget: int,
     steps: Any, goals: Any,
 ) -> None:  # fmt: skip
-    """Fill `steps` [games, 2] with lower and upper, `goals` [games, n] with displacements.
+    """Fill `steps` [games, 2] with lower and upper bounds, `goals` [games, n] with turns.
 
-    Only the first `free_joints` turn. A goal is NaN where any pose in reach will do."""
+    Only the first `free_joints` turn. A goal is NaN if the joints can have any angle."""
     n = angles.shape[1]
     numbers, lengths = np.empty((4, n + 2), np.complex128), np.empty((4, n + 2))
-    whole, truths = np.empty((6, n + 2), np.int64), np.empty((2, n + 2), np.bool_)
+    whole, flags = np.empty((6, n + 2), np.int64), np.empty((2, n + 2), np.bool_)
     search = Search(
         numbers[0], np.empty(1, np.complex128), np.empty(1), numbers[1], numbers[2], numbers[3],
-        whole[0], whole[1], lengths[0], lengths[1], lengths[2], whole[2], truths[0], truths[1],
+        whole[0], whole[1], lengths[0], lengths[1], lengths[2], whole[2], flags[0], flags[1],
         whole[3], whole[4], whole[5], lengths[3], np.empty(1, np.int64),
     )  # fmt: skip
     for game in range(angles.shape[0]):
@@ -95,10 +95,10 @@ def march(
     angles: Any, target: Any, tolerance: float, n: int, max_turn: float, budget: int, search: Any,
     steps: Any, goal: Any,
 ) -> None:  # fmt: skip
-    """One game: widen the range, never so far that the tip could touch the target unnoticed.
+    """One game: widen the range in increments that are too small for the tip to touch the target.
 
-    Only the first n joints turn. Once `budget` nodes are visited, the range is widened one step at
-    a time instead: what is found is enough, yet no more is proved to be too little.
+    Only the first n joints turn. After `budget` nodes the range is widened one step at a time: the
+    upper bound stays valid, but the lower bound is no longer raised.
     """
     goal[:] = 0.0
     steps[:] = 0
@@ -108,8 +108,9 @@ def march(
     prepare(angles, n, search)
     at = complex(target[0], target[1])
     enough = tolerance - ROUNDING
-    last = ceil(pi / max_turn * (1.0 - ROUNDING))  # then every joint has its whole circle
-    width, proved, tried, safe = 0.0, 0, 0, True  # steps that are too few; that seemed too few
+    last = ceil(pi / max_turn * (1.0 - ROUNDING))  # then every joint can have any angle
+    # `proved` steps are too few; within `tried` steps no pose was found.
+    width, proved, tried, safe = 0.0, 0, 0, True
     while tried < last:
         safe = safe and search.visits[0] <= budget
         if safe:
@@ -127,7 +128,7 @@ def march(
             continue
         pose_of(at, n, width, search, goal)
         if distance_at(angles, goal, target) > tolerance:
-            # Rounding made it, of too short a piece: nothing is proved from here on.
+            # A result of rounding, from too short a piece: nothing is proved from here on.
             tried, safe = max(tried, count), False
             continue
         count = max(count, tried + 1)
@@ -155,7 +156,7 @@ def march(
 
 @subroutine
 def prepare(angles: Any, n: int, search: Any) -> None:
-    """The angles as unit numbers; the links behind joint n - 1, which do not turn, as one."""
+    """Store the angles as unit numbers, and the locked links after joint n - 1 as one link."""
     for joint in range(n):
         search.turns[joint] = complex(cos(angles[joint]), sin(angles[joint]))
     last, heading = complex(1.0, 0.0), complex(1.0, 0.0)
@@ -168,7 +169,7 @@ def prepare(angles: Any, n: int, search: Any) -> None:
 
 @subroutine
 def safe_turn(n: int, tail: float, distance: float) -> float:
-    """A turn x of all joints that moves the tip by less than `distance` > 0, and nearly by it."""
+    """A turn x of all joints that moves the tip by slightly less than `distance` > 0."""
     low, high = 0.0, pi
     for _ in range(12):
         x = 0.5 * (low + high)
@@ -184,7 +185,7 @@ def safe_turn(n: int, tail: float, distance: float) -> float:
 
 @subroutine
 def distance_at(angles: Any, turned: Any, target: Any) -> float:
-    """From the tip to the target, the joints turned by `turned`."""
+    """The distance from tip to target if the joints are turned by `turned`."""
     x, y, direction = 0.0, 0.0, 0.0
     for joint in range(angles.shape[0]):
         direction += angles[joint] + turned[joint]
@@ -195,13 +196,14 @@ def distance_at(angles: Any, turned: Any, target: Any) -> float:
 
 @subroutine
 def nearest_pose(target: complex, n: int, width: float, enough: float, s: Any) -> float:
-    """The least distance to the target within `width` < pi of the present angle in every joint.
+    """The least distance to the target within `width` < pi of the current angle of every joint.
 
-    It is the least as long as it is above 0; the search stops at the first that is `enough`. The
-    pose is kept in `best`.
+    The result is valid if it is above 0. The search stops at the first distance that is at most
+    `enough`. The pose is stored in `best`.
     """
     low, high = complex(cos(width), -sin(width)), complex(cos(width), sin(width))
-    span = (2.0 * sin(0.5 * width) + ROUNDING) ** 2  # how far a free joint's unit number may be
+    # The largest squared change of the unit number of a free joint.
+    span = (2.0 * sin(0.5 * width) + ROUNDING) ** 2
     nearest = inf
     s.place[0], s.heading[0] = 0.0, 1.0
     s.pieces[0] = 0
@@ -240,7 +242,7 @@ def nearest_pose(target: complex, n: int, width: float, enough: float, s: Any) -
 
 @subroutine
 def carry(joint: int, s: Any) -> None:
-    """Copy what is known of the pieces from before a joint to behind it."""
+    """Copy the state of the pieces before a joint to the state after it."""
     after = joint + 1
     s.out[after] = s.out[joint]
     s.pieces[after], s.first[after] = s.pieces[joint], s.first[joint]
@@ -252,14 +254,14 @@ def carry(joint: int, s: Any) -> None:
 
 @subroutine
 def free_joint(joint: int, target: complex, n: int, span: float, s: Any) -> bool:
-    """End the piece before this joint and begin one; whether the joints so far can be in range."""
+    """End the piece at this joint and start one; whether the joints so far can be in range."""
     after = joint + 1
     if s.pieces[joint] == 0:
         carry(joint, s)
         to_target = target - s.place[joint]
         gap = size(to_target)
         s.gap[after], s.total[after], s.longest[after] = gap, 0.0, 0.0
-        # As if a piece of no length had pointed at the target before.
+        # As if a piece of length 0 pointed at the target before.
         s.out[after] = s.heading[joint] * to_target.conjugate() / gap if gap > 0.0 else 1.0
         s.stretched[after], s.back[after] = True, False
         s.forth[after] = 0
@@ -275,7 +277,7 @@ def free_joint(joint: int, target: complex, n: int, span: float, s: Any) -> bool
 
 @subroutine
 def end_piece(joint: int, span: float, s: Any) -> bool:
-    """Measure the piece that ends at `joint`, into the state behind it; whether signs remain."""
+    """Measure the piece that ends at `joint` into the state after it; whether signs remain."""
     after = joint + 1
     carry(joint, s)
     chord = s.place[joint]
@@ -296,7 +298,7 @@ def end_piece(joint: int, span: float, s: Any) -> bool:
     if length > s.longest[joint]:
         s.longest[after], s.which[after] = length, number
     forth = 0
-    if number == 0:  # what was before pointed at the target
+    if number == 0:  # the piece of length 0 before it points at the target
         forth = 1 if same else 0
         s.back[after] = other
     else:
@@ -318,7 +320,7 @@ def may_be_nearer(joint: int, target: complex, n: int, nearest: float, s: Any) -
     """Whether the joints from this one on could lead to a pose nearer than `nearest`."""
     if s.pieces[joint] == 0:
         return joint == n or size(target - s.place[joint]) - left_from(joint, n, s) < nearest
-    left = left_from(s.first[joint], n, s)  # the present piece and all after it are no longer
+    left = left_from(s.first[joint], n, s)  # bounds the current piece and all after it
     total, gap = s.total[joint], s.gap[joint]
     if s.stretched[joint] and gap - total - left < nearest:
         return True
@@ -329,7 +331,7 @@ def may_be_nearer(joint: int, target: complex, n: int, nearest: float, s: Any) -
 
 @subroutine
 def pose_at_the_end(target: complex, n: int, span: float, s: Any) -> Any:
-    """The kind of the pose whose joints are all chosen, and its distance; inf if there is none."""
+    """The kind and the distance of the pose with these choices; inf if there is none."""
     if s.pieces[n] == 0:
         return ENDS_ONLY, size(target - s.place[n])
     if not end_piece(n, span, s):
@@ -345,7 +347,7 @@ def pose_at_the_end(target: complex, n: int, span: float, s: Any) -> Any:
 
 @subroutine
 def pose_of(target: complex, n: int, width: float, s: Any, turned: Any) -> None:
-    """Fill `turned` [n] with how far every joint turns to the pose in `search.best`."""
+    """Fill `turned` [n] with the turns to the pose in `search.best`."""
     kind = s.best[n]
     place, heading, out = complex(0.0, 0.0), complex(1.0, 0.0), complex(1.0, 0.0)
     number, first = -1, 0
@@ -363,7 +365,7 @@ def pose_of(target: complex, n: int, width: float, s: Any, turned: Any) -> None:
             alike = kind == STRETCHED or (number != kind and number - 1 != kind)
             if number == 0:
                 alike = kind == STRETCHED or kind == 0
-            # From its present angle to where its piece lies along the line.
+            # From the current angle to the angle at which its piece lies along the line.
             away = place.conjugate() * out.conjugate() * s.turns[first].conjugate()
             if not alike:
                 away = -away
@@ -378,7 +380,7 @@ def pose_of(target: complex, n: int, width: float, s: Any, turned: Any) -> None:
 
 @inlined
 def link(joint: int, n: int, heading: complex, s: Any) -> complex:
-    """From this joint to the next, or to the tip."""
+    """The vector from this joint to the next, or to the tip."""
     return heading * s.last[0] if joint == n - 1 else heading
 
 
@@ -390,11 +392,11 @@ def left_from(joint: int, n: int, s: Any) -> float:
 
 @subroutine
 def size(number: complex) -> float:
-    """Its absolute value (without the care of `abs` for numbers that overflow)."""
+    """The absolute value (without the protection of `abs` against overflow)."""
     return sqrt(number.real * number.real + number.imag * number.imag)
 
 
 @subroutine
 def squared(number: complex) -> float:
-    """The square of its absolute value."""
+    """The square of the absolute value."""
     return number.real * number.real + number.imag * number.imag

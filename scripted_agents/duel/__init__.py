@@ -1,1 +1,1 @@
-"""One chaser against one evader: best responses, values, regret."""
+"""Exact solutions of duels (one chaser, one evader): best responses and values."""

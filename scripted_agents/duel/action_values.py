@@ -1,4 +1,4 @@
-"""What every action of a duel is worth, and so all optimal ones, not just the first."""
+"""Exact action values of duels, and all optimal actions."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from pursuit.validation import whole
 from scripted_agents.duel.best_response import MoveOrder, best_response, checked_table
 
 TIE = 1e-9
-"""Actions whose values differ by less, relative to them, are equally good."""
+"""Relative difference of values below which two actions count as equally good."""
 
 Outcome = tuple[int, NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]
 """See `outcomes`."""
@@ -27,11 +27,10 @@ class ActionValues:
 
     Attributes:
         role: "chaser" or "evader", the role of these values.
-        steps: [own cell, other cell, action] float64, expected steps until capture after that
-            action, itself counted, when all that follows is best; cut at the horizon.
-        values: [own cell, other cell] float64, of the best action; 0 on the diagonal.
-        optimal: [own cell, other cell, action] bool, all actions that are best; none on the
-            diagonal.
+        steps: [own cell, other cell, action] float64, expected steps until capture with that action
+            and optimal actions after it, its own step included, at most the horizon.
+        values: [own cell, other cell] float64, of an optimal action; 0 on the diagonal.
+        optimal: [own cell, other cell, action] bool, all optimal actions; none on the diagonal.
     """
 
     role: str
@@ -48,13 +47,13 @@ def action_values(
     stay_action: bool | None = None,
     move_order: MoveOrder = "simultaneous",
 ) -> ActionValues:
-    """The value of every action against an opponent that plays a table.
+    """The value of every action against a tabular opponent.
 
-    One step of Bellman's equation (1957) before `best_response` with one step less.
+    One step of Bellman's equation (1957), applied to `best_response` with one step less.
 
     Args:
         role, maze, opponent_table, stay_action, move_order: as for `best_response`.
-        horizon: steps after which the game is cut, 1 at least.
+        horizon: number of steps of the game, at least 1.
 
     Raises:
         ValueError: as `best_response`.
@@ -70,14 +69,14 @@ def action_values(
         later = rest if role == "chaser" else rest.T
     else:
         later = np.zeros((cells, cells))
-    steps = worth_of_actions(role, maze, table, later, actions, move_order)
+    steps = q_values(role, maze, table, later, actions, move_order)
     best = steps.min(axis=2) if role == "chaser" else steps.max(axis=2)
     apart = ~np.eye(cells, dtype=bool)
     optimal = (np.abs(steps - best[:, :, None]) <= TIE * best[:, :, None]) & apart[:, :, None]
     return ActionValues(role, steps, np.where(apart, best, 0.0), optimal)
 
 
-def worth_of_actions(
+def q_values(
     role: Literal["chaser", "evader"],
     maze: Maze,
     opponent_table: NDArray[np.float64],
@@ -86,11 +85,11 @@ def worth_of_actions(
     move_order: MoveOrder,
     discount: float = 1.0,
 ) -> NDArray[np.float64]:
-    """[own cell, other cell, action] float64: one step, and the discounted values after it.
+    """[own cell, other cell, action] float64: one step plus the discounted values after it.
 
     Args:
         role, maze, opponent_table, move_order, discount: as for `best_response`.
-        later: [own cell, other cell], the values of what follows; capture counts 0.
+        later: [own cell, other cell], the values of the next pairs of cells; capture counts 0.
         num_actions: of the responder.
     """
     moves = outcomes(role, maze, opponent_table, num_actions, move_order)
@@ -103,7 +102,7 @@ def expected_after(
     """[own cell, other cell, action] float64: the mean of `later` after one step; capture counts 0.
 
     Args:
-        moves: what `outcomes` gives.
+        moves: from `outcomes`.
         later: [own cell, other cell].
         num_actions: of the responder.
     """
@@ -120,11 +119,11 @@ def outcomes(
     num_actions: int,
     move_order: MoveOrder,
 ) -> Iterator[Outcome]:
-    """What one step of a duel may lead to, for every own action and every reply to it.
+    """The outcomes of one step of a duel, for every pair of actions.
 
     Yields:
-        The own action, and by [own cell, other cell] the chance of the reply, the own and the
-        other's cell after both have moved, and whether that is a capture.
+        The own action, and arrays [own cell, other cell]: the probability of an action of the
+        opponent, the own and the other cell after both moves, and whether that is a capture.
     """
     cells, neighbors = maze.num_cells, maze.neighbors
     own, other = np.meshgrid(np.arange(cells), np.arange(cells), indexing="ij")

@@ -1,8 +1,8 @@
-"""The exact best response to a table policy, and the exact value of two table policies.
+"""The exact best response to a tabular policy, and the exact value of two tabular policies.
 
 One chaser and one evader in one maze. A *table* is a policy [self cell, other cell, action] of
-probabilities, float64, of 4 actions (north, south, east, west) or 5 (and stay). Two agents in one
-cell never play, so a table's entries for equal cells mean nothing and are not looked at.
+probabilities, float64, for 4 actions (north, south, east, west) or 5 (and stay). Entries for equal
+cells are ignored, as no game continues with both agents in one cell.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from scripted_agents.duel.pair_kernels import (
 from scripted_agents.duel.value_iteration import iterate
 
 MAX_ENTRIES = 2 * MAX_TABLE_CELLS**2
-"""Bound on cells × rows × columns: blocked cells cost memory too."""
+"""Bound on cells × rows × columns, as blocked cells take memory too."""
 
 MoveOrder = Literal["simultaneous", "chasers_first"]
 
@@ -44,24 +44,24 @@ class PairValues(np.ndarray[tuple[int, int], np.dtype[np.float64]]):
         return self.view(np.ndarray)
 
     def __array_wrap__(self, array: Any, context: Any = None, return_scalar: bool = False) -> Any:
-        """What is computed from it is a plain array, or a plain number as of any other."""
+        """Results of computations are plain arrays or numbers."""
         plain = np.asarray(array)
         return plain[()] if return_scalar else plain
 
 
 @dataclass(frozen=True, eq=False)
 class BestResponse:
-    """What `best_response` found.
+    """The result of `best_response`.
 
     Attributes:
         role: "chaser" or "evader", the role of the best response.
         values: [chaser cell, evader cell] float64, the expected number of steps until capture (the
-            capturing step included), cut at the horizon; 0 on the diagonal. With a discount the
+            capturing step included), at most the horizon; 0 on the diagonal. With a discount the
             step t = 0, 1, ... counts discount**t.
-        actions: [self cell, other cell] int8, an optimal action of the first step: of several the
-            first in order, a move before standing still.
-        horizon: the steps played, or None for the stationary problem.
-        sweeps: how many steps of backward induction it took.
+        actions: [self cell, other cell] int8, an optimal action of the first step: among equally
+            good ones the first in order, moves before staying.
+        horizon: number of steps, or None for the problem with infinite horizon.
+        sweeps: number of steps of backward induction.
         num_actions: 4, or 5 with the stay action.
     """
 
@@ -78,7 +78,7 @@ class BestResponse:
     def policy(self) -> NDArray[np.float64]:
         """[self cell, other cell, action] float64, `actions` as a table of probabilities 0 and 1.
 
-        It is optimal at every step if `horizon` is None, else at the first step.
+        Optimal in every step if `horizon` is None, else in the first step.
         """
         return np.eye(self.num_actions)[self.actions]
 
@@ -93,35 +93,33 @@ def best_response(
     move_order: MoveOrder = "simultaneous",
     mask_bumps: bool = False,
 ) -> BestResponse:
-    """The best that one agent can do against an opponent that plays a table.
+    """The exact best response to an opponent with a tabular policy.
 
-    Against a fixed table the game is a Markov decision process over the pairs of cells. The chaser
-    minimises the expected number of steps until capture, the evader maximises it. Solved by
-    backward induction over `horizon` steps, exactly; or with `horizon=None` by value iteration for
-    the problem without an end, to a relative error of about 1e-9. Bellman (1957); Puterman
-    (1994).
+    Against a fixed table the game is a Markov decision process over pairs of cells. The chaser
+    minimises the expected number of steps until capture, the evader maximises it. Solved exactly by
+    backward induction over `horizon` steps; or with `horizon=None` by value iteration for the
+    infinite horizon, to a relative error of about 1e-9. Bellman (1957); Puterman (1994).
 
     Args:
-        role: the agent that responds; the opponent has the other role.
-        maze: of at most MAX_TABLE_CELLS cells; the work is quadratic in them.
+        role: of the responding agent; the opponent has the other role.
+        maze: of at most MAX_TABLE_CELLS cells; the work is quadratic in their number.
         opponent_table: [self cell, other cell, action], the opponent's probabilities.
-        horizon: the number of steps after which the game is cut, or None.
-        discount: what a step counts in terms of the one before it; above 0 and at most 1.
-        stay_action: whether the responder has the fifth action, to stay; by default it has as many
-            actions as the opponent. Without it a move into a wall is the only way to stay.
-        move_order: "simultaneous", or "chasers_first": the evader moves after the chaser, if it
-            is not caught yet, but has chosen its move before.
-        mask_bumps: forbid the responder moves into walls (`pursuit.observations.masks`): the best
-        that a learner
-            with action masks can do. Without the stay action it cannot wait then.
+        horizon: number of steps of the game, or None for infinitely many.
+        discount: of each step, above 0 and at most 1.
+        stay_action: whether the responder has the stay action; by default as the opponent. Without
+            it an agent can stay only by a move into a wall.
+        move_order: "simultaneous", or "chasers_first": the evader moves after the chaser, unless it
+            is caught, but both choose their moves before.
+        mask_bumps: whether the responder must not move into walls (`pursuit.observations.masks`):
+            the optimum of a learner with action masks. Without the stay action it cannot wait then.
 
     Raises:
-        ValueError: an argument outside these limits; a table of a wrong shape, or with a row that
-            is no distribution; a stationary problem without discount in which capture can be
-            avoided forever, or is so rare that value iteration does not end.
+        ValueError: an invalid argument; a table of a wrong shape, or with a row that is no
+            distribution; an infinite horizon without discount, if capture can be avoided forever,
+            or is so rare that value iteration does not converge.
     """
     if role not in ("chaser", "evader"):
-        raise ValueError(f"role {role!r}; the roles here are 'chaser' and 'evader'")
+        raise ValueError(f"role={role!r}; give 'chaser' or 'evader'")
     maze = load_maze(maze)
     if stay_action is not None:
         check_bool("stay_action", stay_action)
@@ -142,7 +140,7 @@ def best_response(
     def sweep(
         values: NDArray[np.float64], target: NDArray[np.float64], first: int, last: int
     ) -> float:
-        """One step further back for the own cells from `first` to `last` - 1."""
+        """One step of backward induction for the own cells from `first` to `last` - 1."""
         return float(
             respond(
                 values, target, chances, neighbors, spots, maze.width, duel,
@@ -168,10 +166,10 @@ def evaluate_exactly(
     discount: float = 1.0,
     move_order: MoveOrder = "simultaneous",
 ) -> PairValues:
-    """The expected number of steps until capture when both agents play tables.
+    """The expected number of steps until capture for two tabular policies.
 
-    The same quantity as `best_response(...).values`, arguments and errors as there: an array
-    [chaser cell, evader cell] float64 with 0 on the diagonal, whose `.values` is itself.
+    The same quantity as `best_response(...).values`, with its arguments and errors: an array
+    [chaser cell, evader cell] float64 with 0 on the diagonal. `.values` is the same as plain array.
     """
     maze = load_maze(maze)
     _check_settings(maze, horizon, discount, move_order)
@@ -186,7 +184,7 @@ def evaluate_exactly(
     def sweep(
         values: NDArray[np.float64], target: NDArray[np.float64], first: int, last: int
     ) -> float:
-        """One step further back for the chaser's cells from `first` to `last` - 1."""
+        """One step of backward induction for the chaser's cells from `first` to `last` - 1."""
         return float(
             evaluate(
                 values, target, weights, chances, maze.neighbors, spots, maze.width, duel,
@@ -200,13 +198,13 @@ def evaluate_exactly(
 
 
 def mean_over_starts(values: ArrayLike, maze: Maze, min_start_distance: int = 1) -> float:
-    """The mean of `values` over the starts that the game draws.
+    """The mean of `values` over the random starts of the game.
 
-    That is over all ordered pairs of cells at least `min_start_distance` (path distance) apart,
-    equally likely; never one cell for both. Cells that no path joins are infinitely far apart.
+    These are all ordered pairs of different cells with a path distance of at least
+    `min_start_distance`, equally likely. Cells without a path have an infinite distance.
 
     Raises:
-        ValueError: `values` is not [num_cells, num_cells], or no two cells are so far apart.
+        ValueError: `values` is not [num_cells, num_cells], or there is no such pair.
     """
     maze, array = load_maze(maze), as_array("values", values, "iuf", "give numbers")
     min_start_distance = whole("min_start_distance", min_start_distance, 0)
@@ -218,8 +216,8 @@ def mean_over_starts(values: ArrayLike, maze: Maze, min_start_distance: int = 1)
     starts = maze.distances >= max(min_start_distance, 1)
     if not starts.any():
         raise ValueError(
-            f"min_start_distance {min_start_distance}: no two cells of {maze.name} are so far "
-            f"apart; the longest distance is {maze.longest_distance}"
+            f"min_start_distance={min_start_distance} is more than the largest distance in "
+            f"{maze.name}; give at most {maze.longest_distance}"
         )
     return float(array[starts].mean())
 
@@ -230,33 +228,33 @@ def mean_over_starts(values: ArrayLike, maze: Maze, min_start_distance: int = 1)
 def _check_settings(maze: Maze, horizon: int | None, discount: float, move_order: str) -> None:
     if maze.num_cells > MAX_TABLE_CELLS:
         raise ValueError(
-            f"{maze.name}: {maze.num_cells} cells; pairs of cells are solved exactly up to "
-            f"{MAX_TABLE_CELLS} cells. Use a smaller maze, or play episodes"
+            f"{maze.name}: {maze.num_cells} cells; duels are solved exactly for at most "
+            f"{MAX_TABLE_CELLS} cells. Use a smaller maze, or simulate episodes"
         )
     entries = maze.num_cells * maze.height * maze.width
     if entries > MAX_ENTRIES:
         raise ValueError(
             f"{maze.name}: {maze.num_cells} cells in {maze.height} rows and {maze.width} columns, "
-            f"{entries} entries; at most {MAX_ENTRIES} fit. Cut off rows and columns of blocked "
-            "cells"
+            f"{entries} entries; at most {MAX_ENTRIES} are possible. Remove rows and columns of "
+            "blocked cells"
         )
-    # Both players' tables laid out, and the values of two steps.
+    # Tables of both agents in the layout of the kernels, and the values of two steps.
     grid = maze.height * maze.width
     check_memory(
         f"{maze.name}, {maze.num_cells} cells,",
         8 * maze.num_cells * (2 * 5 * grid + 2 * (grid + 2 * maze.width)),
-        "use a smaller maze, or play episodes",
+        "use a smaller maze, or simulate episodes",
     )
     if horizon is not None:
         whole("horizon", horizon, 1)
     if not 0.0 < number("discount", discount) <= 1.0:
-        raise ValueError(f"discount {discount}; it lies above 0 and is at most 1")
+        raise ValueError(f"discount={discount}; give a number above 0 and at most 1")
     if move_order not in ("simultaneous", "chasers_first"):
-        raise ValueError(f"move_order {move_order!r}; choose 'simultaneous' or 'chasers_first'")
+        raise ValueError(f"move_order={move_order!r}; give 'simultaneous' or 'chasers_first'")
 
 
 def checked_table(maze: Maze, table: ArrayLike, name: str) -> NDArray[np.float64]:
-    """The table as float64, if it is one."""
+    """The table as contiguous float64; ValueError unless it is a valid table of this maze."""
     numbers = as_array(name, table, "biuf", "give probabilities")
     array = np.ascontiguousarray(numbers, dtype=np.float64)
     size = maze.num_cells
@@ -282,10 +280,10 @@ def _check_capture(
     duel: Duel,
     for_all: bool,
 ) -> None:
-    """Raise unless the expected time until capture is finite from every pair of cells.
+    """ValueError unless the expected time until capture is finite from every pair of cells.
 
-    In a finite chain it is, exactly if capture can be reached from every pair: by some own move
-    at each pair for a minimiser, any own moves for a maximiser.
+    In a finite Markov chain it is finite if capture is reachable from every pair: by some moves of
+    a minimising agent, or by all moves of a maximising one (`for_all`).
     """
     captured = np.eye(maze.num_cells, dtype=bool)
     spots, _ = _grid(maze)
@@ -304,20 +302,20 @@ def _check_capture(
 
 
 def _grid(maze: Maze) -> tuple[NDArray[np.int32], tuple[int, int]]:
-    """The place of each cell in the full grid, and the shape of the values with their margins."""
+    """The index of each cell in the full grid, and the shape of the values with their margins."""
     shape = (maze.num_cells, (maze.height + 2) * maze.width)
     return maze.rows * np.int32(maze.width) + maze.columns, shape
 
 
 def _lay_out(maze: Maze, table: NDArray[np.float64], turned: bool = False) -> NDArray[np.float64]:
-    """The table as [own cell, slot, grid], its owner being own, or other if turned."""
+    """The table as [own cell, slot, grid]; of the own player, or of the other if `turned`."""
     laid = np.empty((maze.num_cells, 5, maze.height * maze.width))
     lay_out(table, maze.neighbors, _grid(maze)[0], turned, laid)
     return laid
 
 
 def _any_move(maze: Maze, allowed: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Weights of an own player that may do all that is `allowed` [cells, actions]."""
+    """Weights of an own player, uniform over the `allowed` [cells, actions]."""
     even = allowed / allowed.sum(axis=1, keepdims=True)
     table = np.broadcast_to(even[:, None], (len(even), *even.shape))
     return _lay_out(maze, np.ascontiguousarray(table))
@@ -326,14 +324,13 @@ def _any_move(maze: Maze, allowed: NDArray[np.bool_]) -> NDArray[np.float64]:
 def _own_moves(
     maze: Maze, allowed: NDArray[np.bool_]
 ) -> tuple[NDArray[np.int32], NDArray[np.int8]]:
-    """Neighbors [cells, 5] of an own player that may do what is `allowed` [cells, actions], and
-    [cells, 5] which allowed action each action is.
+    """Neighbors [cells, 5] of an own player with the `allowed` actions [cells, actions], and the
+    allowed action [cells, 5] in place of each action.
 
-    One that is not allowed becomes the first that is. So the kernels need no mask: an agent that
-    cannot move into walls cannot wait by such a move.
+    An action that is not allowed is replaced by the first that is, so the kernels need no masks.
     """
     kept = np.concatenate([allowed, np.ones((len(allowed), 5), dtype=bool)], axis=1)[:, :5]
     instead = np.where(kept, np.arange(5), kept.argmax(axis=1)[:, None])
     neighbors = np.take_along_axis(maze.neighbors, instead, axis=1)
-    neighbors.setflags(write=False)  # as those of a maze are: one kernel serves both
+    neighbors.setflags(write=False)  # as the arrays of mazes, so that both have one compiled kernel
     return neighbors, instead.astype(np.int8)

@@ -1,18 +1,18 @@
 """Compiled kernels of `best_response`: sweeps over all pairs of cells of two players.
 
-One player is *own*, the other is *other*. An agent has five *slots*: the moves north, south, east
-and west where they change the cell, and standing still (by the stay action, or by a bump).
+The players are *own* and *other*. A player has five *slots*: the moves north, south, east and west
+if they change the cell, and staying (by the stay action, or by a move into a wall).
 
-The other player's cells are laid out as the full grid of rows × columns, blocked cells included:
-its next cell then lies at the same offset everywhere, and a sweep is plain arithmetic on long rows,
-which the processor does eight at a time. Arrays, all float64:
+The cells of the other player are the full grid of rows × columns, with blocked cells. Then the next
+cell of a move has the same offset everywhere, and a sweep is arithmetic on long rows, which the
+processor vectorises. Arrays, all float64:
 
-    values   [own cell, width + grid + width]  with a margin of one row of cells at either end
-    chances  [own cell, slot, grid]            of the other's slots; 0 where own and other are one
-    weights  [own cell, slot, grid]            of the own slots
+    values   [own cell, width + grid + width]  with a margin of one row of cells at both ends
+    chances  [own cell, slot, grid]            probabilities of the other's slots; 0 if own == other
+    weights  [own cell, slot, grid]            probabilities of the own slots
     after    [slot, grid]                      for one own cell: expected values after each slot
 
-`spots` [cells] int32 is the place of each cell in the grid.
+`spots` [cells] int32 is the index of each cell in the grid.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ TIE = 1e-12
 
 @compiled
 def first_bad_row(table: Any, tolerance: float) -> Any:
-    """The first row (self * cells + other) that is no distribution, or -1; skips the diagonal."""
+    """The first row (self * cells + other) that is no distribution, or -1; ignores the diagonal."""
     size = table.shape[0]
     for self_cell in range(size):
         for other_cell in range(size):
@@ -48,7 +48,7 @@ def first_bad_row(table: Any, tolerance: float) -> Any:
 
 @compiled
 def lay_out(table: Any, neighbors: Any, spots: Any, turned: bool, laid: Any) -> None:
-    """Turn a policy table into `weights`, or, `turned`, into `chances`; sums are normed to 1."""
+    """Fill `laid` with a table as `weights`, or as `chances` if `turned`; sums are scaled to 1."""
     size = table.shape[0]
     laid[:] = 0.0
     for own in range(size):
@@ -70,10 +70,10 @@ def has_slot(neighbors: Any, own: int, slot: int, stay_action: bool) -> Any:
     """Whether the own player can use this slot in its cell."""
     if slot != STILL:
         return neighbors[own, slot] != own
-    stands = stay_action
+    stays = stay_action
     for action in range(4):
-        stands |= neighbors[own, action] == own
-    return stands
+        stays |= neighbors[own, action] == own
+    return stays
 
 
 @subroutine
@@ -90,8 +90,8 @@ def look_ahead(
 ) -> None:
     """Fill after[slot] with the mean of `values` after that own move, over the other's moves.
 
-    Capture counts 0, and an own slot that does not exist infinity. The values of two in one cell
-    are 0; other captures are of neighbors only; their means are computed one by one.
+    Capture counts 0, and an own slot that does not exist counts infinity. Values of pairs in one
+    cell are 0. All other captures are between neighbors, so their means are computed separately.
     """
     grid = chances.shape[2]
     north, south = chances[own, 0], chances[own, 1]
@@ -129,7 +129,7 @@ def look_ahead(
 def finish(
     values: Any, own: int, spots: Any, width: int, line: Any, target: Any, change: Any
 ) -> None:
-    """Write one row of new values, 0 where both are in one cell, and note the largest changes."""
+    """Write one row of new values, 0 for pairs in one cell, and update the largest changes."""
     line[spots[own]] = 0.0
     old, new = values[own, width:], target[own, width:]
     for spot in range(line.shape[0]):
@@ -164,8 +164,8 @@ def respond(
 ) -> Any:
     """One step of backward induction (Bellman, 1957) for the own cells from `first` to `last` - 1.
 
-    target = step_cost + discount * the least expected values over the own slots. A maximiser gives
-    the step cost -1 and has all values negated. Returns the largest change.
+    target = step_cost + discount * the least expected value over the own slots. For a maximising
+    player the step cost is -1 and all values are negated. Returns the largest change.
     """
     after = np.empty((5, chances.shape[2]))
     change = np.zeros(chances.shape[2])
@@ -197,7 +197,7 @@ def evaluate(
     first: int,
     last: int,
 ) -> Any:
-    """The same for an own player that plays its slots by their weights, at step cost 1."""
+    """As `respond`, for an own player with the slot probabilities `weights`, at step cost 1."""
     after = np.empty((5, chances.shape[2]))
     mean = np.empty(chances.shape[2])
     change = np.zeros(chances.shape[2])
@@ -224,9 +224,9 @@ def choose(
     stay_action: bool,
     actions: Any,
 ) -> None:
-    """Fill actions[own cell, other cell] with the first best action, moves before standing.
+    """Fill actions[own cell, other cell] with the first optimal action, moves before staying.
 
-    Waiting is the stay action or, without it, the first action that moves into a wall.
+    An agent stays by the stay action or, without it, by the first action into a wall.
     """
     after = np.empty((5, chances.shape[2]))
     for own in range(spots.shape[0]):
@@ -255,10 +255,10 @@ def spread_capture(
     duel: Duel,
     for_all: bool,
 ) -> Any:
-    """Mark the pairs from which a move can lead to capture, or to a marked pair; whether any new.
+    """Mark pairs from which moves can lead to capture or to a marked pair; return whether any new.
 
-    Own slots count where their weight is positive. One of them is enough, or, `for_all`, every one
-    must do. `captured` is bool [own cell, other cell] with the diagonal marked.
+    Only own slots with a positive weight count. One of them suffices; with `for_all` all must.
+    `captured` is bool [own cell, other cell] with the diagonal marked.
     """
     changed = False
     for own in range(captured.shape[0]):

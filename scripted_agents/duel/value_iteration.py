@@ -1,4 +1,4 @@
-"""Sweeps over an array of values until a horizon or a fixed point, on several threads if large."""
+"""Sweeps over an array of values up to a horizon or a fixed point, with threads if large."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ from numpy.typing import NDArray
 Sweep = Callable[[NDArray[np.float64], NDArray[np.float64], int, int], float]
 
 TOLERANCE = 1e-9
-"""How exact a fixed point is, relative to the largest value."""
+"""The error of a fixed point, relative to the largest value."""
 
 MAX_SWEEPS, MAX_UPDATES = 200_000, 20_000_000_000
 """Bounds on the search for a fixed point: sweeps, and sweeps times values (some minutes)."""
 
 THREADED_ROWS = 400
-"""From this number of rows on a sweep is worth sharing out to threads."""
+"""Arrays with at least this number of rows use several threads."""
 
 MAX_THREADS = 8
 
 MAX_JUMPS = 30
-"""Guesses of the fixed point, at most: where they lead away again and again, plain sweeps go on."""
+"""Maximum number of extrapolations to the fixed point; after them only plain sweeps follow."""
 
 LARGEST_PLAIN_DISCOUNT = 0.99
-"""Up to this discount plain sweeps are quick enough, and certain."""
+"""Up to this discount no extrapolation is used, as plain sweeps converge fast."""
 
 WINDOW = 9
-"""How many changes in a row tell the rate at which they shrink."""
+"""Number of consecutive changes from which their rate of decrease is estimated."""
 
 
 def iterate(
@@ -41,15 +41,15 @@ def iterate(
     """Backward induction, or value iteration, from values of 0. Bellman (1957).
 
     Args:
-        sweep: takes the values, where to write those one step further back, and the range of rows
-            to do; gives the largest change. It must release Python's lock to gain from threads.
+        sweep: (values, target, first, last) -> largest change; writes the next values of the rows
+            from `first` to `last` - 1 into `target`. Threads help if it releases the GIL.
         shape: of the values, float64.
-        horizon: the number of sweeps; None for as many as it takes until the values are within
-            about TOLERANCE (relative to the largest) of the fixed point.
-        discount: by which a sweep shrinks differences at least.
+        horizon: number of sweeps; None for as many as needed until the values are within about
+            TOLERANCE (relative to the largest) of the fixed point.
+        discount: factor by which a sweep reduces differences, or more.
 
     Returns:
-        The values, those one sweep before, and the number of sweeps. The numbers do not depend on
+        The values, those before the last sweep, and the number of sweeps. Values do not depend on
         the number of threads.
 
     Raises:
@@ -76,7 +76,7 @@ def iterate(
             changes.append(change)
             if horizon is not None or len(changes) < WINDOW:
                 continue
-            # From here on the changes to come are about a geometric series.
+            # Further changes are approximately a geometric series.
             rates = [after / before for before, after in pairwise(changes[-WINDOW:])]
             rate = max(*rates, slowest)
             largest = float(np.abs(values).max())
@@ -87,8 +87,8 @@ def iterate(
             if rate < 1.0 and change * rate / (1.0 - rate) <= 0.1 * TOLERANCE * max(largest, 1.0):
                 return values, target, sweeps
             if jumps < MAX_JUMPS and len(changes) >= 4 * WINDOW and _is_steady(rates):
-                # Its sum at once. The fixed point attracts from everywhere, so a bad guess is only
-                # a detour.
+                # Add the sum of the series. Sweeps converge from any values, so a bad extrapolation
+                # only takes time.
                 slowest = max(rates)
                 jumps += 1
                 values += (values - target) * (slowest / (1.0 - slowest))
@@ -103,6 +103,6 @@ def iterate(
 
 
 def _is_steady(rates: list[float]) -> bool:
-    """Whether the changes shrink slowly, and so regularly that their series can be summed."""
+    """Whether the changes decrease slowly, and regularly enough to extrapolate."""
     slowest = max(rates)
     return 0.9 < slowest < 1.0 - 1e-7 and (1.0 - min(rates)) < 1.05 * (1.0 - slowest)

@@ -1,1 +1,1 @@
-"""Cops and robbers."""
+"""The game of cops and robbers."""

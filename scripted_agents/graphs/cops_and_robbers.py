@@ -1,7 +1,7 @@
 """The turn-based chase, solved by retrograde analysis: winning positions and the cop number.
 
-The chasers see the evader and move all at once, then the evader sees them and moves, and so on:
-the game of cops and robbers (Nowakowski and Winkler, 1983; Aigner and Fromme, 1984).
+All chasers move at once, then the evader moves, and so on; all positions are known. This is the
+game of cops and robbers (Nowakowski and Winkler, 1983; Aigner and Fromme, 1984).
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ NEVER = 65535
 
 @dataclass(frozen=True, eq=False)
 class TurnBasedSolution:
-    """What `solve_in_turns` found.
+    """The result of `solve_in_turns`.
 
     Attributes:
-        chasers_win: [chaser cell, ..., evader cell] bool, with the chasers to move; True where one
-            stands on the evader already.
-        times: of the same shape, uint16: the moves of the chasers until capture when they hurry and
-            the evader delays; 0 where it is caught already, NEVER where it escapes. None where it
-            would not fit into memory.
+        chasers_win: [chaser cell, ..., evader cell] bool, with the chasers to move; True if one is
+            in the cell of the evader.
+        times: of the same shape, uint16: the moves of the chasers until capture with optimal moves
+            of both sides; 0 if it is captured already, NEVER if it escapes. None if the array does
+            not fit into memory.
     """
 
     maze: Maze
@@ -46,7 +46,7 @@ class TurnBasedSolution:
 
     @property
     def has_winning_start(self) -> bool:
-        """Whether the chasers can take places from which no start of the evader saves it."""
+        """Whether the chasers have starting cells from which they capture any evader."""
         return bool(self.chasers_win.all(axis=-1).any())
 
 
@@ -56,18 +56,18 @@ def solve_in_turns(
     stay_action: bool = True,
     report: Report = lambda share, num_chasers: None,
 ) -> TurnBasedSolution:
-    """Solve the chase in turns by retrograde analysis, the chasers to move first.
+    """Solve the turn-based chase by retrograde analysis; the chasers move first.
 
-    Chasers may share a cell. An evader is caught by a chaser that moves onto it, and when it moves
-    onto a chaser.
+    Chasers may share a cell. An evader is captured if a chaser moves into its cell, or if it moves
+    into the cell of a chaser.
 
     Args:
-        maze: where it is played.
+        maze: the maze.
         num_chasers: 1 or more.
-        stay_action: whether agents may stay, as in the literature. Without it only a move into a
-            wall is a way to stay.
-        report: called after every sweep with the fraction of positions known to be won by chasers,
-            and how many they are.
+        stay_action: whether agents may stay, as in the literature. Without it agents can stay only
+            by a move into a wall.
+        report: called after every sweep with the fraction of positions known to be won by the
+            chasers, and the number of chasers.
 
     Raises:
         ValueError: no chaser, or a game that does not fit into MAX_BYTES.
@@ -81,7 +81,7 @@ def solve_in_turns(
     check_memory(
         f"{maze.name} in turns, {size} cells and {num_chasers} chaser(s),",
         needed,
-        "take a smaller maze or fewer chasers",
+        "use a smaller maze or fewer chasers",
         MAX_BYTES,
     )
     timed = needed + 2 * teams * size <= MAX_BYTES
@@ -125,13 +125,13 @@ def cop_number(
     most: int = 3,
     report: Report = lambda share, num_chasers: None,
 ) -> int | None:
-    """The least number of chasers that catch any evader, in turns, from places of their choice.
+    """The least number of chasers that capture any evader in turns, from starts of their choice.
 
-    None where more than `most` are needed. A maze is a planar graph: 3 always suffice where it is
-    connected and all may stay (Aigner and Fromme, 1984).
+    None if more than `most` are needed. A maze is a planar graph, so 3 chasers always suffice if it
+    is connected and agents may stay (Aigner and Fromme, 1984).
 
     Raises:
-        ValueError: the answer does not fit into memory.
+        ValueError: the solution does not fit into memory.
     """
     for chasers in range(1, whole("most", most, 1) + 1):
         if solve_in_turns(maze, chasers, stay_action, report).has_winning_start:
@@ -147,7 +147,7 @@ def _as_set(spots: NDArray[np.int64], words: int) -> NDArray[np.uint64]:
 
 
 def _members(sets: NDArray[np.uint64], spots: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """[teams, cells] bool: which cells are in each set."""
+    """[teams, cells] bool: whether each cell is in each set."""
     member = np.empty((len(sets), len(spots)), dtype=bool)
     for cell, spot in enumerate(spots.tolist()):
         member[:, cell] = (sets[:, spot // 64] >> np.uint64(spot % 64)) & np.uint64(1)
@@ -155,7 +155,7 @@ def _members(sets: NDArray[np.uint64], spots: NDArray[np.int64]) -> NDArray[np.b
 
 
 def distinct_moves(neighbors: NDArray[np.int32]) -> NDArray[np.bool_]:
-    """[cells, actions] bool: False for an action that leads where an earlier one does."""
+    """[cells, actions] bool: False for an action with the same next cell as an earlier one."""
     useful = np.ones(neighbors.shape, dtype=bool)
     for action in range(1, neighbors.shape[1]):
         useful[:, action] = (neighbors[:, :action] != neighbors[:, action : action + 1]).all(axis=1)

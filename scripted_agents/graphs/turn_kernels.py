@@ -1,7 +1,8 @@
-"""Compiled kernels of the game in turns: sets of evader cells as bits, one set for every team.
+"""Compiled kernels of the turn-based game: sets of evader cells as bits, one set for every team.
 
-A *team* numbers the cells of all chasers, the last one counting fastest. Bit `row * width + column`
-of a set [words] uint64 is that place in the grid, so that a move of all evaders at once is a shift.
+A *team* is the index of the cells of all chasers, the last chaser varying fastest. Bit
+`row * width + column` of a set [words] uint64 is that position in the grid, so that a move of all
+evaders is a shift.
 """
 
 from __future__ import annotations
@@ -17,14 +18,14 @@ from pursuit.compilation.compiled import compiled
 def trap(
     winning: Any, trapped: Any, chances: Any, offsets: Any, taken: Any, num_chasers: int
 ) -> None:
-    """Where the evader is to move and lost: it is caught, or every move leads to `winning`.
+    """Positions in which the evader is to move and loses: all of its moves lead to `winning`.
 
     Args:
-        winning: [teams, words], where the chasers are to move and win.
-        trapped: [teams, words], written.
-        chances: [moves, words], the places where each move is possible.
-        offsets: [moves] int64, how far each move leads in the grid.
-        taken: [cells, words], the place of every cell as a set.
+        winning: [teams, words], positions with the chasers to move that they win.
+        trapped: [teams, words], output; with the positions in which the evader is captured.
+        chances: [moves, words], the grid positions where each move is possible.
+        offsets: [moves] int64, the offset of each move in the grid.
+        taken: [cells, words], the grid position of every cell as a set.
         num_chasers: cells of a team.
     """
     teams, words = winning.shape
@@ -34,7 +35,7 @@ def trap(
             bad = np.uint64(0)
             for move in range(len(offsets)):
                 offset = offsets[move]
-                # Bit p of the shifted set is bit p + offset of the places that do not win.
+                # Bit p of the shifted set is bit p + offset of the positions that are not winning.
                 whole, part = offset // 64, np.uint64(offset % 64)
                 here, there = word + whole, word + whole + 1
                 bits = np.uint64(0)
@@ -53,7 +54,7 @@ def trap(
 
 @compiled
 def join(source: Any, target: Any, neighbors: Any, useful: Any, scale: int) -> None:
-    """target[team] = the union of source[team'] over one chaser's moves (counted by `scale`)."""
+    """target[team] = the union of source[team'] over the moves of one chaser (stride `scale`)."""
     size, actions = neighbors.shape
     for team in range(source.shape[0]):
         cell = team // scale % size
@@ -67,18 +68,18 @@ def join(source: Any, target: Any, neighbors: Any, useful: Any, scale: int) -> N
 
 @compiled
 def extend(winning: Any, reached: Any, spots: Any, times: Any, time: int) -> Any:
-    """Add `reached` to `winning`, and note `time` [teams, cells] (if it has rows); whether new."""
+    """Add `reached` to `winning` and `time` to `times` (if it has rows); return whether any new."""
     changed = False
     for team in range(winning.shape[0]):
         for word in range(winning.shape[1]):
-            fresh = reached[team, word] & ~winning[team, word]
-            if fresh == np.uint64(0):
+            added = reached[team, word] & ~winning[team, word]
+            if added == np.uint64(0):
                 continue
             changed = True
-            winning[team, word] |= fresh
+            winning[team, word] |= added
             if times.shape[0]:
                 for cell in range(len(spots)):
                     spot = spots[cell]
-                    if spot >> 6 == word and (fresh >> np.uint64(spot & 63)) & np.uint64(1):
+                    if spot >> 6 == word and (added >> np.uint64(spot & 63)) & np.uint64(1):
                         times[team, cell] = time
     return changed

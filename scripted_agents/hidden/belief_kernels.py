@@ -1,8 +1,8 @@
-"""Compiled Bayes filter over the cell of one opponent that is not always seen.
+"""Compiled Bayes filter over the cell of one opponent that is not always visible.
 
-Every game is filtered by itself, so that it does not depend on its batch. Tables over pairs of
-cells lies as the distance tables do (`pair_index`): `sight` uint8 [own, other], and `chances`
-float64 [other, own, action] (the opponent's own cell first).
+Games are filtered separately, so results do not depend on the batch. Tables over pairs of cells
+have the layout of the distance tables (`pair_index`): `visible` uint8 [own, other], and `chances`
+float64 [other, own, action], the action probabilities of the opponent.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from pursuit.rules.layout import Games, World, world_of
 def predict(
     world: World, maze: int, before: int, now: int, chances: Any, duel: Duel, belief: Any, work: Any
 ) -> None:
-    """Carry a belief one step on by the opponent's chances, to games without a capture."""
+    """Predict a belief one step ahead by the opponent's table, given that there is no capture."""
     size, first = world.num_cells[maze], world.first_cell[maze]
     for cell in range(size):
         work[cell] = 0.0
@@ -38,11 +38,11 @@ def predict(
 
 
 @inlined
-def hide_opponents(world: World, maze: int, own: int, sight: Any, belief: Any) -> bool:
-    """Take what is in view out of a belief, and norm it; False where nothing is left of it."""
+def remove_visible(world: World, maze: int, own: int, visible: Any, belief: Any) -> bool:
+    """Remove visible cells from a belief and normalise it; False if the belief becomes 0."""
     total = 0.0
     for cell in range(world.num_cells[maze]):
-        if sight[pair_index(world, maze, own, cell)]:
+        if visible[pair_index(world, maze, own, cell)]:
             belief[cell] = 0.0
         total += belief[cell]
     if total <= 0.0:
@@ -58,7 +58,7 @@ def update_beliefs(
     seat: int,
     other: int,
     mazes: Any,
-    sight: Any,
+    visible: Any,
     chances: Any,
     settings: Any,
     rows: Any,
@@ -67,12 +67,12 @@ def update_beliefs(
     before: Any,
     work: Any,
 ) -> None:
-    """Update the beliefs of all games by what is in view now.
+    """Update the beliefs of all games by the current observation.
 
     `settings` is (own role chases, chasers first, minimum start distance). `rows` [games] are the
     rows of the games in the agent's memory: `belief` [all games, cells] float64, the step
-    `known_at` of that belief (-1: none), and the own cell `before`, both [all games] int32.
-    `work` is float64 [cells].
+    `known_at` of that belief (-1: none), and the own cell `before` in it, both [all games] int32.
+    `work` is float64 [cells], scratch memory.
     """
     own_chases, chasers_first, least = settings
     duel = Duel(own_chases, chasers_first)
@@ -82,7 +82,7 @@ def update_beliefs(
         own, theirs = np.int64(games.position[game, seat]), np.int64(games.position[game, other])
         mine, size = belief[row], world.num_cells[maze]
         in_view = (
-            games.active[game, other] != 0 and sight[pair_index(world, maze, own, theirs)] != 0
+            games.active[game, other] != 0 and visible[pair_index(world, maze, own, theirs)] != 0
         )
         if in_view:
             for cell in range(size):
@@ -95,31 +95,31 @@ def update_beliefs(
                 for cell in range(size):
                     far = table_distance(world, maze, own, cell) >= least
                     mine[cell] = 1.0 if far else 0.0
-            if not hide_opponents(world, maze, own, sight, mine):
-                # The opponent does what it should not: it may be anywhere out of view.
+            if not remove_visible(world, maze, own, visible, mine):
+                # The opponent deviates from its table: it may be in any cell out of view.
                 for cell in range(size):
                     mine[cell] = 1.0
-                hide_opponents(world, maze, own, sight, mine)
+                remove_visible(world, maze, own, visible, mine)
         known_at[row] = games.steps[game]
         before[row] = own
 
 
 @summing
 def least_expected(
-    first: Any, sizes: Any, belief: Any, worth: Any, most: float, work: Any, masks: Any
+    first: Any, sizes: Any, belief: Any, q_values: Any, most: float, work: Any, masks: Any
 ) -> None:
     """Fill `masks` [games] with the actions of least expected value under `belief` [games, cells].
 
-    `worth` is [actions, pairs], `first` [games] the index of the pair (own cell, cell 0), `sizes`
-    [games] the number of cells of the maze, and `work` is [actions]. Actions within the factor
-    `most` of the least count as equal.
+    `q_values` is [actions, pairs], `first` [games] the index of the pair (own cell, cell 0),
+    `sizes` [games] the number of cells of the maze, and `work` [actions] scratch memory. Actions
+    within the factor `most` of the least value count as equally good.
     """
     for game in range(masks.shape[0]):
         least, mask = np.inf, 0
         for action in range(work.shape[0]):
             total = 0.0
             for cell in range(sizes[game]):
-                total += belief[game, cell] * worth[action, first[game] + cell]
+                total += belief[game, cell] * q_values[action, first[game] + cell]
             work[action], least = total, min(least, total)
         for action in range(work.shape[0]):
             mask |= (work[action] <= most * least) << action

@@ -1,4 +1,4 @@
-"""Where an opponent may be that is out of view, and a chaser that acts by it."""
+"""Beliefs about the cell of an opponent that is out of view, and a chaser that acts on them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pursuit.tasks.task import Task
 from pursuit.validation import check_probability, number, one_of
 from scripted_agents.agents.scripted import AStarEvader, draw_actions
 from scripted_agents.agents.view_tables import ViewTables
-from scripted_agents.duel.action_values import worth_of_actions
+from scripted_agents.duel.action_values import q_values
 from scripted_agents.duel.best_response import MoveOrder, best_response, checked_table
 from scripted_agents.hidden import belief_kernels
 from scripted_agents.joint.optimal import table_of
@@ -33,18 +33,18 @@ EQUALLY_GOOD = 1e-8
 class BeliefFilter:
     """The exact Bayes filter over the opponent's cell in duels, for either side.
 
-    At the start the opponent is believed in every cell out of view that is far enough away by the
-    task's `min_start_distance`, all equally likely. Each step carries the belief on by the table of
-    the opponent, which knows the own cell, given no capture; then the opponent is
-    in view, or all cells in view are taken out. Where nothing is left (it does what it should not
-    do), it may be in any cell out of view. Smallwood and Sondik (1973).
+    The initial belief is uniform over the cells out of view at the task's `min_start_distance` or
+    farther. A step predicts the belief by the table of the opponent, which sees the agent, given
+    that there is no capture. Then the opponent is visible, or all visible cells are removed. If
+    nothing is left, as the opponent deviates from its table, the belief is uniform over the cells
+    out of view. Smallwood and Sondik (1973).
 
     Args:
-        opponent: a table policy, the opponent model of the filter.
-        view_radius, line_of_sight: as of `ViewTables`; the task's where left out.
+        opponent: a tabular policy, the opponent model of the filter.
+        view_radius, line_of_sight: as of `ViewTables`; by default those of the task.
 
     Raises:
-        ValueError: an opponent that is no table, or a sight outside its limits.
+        ValueError: an opponent that is no table, or invalid view limits.
     """
 
     def __init__(
@@ -52,28 +52,28 @@ class BeliefFilter:
     ) -> None:
         if not isinstance(opponent, TabularPolicy):
             raise ValueError(
-                f"opponent={opponent!r} has no action_probabilities; a belief is carried on by the "
-                "table of an opponent, such as AStarEvader(epsilon=0.2)"
+                f"opponent={opponent!r} has no action_probabilities; give a tabular policy, such "
+                "as AStarEvader(epsilon=0.2)"
             )
         self.opponent, self.view_tables = opponent, ViewTables(view_radius, line_of_sight)
         self.memory = Memory(_nothing_known)
         self._laid = Memory(self._lay_out)
 
     def begin(self, view: GameView, games: NDArray[np.intp]) -> None:
-        """Forget all of these games of `view` (numbers [n] in it): their episodes begin now."""
+        """Clear the memory of `games` [n] (indices in `view`), in which new episodes start."""
         self.memory.of(view)["known_at"][view.rows[games]] = -1
 
     def update(self, view: GameView) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-        """Take in what is in view now: the live beliefs, and which of their rows are the games'.
+        """Update the beliefs by the current observations; call it once per step.
 
-        Called once in a step; twice in the same one changes nothing.
+        A second call in the same step changes nothing.
 
         Returns:
-            [batch, cells of the largest maze] float64, where `rows` [games] sum to 1: how likely
-            the opponent is in each cell; and `rows` themselves.
+            The beliefs [batch, cells of the largest maze] float64, not a copy: the probability of
+            each cell, where the rows of these games sum to 1; and these rows [games].
 
         Raises:
-            ValueError: games that are no duels, or in mazes too large for tables.
+            ValueError: games that are no duels, or mazes that are too large for tables.
         """
         task, kept, rows = view.task, self.memory.of(view), view.rows
         check_duel(task, "beliefs")
@@ -90,7 +90,7 @@ class BeliefFilter:
             kept["belief"],
             kept["known_at"],
             kept["before"],
-            self._laid.of(view)["room"],
+            self._laid.of(view)["scratch"],
         )
         return kept["belief"], rows
 
@@ -99,20 +99,20 @@ class BeliefFilter:
             self.opponent_table(view.task, maze).reshape(maze.num_cells**2, -1)
             for maze in view.task.mazes
         ]
-        return {"chances": np.concatenate(tables), "room": np.zeros(view.task.max_cells)}
+        return {"chances": np.concatenate(tables), "scratch": np.zeros(view.task.max_cells)}
 
     def opponent_table(self, task: Task, maze: Maze) -> NDArray[np.float64]:
-        """[other cell, own cell, action] float64: what the opponent is believed to play there."""
+        """[other cell, own cell, action] float64: the opponent model in a maze."""
         table = table_of(self.opponent, maze, task.stay_action, task.move_order)
         return checked_table(maze, table, "the opponent's table")
 
 
 class BeliefAgent(ABC):
-    """The common ground of agents that act on what a `BeliefFilter` tells them.
+    """The base class of agents that act on the beliefs of a `BeliefFilter`.
 
     Args:
         beliefs: the filter.
-        epsilon: share of random moves in [0, 1]; the simulator's own epsilon of a game goes first.
+        epsilon: share of random moves in [0, 1]; an epsilon set in the simulator has priority.
     """
 
     role = ""
@@ -122,25 +122,25 @@ class BeliefAgent(ABC):
 
     @property
     def memory(self) -> Memory:
-        """Its beliefs."""
+        """The memory of the filter."""
         return self.filter.memory
 
     def begin(self, view: GameView, games: NDArray[np.intp]) -> None:
-        """Forget all of these games of `view` (numbers [n] in it): their episodes begin now."""
+        """Clear the memory of `games` [n] (indices in `view`), in which new episodes start."""
         self.filter.begin(view, games)
 
     def act(self, view: GameView) -> NDArray[np.int32]:
-        """[num_games] int32, an action for every game; random numbers from the seat's stream.
+        """[num_games] int32, an action for every game; random numbers from the agent's stream.
 
         Raises:
-            ValueError: another role's seat, or games that it does not play.
+            ValueError: an agent of another role, or games that it does not support.
         """
         self._check(view)
         belief, rows = self.filter.update(view)
         return draw_actions(view, self._moves(view, belief[rows]), self.epsilon)
 
     def _check(self, view: GameView) -> None:
-        """ValueError where it does not play in a view."""
+        """ValueError unless it supports the games of a view."""
         check_plays(self, view.task, view.seat)
 
     @abstractmethod
@@ -149,25 +149,25 @@ class BeliefAgent(ABC):
 
 
 class BeliefChaser(BeliefAgent):
-    """Believes where the evader is (`BeliefFilter`), and does what is best with full sight by it.
+    """Takes the actions with the best full-view values under its belief about the evader.
 
-    It minimises the discounted steps until capture as if all were seen from the next step on: it
-    never goes anywhere in order to see. So it bounds nothing, and what it loses by that is what
-    the optimum of limited sight (a partially observed Markov decision process) gains.
+    It minimises the discounted steps until capture as if the view were full from the next step on,
+    so it never moves to gain information. Its values bound the optimum of the partially observable
+    Markov decision process on neither side.
 
     Args:
-        opponent: a table policy, the model of the evader.
+        opponent: a tabular policy, the model of the evader.
         response: "expected" takes the action of least expected value under the belief (QMDP;
-            Littman, Cassandra and Kaelbling, 1995); "most_likely" answers the most likely cell by
-            the best response. Of equally good actions, and of those against cells that are equally
-            likely, one is drawn.
-        view_radius: path steps that it sees; the task's where left out.
-        line_of_sight: whether it sees along rows and columns only; the task's where left out.
-        epsilon: share of random moves in [0, 1]; the simulator's own epsilon of a game goes first.
+            Littman, Cassandra and Kaelbling, 1995); "most_likely" takes the best response to the
+            most likely cell. Ties are broken uniformly.
+        view_radius: path distance up to which cells are visible; by default as in the task.
+        line_of_sight: whether cells are visible only along rows and columns; by default as in the
+            task.
+        epsilon: share of random moves in [0, 1]; an epsilon set in the simulator has priority.
         discount: of each step, above 0 and at most 1.
 
     Raises:
-        ValueError: a setting outside these limits, or an opponent that is no table of an evader.
+        ValueError: an invalid setting, or an opponent that is no tabular evader.
     """
 
     role = "chaser"
@@ -188,8 +188,8 @@ class BeliefChaser(BeliefAgent):
         self.response: Response = one_of("response", response, RESPONSES)
         self.discount = number("discount", discount)
         if not 0.0 < self.discount <= 1.0:
-            raise ValueError(f"discount={discount}; it lies above 0 and is at most 1")
-        self._worth = Memory(self._worth_of)
+            raise ValueError(f"discount={discount}; give a number above 0 and at most 1")
+        self._q_values = Memory(self._q_values_of)
 
     def __repr__(self) -> str:
         epsilon = f"epsilon={self.epsilon:g}" if self.epsilon else ""
@@ -202,7 +202,7 @@ class BeliefChaser(BeliefAgent):
         return f"{type(self).__name__}({', '.join(filter(None, settings))})"
 
     def _moves(self, view: GameView, belief: NDArray[np.float64]) -> NDArray[np.uint8]:
-        kept, world, maze = self._worth.of(view), view.mazes.world, view.games.maze
+        kept, world, maze = self._q_values.of(view), view.mazes.world, view.games.maze
         first = world.table[maze] + view.positions[:, view.seat] * world.num_cells[maze]
         if self.response == "most_likely":
             pairs = first[:, None] + np.arange(belief.shape[1])
@@ -212,34 +212,34 @@ class BeliefChaser(BeliefAgent):
             return np.bitwise_or.reduce(np.where(likely, kept["best"][pairs], 0), axis=1)
         masks, workspace = np.empty(view.num_games, dtype=np.uint8), np.empty(view.task.num_actions)
         sizes, most = world.num_cells[maze], 1.0 + EQUALLY_GOOD
-        belief_kernels.least_expected(first, sizes, belief, kept["worth"], most, workspace, masks)
+        belief_kernels.least_expected(
+            first, sizes, belief, kept["q_values"], most, workspace, masks
+        )
         return masks
 
-    def _worth_of(self, view: GameView) -> dict[str, NDArray[Any]]:
-        """What every action is worth at [own, other] with full sight, and which are best."""
+    def _q_values_of(self, view: GameView) -> dict[str, NDArray[Any]]:
+        """The full-view values of all actions at [own, other], and the masks of optimal ones."""
         task = view.task
         order: MoveOrder = task.move_order  # type: ignore[assignment]
-        worth = []
+        tables = []
         for maze in task.mazes:
             table = self.filter.opponent_table(task, maze)
             rest = (None, self.discount, task.stay_action, order)
             values = best_response("chaser", maze, table, *rest).values
-            steps = worth_of_actions(
-                "chaser", maze, table, values, task.num_actions, order, self.discount
-            )
-            worth.append(steps.reshape(-1, task.num_actions))
-        every = np.concatenate(worth)
-        return {"worth": np.ascontiguousarray(every.T), "best": _least(every)}
+            steps = q_values("chaser", maze, table, values, task.num_actions, order, self.discount)
+            tables.append(steps.reshape(-1, task.num_actions))
+        every = np.concatenate(tables)
+        return {"q_values": np.ascontiguousarray(every.T), "best": _least(every)}
 
 
 def _least(values: NDArray[np.float64]) -> NDArray[np.uint8]:
-    """[n] uint8, the actions of least value in [n, actions] as bit masks, all that are as good."""
+    """[n] uint8, the bit masks of the actions of least value in [n, actions], including ties."""
     good = values <= values.min(axis=1, keepdims=True) * (1.0 + EQUALLY_GOOD)
     return (good @ (1 << np.arange(values.shape[1]))).astype(np.uint8)
 
 
 def _nothing_known(view: GameView) -> dict[str, NDArray[Any]]:
-    """Beliefs of a batch before anything is seen."""
+    """The memory of a batch without beliefs."""
     games = view.num_games
     return {
         "belief": np.zeros((games, view.task.max_cells)),
@@ -249,15 +249,15 @@ def _nothing_known(view: GameView) -> dict[str, NDArray[Any]]:
 
 
 def why_no_belief(task: Task) -> str | None:
-    """Why no belief of an opponent is kept in a task; None where one is."""
+    """The reason why a task has no beliefs about an opponent; None if it has."""
     return None if task.is_duel else "one chaser, one evader and no goals are needed"
 
 
 def check_duel(task: Task, what: str) -> None:
-    """ValueError where a task is no duel."""
+    """ValueError unless a task is a duel."""
     reason = why_no_belief(task)
     if reason is not None:
         raise ValueError(
             f"{what} in task {task.name!r} of {task.num_chasers} chaser(s), {task.num_evaders} "
-            f"evader(s) and {task.num_goals} goal(s): {reason}. Take SearchingChaser"
+            f"evader(s) and {task.num_goals} goal(s): {reason}. Use SearchingChaser"
         )

@@ -1,7 +1,7 @@
 """The chase with a limited view: a proven interval of the optimum, and a policy that attains it.
 
-The chase of one against one, in which the opponent plays a table and sees everything, while the
-responder sees the opponent only in cells that are visible from its own.
+A duel in which the opponent plays a table and has a full view, while the responder sees the
+opponent only in cells that are visible from its own cell.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ from scripted_agents.hidden.search import DEFAULT_MEMORY, HiddenSearch, Report
 
 @dataclass(frozen=True, eq=False)
 class HiddenChaseSolution:
-    """What `solve_hidden_chase` has found so far; `improve` goes on.
+    """The result of `solve_hidden_chase`; `improve` continues the search.
 
     All values are expected discounted steps until capture: the step t = 0, 1, ... counts
-    discount**t, that of the capture included.
+    discount**t, including the step of the capture.
 
     Attributes:
-        maze, rules: what is played; `rules.view_radius` and so on.
+        maze, rules: the game; `rules.view_radius` and so on.
         opponent_table: [self cell, other cell, action] float64, the opponent.
-        search: the bounds; its costs are the responder's, so an evader's are negative.
+        search: the bounds, as costs of the responder, which are negative for an evader.
     """
 
     maze: Maze
@@ -47,27 +47,27 @@ class HiddenChaseSolution:
 
     @property
     def discount(self) -> float:
-        """What a step counts in terms of the one before it."""
+        """The discount of each step."""
         return self.rules.discount
 
     @property
     def lower(self) -> float:
-        """A proven lower bound of the optimum's mean over the starts; an evader reaches it."""
+        """A proven lower bound of the optimum, averaged over starts; an evader attains it."""
         return self.search.lower if self.role == "chaser" else -self.search.upper
 
     @property
     def upper(self) -> float:
-        """A proven upper bound of the optimum's mean over the starts; a chaser reaches it."""
+        """A proven upper bound of the optimum, averaged over starts; a chaser attains it."""
         return self.search.upper if self.role == "chaser" else -self.search.lower
 
     @property
     def width(self) -> float:
-        """upper / lower - 1: how well the optimum is known."""
+        """upper / lower - 1, the relative width of the interval."""
         return self.search.width
 
     @property
     def seconds(self) -> float:
-        """Searched so far."""
+        """The time of the search so far."""
         return self.search.seconds
 
     def bounds(self, own_cell: int, belief: ArrayLike) -> tuple[float, float]:
@@ -75,27 +75,27 @@ class HiddenChaseSolution:
 
         Args:
             own_cell: the responder's cell.
-            belief: [cells], probabilities of the opponent's cell; an opponent in the own cell is
-                caught.
+            belief: [cells], probabilities of the opponent's cell; in the own cell it counts as
+                captured.
 
         Raises:
-            ValueError: no cell, or no distribution.
+            ValueError: an invalid cell, or no distribution.
         """
         low, up = self.search.bounds(own_cell, belief)
         return (low, up) if self.role == "chaser" else (-up, -low)
 
     @cached_property
     def policy(self) -> BeliefOptimal:
-        """A policy with the proven bound: a chaser at most `upper`, an evader at least `lower`.
+        """A policy that attains the bound: a chaser at most `upper`, an evader at least `lower`.
 
-        It is made of what was known when it was asked for first.
+        It uses the plans at the time of the first access.
         """
         return POLICIES[self.role](self)
 
     def improve(
         self, seconds: float, width: float | None = None, report: Report | None = None
     ) -> None:
-        """Search on, with the arguments of `solve_hidden_chase`; `policy` is made anew after it."""
+        """Continue the search, arguments as in `solve_hidden_chase`; `policy` is updated."""
         self.__dict__.pop("policy", None)
         self.search.improve(seconds, width, report)
 
@@ -115,36 +115,39 @@ def solve_hidden_chase(
     memory: int = DEFAULT_MEMORY,
     report: Report | None = None,
 ) -> HiddenChaseSolution:
-    """Bound what an agent with limited sight can achieve against an opponent that plays a table.
+    """Prove an interval of the optimum of an agent with a limited view against a tabular opponent.
 
-    The responder knows the maze and the opponent's table, and sees the opponent where it is within
-    view after the moves of a step, and at the start; the opponent sees everything. A chaser
-    minimises the expected discounted steps until capture, an evader maximises them. At the start
-    an opponent out of view is in any cell out of view, equally likely. Proven by `HiddenSearch`,
-    for as long as it is let; the game has no end but capture.
+    The responder knows the maze and the opponent's table, and sees the opponent if it is in view
+    after the moves of a step or at the start. The opponent has a full view. A chaser minimises the
+    expected discounted steps until capture, an evader maximises them. At the start an opponent out
+    of view is equally likely in all cells out of view. The game ends only with the capture. The
+    bounds are those of a `HiddenSearch`.
 
     Args:
-        maze: where it is played.
+        maze: the maze, or its name.
         opponent_table: [self cell, other cell, action], the opponent's probabilities.
-        view_radius: path steps within which the responder sees; None for no such limit.
-        line_of_sight: it sees along rows and columns until a wall only; with a radius both hold.
-        discount: what a step counts in terms of the one before it; above 0 and below 1.
-        seconds: to search, on one core; less when the bounds are as close as numbers can be.
-        width: stop when upper / lower - 1 is at most so much.
+        view_radius: path distance up to which cells are visible; None for no limit.
+        line_of_sight: whether cells are visible only along rows and columns, up to the next wall;
+            applies in addition to a radius.
+        discount: of each step, above 0 and below 1.
+        seconds: time limit of the search, on one core; it ends earlier at the limits of precision.
+        width: upper / lower - 1 at which the search ends.
         role: of the responder, "chaser" or "evader".
-        stay_action: whether the responder has the fifth action; by default as the opponent does.
+        stay_action: whether the responder has the stay action; by default as the opponent.
         move_order: as in `Task`.
         min_start_distance: least path distance at the start, as in `Task`.
-        memory: bytes that the bounds take at most; when they are full, what says least is dropped.
+        memory: maximum bytes of the bounds; if they are full, the least useful parts are dropped.
         report: called regularly with the seconds and both bounds of the responder's costs.
 
     Raises:
-        ValueError: an argument outside these limits, or a table of a wrong shape or with a row that
-            is no distribution.
+        ValueError: an invalid argument, or a table of a wrong shape or with a row that is no
+            distribution.
     """
     maze = load_maze(maze)
     if maze.num_cells > MAX_TABLE_CELLS:
-        raise ValueError(f"{maze.name}: {maze.num_cells} cells; at most {MAX_TABLE_CELLS}")
+        raise ValueError(
+            f"{maze.name}: {maze.num_cells} cells; give a maze of at most {MAX_TABLE_CELLS}"
+        )
     table = checked_table(maze, opponent_table, "opponent_table")
     rules = VisibilityRules(
         role,
@@ -166,7 +169,7 @@ def solve_hidden_chase(
 
 
 class OpponentTable:
-    """A policy that is this table, in any task."""
+    """A policy with the same table in any task."""
 
     def __init__(self, table: NDArray[np.float64]) -> None:
         self.table = table
@@ -177,32 +180,31 @@ class OpponentTable:
 
 
 class BeliefOptimal(BeliefAgent):
-    """Plays the plans of a `HiddenChaseSolution`, as they are when it is made; a `MemoryPolicy`.
+    """Plays the plans that a `HiddenChaseSolution` has at construction; a `MemoryPolicy`.
 
-    In each game it keeps, by Bayes' rule (`BeliefFilter`), the exact distribution of the other's
-    cell given all that was seen and not seen, and looks one step ahead to the plans' costs. So in
-    expectation, against the opponent and from the starts it was solved for, it reaches the
-    solution's bound, or better: `upper` as a chaser, `lower` as an evader. Against others it plays
-    on by what can be. It sees by its own view radius, which the task's must allow, and never by
-    more.
+    In each game it computes the exact distribution of the opponent's cell given all observations
+    (`BeliefFilter`), and takes the action with the least cost by a one-step lookahead to the plans.
+    Against the opponent and from the starts of the solution, its expectation is at least as good as
+    the bound: `upper` for a chaser, `lower` for an evader. It uses the view limits of the solution,
+    even if those of the task are wider.
 
     Args:
         solution: of `solve_hidden_chase`.
-        epsilon: share of random moves in [0, 1]; the simulator's own epsilon of a game goes first.
+        epsilon: share of random moves in [0, 1]; an epsilon set in the simulator has priority.
     """
 
     def __init__(self, solution: HiddenChaseSolution, epsilon: float = 0.0) -> None:
         rules, search = solution.rules, solution.search
         if rules.role != self.role:
             raise ValueError(
-                f"{type(self).__name__} plays the {self.role}; this solution is the "
-                f"{rules.role}'s: take its .policy"
+                f"{type(self).__name__} plays the {self.role}, and the solution is for the "
+                f"{rules.role}; use its .policy"
             )
         opponent = OpponentTable(solution.opponent_table)
         super().__init__(BeliefFilter(opponent, rules.view_radius, rules.line_of_sight), epsilon)
         self.maze, self._rules, self._visible = solution.maze, rules, search.game.visible
         self._model, self._plans = search.model, search.plans()
-        self._room = workspace_for(self._model, 0, self._plans.action.shape[1], 0)
+        self._workspace = workspace_for(self._model, 0, self._plans.action.shape[1], 0)
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self._rules}, epsilon={self.epsilon:g})"
@@ -210,7 +212,7 @@ class BeliefOptimal(BeliefAgent):
     def _moves(self, view: GameView, belief: NDArray[np.float64]) -> NDArray[np.uint8]:
         moves, own = np.empty(view.num_games, dtype=np.uint8), view.positions[:, view.seat]
         choose_actions(
-            self._model, self._plans, self._room, np.ascontiguousarray(own), belief, moves
+            self._model, self._plans, self._workspace, np.ascontiguousarray(own), belief, moves
         )
         return moves
 
@@ -219,12 +221,12 @@ class BeliefOptimal(BeliefAgent):
         task, rules = view.task, self._rules
         if not task.is_duel or task.mazes != (self.maze,):
             raise ValueError(
-                f"{self!r} plays a duel in {self.maze.name}; task {task.name!r} is another game"
+                f"{self!r} is for a duel in {self.maze.name}; task {task.name!r} is another game"
             )
         if (self._visible & ~task.sees(view.seat)).any():
             raise ValueError(
-                f"{self!r} plays by a wider view than its seat of task {task.name!r}, which sees "
-                "less; solve it for the radius of the task"
+                f"{self!r} has a wider view than its agent in task {task.name!r}; solve the game "
+                "with the view limits of the task"
             )
         if (task.move_order, task.stay_action) != (rules.move_order, rules.stay_action):
             raise ValueError(

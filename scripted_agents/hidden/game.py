@@ -1,4 +1,4 @@
-"""Games of one player in which one cell is hidden: what `HiddenSearch` bounds the cost of."""
+"""Games of one player with one hidden cell, which `HiddenSearch` solves."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from scripted_agents.duel.best_response import MoveOrder
 from scripted_agents.hidden.layout import Model, Roots
 
 NONE, MIXED = -1, -2
-"""In place of the cell where the other is seen: it is not seen; cells of both kinds are possible"""
+"""Values of `seen` for beliefs over cells out of view, and over cells in view and out of view."""
 
 SUM_TOLERANCE = 1e-9
 
@@ -41,7 +41,7 @@ def _radius(name: str, value: Any) -> int | None:
 
 @dataclass(frozen=True)
 class VisibilityRules:
-    """What a hidden chase is played by, but for the maze and the opponent.
+    """The rules of a chase with a limited view, except for maze and opponent.
 
     Raises:
         ValueError: a value that is not allowed.
@@ -65,27 +65,28 @@ class VisibilityRules:
 
 @dataclass(frozen=True, eq=False)
 class HiddenCell:
-    """A game of one player, *own*, which knows its own cell; the other cell moves by chance.
+    """A game of one player, *own* with a known own cell and a partly hidden other cell.
 
-    At every step own takes an action, which leads to a next own cell for sure, and the other cell
-    moves, with chances that depend on both cells and on the action. Then own sees the other cell if
-    it is visible from the own one, and knows that it is in none of those if not. So it is a
-    partially observable Markov decision process, in which what is not known is one cell.
+    In every step own takes an action with a deterministic next own cell. The hidden cell moves with
+    probabilities that depend on both cells and on the action. Then own observes the hidden cell if
+    it is visible from the own cell. This is a partially observable Markov decision process in which
+    one cell is unknown.
 
     Attributes:
         next_own: [own, action] int, the own cell after the action.
-        targets: [own, action, hidden, branch] int, where the other cell can come to.
-        chances: of that shape, how likely; at most 1 in all. With the rest the game ends.
-        costs: [own, action, hidden], expected, of the step.
+        targets: [own, action, hidden, branch] int, the possible next hidden cells.
+        chances: of the same shape, their probabilities, with sums of at most 1; with the remaining
+            probability the game ends.
+        costs: [own, action, hidden], expected cost of the step.
         visible: [own, hidden] bool, whether own sees that cell.
-        discount: what a step counts in terms of the one before it; above 0 and below 1.
+        discount: of each step, above 0 and below 1.
         start_cells: [starts] int, own cells at the start.
-        start_beliefs: [starts, hidden], the chances of the other cell there: one cell in view, or
-            any cells out of view.
-        start_weights: [starts], how likely each start is; 1 in all.
+        start_beliefs: [starts, hidden], probabilities of the hidden cell at the start: one cell in
+            view, or any cells out of view.
+        start_weights: [starts], probabilities of the starts, with sum 1.
 
     Raises:
-        ValueError: arrays that do not fit together, or that are no chances.
+        ValueError: arrays with inconsistent shapes, or that are no probabilities.
     """
 
     next_own: NDArray[np.int32] = field(repr=False)
@@ -108,14 +109,14 @@ class HiddenCell:
             given = as_array(name, getattr(self, name), "biuf", "give numbers")
             object.__setattr__(self, name, np.ascontiguousarray(given, dtype=kind))
         if not 0.0 < number("discount", self.discount) < 1.0:
-            raise ValueError(f"discount={self.discount}; it lies above 0 and below 1")
+            raise ValueError(f"discount={self.discount}; give a number above 0 and below 1")
         _check_shapes(self)
         _check_chances(self)
 
     @property
     def starts(self) -> Roots:
-        """The starts as the kernels take them, with no bounds yet."""
-        return places(self, self.start_cells, self.start_beliefs, self.start_weights)
+        """The starts as an argument of kernels, without bounds."""
+        return roots_of(self, self.start_cells, self.start_beliefs, self.start_weights)
 
 
 def _check_shapes(game: HiddenCell) -> None:
@@ -135,41 +136,44 @@ def _check_shapes(game: HiddenCell) -> None:
     for name, shape in needed.items():
         if getattr(game, name).shape != shape or 0 in shape:
             raise ValueError(
-                f"{name} has shape {getattr(game, name).shape}; beside visible "
-                f"{game.visible.shape} and next_own {game.next_own.shape} it needs {shape}, "
-                "with nothing empty"
+                f"{name} has shape {getattr(game, name).shape}; give {shape}, not empty, to match "
+                f"visible {game.visible.shape} and next_own {game.next_own.shape}"
             )
     for name, most in (("next_own", own), ("targets", hidden), ("start_cells", own)):
         cells = getattr(game, name)
         if cells.min() < 0 or cells.max() >= most:
-            raise ValueError(f"{name} names cells from 0 to {most - 1}; these reach outside")
+            raise ValueError(
+                f"{name} has cells from {cells.min()} to {cells.max()}; give 0 to {most - 1}"
+            )
 
 
 def _check_chances(game: HiddenCell) -> None:
     sums = game.chances.sum(axis=3)
     if not (game.chances >= 0.0).all() or not (sums <= 1.0 + SUM_TOLERANCE).all():
-        raise ValueError("chances are not negative, and at most 1 for each action and hidden cell")
+        raise ValueError(
+            "chances must not be negative, with sums of at most 1 for each action and hidden cell"
+        )
     if not np.isfinite(game.costs).all():
-        raise ValueError("costs are finite")
+        raise ValueError("costs must be finite")
     beliefs, weights = game.start_beliefs, game.start_weights
     if not (beliefs >= 0.0).all() or not np.allclose(beliefs.sum(axis=1), 1.0, atol=SUM_TOLERANCE):
-        raise ValueError("each of start_beliefs is a distribution: not negative, with the sum 1")
+        raise ValueError("each of start_beliefs must be a distribution: not negative, with sum 1")
     if not (weights >= 0.0).all() or abs(weights.sum() - 1.0) > SUM_TOLERANCE:
-        raise ValueError("start_weights are a distribution: not negative, with the sum 1")
+        raise ValueError("start_weights must be a distribution: not negative, with sum 1")
     if (game.starts.seen == MIXED).any():
         raise ValueError(
-            "each of start_beliefs has one cell in view, or cells out of view only: at the start "
-            "the other is seen, or is known not to be where it would be seen"
+            "each of start_beliefs must have one cell in view, or only cells out of view: a "
+            "visible cell is observed at the start"
         )
 
 
-def places(
+def roots_of(
     game: HiddenCell,
     own: NDArray[np.int64],
     beliefs: NDArray[np.float64],
     weights: NDArray[np.float64] | None = None,
 ) -> Roots:
-    """Places to look at: own cells [places] with beliefs [places, hidden]."""
+    """Own cells [n] with beliefs [n, hidden] as an argument of kernels."""
     count, possible = len(own), beliefs > 0.0
     in_view = possible & game.visible[own]
     seen = np.where(in_view.any(axis=1), MIXED, NONE)
@@ -181,7 +185,7 @@ def places(
 
 
 def model_of(game: HiddenCell) -> Model:
-    """The game as the kernels take it."""
+    """The game as an argument of kernels."""
     hidden = ~game.visible
     sizes = hidden.sum(axis=1).astype(np.int32)
     slots = np.where(hidden, hidden.cumsum(axis=1) - 1, NONE).astype(np.int32)
@@ -203,36 +207,36 @@ def model_of(game: HiddenCell) -> Model:
 def hidden_chase(
     maze: Maze, opponent_table: NDArray[np.float64], rules: VisibilityRules
 ) -> HiddenCell:
-    """A chase as the player of one role meets it, the other playing a table; a step costs 1.
+    """A chase from the view of one role against a table; a step costs 1, or -1 for an evader.
 
-    Of an evader it costs -1. The starts are all ordered pairs of cells that are at least
-    `min_start_distance` apart, equally likely: one for each cell in view, one for all that are not.
+    All ordered pairs of cells at a distance of at least `min_start_distance` are equally likely.
+    Each own cell has one start for each cell in view, and one for all cells out of view.
 
     Args:
         opponent_table: [self cell, other cell, action], checked.
 
     Raises:
-        ValueError: no two cells are so far apart.
+        ValueError: there is no such pair.
     """
     visible = visible_cells(maze, rules.view_radius, rules.line_of_sight)
     role, num_actions = rules.role, 4 + rules.stay_action
     size, moves = maze.num_cells, maze.neighbors
-    # Chances, targets and what they are made of; and a belief for every pair in view.
+    # Chances, targets and intermediate arrays; and a belief for every pair in view.
     check_memory(
         f"{maze.name}, {size} cells,",
         size * size * (5 * 24 * num_actions) + 16 * size * int(visible.sum()),
-        "use a smaller maze, or see less",
+        "use a smaller maze, or a narrower view",
     )
     own = moves[:, :num_actions].astype(np.int32)
-    # Actions of the other: four moves, and waiting (by stay or a wall).
+    # Actions of the other: four moves, and staying (by the stay action or a wall).
     still = moves[:, :4] == np.arange(size)[:, None]
     table = opponent_table / np.where(
         np.eye(size)[..., None] > 0, 1.0, opponent_table.sum(axis=2)[..., None]
     )
     moving = np.where(still[:, None], 0.0, table[..., :4])
-    standing = np.where(still[:, None], table[..., :4], 0.0).sum(axis=2)
-    standing += table[..., 4:].sum(axis=2)
-    chances = np.concatenate([moving, standing[..., None]], axis=2).transpose(1, 0, 2)
+    staying = np.where(still[:, None], table[..., :4], 0.0).sum(axis=2)
+    staying += table[..., 4:].sum(axis=2)
+    chances = np.concatenate([moving, staying[..., None]], axis=2).transpose(1, 0, 2)
     targets = np.concatenate([moves[:, :4], np.arange(size)[:, None]], axis=1)
     x, h = np.arange(size)[:, None, None, None], np.arange(size)[None, None, :, None]
     mine, theirs = own[:, :, None, None], targets[None, None]
@@ -261,13 +265,13 @@ def _starts(
     pairs = maze.distances >= max(min_start_distance, 1)
     if not pairs.any():
         raise ValueError(
-            f"min_start_distance {min_start_distance}: no two cells of {maze.name} are so far "
-            f"apart; the longest distance is {maze.longest_distance}"
+            f"min_start_distance={min_start_distance} is more than the largest distance in "
+            f"{maze.name}; give at most {maze.longest_distance}"
         )
     own, cell = np.nonzero(pairs & visible)
     hidden = pairs & ~visible
-    blind = np.flatnonzero(hidden.any(axis=1))
-    cells = np.concatenate([blind, own])
-    counts = np.concatenate([hidden[blind].sum(axis=1), np.ones(len(own))])
-    beliefs = np.concatenate([hidden[blind].astype(np.float64), np.eye(size)[cell]])
+    unseen = np.flatnonzero(hidden.any(axis=1))
+    cells = np.concatenate([unseen, own])
+    counts = np.concatenate([hidden[unseen].sum(axis=1), np.ones(len(own))])
+    beliefs = np.concatenate([hidden[unseen].astype(np.float64), np.eye(size)[cell]])
     return cells, beliefs / counts[:, None], counts / counts.sum()

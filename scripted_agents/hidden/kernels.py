@@ -1,13 +1,12 @@
-"""Compiled kernels of `HiddenCell`: bounds of games in which one cell is hidden, and their search.
+"""Compiled kernels of the search for bounds of `HiddenCell`, games with one hidden cell.
 
-*Own* knows its own cell; the other cell is hidden, but in cells that are seen from the own one it
-is known. So the player has a cell and a *belief*: weights over the hidden cells. The cost
-of a belief is the least expected one; it is a concave function of the weights, and of degree 1 in
-them, so beliefs need not sum to 1, and a belief costs at least as much as its parts.
+The state of the player is its *own* cell and a *belief*: weights over the hidden cell, which is
+known if it is visible from the own cell. The cost of a belief is the least expected cost. It is a
+concave function of the weights and homogeneous of degree 1, so beliefs need not sum to 1, and a
+belief costs at least as much as its parts.
 
-Beliefs over cells out of view are kept by *slots*: of the cells that own does not see they are the
-first, the second and so on. Arrays end in the number of the point or vector, so that a processor
-does many of them at a time.
+Beliefs over cells out of view are stored by *slot*, the index among the cells that are not visible
+from the own cell. The last axis of arrays is the point or vector, for vectorised loops.
 """
 
 from __future__ import annotations
@@ -19,19 +18,19 @@ from pursuit.compilation.compiled import compiled, subroutine
 NONE, MIXED = -1, -2
 
 NO_LIMIT = 1e300
-"""The inverse of a weight of 0: it never limits how much of a point there is in a belief."""
+"""The inverse of a weight of 0, which never limits the share of a point in a belief."""
 
 LEAST = 1e-200
-"""Stands for a weight of 0 where it is multiplied by an inverse."""
+"""In place of a weight of 0 that is multiplied by an inverse."""
 
 NEGLIGIBLE = 1e-6
-"""Shares of a belief below this are left out of the beliefs that are looked at further."""
+"""Smaller shares of a belief are dropped from the beliefs that trials visit."""
 
 SAME = 1e-12
-"""Beliefs that differ by no more are one point; what that can change is in the margin."""
+"""Beliefs with a smaller difference are one point; `HiddenSearch.margin` includes the error."""
 
 LEAST_GAIN = 1e-3
-"""Share of the distance of the bounds at a belief by which a point or a plan must improve them."""
+"""Least improvement by a new point or plan, as a share of the distance of the bounds there."""
 
 
 # -- the two bounds --------------------------------------------------------------------------------
@@ -39,10 +38,10 @@ LEAST_GAIN = 1e-3
 
 @subroutine
 def lower_at(lower: Any, own: int, size: int, weights: Any, work: Any, skip: int) -> Any:
-    """A lower bound of the cost of these weights by slot; the point `skip` is left out.
+    """A lower bound of the cost of these weights by slot, without the point `skip`.
 
-    The weights hold so much of a point, left in work.ratio, and the rest costs its informed bound
-    at least. (Sawtooth: Hauskrecht, 2000; there the rest costs what its single cells do.)
+    The weights contain a point `work.ratio` times, and the rest costs at least its informed bound.
+    (Sawtooth bound: Hauskrecht, 2000, with the costs of single cells for the rest.)
     """
     count, ratio, least = lower.count[own], work.ratio, work.least
     for i in range(count):
@@ -70,7 +69,7 @@ def lower_at(lower: Any, own: int, size: int, weights: Any, work: Any, skip: int
 
 @subroutine
 def upper_at(upper: Any, own: int, size: int, weights: Any, work: Any) -> Any:
-    """The best plan for these weights by slot; its cost is left in work.product."""
+    """The best plan for these weights by slot; costs are stored in work.product."""
     count, product = upper.count[own], work.product
     for j in range(count):
         product[j] = 0.0
@@ -88,10 +87,10 @@ def upper_at(upper: Any, own: int, size: int, weights: Any, work: Any) -> Any:
 
 @subroutine
 def upper_after(model: Any, upper: Any, work: Any, own: int, action: int, belief: Any) -> Any:
-    """The upper bound of a belief [hidden] with this action first.
+    """The upper bound of a belief [hidden] with this first action.
 
-    Leaves where the other may be then in work.arrived and work.after, and the cost of the
-    step in work.cost.
+    Stores the next belief in work.arrived (in view) and work.after (out of view), and the cost of
+    the step in work.cost.
     """
     arrived, after = work.arrived[action], work.after[action]
     mine, cost, up = model.next_own[own, action], 0.0, 0.0
@@ -120,7 +119,7 @@ def upper_after(model: Any, upper: Any, work: Any, own: int, action: int, belief
 
 @subroutine
 def look(model: Any, lower: Any, upper: Any, work: Any, own: int, belief: Any) -> None:
-    """Look one step ahead from a belief [hidden]: both bounds of every useful action."""
+    """One-step lookahead from a belief [hidden]: both bounds for every useful action."""
     for action in range(model.next_own.shape[1]):
         work.low[action], work.up[action] = 1e300, 1e300
         if not model.useful[own, action]:
@@ -142,9 +141,9 @@ def look(model: Any, lower: Any, upper: Any, work: Any, own: int, belief: Any) -
 
 @compiled
 def choose_actions(model: Any, upper: Any, work: Any, own: Any, beliefs: Any, moves: Any) -> None:
-    """Fill `moves` [games] with the bit of the action of the least upper bound one step ahead.
+    """Fill `moves` [games] with the bit of the action of least upper bound by one-step lookahead.
 
-    That is the first of them where several are; own [games] and beliefs [games, hidden].
+    Ties are broken by order. Inputs are own [games] and beliefs [games, hidden].
     """
     for game in range(len(own)):
         for action in range(model.next_own.shape[1]):
@@ -156,7 +155,7 @@ def choose_actions(model: Any, upper: Any, work: Any, own: Any, beliefs: Any, mo
 
 @subroutine
 def least_of(values: Any) -> Any:
-    """The number of the least of them, the first where several are."""
+    """The index of the least value, the first of equal ones."""
     best = 0
     for i in range(len(values)):
         if values[i] < values[best]:
@@ -166,7 +165,7 @@ def least_of(values: Any) -> Any:
 
 @subroutine
 def plan_cost(model: Any, upper: Any, own: int, cell: int, action: int, follow: int) -> Any:
-    """What an action and a plan after it cost where the hidden cell is this one."""
+    """The cost of an action and a plan after it, for this hidden cell."""
     mine, mean = model.next_own[own, action], 0.0
     for branch in range(model.targets.shape[3]):
         target = model.targets[own, action, cell, branch]
@@ -181,7 +180,7 @@ def plan_cost(model: Any, upper: Any, own: int, cell: int, action: int, follow: 
 
 @subroutine
 def add_point(model: Any, lower: Any, work: Any, own: int, value: float, gain: float) -> None:
-    """Note that the belief in work.rest costs at least `value`, if that is news by `gain`."""
+    """Add the point work.rest with lower bound `value`, if that improves the bound by `gain`."""
     size, weights, index = model.sizes[own], work.rest, lower.count[own]
     known = lower_at(lower, own, size, weights, work, NONE)
     if value <= known + gain:
@@ -208,8 +207,8 @@ def add_point(model: Any, lower: Any, work: Any, own: int, value: float, gain: f
 
 @subroutine
 def add_plan(model: Any, upper: Any, work: Any, own: int, action: int, gain: float) -> None:
-    """Note the plan that `look` found to begin with `action`, if it costs the belief in work.rest
-    less by `gain`."""
+    """Add the plan of `look` that starts with `action`, if it reduces the cost of the belief
+    work.rest by `gain`."""
     size, index, follow = model.sizes[own], upper.count[own], work.plan[action]
     if index == upper.action.shape[1]:
         return
@@ -225,8 +224,8 @@ def add_plan(model: Any, upper: Any, work: Any, own: int, action: int, gain: flo
 
 @subroutine
 def update(model: Any, lower: Any, upper: Any, work: Any, own: int, seen: int, belief: Any) -> None:
-    """Improve both bounds from what `look` found, where the other is seen in the cell `seen`, or at
-    a belief out of view (NONE) with the sum 1."""
+    """Improve both bounds by the results of `look`, if the other cell is seen in `seen`, or for a
+    belief out of view (NONE) with sum 1."""
     low, action = work.low[least_of(work.low)], least_of(work.up)
     if seen == NONE:
         for slot in range(model.sizes[own]):
@@ -245,10 +244,10 @@ def update(model: Any, lower: Any, upper: Any, work: Any, own: int, seen: int, b
 def descend(
     model: Any, lower: Any, upper: Any, work: Any, own: int, depth: int, allowed: float
 ) -> Any:
-    """Put what adds most to the distance of the bounds into the next place of the way.
+    """Write the successor that adds most to the distance of the bounds to the next path entry.
 
-    That is of what follows the action that may be best. A distance of `allowed` is small enough;
-    returns False where none is larger.
+    Successors are those of the action with the least lower bound. Returns False if no distance of
+    bounds exceeds `allowed`.
     """
     action = least_of(work.low)
     mine, arrived, after = (model.next_own[own, action], work.arrived[action], work.after[action])
@@ -281,10 +280,10 @@ def descend(
 
 @compiled
 def explore(model: Any, lower: Any, upper: Any, work: Any, epsilon: float) -> Any:
-    """One trial from the first place of the way: down to where the bounds are close enough, given
-    that they are to be within `epsilon` at the start, and up again, improving them. Returns its
-    length; work.low and work.up are of the start then. Heuristic search value iteration: Smith and
-    Simmons (2004, 2005).
+    """One trial of heuristic search value iteration (Smith and Simmons, 2004, 2005) from the first
+    path entry: forward until the bounds are close enough for a distance of `epsilon` at the start,
+    then backward with updates. Returns the length of the path; work.low and work.up are those of
+    the start.
     """
     depth, allowed = 0, epsilon
     while depth + 1 < len(work.own):
@@ -305,26 +304,26 @@ def explore(model: Any, lower: Any, upper: Any, work: Any, epsilon: float) -> An
 
 
 @compiled
-def improve(model: Any, lower: Any, upper: Any, work: Any, places: Any) -> Any:
-    """Look at all places, which are like roots, and improve both bounds there; but with `seen`
-    MIXED (a belief over cells of both kinds) only look. Returns the largest change of their bounds.
+def improve(model: Any, lower: Any, upper: Any, work: Any, roots: Any) -> Any:
+    """Look ahead from all roots, and improve both bounds there, except at roots with `seen` MIXED.
+    Returns the largest change of the bounds of the roots.
     """
     change = 0.0
-    for place in range(len(places.own)):
-        own, belief = places.own[place], places.belief[place]
+    for root in range(len(roots.own)):
+        own, belief = roots.own[root], roots.belief[root]
         look(model, lower, upper, work, own, belief)
         low, up = work.low[least_of(work.low)], work.up[least_of(work.up)]
-        change = max(change, low - places.low[place], places.up[place] - up)
-        places.low[place] = max(places.low[place], low)
-        places.up[place] = min(places.up[place], up)
-        if places.seen[place] != MIXED:
-            update(model, lower, upper, work, own, places.seen[place], belief)
+        change = max(change, low - roots.low[root], roots.up[root] - up)
+        roots.low[root] = max(roots.low[root], low)
+        roots.up[root] = min(roots.up[root], up)
+        if roots.seen[root] != MIXED:
+            update(model, lower, upper, work, own, roots.seen[root], belief)
     return change
 
 
 @compiled
 def evaluate_plans(model: Any, upper: Any) -> Any:
-    """The costs of all plans, from those of the plans after them; returns the largest change."""
+    """Update the costs of all plans by those of their successors; returns the largest change."""
     change = 0.0
     for own in range(len(model.sizes)):
         for plan in range(upper.count[own]):
@@ -347,7 +346,7 @@ def evaluate_plans(model: Any, upper: Any) -> Any:
 
 @compiled
 def prune_points(model: Any, lower: Any, work: Any, own: int, slack: float) -> None:
-    """Drop the points that add less than `slack` to what the others say, one after the other."""
+    """Remove points, one by one, that raise the bound of the others by less than `slack`."""
     size, point = model.sizes[own], 0
     while point < lower.count[own]:
         for slot in range(size):

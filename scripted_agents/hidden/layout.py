@@ -12,13 +12,13 @@ class Model(NamedTuple):
 
     Attributes:
         next_own: [own, action] int32, the own cell after the action.
-        useful: [own, action] bool, False where an earlier action does the same.
-        targets: [own, action, hidden, branch] int32, where the hidden cell can come to.
-        chances: of the same shape, float64: how likely. What is missing to 1 ends the game.
-        costs: [own, action, hidden] float64, expected, of the step.
+        useful: [own, action] bool, False if an earlier action has the same effect.
+        targets: [own, action, hidden, branch] int32, the possible next hidden cells.
+        chances: of the same shape, float64, their probabilities; with the rest the game ends.
+        costs: [own, action, hidden] float64, expected cost of the step.
         slots: [own, hidden] int32, the slot of a cell; NONE where own sees it.
         cells: [own, slots] int32, the cell in a slot.
-        sizes: [own] int32, how many slots there are.
+        sizes: [own] int32, number of slots.
         discount: of every step, below 1.
     """
 
@@ -42,7 +42,7 @@ class LowerBound(NamedTuple):
         inverse: [own, slot, point] float64, the inverse weights of the points.
         value: [own, point] float64, the bound at the point.
         first: [own, action, point] float64, the fast informed bound at the point.
-        count: [own] int64, how many points there are.
+        count: [own] int64, number of points.
     """
 
     seen: Any
@@ -54,14 +54,14 @@ class LowerBound(NamedTuple):
 
 
 class UpperBound(NamedTuple):
-    """An upper bound: the costs of plans, each an action and a plan for where it leads unseen.
+    """An upper bound of the costs: those of plans, each an action and a plan that follows it.
 
     Attributes:
-        seen: [own, hidden] float64, where the cell is known.
-        seen_action, seen_follow: [own, hidden] int32, what is done there, and the plan after it.
+        seen: [own, hidden] float64, the bound if the cell is known.
+        seen_action, seen_follow: [own, hidden] int32, the action then, and the plan after it.
         vectors: [own, slot, plan] float64, the cost by the hidden cell.
-        action, follow: [own, plan] int32. The first plan is a random walk, with the action NONE.
-        count: [own] int64, how many plans there are.
+        action, follow: [own, plan] int32. The first plan is a random walk, with action NONE.
+        count: [own] int64, number of plans.
     """
 
     seen: Any
@@ -78,12 +78,12 @@ class Workspace(NamedTuple):
 
     Attributes:
         after: [action, slot] float64, the weights after the action, out of view.
-        arrived: [action, hidden] float64, those in view.
+        arrived: [action, hidden] float64, the weights in view.
         rest: [slot]; ratio, least: [point]; product: [plan], of one bound.
         cost: [action] float64, of the step.
         low, up, hidden_low, hidden_up: [action] float64; all, and the share out of view.
         plan: [action] int64, the best plan after the action.
-        own, seen: [depth] int64; belief: [depth, hidden] float64: the way of a trial.
+        own, seen: [depth] int64; belief: [depth, hidden] float64: the path of a trial.
     """
 
     after: Any
@@ -129,8 +129,8 @@ def workspace_for(model: Model, points: int, plans: int, depth: int) -> Workspac
 
 
 class Roots(NamedTuple):
-    """Where games begin: own [roots], belief [roots, hidden], seen [roots] (a cell or NONE),
-    weight [roots]; the bounds low, up [roots]; credit [roots], which orders the trials.
+    """Own cells and beliefs with bounds: own [roots], belief [roots, hidden], seen [roots] (a cell,
+    NONE or MIXED), weight [roots], the bounds low, up [roots], credit [roots] (order of trials).
     """
 
     own: Any

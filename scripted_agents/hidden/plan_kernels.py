@@ -1,8 +1,8 @@
-"""Compiled kernels of the plans that `HiddenSearch` finds: what they cost, and which are kept.
+"""Compiled kernels that remove plans of `HiddenSearch` that are no longer used.
 
-A plan is an action, and a plan to follow for as long as the other is not seen; where it is seen,
-the plan of that place begins. So the plans are the states of a controller, and dropping none that
-another one leads to keeps every cost true. Arrays as in `hidden_layout`.
+A plan is an action, and a plan to follow while the other cell is not seen; if it is seen, the plan
+of that cell starts. So plans are the states of a finite-state controller. All costs stay valid if
+no plan is removed that another one leads to. Arrays as in `layout`.
 """
 
 from __future__ import annotations
@@ -16,28 +16,28 @@ NONE = -1
 
 @compiled
 def mark_followed(model: Any, upper: Any, used: Any) -> None:
-    """Mark in used [own, plan] the random walks, the plans after a sight, and all that follow."""
+    """Mark in used [own, plan] the random walks, plans after seen cells, and their successors."""
     for own in range(len(model.sizes)):
         used[own, 0] = True
         for cell in range(upper.seen.shape[1]):
             action = upper.seen_action[own, cell]
             if model.slots[own, cell] == NONE and action != NONE:
                 used[model.next_own[own, action], upper.seen_follow[own, cell]] = True
-    news = True
-    while news:
-        news = False
+    changed = True
+    while changed:
+        changed = False
         for own in range(len(model.sizes)):
             for plan in range(upper.count[own]):
                 if used[own, plan] and upper.action[own, plan] != NONE:
                     mine = model.next_own[own, upper.action[own, plan]]
                     follow = upper.follow[own, plan]
-                    news |= not used[mine, follow]
+                    changed |= not used[mine, follow]
                     used[mine, follow] = True
 
 
 @compiled
 def drop_plans(model: Any, upper: Any, used: Any, number: Any) -> None:
-    """Drop the plans that are not marked; number [own, plan] int32 is room for the new numbers."""
+    """Remove the plans that are not marked; number [own, plan] int32 is filled with new indices."""
     for own in range(len(model.sizes)):
         kept = 0
         for plan in range(upper.count[own]):

@@ -13,14 +13,14 @@ from scripted_agents.hidden.beliefs import BeliefChaser, why_no_belief
 def limited_references(
     task: Task, agent: str | int, opponents: Mapping[str, Policy]
 ) -> dict[str, Policy]:
-    """The references of an agent, by what they are called; none where it sees everything.
+    """The references of an agent by name; empty if it has a full view.
 
-    A chaser has a searching one, and in a duel against a policy that is a table also the belief
-    chaser that knows this table; an evader a wary one, a runner a searching one.
+    Chaser: the searching chaser, and in a duel against a tabular policy the belief chaser with that
+    table as model. Evader: the wary evader. Runner: the searching runner.
 
     Args:
         task: the game; the policies have the view of this agent.
-        agent: by name, role or seat.
+        agent: by name, role or index.
         opponents: the policies of the other agents, by name or role.
     """
     seat = task.seat(agent)

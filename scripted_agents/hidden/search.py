@@ -1,4 +1,4 @@
-"""HiddenSearch: a proven interval of what a game with one hidden cell costs, ever narrower."""
+"""The search for proven bounds of the cost of a game with one hidden cell."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pursuit.memory import check_memory
 from pursuit.validation import as_array, number, whole
-from scripted_agents.hidden.game import NONE, HiddenCell, model_of, places
+from scripted_agents.hidden.game import MIXED, NONE, HiddenCell, model_of, roots_of
 from scripted_agents.hidden.kernels import (
     SAME,
     evaluate_plans,
@@ -31,25 +31,25 @@ from scripted_agents.hidden.plan_kernels import drop_plans, mark_followed
 from scripted_agents.hidden.start_kernels import inform, wander
 
 DEFAULT_MEMORY = 500_000_000
-"""Bytes that points and plans take at most."""
+"""Maximum bytes of points and plans."""
 
 LONGEST_TRIAL = 400
 
 LOOKS = 2000
-"""Beliefs looked at between two glances at the clock: some hundredths of a second."""
+"""Number of lookaheads between two checks of the time: some hundredths of a second."""
 
 SHARE = 0.5
-"""The share of the distance at its root to which a trial is to bring it."""
+"""Target of a trial, as a share of the distance of the bounds at its root."""
 
 GROWTH, FULL = 1.5, 0.8
-"""Points and plans are pruned when there are so many times those kept last; or when one cell has
-that share of what it may have."""
+"""Points and plans are pruned if their number is GROWTH times that after the last pruning, or FULL
+times the maximum of one cell."""
 
 FIRST_SLACK = 1e-6
-"""Share of the mean distance that a point must add, once memory is short; then ever more."""
+"""Initial share of the mean distance that a point must add if memory is full; it increases."""
 
 STEADY = 1e-12
-"""Largest change, relative to the largest value, at which the first bounds are good enough."""
+"""Largest change, relative to the largest value, at which the initial bounds have converged."""
 
 FIRST_SWEEPS = 2000
 
@@ -58,19 +58,19 @@ Report = Callable[[float, float, float], None]
 
 
 class HiddenSearch:
-    """Bounds of the least cost of a `HiddenCell`, of the mean over its starts and of any belief.
+    """Proven bounds of the least cost of a `HiddenCell`: mean over starts, and of any belief.
 
     Heuristic search value iteration (Smith and Simmons, 2004) with a set of points and of plans for
-    every own cell. The lower bound begins with the fast informed bound (Hauskrecht, 2000) and rises
-    by points: what is known of a belief tells of all beliefs that hold a part of it. The upper
-    bound is what plans cost; it begins with a random walk. What rounding can do is taken off.
+    every own cell. The lower bound starts with the fast informed bound (Hauskrecht, 2000). A point
+    raises it for all beliefs that contain a part of it. The upper bound is the cost of plans,
+    starting with a random walk. Both include a margin for rounding errors.
 
     Args:
-        game: what is played.
-        memory: bytes that points and plans take at most.
+        game: the game.
+        memory: maximum bytes of points and plans.
 
     Raises:
-        ValueError: more memory than there is, or too little for any search.
+        ValueError: more memory than available, or too little for a search.
     """
 
     def __init__(self, game: HiddenCell, memory: int = DEFAULT_MEMORY) -> None:
@@ -83,10 +83,10 @@ class HiddenSearch:
         plans = min(memory // 4 // a_plan, 50_000)
         if min(points, plans) < 20:
             raise ValueError(
-                f"memory={memory:,} bytes; {own} own cells with {slots} cells out of view need "
-                f"{20 * 4 * a_plan:,} at least"
+                f"memory={memory:,} bytes; give at least {20 * 4 * a_plan:,} for {own} own cells "
+                f"with {slots} cells out of view"
             )
-        check_memory("the search", points * a_point + plans * a_plan, "give it less memory")
+        check_memory("the search", points * a_point + plans * a_plan, "give less memory")
         informed, walk = first_bounds(self.model)
         least = informed.min(axis=2)
         self.lower_bound = LowerBound(
@@ -108,24 +108,23 @@ class HiddenSearch:
             np.zeros((own, plans), dtype=np.int32),
             np.ones(own, dtype=np.int64),
         )
-        self._room = workspace_for(self.model, points, plans, LONGEST_TRIAL)
+        self._workspace = workspace_for(self.model, points, plans, LONGEST_TRIAL)
         self.roots = game.starts
         cells, others = np.nonzero(game.visible)
-        self._in_view = places(game, cells.astype(np.int64), np.eye(hidden)[others])
+        self._in_view = roots_of(game, cells.astype(np.int64), np.eye(hidden)[others])
         self._cursor, self.slack, self._kept = 0, 0.0, 2 * own
 
     @property
     def _arrays(self) -> tuple[Model, LowerBound, UpperBound, Workspace]:
-        """As kernels take them."""
-        return self.model, self.lower_bound, self.upper_bound, self._room
+        """The arguments of kernels."""
+        return self.model, self.lower_bound, self.upper_bound, self._workspace
 
-    # -- what is known ---------------------------------------------------------------------------
+    # -- results ---------------------------------------------------------------------------------
 
     @property
     def margin(self) -> float:
-        """What rounding can have done to either bound, generously: a value is at most so large, one
-        look adds up so many products (and takes beliefs that are nearly the same for one), and what
-        they are off by counts for 1 / (1 - discount) steps.
+        """A bound of the rounding error of both bounds: that of the sums of one lookahead (and of
+        the identification of similar beliefs) for the largest value, over 1 / (1 - discount) steps.
         """
         most = float(np.abs(self.game.costs).max()) / (1.0 - self.game.discount)
         products = self.game.visible.shape[1] * (self.game.targets.shape[3] + 2)
@@ -139,26 +138,26 @@ class HiddenSearch:
 
     @property
     def upper(self) -> float:
-        """A proven upper bound of the same, which the plans reach."""
+        """A proven upper bound of the mean cost over the starts, which the plans attain."""
         return float(self.roots.weight @ self.roots.up) + self.margin
 
     @property
     def width(self) -> float:
-        """How far the bounds are apart, relative to the one that is nearer to 0; inf around it."""
+        """The distance of the bounds relative to the one nearer to 0; inf if 0 is between them."""
         low, up = self.lower, self.upper
-        if np.isinf(low) or np.isinf(up) or low < 0.0 < up:  # or nothing has been looked at
+        if np.isinf(low) or np.isinf(up) or low < 0.0 < up:  # also before the search
             return np.inf
         least = min(abs(low), abs(up))
         return (up - low) / least if least > 0.0 else np.inf if up > low else 0.0
 
     @property
     def points(self) -> int:
-        """Beliefs that the lower bound stands on."""
+        """Number of points of the lower bound."""
         return int(self.lower_bound.count.sum())
 
     @property
     def num_plans(self) -> int:
-        """Plans that the upper bound consists of."""
+        """Number of plans of the upper bound."""
         return int(self.upper_bound.count.sum())
 
     def bounds(self, own_cell: int, belief: ArrayLike) -> tuple[float, float]:
@@ -166,25 +165,25 @@ class HiddenSearch:
 
         Args:
             own_cell: the cell of the player.
-            belief: [hidden], chances of the other cell; cells in view may be among them, as if they
-                were not looked at before the next step.
+            belief: [hidden], probabilities of the hidden cell. Cells in view are allowed, and are
+                observed only from the next step on.
 
         Raises:
-            ValueError: no cell, or no distribution.
+            ValueError: an invalid cell, or no distribution.
         """
         cell = whole("own_cell", own_cell, 0, len(self.model.sizes) - 1)
         row = as_array("belief", belief, "biuf", "give chances").astype(np.float64)
         if row.shape != (self.game.visible.shape[1],):
-            raise ValueError(f"belief has shape {row.shape}; {(self.game.visible.shape[1],)}")
+            raise ValueError(f"belief has shape {row.shape}; give {(self.game.visible.shape[1],)}")
         if not (row >= 0.0).all() or abs(row.sum() - 1.0) > 1e-6:
-            raise ValueError(f"belief with the sum {row.sum():.6g}; chances, with the sum 1")
-        place = places(self.game, np.array([cell]), (row / row.sum())[None])
-        place.seen[0] = -2  # only look
-        self._improve(place)
-        return float(place.low[0]) - self.margin, float(place.up[0]) + self.margin
+            raise ValueError(f"belief with sum {row.sum():.6g}; give probabilities with sum 1")
+        root = roots_of(self.game, np.array([cell]), (row / row.sum())[None])
+        root.seen[0] = MIXED  # no update
+        self._improve(root)
+        return float(root.low[0]) - self.margin, float(root.up[0]) + self.margin
 
     def plans(self) -> UpperBound:
-        """The upper bound as it is now, a copy without room for more plans."""
+        """A copy of the current upper bound, without space for more plans."""
         upper, most = self.upper_bound, self.upper_bound.count.max()
         whole = UpperBound(*(array.copy() for array in upper))
         return whole._replace(
@@ -198,19 +197,19 @@ class HiddenSearch:
     def improve(
         self, seconds: float, width: float | None = None, report: Report | None = None
     ) -> None:
-        """Search on, for so many seconds or until the bounds are so close, relative to the larger.
+        """Continue the search for so many seconds, or until `self.width` is at most `width`.
 
         Raises:
             ValueError: seconds or a width below 0.
         """
         if number("seconds", seconds) < 0.0:
-            raise ValueError(f"seconds={seconds}; 0 or more")
+            raise ValueError(f"seconds={seconds}; give 0 or more")
         if width is not None and number("width", width) < 0.0:
-            raise ValueError(f"width={width}; 0 or more, such as 0.001")
+            raise ValueError(f"width={width}; give 0 or more, such as 0.001")
         enough = 0.0 if width is None else width
         self._compile()
-        began, before = perf_counter(), self.seconds
-        self._settle()
+        start, before = perf_counter(), self.seconds
+        self._bound_starts()
         while self.seconds - before < seconds and self.width > enough:
             if self.upper - self.lower <= 3.0 * self.margin:
                 break
@@ -221,42 +220,42 @@ class HiddenSearch:
             self._improve(self._some_points(LOOKS // 2))
             if self._is_full() or self.points + self.num_plans > GROWTH * self._kept + 100:
                 self.prune()
-            self.look_at_starts()
+            self.update_starts()
             if self.lower > self.upper:
                 raise RuntimeError(
-                    f"bounds {self.lower} and {self.upper} have crossed, which proves a fault of "
-                    "the search: report the maze and the arguments"
+                    f"bounds {self.lower} and {self.upper} have crossed, which is a bug of the "
+                    "search; report the maze and the arguments"
                 )
             self.looks += LOOKS
-            self.seconds = before + perf_counter() - began
+            self.seconds = before + perf_counter() - start
             if report is not None:
                 report(self.seconds, self.lower, self.upper)
-        self.seconds = before + perf_counter() - began
+        self.seconds = before + perf_counter() - start
 
-    def _settle(self) -> None:
-        """Bounds of what is seen and of the starts, as far as single looks lead."""
+    def _bound_starts(self) -> None:
+        """Improve the bounds of known cells and of the starts by lookaheads."""
         largest = float(np.abs(self.upper_bound.seen).max())
         for _ in range(FIRST_SWEEPS if self.looks == 0 else 1):
             if self._improve(self._in_view) <= STEADY * largest:
                 break
-        self.look_at_starts()
+        self.update_starts()
 
-    def look_at_starts(self) -> None:
-        """Bounds of the starts; the upper ones as the plans that are there reach them."""
+    def update_starts(self) -> None:
+        """Update the bounds of the starts; upper bounds are recomputed from the current plans."""
         self.roots.up[:] = np.inf
         self._improve(self.roots)
 
     def _compile(self) -> None:
-        """So that no time to search is lost by it: every kernel, with nothing to do."""
+        """Compile every kernel by calls on empty input, before the time limit starts."""
         self._explore_from(0, np.inf)
-        self._improve(places(self.game, np.zeros(0, dtype=np.int64), np.zeros((0, 1))))
+        self._improve(roots_of(self.game, np.zeros(0, dtype=np.int64), np.zeros((0, 1))))
         evaluate_plans(self.model, self.upper_bound)
         if self.looks == 0:
             self.prune()
 
     def _explore(self, looks: int) -> None:
-        """Trials from the starts, in turns by what each adds to the distance of the mean's bounds,
-        each to take the distance at its start to SHARE of it; until so many beliefs are looked at.
+        """Trials from the starts, with frequencies proportional to their shares of the distance of
+        the mean bounds, until so many lookaheads are done.
         """
         roots = self.roots
         while looks > 0:
@@ -269,8 +268,8 @@ class HiddenSearch:
             looks -= self._explore_from(best, SHARE * (roots.up[best] - roots.low[best]))
 
     def _explore_from(self, root: int, epsilon: float) -> int:
-        """A trial that is to bring the bounds of a start so close; its length."""
-        roots, work = self.roots, self._room
+        """A trial from a start with this target distance of its bounds; returns its length."""
+        roots, work = self.roots, self._workspace
         work.own[0], work.seen[0] = roots.own[root], roots.seen[root]
         work.belief[0] = roots.belief[root]
         length = int(explore(*self._arrays, epsilon))
@@ -279,15 +278,15 @@ class HiddenSearch:
         return length
 
     def prune(self) -> None:
-        """Drop points that others imply, and plans that are best nowhere and that none leads to."""
+        """Remove points implied by others, and plans that are best nowhere and follow no other."""
         slack = self.margin
         if self.slack > 0.0:
             slack += self.slack * max(self.upper - self.lower, 0.0)
         for own in range(len(self.model.sizes)):
-            prune_points(self.model, self.lower_bound, self._room, own, slack)
+            prune_points(self.model, self.lower_bound, self._workspace, own, slack)
         upper = self.upper_bound
         used = np.zeros(upper.action.shape, dtype=bool)
-        mark_best(self.model, self.lower_bound, upper, self._room, self.roots, used)
+        mark_best(self.model, self.lower_bound, upper, self._workspace, self.roots, used)
         mark_followed(self.model, upper, used)
         drop_plans(self.model, upper, used, np.zeros(used.shape, dtype=np.int32))
         self._kept, self._cursor = self.points + self.num_plans, 0
@@ -303,7 +302,7 @@ class HiddenSearch:
         return float(improve(*self._arrays, these))
 
     def _some_points(self, count: int) -> Roots:
-        """The next so many points, as places."""
+        """The next `count` points of the lower bound as roots."""
         counts = self.lower_bound.count
         first, total = self._cursor, self.points
         numbers = np.arange(first, min(first + count, total))
@@ -313,12 +312,12 @@ class HiddenSearch:
         there, slot = np.nonzero((inverse < 1e299) & (inverse > 0.0))
         beliefs = np.zeros((len(numbers), self.game.visible.shape[1]))
         beliefs[there, self.model.cells[own[there], slot]] = 1.0 / inverse[there, slot]
-        return places(self.game, own.astype(np.int64), beliefs)
+        return roots_of(self.game, own.astype(np.int64), beliefs)
 
 
 def first_bounds(model: Model) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Where the search begins: [own, hidden, action] what it costs at least to begin with it,
-    and [own, hidden] what a random walk costs.
+    """The initial bounds: [own, hidden, action] a lower bound of the cost with that first action,
+    and [own, hidden] the cost of a random walk.
     """
     hidden, most = model.costs.shape[2], 1.0 / (1.0 - model.discount)
     own, actions = model.next_own.shape
@@ -332,14 +331,14 @@ def first_bounds(model: Model) -> tuple[NDArray[np.float64], NDArray[np.float64]
     for _ in range(FIRST_SWEEPS):
         if wander(model, walk) <= enough:
             break
-    first = model.useful.argmax(axis=1)  # in place of those that do the same as an earlier one
+    first = model.useful.argmax(axis=1)  # in place of actions with the effect of an earlier one
     instead = np.where(model.useful, np.arange(actions), first[:, None])
     informed = np.take_along_axis(informed, instead[:, None], axis=2)
     return informed, walk
 
 
 def _by_slot(model: Model, values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """[own, kinds, slot] from [own, kinds, hidden]; 0 in slots that are none."""
+    """[own, kinds, slot] from [own, kinds, hidden]; 0 in unused slots."""
     taken = np.take_along_axis(values, model.cells[:, None].astype(np.int64), axis=2)
     there = np.arange(model.cells.shape[1]) < model.sizes[:, None]
     return np.ascontiguousarray(np.where(there[:, None], taken, 0.0))

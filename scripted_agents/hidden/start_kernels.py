@@ -1,7 +1,7 @@
-"""Compiled kernels of `HiddenCell`: the bounds that its search begins with.
+"""Compiled kernels of the initial bounds of the search of a `HiddenCell`.
 
-Both are fixed points that are approached from their own side, so that what stands in them is a
-bound after every sweep. Arrays as in `hidden_layout`.
+Both are fixed points that sweeps approach from one side, so the values are a bound after every
+sweep. Arrays as in `layout`.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from pursuit.compilation.compiled import compiled, subroutine
 
 @subroutine
 def least_after(model: Any, values: Any, own: int, action: int, cell: int) -> Any:
-    """The expected least values after an action: of each cell in view, and of all that are not."""
+    """The expected least value after an action: for each cell in view, and for all others."""
     mine, mean, least = model.next_own[own, action], 0.0, 1e300
     branches, actions = model.targets.shape[3], model.next_own.shape[1]
     for branch in range(branches):
@@ -40,9 +40,9 @@ def least_after(model: Any, values: Any, own: int, action: int, cell: int) -> An
 def inform(model: Any, values: Any) -> Any:
     """One sweep of the fast informed bound (Hauskrecht, 2000); returns the largest change.
 
-    values [own, hidden, action] float64: what it costs at least to begin with that action, where
-    the hidden cell is known now; from the next step on it is known only where it is visible.
-    They rise; a place takes in what is already new, which is as good.
+    values [own, hidden, action] float64: a lower bound of the cost with that first action, if the
+    hidden cell is known now; from the next step on it is known only if visible. Values increase,
+    and are updated in place.
     """
     change = 0.0
     for own in range(values.shape[0]):
@@ -58,9 +58,9 @@ def inform(model: Any, values: Any) -> Any:
 
 @compiled
 def wander(model: Any, values: Any) -> Any:
-    """One sweep of what a random walk costs, values [own, hidden]; returns the largest change.
+    """One sweep of the costs of a random walk, values [own, hidden]; returns the largest change.
 
-    They fall.
+    Values decrease.
     """
     change = 0.0
     for own in range(values.shape[0]):

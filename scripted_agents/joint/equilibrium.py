@@ -35,7 +35,7 @@ class MatrixGame:
     """The solution of a zero-sum matrix game.
 
     Attributes:
-        value: what the row player gets, in expectation, under optimal play.
+        value: the expected payoff of the row player if both play optimally.
         row: [m] float64, an optimal strategy of the row player, which maximises.
         column: [n] float64, one of the column player, which minimises.
         pure: whether the two are a pure saddle point.
@@ -51,7 +51,7 @@ def solve_matrix_game(payoff: ArrayLike) -> MatrixGame:
     """Solve a two-player zero-sum game. Von Neumann (1928); the linear program of Dantzig (1951).
 
     Args:
-        payoff: [m, n], what the row player gets and the column player pays.
+        payoff: [m, n], the payoff of the row player; the column player gets its negative.
 
     Raises:
         ValueError: no matrix, an empty one, or entries that are not finite.
@@ -71,12 +71,12 @@ def solve_matrix_game(payoff: ArrayLike) -> MatrixGame:
 
 @dataclass(frozen=True, eq=False)
 class ChaseSolution:
-    """What `solve_chase` found; all arrays are read-only, as solutions are kept for the next call.
+    """The result of `solve_chase`; arrays are read-only, as solutions are cached.
 
     Attributes:
         maze: where it is played.
         values: [chaser cell, evader cell] float64 (with two chasers [chaser cell, chaser cell,
-            evader cell], and so on): the value of the game, 0 where both stand in one cell.
+            evader cell], and so on): the value of the game, 0 if both are in one cell.
         chaser_policy: [self, other, action] float64, an optimal policy of the chaser. With several
             chasers [chaser cell, ..., evader cell, joint action], the joint action counting the
             last chaser's fastest.
@@ -104,7 +104,7 @@ class ChaseSolution:
 
 MOST_KEPT = 8
 _kept: dict[tuple[Any, ...], ChaseSolution] = {}
-"""The solutions that were asked for last, the latest at the end."""
+"""The cached solutions, the latest at the end."""
 
 
 def solve_chase(
@@ -118,23 +118,22 @@ def solve_chase(
 ) -> ChaseSolution:
     """Solve the chase of one evader by a team of chasers exactly, as a zero-sum stochastic game.
 
-    All choose at once. The payoff is the expected sum of discount**t over the steps t = 0, 1, ...
-    up to and including that of the capture; with `horizon` the expected number of steps, cut at the
+    Moves are simultaneous. The payoff is the expected sum of discount**t over the steps t = 0, 1,
+    ... up to and including the capture; with `horizon` the expected number of steps, at most the
     horizon. The chasers minimise it, as one player with joint actions; the evader maximises it.
     Shapley (1953), by value iteration, with steps of policy evaluation in between where they help
     (Pollatschek and Avi-Itzhak, 1969).
 
     Args:
         maze: where it is played.
-        discount: what a step counts in terms of the one before it, in (0, 1); not used with a
-            horizon.
+        discount: of each step, in (0, 1); not used with a horizon.
         stay_action: whether the fifth action exists.
-        horizon: the number of steps after which the game is cut, or None.
+        horizon: number of steps of the game, or None for infinitely many.
         move_order: "simultaneous", or "chasers_first": the chasers move first and the evader then,
             if it is not caught yet, but it has chosen its move before.
         num_chasers: size of the team; memory grows with cells ** (num_chasers + 1).
-        report: called regularly with the fraction of the work done in [0, 1], as far as that
-            can be said. A game that was solved before is not solved again, and reports nothing.
+        report: called regularly with the estimated fraction of the work done, in [0, 1]; not called
+            for cached solutions.
 
     Raises:
         ValueError: an argument outside these limits, or a game that does not fit into memory.
@@ -143,7 +142,7 @@ def solve_chase(
     if horizon is not None:
         discount, horizon = 1.0, whole("horizon", horizon, 1)
     elif not 0.0 < number("discount", discount) < 1.0:
-        raise ValueError(f"discount {discount}; it lies in (0, 1). Or give a horizon")
+        raise ValueError(f"discount={discount}; give a number in (0, 1), or a horizon")
     task = Task(
         maze=maze,
         num_chasers=whole("num_chasers", num_chasers, 1),

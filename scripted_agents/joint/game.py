@@ -27,15 +27,15 @@ MAX_DISCOUNT = 0.9995
 
 @dataclass(frozen=True, eq=False)
 class JointGame:
-    """What `solve_joint_game` found.
+    """The result of `solve_joint_game`.
 
     Attributes:
         states: of the game.
         values: [states] float64, the discounted lead of the first agent from each state on, when
             both play an equilibrium; 0 in states that cannot be.
         mean_over_starts: the mean of `values` over the starts that the task draws.
-        policies: by agent name, what it plays in this equilibrium.
-        mixed: in how many states no pure choice is optimal.
+        policies: by agent name, the policy in this equilibrium.
+        mixed: number of states without an optimal pure strategy.
         discount: of the game.
     """
 
@@ -61,8 +61,8 @@ def solve_joint_game(
         most_states: above this number of states the game is refused.
 
     Raises:
-        ValueError: another number of agents, a user's own rewards, a discount outside these limits,
-            or more states, or bytes, than are solved.
+        ValueError: another number of agents, user-defined rewards, an invalid discount, too many
+            states, or too little memory.
     """
     task = checked_task(task)
     if task.num_agents != 2 or task.reward_function is not None:

@@ -14,7 +14,7 @@ from scripted_agents.joint.states import MAX_STATES
 
 @dataclass(frozen=True)
 class JointNashConv:
-    """What `joint_nash_conv` found, in returns or leads: means over the starts that are drawn.
+    """The result of `joint_nash_conv`, in returns or leads: means over the starts.
 
     Attributes:
         returns: by player, its return when all play the policies.
@@ -52,13 +52,14 @@ def joint_nash_conv(
 
     Args:
         task: any game in one maze.
-        policies: of all seats, by agent name or role.
-        horizon: the number of steps after which the game is cut, or None.
-        discount: what a step counts in terms of the one before it.
-        sides: whether all agents of a role are one player, paid together; chasers that are paid
-            `per_evader`, so all alike, as one of them. So `zero_sum` is zero-sum between two sides,
-            and for one evader NashConv is that of `train.evaluation.team_exploitability`.
-        objective: what players are after, as in `solve_joint`; with "lead" a race of two is
+        policies: of all agents, by agent name or role.
+        horizon: number of steps of the game, or None for infinitely many.
+        discount: of each step.
+        sides: whether all agents of a role are one player with the sum of their returns; for
+            chasers with `per_evader` rewards, which are all equal, their mean. So `zero_sum` is
+            zero-sum between two sides, and for one evader NashConv is that of
+            `train.evaluation.team_exploitability`.
+        objective: of all players, as in `solve_joint`; with "lead" a race of two is
             zero-sum, and both numbers are those of `solve_joint_game`.
         most_states: above this number of states the game is refused.
     """
@@ -67,9 +68,9 @@ def joint_nash_conv(
     for name, role in zip(task.agent_names, task.seat_roles, strict=True):
         players.setdefault(role if check_bool("sides", sides) else name, []).append(name)
     one_of("objective", objective, ("return", "lead"))
-    paid_as_one = sides and objective == "return" and task.role_rewards["chaser"].per_evader
+    shared_return = sides and objective == "return" and task.role_rewards["chaser"].per_evader
     weights = {
-        player: 1.0 / len(names) if paid_as_one and player == "chaser" else 1.0
+        player: 1.0 / len(names) if shared_return and player == "chaser" else 1.0
         for player, names in players.items()
     }
     best = {

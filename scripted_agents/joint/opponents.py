@@ -1,4 +1,4 @@
-"""What the agents that decide nothing do in every state of a game, as the kernels take it."""
+"""The action distributions of fixed policies in every state, as arguments of the kernels."""
 
 from __future__ import annotations
 
@@ -18,17 +18,18 @@ from scripted_agents.joint.policy import JointPlan
 from scripted_agents.joint.states import JointStates
 
 TOLERANCE = 1e-4
-"""By how much a distribution's sum may differ from 1, which a network's does."""
+"""Largest difference from 1 of the sum of a distribution, for those of networks."""
 
 Policies = Mapping[str, Policy | ArrayLike]
 
 
 class OtherPolicies(NamedTuple):
-    """How the other seats play.
+    """The policies of the other agents as arrays.
 
     Attributes:
-        players: the seats of each player: one, or several whose actions are drawn together.
-        codes: [players, states] uint32, where in `rows` what a player does in a state begins.
+        players: the agent indices of each player; a player is one agent, or several agents with a
+            joint distribution.
+        codes: [players, states] uint32, where in `rows` the distribution of a player starts.
         rows: float64, distributions over the joint actions of a player, one after the other.
     """
 
@@ -44,13 +45,13 @@ def policies_of(
 
     Args:
         task: the game.
-        seats: to be filled.
-        policies: by agent name or role, a name goes first; a table [self cell, other cell, action]
+        seats: the indices of the agents.
+        policies: by agent name (first) or role; a table [self cell, other cell, action]
             is that of a `TablePolicy`.
 
     Raises:
-        ValueError: a missing policy; a policy that has no distribution, that has memory, that
-            sees less than all (its distribution is no function of the state).
+        ValueError: a missing policy, or one that is no function of the state: without distribution,
+            with memory, or with a limited view.
     """
     found: dict[int, DistributionPolicy] = {}
     for seat in seats:
@@ -62,20 +63,20 @@ def policies_of(
             policy = TablePolicy(task.mazes[0], policy)
         if isinstance(policy, MemoryPolicy) or not isinstance(policy, DistributionPolicy):
             raise ValueError(
-                f"{policy!r} in the seat of {name} has no distribution(task, games, seat); only "
-                "policies that say how likely each action is in every state can be answered exactly"
+                f"{policy!r} of {name} has no distribution(task, games, seat); exact solutions "
+                "need policies with action probabilities in every state"
             )
         if isinstance(policy, JointPlan) and len(policy.choices) > 1:
             raise ValueError(
-                f"{policy!r} in the seat of {name} does something else at every step; take one "
-                "that was solved with horizon=None"
+                f"{policy!r} of {name} depends on the step; use one that was solved with "
+                "horizon=None"
             )
         found[seat] = policy
     return found
 
 
 def why_no_distribution(task: Task, seats: Sequence[int], policies: Policies) -> str | None:
-    """What is in the way of knowing how these seats play in every state; None for nothing."""
+    """The reason why the distributions of these agents are unknown; None if they are known."""
     try:
         games = Simulator(task).games
         for seat, policy in policies_of(task, seats, policies).items():
@@ -162,7 +163,7 @@ def _checked(
     fine = (np.abs(total[:, 0] - 1.0) < TOLERANCE) & (found >= 0.0).all(axis=1)
     if found.shape[1] != task.num_actions ** len(seats) or not fine[playing].all():
         raise ValueError(
-            f"{policy!r} in the seat of {task.agent_names[seats[0]]} gives no distribution over "
+            f"{policy!r} of {task.agent_names[seats[0]]} returned no distribution over "
             f"the {task.num_actions} actions in some state; rows are non-negative and sum to 1"
         )
     return np.asarray(found / np.where(total > 0.0, total, 1.0))

@@ -28,13 +28,13 @@ MAX_TEAM_BYTES = 15 * 10**8
 
 
 class ExactAgent(ABC):
-    """Plays a table that is solved for the maze and the rules it finds itself in, once for each.
+    """Plays a table that is computed once for each maze and rules.
 
     Args:
         role: "chaser" or "evader".
-        epsilon: share of random moves in [0, 1]; the simulator's own epsilon of a game goes first.
+        epsilon: share of random moves in [0, 1]; an epsilon set in the simulator has priority.
         discount: of each step in what it optimises.
-        move_order: as in `Task`; a game's own goes first.
+        move_order: as in `Task`; that of a game has priority.
 
     Raises:
         ValueError: settings outside these limits.
@@ -55,7 +55,7 @@ class ExactAgent(ABC):
             number("discount", discount),
         )
         if not 0.0 < self.discount <= 1.0:
-            raise ValueError(f"discount={discount}; it lies above 0 and is at most 1")
+            raise ValueError(f"discount={discount}; give a number above 0 and at most 1")
         self.move_order: MoveOrder = one_of("move_order", move_order, MOVE_ORDERS)
         self._players: dict[tuple[Maze, bool, str], TablePolicy] = {}
         self._teams: dict[tuple[Maze, bool, str, int], JointTable] = {}
@@ -115,7 +115,7 @@ class ExactAgent(ABC):
         return player.action_probabilities(maze, bool(stay_action))
 
     def act(self, view: GameView) -> NDArray[np.int32]:
-        """[num_games] int32, an action for every game; random numbers from the seat's stream.
+        """[num_games] int32, an action for every game; random numbers from the agent's stream.
 
         Raises:
             ValueError: as `policy_in`.
@@ -176,10 +176,10 @@ class _Equilibrium(ExactAgent):
 
 
 class OptimalChaser(_Equilibrium):
-    """The chaser of an equilibrium of the discounted chase: no evader can make it pay more.
+    """The chaser of an equilibrium of the discounted chase (a minimax policy).
 
     A team of them against one evader plays the equilibrium of the team as one player: all chasers
-    must be filled by it. Where that is not known (`check_optimal`) it refuses to play.
+    must use it. It raises an error if that is not known (`check_optimal`).
 
     Args:
         epsilon: share of random moves in [0, 1].
@@ -242,7 +242,7 @@ class BestResponder(ExactAgent):
 
 
 def why_not_optimal(task: Task, role: str) -> str | None:
-    """Why the optimal agent of a role is not known in a task; None where it is.
+    """The reason why the optimal agent of a role is not known in a task; None if it is.
 
     Known for chasers, as a team that moves as one, and the evader of a chase of one evader without
     goals, while the joint solution fits into MAX_TEAM_BYTES (half a minute on 9x9 with two
@@ -269,7 +269,7 @@ def why_not_optimal(task: Task, role: str) -> str | None:
 
 
 def check_optimal(task: Task, role: str) -> None:
-    """ValueError saying why, where the optimal agent of a role is not known in a task."""
+    """ValueError, with the reason, if the optimal agent of a role is not known in a task."""
     reason = why_not_optimal(task, role)
     if reason is not None:
         raise ValueError(

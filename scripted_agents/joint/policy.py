@@ -97,7 +97,7 @@ class JointTable:
         return f"{type(self).__name__}({names})"
 
     def act(self, view: GameView) -> NDArray[np.int32]:
-        """[num_games] int32, an action for every game; random numbers from the seat's stream.
+        """[num_games] int32, an action for every game; random numbers from the agent's stream.
 
         Raises:
             ValueError: games of another task, or another seat.
@@ -190,7 +190,7 @@ def _part_of(
 
 
 def check_game(policy: JointPlan | JointTable, task: Task, seat: int) -> None:
-    """ValueError unless a policy knows the states of this task, and plays in this seat."""
+    """ValueError unless a policy has the states of this task, and is for this agent."""
     own = policy.states.task
     fits = (task.mazes, task.teams, task.num_actions, task.move_order)
     if fits != (own.mazes, own.teams, own.num_actions, own.move_order):

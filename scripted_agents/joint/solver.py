@@ -1,7 +1,7 @@
-"""Any small game, exactly: best responses of a seat or a team, and the values of given policies.
+"""Exact solutions of small games: best responses of agents or teams, and values of policies.
 
-The states of the whole game are numbered in `joint_states`; transitions and payments are those of
-the step of `pursuit.rules`. It solves chases with teams, several evaders, races and heists.
+The states of the whole game are numbered in `states`; transitions and rewards are those of the step
+of `pursuit.rules`. It solves chases with teams, several evaders, races and heists.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from scripted_agents.joint.states import (
 from scripted_agents.joint.sweeps import MAX_SWEEPS, Problem, Quantity, Sweeper
 
 MAX_PLAN_BYTES = 5 * 10**8
-"""Bound on a plan for every step; above it the plan of the first step is played throughout."""
+"""Bound on a plan for every step; above it the plan of the first step is used in all steps."""
 
 Objective = Literal["steps", "return", "lead"]
 OBJECTIVES = ("steps", "return", "lead")
@@ -40,20 +40,20 @@ OBJECTIVES = ("steps", "return", "lead")
 
 @dataclass(frozen=True, eq=False)
 class JointResponse:
-    """What `solve_joint` found.
+    """The result of `solve_joint`.
 
     Attributes:
         agents: the names of the responding agents, which act jointly.
         objective: "steps", "return" or "lead".
         states: of the game; `states.numbers(games)` returns those of games.
-        values: [states] float64, what is to come from each state on: expected steps until the game
-            is over (or none of those who respond is free), the last included, or what they are paid
-            together; cut at the horizon. With a discount the step t = 0, 1, ... counts discount**t.
-            0 in states that cannot occur between steps.
+        values: [states] float64, expected steps from each state until the game is over (or no
+            responding agent is free), the last included, or the sum of the responders' returns; up
+            to the horizon. With a discount the step t = 0, 1, ... counts discount**t. 0 in states
+            that cannot occur between steps.
         mean_over_starts: the mean of `values` over the starts that the task draws.
-        policy: a `Policy` for the seats of `agents`.
-        reaches_values: whether the policy reaches the values exactly; False where a plan for every
-            step does not fit into MAX_PLAN_BYTES, and that of the first step is played throughout.
+        policy: a `Policy` for `agents`.
+        reaches_values: whether the policy attains the values exactly; False if a plan for every
+            step does not fit into MAX_PLAN_BYTES, so that the plan of the first step is used.
         horizon, discount: of the problem.
     """
 
@@ -68,7 +68,7 @@ class JointResponse:
     discount: float
 
     def values_of(self, games: Games) -> NDArray[np.float64]:
-        """[games] float64, the values of games of the task, such as `Simulator.games`; 0 of those
+        """[games] float64, the values of games of the task, such as `Simulator.games`; 0 for games
         that are over."""
         numbers = self.states.numbers(games)
         return np.where(numbers < 0, 0.0, self.values[np.maximum(numbers, 0)])
@@ -76,12 +76,12 @@ class JointResponse:
 
 @dataclass(frozen=True, eq=False)
 class JointValues:
-    """What `evaluate_joint` found: quantities with a discount and a horizon as `JointResponse` has.
+    """The result of `evaluate_joint`, with discount and horizon as in `JointResponse`.
 
     Attributes:
         states: of the game.
         length: the mean over starts of the steps until the game is over.
-        ended: the mean chance that the rules end it within the horizon (discounted by its step).
+        ended: the mean probability that it terminates within the horizon (discounted by its step).
         steps: by agent, the mean steps until it is captured or the game is over.
         returns: by agent, its mean return; empty with a custom reward function.
         values: [states] float64 of each of "length", "ended", "steps of NAME", "return of NAME".
@@ -104,31 +104,29 @@ def solve_joint(
     objective: Objective = "steps",
     most_states: int = MAX_STATES,
 ) -> JointResponse:
-    """The best that an agent, or several that move as one, can do against fixed policies.
+    """The exact best response of an agent, or of several acting as one, to fixed policies.
 
     Against fixed policies a game is a Markov decision process over its states. Solved by backward
-    induction over `horizon` steps; or with `horizon=None` by value iteration for the problem
-    without an end, to a relative error of about 1e-9. Bellman (1957); Puterman (1994).
+    induction over `horizon` steps; or with `horizon=None` by value iteration for the infinite
+    horizon, to a relative error of about 1e-9. Bellman (1957); Puterman (1994).
 
     Args:
         task: any game in one maze.
         agents: a role (all its agents), a name, or several names.
         policies: of all other agents, by agent name or role (a name goes first): policies with a
             `distribution`, or tables [self cell, other cell, action].
-        horizon: the number of steps after which the game is cut, or None.
-        discount: what a step counts in terms of the one before it; above 0 and at most 1.
-        objective: "return": the largest sum of the returns of `agents`;
-            "lead": that minus the returns of all others;
-            "steps": as few steps as possible until the game is over, or as many for evaders, until
-            none of these is free.
-        most_states: above this number of states the game is refused.
+        horizon: number of steps of the game, or None for infinitely many.
+        discount: of each step, above 0 and at most 1.
+        objective: "return" maximises the sum of the returns of `agents`, "lead" that sum minus the
+            returns of all others. "steps" minimises the steps until the game is over; for evaders
+            it maximises the steps until none of them is free.
+        most_states: maximum number of states.
 
     Raises:
-        ValueError: arguments outside these limits; a policy that is missing, or has no known
-            distribution; more states, or bytes, than are solved; "steps" for evaders that collect
-            goals (to be caught is quickest), for whoever hunts those, or for a team of evaders and
-            others; "return" and "lead" with a custom reward function; a problem without an end or
-            discount, in which the end can be delayed forever.
+        ValueError: invalid arguments; a policy that is missing or has no known distribution; too
+            many states, or too little memory; "steps" in a game in which evaders collect goals, or
+            for a team of evaders and others; "return" and "lead" with a custom reward function; an
+            infinite horizon without discount in which the end can be delayed forever.
     """
     task, seats = checked_task(task), _seats_of(task, agents)
     one_of("objective", objective, OBJECTIVES)
@@ -136,7 +134,7 @@ def solve_joint(
     if task.num_actions ** len(seats) > np.iinfo(np.int16).max:
         raise ValueError(
             f"{len(seats)} agents as one have {task.num_actions ** len(seats):,} joint actions; at "
-            f"most {np.iinfo(np.int16).max:,} are solved: name fewer agents"
+            f"most {np.iinfo(np.int16).max:,} are possible: give fewer agents"
         )
     sign = _sign(task, seats, objective)
     fixed = tuple(seat for seat in range(task.num_agents) if seat not in seats)
@@ -170,8 +168,8 @@ def evaluate_joint(
 ) -> JointValues:
     """The mean steps and returns of all agents when all play `policies`.
 
-    Arguments and errors as of `solve_joint`; `agents` are those whose steps and returns are worth
-    knowing, all by default. Each takes 32 bytes a state.
+    Arguments and errors as of `solve_joint`; `agents` are those with steps and returns in the
+    result, by default all. Each of them takes 32 bytes per state.
     """
     task = checked_task(task)
     seats = tuple(range(task.num_agents)) if agents is None else _seats_of(task, agents)
@@ -196,7 +194,7 @@ def evaluate_joint(
 
 
 def lengths_of(task: Task) -> dict[str, Quantity]:
-    """The steps until the game is over, and whether the rules end it."""
+    """The steps until the game is over, and whether it terminates."""
     nothing = [0] * task.num_agents
     return {
         "length": Quantity(nothing, [1] * task.num_agents),
@@ -212,7 +210,7 @@ def quantities_of(
     discount: float,
     most_states: int = MAX_STATES,
 ) -> tuple[JointStates, NDArray[np.float64]]:
-    """The states of a game, and [states, quantities] what is expected when all play `policies`."""
+    """The states of a game, and [states, quantities] expectations when all play `policies`."""
     _check(horizon, discount)
     filled = policies_of(task, range(task.num_agents), policies)
     each = 16 * len(wanted) + 2 + bytes_of_others(task, filled)
@@ -239,7 +237,7 @@ def _solve(
     small: Any = np.uint8 if decide <= 256 else np.int16
     with Sweeper(problem, values, choice) as sweeper:
         if horizon is None:
-            if not sweeper.settle():
+            if not sweeper.converge():
                 raise ValueError(
                     f"value iteration has not converged after {MAX_SWEEPS} sweeps: the end of the "
                     "game is too rare; give a horizon, or a smaller discount"
@@ -253,16 +251,16 @@ def _solve(
                 plan.append(choice.astype(small))
         if before > workspace or not keep:
             return sweeper.values, choice.astype(small)[None], False
-        if horizon > workspace:  # the last steps alone would be played too soon
+        if horizon > workspace:  # the stored plan has only the last steps
             return sweeper.values, plan[-1][None], False
-        # Where nothing changes any more, earlier steps are as the first that was looked at.
+        # After convergence, earlier steps are equal to the last one computed.
         steps = np.stack([*[plan[-1]] * (horizon - before), *plan[::-1]])
         return sweeper.values, steps, True
 
 
 def _check_end(problem: Problem, for_all: bool) -> None:
-    """Raise unless the game ends from every state, whatever those who decide do, or by what they
-    can do: then it is expected to, in a finite game."""
+    """ValueError unless the expected end is finite in every state: in a finite game, if the end is
+    reachable by some actions of the deciding agents, or by all (`for_all`)."""
     states, task = problem.states, problem.states.task
     ending = Quantity([0] * task.num_agents, [0] * task.num_agents, 1.0)
     sign = 1.0 if for_all else -1.0
@@ -274,7 +272,7 @@ def _check_end(problem: Problem, for_all: bool) -> None:
             over[offsets[group] : offsets[group + 1]] = True
     values = over.astype(np.float64)[:, None]
     with Sweeper(question, values, np.zeros(states.count, dtype=np.int16)) as sweeper:
-        sweeper.settle()
+        sweeper.converge()
     for first, games, real in states.chunks():
         stuck = real & (values[first : first + len(real), 0] == 0.0)
         if stuck.any():
@@ -294,23 +292,23 @@ def _check(horizon: int | None, discount: float) -> None:
     if horizon is not None:
         whole("horizon", horizon, 1)
     if not 0.0 < number("discount", discount) <= 1.0:
-        raise ValueError(f"discount {discount}; it lies above 0 and is at most 1")
+        raise ValueError(f"discount={discount}; give a number above 0 and at most 1")
 
 
 def _seats_of(task: Task, agents: str | Sequence[str]) -> tuple[int, ...]:
-    """The seats of a role, of an agent, or of several, in order."""
+    """The indices of the agents of a role, of one agent, or of several, in order."""
     if isinstance(agents, str):
         if agents in task.seat_roles:
             return tuple(s for s, role in enumerate(task.seat_roles) if role == agents)
         agents = [agents]
     seats = sorted({task.seat(agent) for agent in agents})
     if not seats:
-        raise ValueError("agents=(); give the responders: a role, an agent, or several")
+        raise ValueError("agents=(); give a role, an agent, or several agents")
     return tuple(seats)
 
 
 def _sign(task: Task, seats: tuple[int, ...], objective: Objective) -> float:
-    """1 to make as little as possible of what is summed up, -1 to make as much."""
+    """1 to minimise the quantity, -1 to maximise it."""
     if objective != "steps":
         if task.reward_function is not None:
             raise ValueError(

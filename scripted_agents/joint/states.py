@@ -2,7 +2,7 @@
 
 A *state* is all that the rest of a game depends on: which evaders are free, the cells of all free
 agents, and the cells that hold goals. Which agents collected goals is not part of it, as it
-has no effect on the rest. How states are numbered stands in `joint_kernels`.
+has no effect on the rest. `kernels` describes how states are numbered.
 """
 
 from __future__ import annotations
@@ -108,8 +108,8 @@ class JointStates:
         the first chaser is.
 
         Returns:
-            The games, and [count] bool: whether a state can stand between two steps at all. In no
-            game a chaser stands on a free evader, or a collector on a goal.
+            The games, and [count] bool: whether a state can occur between steps, that is, without a
+            chaser in the cell of a free evader, or a collector in the cell of a goal.
         """
         task = self.task
         games = layout.empty_games(count, task.num_agents, task.num_goals)
@@ -135,8 +135,8 @@ class JointStates:
         """The numbers of all states that an episode can begin with, all equally likely, in parts.
 
         All agents and goals are in different cells, chasers and evaders are at least `least`
-        path steps apart (the task's `min_start_distance` if left out); with `start="marks"` who has
-        a mark stands on it.
+        path steps apart (by default the task's `min_start_distance`). With `start="marks"` all
+        agents and goals with a mark are on it.
         """
         task, maze = self.task, self.task.mazes[0]
         least = task.min_start_distance if least is None else least

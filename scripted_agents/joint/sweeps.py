@@ -1,4 +1,4 @@
-"""Sweeps over all states of a game, in an order in which they can be settled."""
+"""Sweeps over all states of a game, in an order in which sets of states converge."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ from scripted_agents.joint.opponents import OtherPolicies
 from scripted_agents.joint.states import JointStates
 
 SAME = 1e-14
-"""Change, relative to the largest value, below which one more step back changes nothing."""
+"""Change, relative to the largest value, below which backward induction has converged."""
 
 WINDOW = 9
-"""How many changes in a row tell the rate at which they shrink."""
+"""Number of consecutive changes from which their rate of decrease is estimated."""
 
 MAX_STORE_BYTES = 8 * 10**9
-"""Bound on the memory of what follows each state."""
+"""Bound on the memory of all transitions."""
 
 TOLERANCE = 1e-10
-"""How exact a settled state is, relative to the largest value beside it."""
+"""Error of a converged state, relative to the largest value of its set."""
 
 MAX_SWEEPS = 100_000
 
@@ -46,12 +46,12 @@ MAX_THREADS = 8
 
 @dataclass(frozen=True)
 class Quantity:
-    """What is summed up along a game.
+    """A quantity that is summed over the steps of a game.
 
     Attributes:
         reward_weights: [agents], the weight of each agent's reward.
-        lasting: [agents], 1: a step counts 1 as long as any of these is free.
-        ending: what the end of the game counts.
+        lasting: [agents], 1: a step counts 1 while any of these agents is free.
+        ending: the value of the end of the game.
     """
 
     reward_weights: Sequence[float]
@@ -61,15 +61,15 @@ class Quantity:
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """What is swept over.
+    """The arguments of sweeps.
 
     Attributes:
         states: of the game.
-        deciding: the seats that decide; of the first quantity they make as little as they can.
-        others: what the other seats play, in the order of their numbers.
-        quantities: what is summed up.
-        sign: -1 to make as much of it.
-        discount: of what the next step counts.
+        deciding: the indices of the deciding agents, which minimise the first quantity.
+        others: the policies of the other agents, by index.
+        quantities: the quantities.
+        sign: -1 to maximise the first quantity.
+        discount: of each step.
         only_whether: 1 for values above 0.
         moves_first: of equally good actions moves are chosen before standing still.
     """
@@ -109,7 +109,7 @@ class Problem:
         )
 
     def workspace(self) -> Workspace:
-        """Room for one state."""
+        """Scratch memory of one state."""
         task, number = self.states.task, len(self.quantities)
         agents, goals = task.num_agents, task.num_goals
         most = task.num_actions ** max([1, *map(len, self.others.players)])
@@ -130,8 +130,8 @@ class Problem:
     def levels(self) -> list[NDArray[np.int64]]:
         """[sets, 2] of each level, the first state of a set of goals and the one after its last.
 
-        What a step leads to is in the same set, or in one of an earlier level. Groups in which
-        nobody counts are left out: there is nothing to come.
+        A step leads to the same set, or to a set of an earlier level. Groups without agents that
+        count are omitted, as their values are 0.
         """
         numbering, found = self.states.numbering, []
         for group, mask in enumerate(numbering.masks.tolist()):
@@ -161,12 +161,12 @@ class Sweeper:
     """Sweeps over a problem, with its threads; a context manager.
 
     Args:
-        problem: what is swept over.
-        values: [states, quantities] float64, where it begins.
-        choice: [states] int16, which gets the joint actions of the deciding players.
+        problem: the arguments of sweeps.
+        values: [states, quantities] float64, the initial values.
+        choice: [states] int16, output: the joint actions of the deciding players.
 
     Raises:
-        ValueError: what follows all states does not fit into memory.
+        ValueError: the transitions do not fit into memory.
     """
 
     def __init__(
@@ -188,8 +188,8 @@ class Sweeper:
     def __exit__(self, *raised: object) -> None:
         self._pool.shutdown()
 
-    def settle(self) -> bool:
-        """Sweep until the values stay as they are, level after level; whether they do."""
+    def converge(self) -> bool:
+        """Sweep until the values converge, level after level; return whether they do."""
         discount = self.problem.discount
         for level in self.problem.levels:
             going = np.arange(len(level))
@@ -198,7 +198,7 @@ class Sweeper:
             for number in range(1, MAX_SWEEPS + 1):
                 change, largest = self.sweep(level[going], self.values)
                 scale = np.maximum(largest, 1.0)
-                # The changes to come are about a geometric series; its rate is that of two windows.
+                # Further changes are about a geometric series; its rate is that of two windows.
                 rate = np.divide(change, before[going], out=np.zeros_like(change), where=number > 1)
                 now[going] = np.maximum(now[going], rate)
                 rate, before[going] = np.maximum(past[going], now[going]), change
@@ -216,10 +216,10 @@ class Sweeper:
         return True
 
     def steps(self, horizon: int) -> Iterator[int]:
-        """One step further back at every turn, until the horizon, or until nothing changes any more
-        (by more than SAME of the largest value).
+        """Backward induction, yielding the number of steps: to the horizon, or until no value
+        changes by more than SAME of the largest value.
 
-        `values` and `choice` are those of so many steps then.
+        `values` and `choice` are then those of this step.
         """
         parts = np.concatenate([_cut(level) for level in self.problem.levels])
         target = self.values.copy()
@@ -252,7 +252,7 @@ class Sweeper:
 
 
 def threads_for(states: int) -> int:
-    """How many threads share so many states."""
+    """The number of threads for so many states."""
     return min(os.cpu_count() or 1, MAX_THREADS) if states >= THREADED_STATES else 1
 
 
@@ -268,10 +268,10 @@ def _cut(level: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def filled_store(problem: Problem, wanted: NDArray[np.bool_] | None = None) -> Store:
-    """What follows each state, or each of the `wanted` ones [states].
+    """The transitions of all states, or of the `wanted` ones [states].
 
     Raises:
-        ValueError: it does not fit into memory.
+        ValueError: they do not fit into memory.
     """
     store = _empty_store(problem, wanted)
     task, count = problem.states.task, problem.states.count
@@ -289,7 +289,7 @@ def filled_store(problem: Problem, wanted: NDArray[np.bool_] | None = None) -> S
 
 
 def _empty_store(problem: Problem, wanted: NDArray[np.bool_] | None) -> Store:
-    """Room for what follows the states."""
+    """A store with space for the transitions of the states."""
     states, number, task = problem.states, len(problem.quantities), problem.states.task
     cells = task.mazes[0].neighbors[:, : task.num_actions].tolist()
     ways = np.array([len(set(row)) for row in cells])  # different cells that actions lead to
@@ -305,7 +305,7 @@ def _empty_store(problem: Problem, wanted: NDArray[np.bool_] | None) -> Store:
     np.cumsum(pairs, out=pairs)
     np.cumsum(edges, out=edges)
     check_memory(
-        f"task {task.name!r}: what follows {states.count:,} states",
+        f"task {task.name!r}: a table of the transitions of {states.count:,} states",
         24 * states.count + 4 * int(pairs[-1]) + 10 * int(edges[-1]),
         "take a smaller maze, or fewer agents or goals",
         MAX_STORE_BYTES,

@@ -20,7 +20,7 @@ from scripted_agents.joint.states import joint_states_of
 
 @dataclass(frozen=True, eq=False)
 class TeamResponse:
-    """What `best_team_response` found.
+    """The result of `best_team_response`.
 
     Attributes:
         role: the responder: a role (its agents act jointly), or the name of one agent.
@@ -43,7 +43,7 @@ class TeamResponse:
 def best_team_response(
     task: Task, role: str, policies: Policies, horizon: int | None = 200, discount: float = 1.0
 ) -> TeamResponse:
-    """The best that a side of a chase can do, its agents moving as one, against fixed policies.
+    """The exact best response of a side of a chase, acting as one player, to fixed policies.
 
     Chasers minimise the expected steps until capture, the evader maximises them: `solve_joint` with
     the objective "steps".
@@ -97,11 +97,11 @@ def mean_over_team_starts(
 ) -> float:
     """The mean of `values` [chaser cell, ..., evader cell] over the starts that the game draws.
 
-    All agents in cells of their own, every chaser at least `least` steps from the evader (the
+    All agents are in different cells, every chaser at least `least` steps from the evader (the
     task's `min_start_distance` if left out), all such placements equally likely.
 
     Raises:
-        ValueError: no placement is so.
+        ValueError: there is no such placement.
     """
     return float(joint_states_of(task).mean_over_starts(values.reshape(-1), least))
 
@@ -115,7 +115,7 @@ def _shape(task: Task) -> tuple[int, ...]:
 
 
 def why_not_team_chase(task: Task) -> str | None:
-    """What is in the way of solving a task by the places of its agents; None for nothing."""
+    """The reason why a task is no solvable team chase; None if it is one."""
     if task.num_evaders != 1 or not task.num_chasers:
         return f"{task.num_chasers} chaser(s) and {task.num_evaders} evader(s)"
     if task.num_runners or task.num_goals:
@@ -130,7 +130,7 @@ def work_of(task: Task) -> int:
 
 
 def has_distributions(task: Task, policies: Policies) -> bool:
-    """Whether all policies say how they play, in the games of this task."""
+    """Whether the distributions of all policies are known in the games of this task."""
     return why_no_distribution(task, range(task.num_agents), policies) is None
 
 

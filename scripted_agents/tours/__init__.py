@@ -1,1 +1,1 @@
-"""Shortest paths and travelling-salesman paths."""
+"""Shortest paths, and shortest tours through several goals."""

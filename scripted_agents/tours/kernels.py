@@ -1,7 +1,7 @@
-"""Compiled kernels of `tour`: Held-Karp, and the sum over all placements.
+"""Compiled kernels of `tour`: the Held-Karp algorithm, and sums over all placements.
 
-`between` is always an int32 matrix of path distances with the start in row 0 and the goals in the
-rows from 1 on.
+`between` is an int32 matrix of path distances with the start in row 0 and the goals in rows 1, 2,
+...
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ FAR = 2**29
 
 @compiled
 def held_karp(between: Any, num_goals: Any, best: Any) -> Any:
-    """The exact length; `between` is int32 [1 + goals, 1 + goals] with the start in row 0.
+    """The length of a shortest tour; `between` is [1 + goals, 1 + goals].
 
-    Fills best[mask, last]: the shortest path from the start through the goals in the bits of
-    `mask` that ends at goal `last`; FAR where `last` is not among them.
+    Fills best[mask, last] with the length of the shortest path from the start through the goals in
+    the bits of `mask` that ends at goal `last`; FAR if `last` is not among them.
     """
     for mask in range(1, 1 << num_goals):
         for last in range(num_goals):
@@ -47,7 +47,7 @@ def held_karp(between: Any, num_goals: Any, best: Any) -> Any:
 
 @compiled
 def held_karp_order(between: Any, num_goals: int, best: Any, order: Any) -> None:
-    """Fill `order` with the rows of `between` (1, 2, ...) in the order of the exact tour."""
+    """Fill `order` with the rows of `between` (1, 2, ...) in the order of a shortest tour."""
     mask, after = (1 << num_goals) - 1, 0
     for place in range(num_goals - 1, -1, -1):
         chosen, shortest = 0, 2 * FAR
@@ -61,7 +61,7 @@ def held_karp_order(between: Any, num_goals: int, best: Any, order: Any) -> None
 
 @allocating
 def tours_by_table(table: Any, starts: Any, goals: Any, most: int, lengths: Any) -> None:
-    """Fill `lengths` (-1 where a goal cannot be reached) of placements of at most `most` goals."""
+    """Fill `lengths` of placements with at most `most` goals; -1 if a goal is unreachable."""
     cells = np.empty(most + 1, dtype=np.int64)
     between = np.empty((most + 1, most + 1), dtype=np.int32)
     best = np.empty((1 << most, most), dtype=np.int32)
@@ -69,10 +69,10 @@ def tours_by_table(table: Any, starts: Any, goals: Any, most: int, lengths: Any)
         cells[0] = starts[game]
         count = np.int64(0)
         for goal in goals[game]:
-            known = goal < 0
+            listed = goal < 0
             for i in range(count + 1):
-                known |= goal == cells[i]
-            if not known:
+                listed |= goal == cells[i]
+            if not listed:
                 count += 1
                 cells[count] = goal
         reachable = True
@@ -85,7 +85,7 @@ def tours_by_table(table: Any, starts: Any, goals: Any, most: int, lengths: Any)
 
 @allocating
 def draw_placements(num_cells: int, streams: Any, placements: Any) -> None:
-    """Fill each row with distinct uniformly random cells (the first draws of Fisher and Yates)."""
+    """Fill each row with distinct uniformly random cells (a partial Fisher-Yates shuffle)."""
     cells = np.arange(num_cells)
     for sample in range(placements.shape[0]):
         for i in range(placements.shape[1]):
@@ -110,12 +110,12 @@ def sum_of_tours(table: Any, num_goals: int) -> int:
                 part = np.int32(0)
                 for start in range(size):
                     part += ab + min(row_a[start], row_b[start])
-                total += part - 2 * ab  # less the starts on a goal
+                total += part - 2 * ab  # minus the starts on a goal
                 continue
             for c in range(b + 1, size):
                 row_c = table[c]
                 ac, bc = row_a[c], row_b[c]
-                # The rest of the tour after the first goal.
+                # The length of the tour after the first goal.
                 from_a, from_b, from_c = bc + min(ab, ac), ac + min(ab, bc), ab + min(ac, bc)
                 part = np.int32(0)
                 for start in range(size):
@@ -131,10 +131,10 @@ def sum_of_tours(table: Any, num_goals: int) -> int:
 def first_of_tour(between: Any, num_goals: int, best: Any) -> int:
     """The row of `between` (1, 2, ...) of the goal that a shortest tour visits first.
 
-    Of several the first in order: going towards it never makes another one the first in order.
-    Overwrites row 0.
+    Ties are broken by the order of goals, so moves towards the result never change it. Overwrites
+    row 0.
     """
-    # Tours backwards, from any goal on to the start, whose distances are in column 0 too.
+    # Reversed tours, from any goal to the start; the distances to it are in column 0.
     between[0, :] = 0
     held_karp(between, num_goals, best)
     chosen, shortest = 0, 2 * FAR
@@ -151,37 +151,37 @@ def plan_next_goals(
     seat: int,
     mazes: Any,
     plans: Any,
-    room: Any,
+    scratch: Any,
 ) -> None:
-    """Find the next goal of a shortest tour of every game, keeping a plan while it holds.
+    """Find the next goal of a shortest tour in every game, from the cached plan while it is valid.
 
-    `plans` are `scripted_agents.agents.runner.Plans`, and `room` is to work in: [1 << goals, goals]
-    and [1 + goals, 1 + goals] int32, [1 + goals] int64. A tour stays shortest along its way, so it
-    is planned anew only where the goals changed or the agent was moved off the way.
+    `plans` are `scripted_agents.agents.runner.Plans`. `scratch` is scratch memory: [1 << goals,
+    goals] and [1 + goals, 1 + goals] int32, [1 + goals] int64. The rest of a shortest tour is a
+    shortest tour, so a plan is computed only if goals changed or the agent left the tour.
     """
     next_goal, last_maze, last_own, last_goals = plans
-    best, between, cells = room
+    best, between, cells = scratch
     world = world_of(*mazes)
     num_goals = games.goal.shape[1]
     for game in range(next_goal.shape[0]):
         maze, own = np.int64(games.maze[game]), np.int64(games.position[game, seat])
         aim, before = np.int64(next_goal[game]), np.int64(last_own[game])
-        holds = last_maze[game] == maze and aim >= 0
-        if holds:
+        valid = last_maze[game] == maze and aim >= 0
+        if valid:
             walked = table_distance(world, maze, before, own)
             rest = table_distance(world, maze, own, aim)
-            holds = walked + rest == table_distance(world, maze, before, aim)
+            valid = walked + rest == table_distance(world, maze, before, aim)
         count = 0
         cells[0] = own
         for number in range(num_goals):
             cell = np.int64(games.goal[game, number])
-            holds &= last_goals[game, number] == cell
+            valid &= last_goals[game, number] == cell
             last_goals[game, number] = cell
             if cell >= 0:
                 count += 1
                 cells[count] = cell
         last_maze[game], last_own[game] = maze, own
-        if holds:
+        if valid:
             continue
         for i in range(count + 1):
             for j in range(count + 1):

@@ -1,8 +1,8 @@
-"""Tours that are optimal for the discounted rewards of goals, and their gap to shortest tours.
+"""Tours that maximise discounted rewards of goals, and their gap to shortest tours.
 
-A runner is trained on a reward for each goal with a discount, and judged by its steps. The policy
-that is best by the reward may be longer than the shortest tour: the objective has a floor of its
-own, below which no learner that reaches it perfectly can come.
+A runner is trained with a discounted reward for each goal and evaluated by its steps. The policy
+with the best return may take more steps than the shortest tour. This objective gap remains even if
+a learner is optimal.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from pursuit.rules import UNREACHABLE
 from scripted_agents.tours.objective_kernels import GoalPaths, Layer, one_goal_more, sum_of_lengths
 
 MAX_STEPS_OF_WORK = 3_000_000_000
-"""Above this many looks at (set of goals, next goal, cell) it is not enumerated: some seconds."""
+"""Above this number of triples (set of goals, next goal, cell) it is unknown: some seconds."""
 
 MAX_BYTES = 10**9
-"""Above this many bytes of tables it is not enumerated."""
+"""Above this size of tables it is unknown."""
 
 
 def tour_objective_gap(
@@ -31,40 +31,40 @@ def tour_objective_gap(
     goal: float = 1.0,
     max_steps: int | None = None,
 ) -> float | None:
-    """How much longer the tours are that are best by discounted rewards than the shortest, exactly.
+    """The exact gap of the tours with the best discounted return to the shortest tours.
 
-    The ratio of the mean lengths, less 1, over all placements of a start and `num_goals` goals in
-    cells of their own, by dynamic programming over all sets of goals. Of tours that are equally
-    good by the reward the shortest counts, so that no policy that is best by the reward is shorter.
-    None where it is not known: too many sets, a maze in parts, or rewards for which hurrying to the
-    next goal need not be best (`step` above 0, or `goal` below 0).
+    The ratio of the mean lengths minus 1, over all placements of a start and `num_goals` goals in
+    different cells, by dynamic programming over all sets of goals. Ties between returns are broken
+    by length, so no policy with the best return is shorter. None if unknown: too many sets, a maze
+    that is not connected, or rewards for which shortest paths between goals need not be optimal
+    (`step` above 0, or `goal` below 0).
 
     Args:
-        maze: where it is played.
+        maze: the maze.
         num_goals: of the episode.
         discount: of each step, in (0, 1].
-        step, goal: the reward of a step, and of one that collects a goal, in its place.
-        max_steps: longer tours count as so many, as in the game; None for no bound.
+        step, goal: the rewards of a step and of a step that collects a goal.
+        max_steps: time limit, at which longer tours are truncated; None for none.
 
     Raises:
-        ValueError: a discount outside (0, 1], or a number of goals that the maze does not hold.
+        ValueError: a discount outside (0, 1], or more goals than the maze can hold.
     """
     cells = maze.num_cells
     if not 0.0 < discount <= 1.0:
-        raise ValueError(f"discount {discount}; above 0 and at most 1")
+        raise ValueError(f"discount={discount}; give a number above 0 and at most 1")
     if not 1 <= num_goals < cells:
-        raise ValueError(f"num_goals {num_goals}; {maze.name} holds 1 to {cells - 1}")
+        raise ValueError(f"num_goals={num_goals}; give 1 to {cells - 1} for maze {maze.name}")
     if step > 0.0 or goal < 0.0 or goal <= step or cells > MAX_TABLE_CELLS:
         return None
     work = sum(comb(cells, i) * i * cells for i in range(1, num_goals + 1))
-    # Values and both lengths of two layers, the last of which is only summed.
+    # Values and both lengths of two layers; the last layer is only summed.
     needed = 12 * cells * sum(comb(cells, i) for i in (num_goals - 1, num_goals - 2) if i >= 0)
-    room = min(MAX_BYTES, free_memory())
-    if work > MAX_STEPS_OF_WORK or needed > room or (maze.distances == UNREACHABLE).any():
+    free = min(MAX_BYTES, free_memory())
+    if work > MAX_STEPS_OF_WORK or needed > free or (maze.distances == UNREACHABLE).any():
         return None
     distances = maze.distances.astype(np.int16)
     shrinks = discount ** distances.astype(np.float64)
-    # What the way to the next goal brings: steps before the last one, and the goal.
+    # The discounted reward of a path to the next goal: steps before the last one, and the goal.
     before = np.maximum(distances - 1, 0)
     if discount < 1.0:
         rewards = step * (1.0 - discount**before) / (1.0 - discount) + goal * discount**before

@@ -1,4 +1,4 @@
-"""Compiled kernels of `objective`: best tours by discounted rewards, over all sets of goals.
+"""Compiled kernels of `objective`: tours with the best discounted return, over all sets of goals.
 
 Sets of goals are numbered in the combinatorial number system: the set c1 < c2 < ... has the number
 C(c1, 1) + C(c2, 2) + ...
@@ -17,12 +17,12 @@ TIE = 1e-12
 
 
 class GoalPaths(NamedTuple):
-    """The ways from every cell to every goal.
+    """The shortest paths from every cell to every goal.
 
     Attributes:
         distances: [goal, cell] int16, steps.
-        rewards: [goal, cell] float64, the discounted reward of the way.
-        shrinks: [goal, cell] float64, the discount of what comes after it.
+        rewards: [goal, cell] float64, the discounted reward of the path.
+        shrinks: [goal, cell] float64, the discount of the rewards after it.
         binomials: [cells + 1, goals + 1] int64.
     """
 
@@ -33,12 +33,12 @@ class GoalPaths(NamedTuple):
 
 
 class Layer(NamedTuple):
-    """What is known of all sets of goals of one size, from every cell outside of them.
+    """Results for all sets of goals of one size, from every cell outside of the set.
 
     Attributes:
-        values: [sets, cells] float64, of the best tour by reward.
-        lengths: [sets, cells] int16, of that tour.
-        shortest: [sets, cells] int16, of the shortest tour.
+        values: [sets, cells] float64, return of the best tour.
+        lengths: [sets, cells] int16, length of that tour.
+        shortest: [sets, cells] int16, length of the shortest tour.
     """
 
     values: Any
@@ -48,7 +48,7 @@ class Layer(NamedTuple):
 
 @compiled
 def next_set(goals: Any, count: int, cells: int) -> Any:
-    """Move on to the next set in the order of their numbers; whether there is one."""
+    """Change `goals` to the set with the next number; return whether there is one."""
     i = 0
     while i < count - 1 and goals[i] + 1 == goals[i + 1]:
         goals[i] = i
@@ -58,18 +58,18 @@ def next_set(goals: Any, count: int, cells: int) -> Any:
 
 
 @compiled
-def number_without(goals: Any, count: int, gone: int, binomials: Any) -> Any:
-    """The number of the set without its member at `gone`."""
+def number_without(goals: Any, count: int, removed: int, binomials: Any) -> Any:
+    """The number of the set without `goals[removed]`."""
     number = np.int64(0)
     for i in range(count):
-        if i != gone:
-            number += binomials[goals[i], i + 1 if i < gone else i]
+        if i != removed:
+            number += binomials[goals[i], i + 1 if i < removed else i]
     return number
 
 
 @compiled
-def look_at(goals: Any, count: int, ways: Any, before: Any, found: Any) -> None:
-    """Fill `found`, the rows [cells] of one set of `count` goals, from the layer before."""
+def fill_set(goals: Any, count: int, ways: Any, before: Any, found: Any) -> None:
+    """Fill `found`, the rows [cells] of one set of `count` goals, from the layer below."""
     cells = ways.distances.shape[0]
     value, long, short = found.values, found.lengths, found.shortest
     value[:] = -np.inf
@@ -95,18 +95,18 @@ def look_at(goals: Any, count: int, ways: Any, before: Any, found: Any) -> None:
 
 @allocating
 def one_goal_more(count: int, ways: Any, before: Any, layer: Any) -> None:
-    """Fill the layer of sets of `count` goals from that of one goal less."""
+    """Fill the layer of sets of `count` goals from the layer with one goal less."""
     goals = np.arange(count)
     for number in range(layer.values.shape[0]):
         found = Layer(layer.values[number], layer.lengths[number], layer.shortest[number])
-        look_at(goals, count, ways, before, found)
+        fill_set(goals, count, ways, before, found)
         next_set(goals, count, ways.distances.shape[0])
 
 
 @allocating
 def sum_of_lengths(count: int, ways: Any, before: Any, most: int) -> Any:
-    """The sums, over all sets of `count` goals and all other cells, of the lengths of the tours
-    that are best by reward and of the shortest, each at most `most`."""
+    """The sums over all sets of `count` goals and all other cells: lengths of the tours with the
+    best return, and of the shortest tours, each at most `most`."""
     cells = ways.distances.shape[0]
     goals = np.arange(count)
     long, short = np.empty(cells, dtype=np.int16), np.empty(cells, dtype=np.int16)
@@ -115,7 +115,7 @@ def sum_of_lengths(count: int, ways: Any, before: Any, most: int) -> Any:
     total_long, total_short = np.int64(0), np.int64(0)
     going = True
     while going:
-        look_at(goals, count, ways, before, found)
+        fill_set(goals, count, ways, before, found)
         taken[:] = False
         for goal in goals:
             taken[goal] = True

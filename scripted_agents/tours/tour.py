@@ -1,6 +1,4 @@
-"""Shortest paths between two cells, shortest tours from a start through all goals, and their mean
-over all placements.
-"""
+"""Shortest paths between cells, shortest tours from a start through all goals, and mean lengths."""
 
 from __future__ import annotations
 
@@ -23,7 +21,7 @@ from scripted_agents.tours.kernels import (
 )
 
 MAX_EXACT_GOALS = 18
-"""More goals than these are refused."""
+"""Maximum number of goals of exact tours."""
 
 MAX_ENUMERATED_PLACEMENTS = 2_000_000_000
 """Above this number of placements `expected_tour_length` draws samples."""
@@ -31,11 +29,11 @@ MAX_ENUMERATED_PLACEMENTS = 2_000_000_000
 
 @dataclass(frozen=True)
 class Tour:
-    """A path from the start through all goals, without return.
+    """A path from the start through all goals, without return to the start.
 
     Attributes:
-        length: its steps.
-        order: the distinct goal cells as visited.
+        length: number of steps.
+        order: the distinct goal cells in the order of visits.
     """
 
     length: int
@@ -43,12 +41,12 @@ class Tour:
 
 
 class Estimate(float):
-    """A mean as a float that knows how sure it is.
+    """A mean as a float, with its confidence interval.
 
     Attributes:
-        ci95: half the width of its 95 % confidence interval; 0 when exact.
-        exact: whether it is the mean over everything, not over samples.
-        samples: how many placements it is the mean of.
+        ci95: half the width of its 95 % confidence interval; 0 if exact.
+        exact: whether it is the mean over all placements, not over samples.
+        samples: the number of placements.
     """
 
     ci95: float
@@ -71,20 +69,19 @@ class Estimate(float):
 def shortest_path(maze: Maze, start: int, goal: int) -> list[int]:
     """The cells of one shortest path from `start` to `goal`, both included.
 
-    A path of k steps has k + 1 cells. By one breadth-first search, which needs no table: memory
-    grows linearly with the cells. Which of several shortest paths is found is fixed, but not by a
-    rule worth relying on.
+    A path of k steps has k + 1 cells. Computed by one breadth-first search, with memory linear in
+    the cells. Ties between shortest paths are broken deterministically, by no specified rule.
 
     Raises:
-        ValueError: a cell is not in the maze, or no path joins the two.
+        ValueError: a cell is not in the maze, or no path connects the two.
     """
     maze = load_maze(maze)
     start, goal = maze.check_cell(start), maze.check_cell(goal)
     rest = maze.distances_from(goal)
     if rest[start] == UNREACHABLE:
         raise ValueError(
-            f"{maze.name}: no path joins the cells {start} and {goal}; choose cells of one part of "
-            "the maze, or open a wall between the parts"
+            f"{maze.name}: no path connects the cells {start} and {goal}; choose connected cells, "
+            "or remove a wall"
         )
     path = [start]
     while path[-1] != goal:
@@ -97,12 +94,12 @@ def shortest_path(maze: Maze, start: int, goal: int) -> list[int]:
 
 
 def shortest_tour(maze: Maze, start: int, goals: Iterable[int]) -> Tour:
-    """The shortest path from `start` through all `goals`, which ends at the last of them.
+    """The shortest path from `start` through all `goals`, which ends at the last goal.
 
     A travelling-salesman path on the matrix of path distances: exact by dynamic programming over
-    sets of goals (Held and Karp, 1962; Bellman, 1962), some 30 ms and 19 MB for MAX_EXACT_GOALS
-    goals. A goal named twice, or on the start, costs nothing. Works for mazes of any size, with one
-    breadth-first search a goal.
+    sets of goals (Held and Karp, 1962; Bellman, 1962), about 30 ms and 19 MB for MAX_EXACT_GOALS
+    goals. Repeated goals, and goals at the start, add no steps. Works for mazes of any size, with
+    one breadth-first search per goal.
 
     Raises:
         ValueError: a cell is not in the maze, a goal cannot be reached, or there are more than
@@ -117,8 +114,8 @@ def shortest_tour(maze: Maze, start: int, goals: Iterable[int]) -> Tour:
     if (between == UNREACHABLE).any():
         unreachable = int(cells[np.argmax(between[0] == UNREACHABLE)])
         raise ValueError(
-            f"{maze.name}: no path joins the start {start} and the goal {unreachable}; choose "
-            "goals of the start's part of the maze, or open a wall between the parts"
+            f"{maze.name}: no path connects the start {start} and the goal {unreachable}; choose "
+            "goals that are reachable from the start, or remove a wall"
         )
     count = len(cells) - 1
     _check_number(maze, count)
@@ -138,9 +135,9 @@ def tour_lengths(maze: Maze, starts: ArrayLike, goals: ArrayLike) -> NDArray[np.
     """The shortest tours of many placements at once.
 
     Args:
-        maze: the maze that all of them are in.
+        maze: the maze of all placements.
         starts: [placements] integers, the cell of each start.
-        goals: [placements, goals] integers, the cells of the goals; -1 for an absent one.
+        goals: [placements, goals] integers, the cells of the goals; -1 for no goal.
 
     Returns:
         [placements] int64, the length of each tour; 0 without goals.
@@ -164,7 +161,7 @@ def tour_lengths(maze: Maze, starts: ArrayLike, goals: ArrayLike) -> NDArray[np.
             wrong = cells[(cells < least) | (cells >= maze.num_cells)].flat[0]
             raise ValueError(
                 f"{maze.name}: {name} holds {wrong}; the cells are 0 to {maze.num_cells - 1}"
-                + ("" if least == 0 else ", and -1 is an absent goal")
+                + ("" if least == 0 else ", and -1 for no goal")
             )
     start_cells, goal_cells = start_cells.astype(np.int64), goal_cells.astype(np.int64)
     if maze.num_cells > MAX_TABLE_CELLS:
@@ -180,8 +177,8 @@ def tour_lengths(maze: Maze, starts: ArrayLike, goals: ArrayLike) -> NDArray[np.
     if (lengths < 0).any():
         wrong = int(np.argmax(lengths < 0))
         raise ValueError(
-            f"{maze.name}: placement {wrong}: no path joins the start {start_cells[wrong]} and all "
-            f"of the goals {goal_cells[wrong].tolist()}; place them in one part of the maze"
+            f"{maze.name}: placement {wrong}: no path joins start {start_cells[wrong]} and all of "
+            f"the goals {goal_cells[wrong].tolist()}; choose connected cells"
         )
     return lengths
 
@@ -189,7 +186,7 @@ def tour_lengths(maze: Maze, starts: ArrayLike, goals: ArrayLike) -> NDArray[np.
 def _check_number(maze: Maze, num_goals: int) -> None:
     if num_goals > MAX_EXACT_GOALS:
         raise ValueError(
-            f"{maze.name}: {num_goals} goals; shortest tours are known of up to {MAX_EXACT_GOALS}"
+            f"{maze.name}: {num_goals} goals; shortest tours are exact for up to {MAX_EXACT_GOALS}"
         )
 
 
@@ -197,16 +194,16 @@ def _check_number(maze: Maze, num_goals: int) -> None:
 
 
 def num_placements(num_cells: int, num_goals: int) -> int:
-    """The placements of a start and of goals that are distinct, all on different cells."""
+    """The number of placements of a start and a set of goals in different cells."""
     num_cells, num_goals = whole("num_cells", num_cells, 1), whole("num_goals", num_goals, 0)
     return comb(num_cells, num_goals) * (num_cells - num_goals)
 
 
 def num_states(num_cells: int, num_goals: int) -> int:
-    """The distinct states of a runner and up to `num_goals` goals that are left.
+    """The number of states of a runner with 1 to `num_goals` remaining goals.
 
-    The sum over i = 1 ... num_goals of C(n, i) (n - i): i goals on distinct cells, none of them
-    under the runner.
+    The sum over i = 1 ... num_goals of C(n, i) (n - i): i goals in different cells, and the runner
+    in another cell.
     """
     return sum(num_placements(num_cells, i) for i in range(1, whole("num_goals", num_goals, 0) + 1))
 
@@ -214,31 +211,31 @@ def num_states(num_cells: int, num_goals: int) -> int:
 def expected_tour_length(
     maze: Maze, num_goals: int, samples: int = 20_000, seed: int = 0
 ) -> Estimate:
-    """The mean shortest tour over all placements of a start and of `num_goals` goals.
+    """The mean length of the shortest tour over all placements of a start and `num_goals` goals.
 
-    Start and goals stand on distinct cells, all placements equally likely: what the game draws
-    when nothing limits it. Exact by enumeration for 1 to 3 goals while there are at most
-    MAX_ENUMERATED_PLACEMENTS and the maze has at most MAX_TABLE_CELLS cells; otherwise the mean
-    of `samples` drawn with `seed`, with a 95 % confidence interval (normal approximation).
+    Start and goals are in different cells, and all placements are equally likely, as in a game with
+    random starts. Exact by enumeration for 1 to 3 goals, at most MAX_ENUMERATED_PLACEMENTS
+    placements and at most MAX_TABLE_CELLS cells. Otherwise the mean of `samples` drawn with `seed`,
+    with a 95 % confidence interval (normal approximation).
 
-    A sample costs one tour: microseconds up to 8 goals, milliseconds from 14 on, and in a maze
-    beyond MAX_TABLE_CELLS a breadth-first search for each of its cells.
+    A sample takes one tour: microseconds up to 8 goals, milliseconds from 14 on. In mazes with more
+    than MAX_TABLE_CELLS cells it takes a breadth-first search for each start and goal.
 
     Raises:
         ValueError: fewer than 1 goal, or more than cells - 1 or MAX_EXACT_GOALS; fewer than 2
-            samples, or a maze that falls into parts.
+            samples, or a maze that is not connected.
     """
     maze, num_goals = load_maze(maze), whole("num_goals", num_goals, 1)
     samples = whole("samples", samples, 2)
     if num_goals > maze.num_cells - 1:
         raise ValueError(
-            f"{maze.name}: num_goals {num_goals}; {maze.num_cells} cells hold a start and 1 to "
-            f"{maze.num_cells - 1} goals; choose one of these numbers, or a larger maze"
+            f"{maze.name}: num_goals={num_goals}; {maze.num_cells} cells hold a start and 1 to "
+            f"{maze.num_cells - 1} goals; give fewer goals or a larger maze"
         )
     if (maze.distances_from(0) == UNREACHABLE).any():
         raise ValueError(
-            f"{maze.name}: the maze falls into parts, so some goals are unreachable and the mean "
-            "is infinite; open a wall between the parts"
+            f"{maze.name}: the maze is not connected, so some goals are unreachable and the mean "
+            "is infinite; remove a wall between its parts"
         )
     placements = num_placements(maze.num_cells, num_goals)
     fits = placements <= MAX_ENUMERATED_PLACEMENTS and maze.num_cells <= MAX_TABLE_CELLS

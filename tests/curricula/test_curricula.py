@@ -35,15 +35,15 @@ STAGES = [1.0, 2.0, 4.0, 8.0]
 finite = st.floats(-1e6, 1e6)
 
 
-def outcomes(lessons: Any, successes: Any = True, **more: Any) -> Outcomes:
-    """Episodes with these lessons; what is not given does not matter."""
-    count = len(lessons)
+def outcomes(played: Any, successes: Any = True, **more: Any) -> Outcomes:
+    """Outcomes of episodes with these stages; the other values are arbitrary."""
+    count = len(played)
 
     def column(name: str, default: float) -> Any:
         return np.broadcast_to(np.asarray(more.get(name, default), dtype=np.float64), count)
 
     return Outcomes(
-        np.asarray(lessons, dtype=np.float64),
+        np.asarray(played, dtype=np.float64),
         np.broadcast_to(np.asarray(successes, dtype=bool), count),
         column("returns", 0.0),
         np.full(count, 10),
@@ -191,20 +191,20 @@ def test_the_gate_does_not_mistake_quick_successes_for_mastery() -> None:
     """Games of 200 steps at most in which half of the starts are solved in 10 steps, half never."""
     gate = SuccessGated([1.0, 2.0], promote_at=0.6, demote_at=0.0, window=100)
     rng = np.random.default_rng(0)
-    lessons, ends = gate.sample(1000, rng), np.where(rng.random(1000) < 0.5, 10, 200)
+    played, ends = gate.sample(1000, rng), np.where(rng.random(1000) < 0.5, 10, 200)
     wins = ends == 10
     for now in range(1, 2000):
         over = ends == now
-        gate.update(outcomes(lessons[over], wins[over]), Progress())
-        lessons[over] = gate.sample(int(over.sum()), rng)
+        gate.update(outcomes(played[over], wins[over]), Progress())
+        played[over] = gate.sample(int(over.sum()), rng)
         quick = rng.random(int(over.sum())) < 0.5
         wins[over], ends[over] = quick, now + np.where(quick, 10, 200)
         assert gate.stage == 0
     gate.promote_at = 0.4
     for now in range(2000, 2600):
         over = ends == now
-        gate.update(outcomes(lessons[over], wins[over]), Progress())
-        lessons[over] = gate.sample(int(over.sum()), rng)
+        gate.update(outcomes(played[over], wins[over]), Progress())
+        played[over] = gate.sample(int(over.sum()), rng)
         quick = rng.random(int(over.sum())) < 0.5
         wins[over], ends[over] = quick, now + np.where(quick, 10, 200)
     assert gate.stage == 1
@@ -220,9 +220,9 @@ def test_learning_progress_goes_where_the_return_changes() -> None:
     rng, drift = np.random.default_rng(0), 0.0
     for _ in range(60):
         drift += 0.1
-        lessons = bandit.sample(200, rng)
-        returns = np.where(lessons == 4.0, drift, 5.0) + 0.01 * rng.standard_normal(200)
-        bandit.update(outcomes(lessons, returns=returns), Progress())
+        played = bandit.sample(200, rng)
+        returns = np.where(played == 4.0, drift, 5.0) + 0.01 * rng.standard_normal(200)
+        bandit.update(outcomes(played, returns=returns), Progress())
     drawn = bandit.sample(20_000, rng)
     share = np.array([(drawn == stage).mean() for stage in STAGES])
     assert share[2] > 0.8
@@ -355,11 +355,11 @@ def test_a_curriculum_goes_on_exactly_from_its_state(name: str) -> None:
     def play(curriculum: Any, rng: Any, begin: int, end: int) -> list[Any]:
         sampled = []
         for turn in range(begin, end):
-            lessons = curriculum.sample(16, rng)
-            returns = rng.standard_normal(16) + lessons / 8 % 3
-            told = outcomes(lessons, rng.random(16) < 0.7, returns=returns)
-            changes = curriculum.update(told, Progress(share=turn / 40))
-            sampled.append((lessons.tolist(), changes))
+            played = curriculum.sample(16, rng)
+            returns = rng.standard_normal(16) + played / 8 % 3
+            ended = outcomes(played, rng.random(16) < 0.7, returns=returns)
+            changes = curriculum.update(ended, Progress(share=turn / 40))
+            sampled.append((played.tolist(), changes))
         return sampled
 
     curriculum, rng = EVERY[name](), np.random.default_rng(1)
@@ -373,7 +373,7 @@ def test_a_curriculum_goes_on_exactly_from_its_state(name: str) -> None:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_lessons_are_drawn_as_numpys_own_functions_draw_them(seed: int) -> None:
+def test_stages_are_drawn_as_numpys_own_functions_draw_them(seed: int) -> None:
     ours, theirs = (np.random.default_rng(seed) for _ in range(2))
     stages = [3.0, 1.0, 7.0, 2.0]
     uniform, progress, levels = Uniform(stages), LearningProgress(stages), LevelReplay()

@@ -190,25 +190,25 @@ class AlternatingSettings(StagedSettings):
 
 
 class Alternating:
-    """Lessons of the first stage, then of the last, then of the first again."""
+    """The first stage, then the last, then the first again."""
 
     def __init__(self, stages: list[float], period: int) -> None:
         self.stages, self.period, self.updates = stages, period, 0
 
     @property
     def value(self) -> float:
-        """The lesson of now."""
+        """The current stage."""
         return self.stages[0 if (self.updates // self.period) % 2 == 0 else -1]
 
     def update(self, outcomes: Outcomes, progress: Progress) -> list[Change]:
-        """Count; a change is told."""
+        """Count; log a change."""
         before, self.updates = self.value, self.updates + 1
         if self.value == before:
             return []
         return [Change(self.value, self.value, self.value, f"turn after {self.updates} updates")]
 
     def sample(self, num_games: int, rng: np.random.Generator) -> NDArray[np.float64]:
-        """The same for all."""
+        """The same for all games."""
         return np.full(num_games, self.value)
 
     def state_dict(self) -> dict[str, Any]:

@@ -78,7 +78,7 @@ class CrossEntropy:
         env, simulator, population = self.env, self.env.simulator, len(candidates)
         each = env.num_games // population
         if not self.frames:
-            env.begin()
+            env.reset_games()
         simulator.set_state(simulator.get_state(np.arange(env.num_games) % each))
         seen, masks = env.reset(), has_masks(env)
         weights = self._named(candidates)

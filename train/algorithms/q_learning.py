@@ -209,7 +209,7 @@ class QLearning:
         simulator, seat, actions = env.simulator, env.seat, self._actions
         if not self._begun:
             if not env.resume:
-                env.begin()
+                env.reset_games()
             self._begun = True
         explored = min(progress / max(settings.exploration_share, 1e-9), 1.0)
         epsilon = linear(settings.epsilon_start, settings.epsilon_end, explored)

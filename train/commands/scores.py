@@ -43,7 +43,7 @@ def print_reference(held: Mapping[str, Any], contest: Any) -> None:
         return
     print(Reference(**held).line())
     if isinstance(contest, GameContest) and held["kind"] == "best known":
-        why = contest.in_full_sight.why_not_joint()
+        why = contest.with_full_view.why_not_joint()
         if why is not None:
             print(f"no exact optimum: {why}")
 
@@ -52,7 +52,7 @@ def announce_solution(contest: Any, interrupted: bool) -> None:
     """Print to stderr that a whole game is being solved, if this takes seconds or more."""
     if not isinstance(contest, GameContest) or contest.task.num_agents == 1 or interrupted:
         return
-    solved = replace(contest.in_full_sight, most_work=MAX_EVALUATED_WORK)
+    solved = replace(contest.with_full_view, most_work=MAX_EVALUATED_WORK)
     if solved.is_exact or joint_work(solved.task) <= MAX_WORK or solved.why_not_joint():
         return
     states = count_joint_states(solved.task)

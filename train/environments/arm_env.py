@@ -19,12 +19,12 @@ from train.networks.arm_policy import ArmSeat
 class ArmEnv(LockstepEnv):
     """An environment in which the learner moves every arm; keys are those of `LockstepEnv`.
 
-    "action" is [batch, joints] float32 in [-1, 1]; with discrete actions [batch] int64, the number
-    of a combination (see `ReacherTask.actions_of`).
+    "action" is [batch, joints] float32 in [-1, 1]; with discrete actions [batch] int64, the index
+    of a joint action (see `ReacherTask.actions_of`).
 
     Args:
         simulator: made with `auto_restart=False`.
-        player: the learning agent; its encoding is observed.
+        player: the learning agent, with the encoding of its observations.
         hook: configures the next episodes.
     """
 
@@ -48,10 +48,10 @@ class ArmEnv(LockstepEnv):
     def _returns(self, games: NDArray[np.bool_]) -> NDArray[Any]:
         return self.simulator.returns[games]
 
-    def _seen(self) -> dict[str, torch.Tensor]:
+    def _observe(self) -> dict[str, torch.Tensor]:
         return {"observation": torch.from_numpy(self.simulator.observe(self.encoding))}
 
-    def _play(
+    def _step_games(
         self, actions: torch.Tensor, alive: NDArray[np.bool_] | None = None
     ) -> tuple[dict[str, torch.Tensor], NDArray[np.bool_]]:
         simulator, moves = self.simulator, actions.numpy()

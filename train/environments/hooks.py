@@ -1,4 +1,4 @@
-"""The interface of objects that configure the next episodes of an environment."""
+"""The interface of objects that configure the episodes of an environment."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 
 class EpisodeHook:
-    """Base of teachers and opponent pools; every method does nothing here.
+    """The base of teachers and opponent pools; by default every method does nothing.
 
     Attributes:
         wants_advantages: whether `note_advantages` is called.
@@ -27,4 +27,4 @@ class EpisodeHook:
         """Called with the mask [num_games] of episodes that have just ended."""
 
     def note_advantages(self, advantages: NDArray[Any], done: NDArray[np.bool_]) -> None:
-        """Called with a rollout's advantages and ends of episodes, [num_games, steps] each."""
+        """Called with the advantages and episode ends of a rollout, both [num_games, steps]."""

@@ -1,4 +1,4 @@
-"""The base of the TorchRL environments over all simulators."""
+"""The base class of the TorchRL environments over all simulators."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from torchrl.envs import EnvBase
 from train.environments.hooks import EpisodeHook
 
 FLAGS = ("terminated", "truncated", "done")
-NOT_SEEN = {"reward", *FLAGS}
+NOT_OBSERVED = {"reward", *FLAGS}
 
 
 class LockstepEnv(EnvBase):
-    """A batch of games in which the learner controls k agents each; the batch is ordered by game.
+    """A batch of games, in each of which the learner controls k agents; ordered by game.
 
     Keys: "observation" [batch, ...], "action" [batch, ...], "reward", "terminated", "truncated" and
     "done" [batch, 1]. After a step, "next" holds the last observation of an episode that ended. The
     partial reset that follows starts the next episode, so nothing is bootstrapped across episodes.
 
-    Subclasses implement the observation (`_seen`), the step (`_play`) and the episode return
+    Subclasses implement observations (`_observe`), steps (`_step_games`) and episode returns
     (`_returns`), and define the specs of observations and actions.
 
     Args:
@@ -34,14 +34,14 @@ class LockstepEnv(EnvBase):
         members: k.
 
     Raises:
-        ValueError: a simulator with automatic restarts, which lose the end of an episode.
+        ValueError: a simulator with `auto_restart=True`, which hides the end of an episode.
 
     Attributes:
         simulator, hook, members: the arguments.
         num_games: in the batch.
-        finished_returns, finished_lengths: of the episodes that ended since they were last cleared.
+        finished_returns, finished_lengths: of the episodes that ended since the lists were cleared.
         resume: if set, the next full reset continues the current episodes.
-        begun: whether `begin` was called.
+        was_reset: whether `reset_games` was called.
     """
 
     simulator: Any
@@ -50,7 +50,7 @@ class LockstepEnv(EnvBase):
     def __init__(self, simulator: Any, hook: EpisodeHook | None = None, members: int = 1) -> None:
         if simulator.auto_restart:
             raise ValueError(
-                "this simulator restarts games automatically, which loses the end of episodes; "
+                "this simulator restarts games automatically, which hides the end of episodes; "
                 f"use {type(simulator).__name__}(..., auto_restart=False)"
             )
         batch = simulator.num_games * members
@@ -59,7 +59,7 @@ class LockstepEnv(EnvBase):
         self.num_games = simulator.num_games
         self.finished_returns: list[NDArray[Any]] = []
         self.finished_lengths: list[NDArray[Any]] = []
-        self.resume = self.begun = False
+        self.resume = self.was_reset = False
         self.reward_spec = Unbounded((batch, 1))
         flag = Binary(n=1, shape=(batch, 1), dtype=torch.bool)
         self.full_done_spec = Composite({key: flag.clone() for key in FLAGS}, shape=(batch,))
@@ -67,11 +67,11 @@ class LockstepEnv(EnvBase):
     # -- implemented by subclasses ---------------------------------------------------------------
 
     @abstractmethod
-    def _seen(self) -> dict[str, torch.Tensor]:
-        """The observations of the learner's agents, "observation" [batch, ...], and masks."""
+    def _observe(self) -> dict[str, torch.Tensor]:
+        """The observations of the learner's agents, "observation" [batch, ...], and any masks."""
 
     @abstractmethod
-    def _play(
+    def _step_games(
         self, actions: torch.Tensor, alive: NDArray[np.bool_] | None = None
     ) -> tuple[dict[str, torch.Tensor], NDArray[np.bool_]]:
         """One step with the learner's actions: all results, and the games that ended [num_games].
@@ -90,18 +90,18 @@ class LockstepEnv(EnvBase):
 
     # -- episodes and steps ----------------------------------------------------------------------
 
-    def begin(self) -> None:
-        """Reset all games; the first time to the episodes of the simulator's seed.
+    def reset_games(self) -> None:
+        """Reset all games; the first time to the first episodes of the simulator's seed.
 
-        The simulator has started these already, but without the hook.
+        The simulator itself has already started these, but without the hook.
         """
-        if not self.begun and self.simulator.last_seed is not None:
+        if not self.was_reset and self.simulator.last_seed is not None:
             self.simulator.seed(self.simulator.last_seed)
-        self.begun = True
+        self.was_reset = True
         self.restart()
 
     def restart(self, games: NDArray[np.bool_] | None = None) -> None:
-        """Start new episodes in the games of the mask [num_games], or in all, through the hook."""
+        """Start new episodes, configured by the hook, in the games of the mask, by default all."""
         chosen = np.arange(self.num_games) if games is None else np.flatnonzero(games)
         if len(chosen):
             self.hook.before_restart(chosen)
@@ -110,7 +110,7 @@ class LockstepEnv(EnvBase):
             self.hook.after_restart(chosen)
 
     def finish(self, games: NDArray[np.bool_]) -> None:
-        """Record the episodes of the mask [num_games], which have just ended."""
+        """Record the episodes in the mask [num_games], which have just ended."""
         self.finished_returns.append(self._returns(games))
         self.finished_lengths.append(self.simulator.steps[games].copy())
         self.hook.episode_ended(games)
@@ -124,11 +124,11 @@ class LockstepEnv(EnvBase):
         terminated: NDArray[np.bool_],
         truncated: NDArray[np.bool_],
     ) -> dict[str, torch.Tensor]:
-        """The results of a step, from arrays of batch numbers each."""
+        """The results of a step, from arrays with one entry for each of the batch."""
         done = terminated | truncated
         flags = dict(zip(FLAGS, (terminated, truncated, done), strict=True))
         return {
-            **self._seen(),
+            **self._observe(),
             "reward": torch.from_numpy(rewards.reshape(-1, 1)),
             **{name: torch.from_numpy(flag.reshape(-1, 1)) for name, flag in flags.items()},
         }
@@ -137,12 +137,12 @@ class LockstepEnv(EnvBase):
         if tensordict is not None and tensordict.get("_reset", None) is not None:
             self.restart(tensordict["_reset"].view(-1, self.members).all(dim=1).numpy())
         elif not self.resume:
-            self.begin()
+            self.reset_games()
         self.resume = False
-        return self._batch(self._seen())
+        return self._batch(self._observe())
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
-        return self._batch(self._play(tensordict["action"])[0])
+        return self._batch(self._step_games(tensordict["action"])[0])
 
     def step_episodes(self, actions: torch.Tensor, running: torch.Tensor) -> TensorDictBase:
         """A step without restarts, for learning from whole episodes; one agent per game.
@@ -156,14 +156,14 @@ class LockstepEnv(EnvBase):
         """
         alive = np.zeros(self.num_games, dtype=bool)
         alive[running.numpy()] = True
-        return self._batch(self._play(actions, alive)[0])
+        return self._batch(self._step_games(actions, alive)[0])
 
     def step_and_maybe_reset(
         self, tensordict: TensorDictBase
     ) -> tuple[TensorDictBase, TensorDictBase]:
-        """As `EnvBase.step_and_maybe_reset`, in a quarter of its time.
+        """As `EnvBase.step_and_maybe_reset`, four times as fast.
 
-        It omits the checks and copies of the general partial reset; a test compares the two.
+        It omits the checks and copies of the general partial reset; a test compares both.
         """
         after, seen = self.step_tensors(tensordict["action"])
         running = torch.zeros_like(after["done"])
@@ -173,20 +173,20 @@ class LockstepEnv(EnvBase):
     def step_tensors(
         self, actions: torch.Tensor
     ) -> tuple[dict[str, torch.Tensor], dict[str, torch.Tensor]]:
-        """As `step_and_maybe_reset`, without TensorDicts, which cost as much as 500 games.
+        """As `step_and_maybe_reset`, without TensorDicts, which take as long as 500 games.
 
         Args:
             actions: [batch, ...].
 
         Returns:
-            The results of the step, and the observations for the next step: where an episode ended,
-            the first one of the next episode. They may share tensors.
+            The results of the step, and the observations for the next step. After the end of an
+            episode the latter is the first one of the next episode. They may share tensors.
         """
-        after, over = self._play(actions)
+        after, over = self._step_games(actions)
         if over.any():
             self.restart(over)
-            return after, self._seen()
-        return after, {name: seen for name, seen in after.items() if name not in NOT_SEEN}
+            return after, self._observe()
+        return after, {name: seen for name, seen in after.items() if name not in NOT_OBSERVED}
 
     def _set_seed(self, seed: int | None) -> None:
         if seed is not None:

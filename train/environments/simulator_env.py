@@ -21,7 +21,7 @@ from train.networks.policy import Seat
 
 
 class SimulatorEnv(LockstepEnv):
-    """The learner controls k agents of every game, and policies control the others.
+    """An environment in which the learner controls k agents of every game, policies the others.
 
     The learner's agents have consecutive indices: a single agent, or all of a role, which then
     learn with shared parameters (independent PPO; de Witt et al., 2020).
@@ -30,13 +30,13 @@ class SimulatorEnv(LockstepEnv):
     bool) while others continue; its data is excluded from learning.
 
     If the player has `mask_bumps`, "action_mask" ([batch, actions] bool, beside each "observation")
-    marks the allowed actions, and the action spec draws from these only. (Without the stay action
-    it forbids waiting, with a warning.)
+    marks the allowed actions, and the action spec samples only these. (Without the stay action,
+    agents cannot wait then; a warning says so.)
 
     Args:
         simulator: made with `auto_restart=False`.
-        player: the learning agent; its encoding is observed.
-        policies: the policy of each agent; None for the learner's.
+        player: the learning agent, with the encoding of its observations.
+        policies: the policy of each agent; None for the learner's agents.
         hook: configures the next episodes.
         members: k.
         scale: factor of the rewards.
@@ -44,8 +44,7 @@ class SimulatorEnv(LockstepEnv):
     Attributes:
         seat, seats: the learner's first agent index, and all of them.
         idle: [num_games, k] bool.
-        frames: [batch, frame_stack, ...], the stacked observations of the learner's agents, if
-            there is stacking.
+        frames: [batch, frame_stack, ...], the stacked observations, with frame stacking.
     """
 
     simulator: Simulator
@@ -102,7 +101,7 @@ class SimulatorEnv(LockstepEnv):
             self.stack.forget(rows, games)
 
     def _stacked(self, seen: NDArray[Any]) -> NDArray[Any]:
-        """[games, k, *shape]: the current observations, stacked with earlier ones."""
+        """[games, k, *shape]: the current observations, stacked with the previous ones."""
         if self.stack is None:
             return seen
         flat = self.stack.seen(self.frames, seen.reshape(-1, *seen.shape[2:]))
@@ -112,7 +111,7 @@ class SimulatorEnv(LockstepEnv):
         returns = self.simulator.returns[games, self.seats]
         return returns.mean(axis=1) if self.members > 1 else returns[:, 0]
 
-    def _seen(self) -> dict[str, torch.Tensor]:
+    def _observe(self) -> dict[str, torch.Tensor]:
         """The observations [batch, ...] of the learner's agents, their idle flags and masks."""
         simulator = self.simulator
         encoder = simulator.encoder(self.encoding)
@@ -127,7 +126,7 @@ class SimulatorEnv(LockstepEnv):
             self.action_spec.update_mask(found[ACTION_MASK])
         return found
 
-    def _play(
+    def _step_games(
         self, actions: torch.Tensor, alive: NDArray[np.bool_] | None = None
     ) -> tuple[dict[str, torch.Tensor], NDArray[np.bool_]]:
         """One step with the learner's actions [batch]: all results, and the games that ended.

@@ -1,4 +1,4 @@
-"""Evaluation of policies of the arm by steps, with the minimum steps as reference."""
+"""Evaluation of policies of the arm in steps, with the minimum steps as reference."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Bounds:
 
     Attributes:
         lower, upper: [episodes] int64; equal if the minimum is known.
-        possible: [episodes] whether `max_steps` can be enough.
+        possible: [episodes] bool, whether the target can be reached within `max_steps`.
     """
 
     lower: NDArray[np.int64]
@@ -54,9 +54,9 @@ def bounds_of(task: ReacherTask, episodes: int, seed: int) -> Bounds:
     """Bounds of the minimum episode lengths of an evaluation.
 
     Every episode has at least `hold` steps and at most `max_steps`. Discrete actions reach fewer
-    poses than continuous ones, so only the lower bounds hold for them.
+    poses than continuous ones, so for them only the lower bounds are valid.
 
-    A smaller evaluation has the first starts of a larger one, so both are solved together.
+    Evaluations with few episodes use the first of EPISODES starts, so all share one solution.
     """
     if episodes < EPISODES:
         first = bounds_of(task, EPISODES, seed)
@@ -72,8 +72,8 @@ def bounds_of(task: ReacherTask, episodes: int, seed: int) -> Bounds:
 class ArmContest(Contest):
     """Evaluation of the arm; a `Contest`.
 
-    Starting poses are random, or fixed by the task. A pose kept from the previous episode would
-    depend on the policy.
+    Starting poses are random, or fixed by the task. They are not kept from the previous episode, as
+    they would then depend on the policy.
     """
 
     task: ReacherTask
@@ -97,7 +97,7 @@ class ArmContest(Contest):
         return {"task": "reacher", "role": "arm", "maze": None, "joints": joints, "least": least}
 
     def line(self) -> str:
-        """One line that says what is evaluated."""
+        """The evaluation in one line of text."""
         task = self.task
         joints = f"{task.joints} joint{'s' if task.joints > 1 else ''}"
         held = f", held for {task.hold} steps" if task.hold > 1 else ""
@@ -127,7 +127,7 @@ class ArmContest(Contest):
         return lengths, reached
 
     def score(self, name: str, policy: ArmPolicy) -> Score:
-        """Play."""
+        """As `Contest`, by simulation."""
         lengths, reached = self.play(policy)
         mean, share = float(lengths.mean()), float(reached.mean())
         return Score(name, mean, half_width(lengths), share, len(lengths), False)
@@ -144,7 +144,7 @@ class ArmContest(Contest):
     def optimal(self) -> Score | None:
         """The lower bounds of the minimum steps from the same starts.
 
-        None if `max_steps` truncates every episode: then all policies take equally long.
+        None if `max_steps` truncates every episode, as all policies have equal lengths then.
         """
         bounds = self.bounds()
         if not bounds.possible.any():
@@ -156,8 +156,8 @@ class ArmContest(Contest):
     def baselines(self) -> list[Score]:
         """Random, the inverse kinematics methods, the thesis' baseline, and the minimum steps.
 
-        If the bounds differ, the policy that achieves the upper bounds is included. With discrete
-        actions only the random policy and the bounds are.
+        If the bounds differ, the policy that attains the upper bounds is included. With discrete
+        actions only the random policy and the lower bounds are.
         """
         optimum = self.optimal()
         known = [] if optimum is None else [optimum]

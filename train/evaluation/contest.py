@@ -54,7 +54,7 @@ from train.evaluation.scores import (
     BY_RETURN,
     BY_STEPS,
     DISCOUNTED,
-    FULL_SIGHT,
+    FULL_VIEW,
     Measure,
     Reference,
     Score,
@@ -63,10 +63,11 @@ from train.evaluation.scores import (
 
 @dataclass(frozen=True)
 class GameContest(MazeContest):
-    """One agent of a task, with fixed policies in all other seats; a `Contest`.
+    """One agent of a task, against fixed policies of all other agents; a `Contest`.
 
-    The optimum allows all actions. With `mask_bumps` the optimum without moves into walls is given
-    too. Whole games (teams, races, heists) are solved up to the size `most_work` (`joint_work`).
+    The optimum may use all actions. With `mask_bumps` the optimum without moves into walls is
+    included. Whole games (teams, races, heists) are solved up to the size `most_work`
+    (`joint_work`).
     """
 
     mask_bumps: bool = False
@@ -74,7 +75,7 @@ class GameContest(MazeContest):
 
     @property
     def is_exact(self) -> bool:
-        """Whether lengths are means over all starts, computed without sampling."""
+        """Whether the mean length over all starts is computed without sampling."""
         return is_exact(self.task, *self.opponents.values())
 
     def _means(self, simulator: Simulator) -> dict[str, float | None]:
@@ -88,7 +89,7 @@ class GameContest(MazeContest):
         return {**self.opponents, self.task.agent_names[self.seat]: policy}
 
     def opponent_table(self) -> NDArray[np.float64]:
-        """[self cell, other cell, action] of the opponent, where `is_exact`."""
+        """[self cell, other cell, action] of the opponent; requires `is_exact`."""
         assert self.opponent is not None  # is_exact
         return table_in(self.task, self.opponent)
 
@@ -119,18 +120,18 @@ class GameContest(MazeContest):
         return float(lengths[won].sum() / self.tours[won].sum()) - 1.0
 
     @cached_property
-    def in_full_sight(self) -> GameContest:
-        """The same contest for an agent with full view, whose optimum is a bound.
+    def with_full_view(self) -> GameContest:
+        """The same contest with a full view of this agent: its optimum is a bound.
 
-        The views of the other agents stay the same.
+        The views of the other agents are unchanged.
         """
-        task, own = self.task, self.seat
+        task = self.task
         others = [
             (name, limit)
             for seat, (name, limit) in enumerate(
                 zip(task.agent_names, task.sight.limits, strict=True)
             )
-            if seat != own
+            if seat != self.seat
         ]
         sight: dict[str, Any] = {
             "view_radius": {name: limit.view_radius for name, limit in others},
@@ -153,12 +154,12 @@ class GameContest(MazeContest):
         return Certificate(proven.role, proven.discount, proven.lower, proven.upper)
 
     def _pair_values(self, policy: Policy) -> PairValues:
-        """The expected lengths from every pair of cells, where `is_exact` with this policy."""
+        """The expected length from every pair of cells; requires a policy that is a table."""
         tables = (table_in(self.task, policy), self.opponent_table())
         return values_between(self.task, self.role, tables, self.task.max_steps)
 
     def best_response(self, mask_bumps: bool = False) -> BestResponse | None:
-        """The exact best response to the opponent, where `is_exact`."""
+        """The exact best response to the opponent; None unless `is_exact`."""
         if not self.is_exact:
             return None
         table, horizon = self.opponent_table(), self.task.max_steps
@@ -172,7 +173,7 @@ class GameContest(MazeContest):
         return Score(name, mean, 0.0, float(won.mean()), self.episodes, True)
 
     def best_team_response(self) -> TeamResponse | None:
-        """The best response of this agent in a chase by a team; None if it is not solved."""
+        """The best response of this agent in a team chase; None if that is not solved."""
         if not is_exact_team(self.task, self._with(RandomAgent())):
             return None
         name = self.task.agent_names[self.seat]
@@ -183,16 +184,16 @@ class GameContest(MazeContest):
 
         Known for one agent of a chase of one evader (the best response to all others), for one
         runner with up to MAX_EXACT_GOALS goals (the shortest tours), and for one agent in a small
-        game of several (`why_not_joint`). Not known if `max_steps` truncates every episode, under a
-        limited view (see `certificate`), or if evaders collect goals (see `optimal_return`).
+        game of several (`why_not_joint`). Unknown if `max_steps` truncates every episode, with a
+        limited view (see `certificate`), and if evaders collect goals (see `optimal_return`).
         """
         if self.is_limited:
             return None
         task, best = self.task, self.best_response()
-        among = self.best_team_response()
-        if among is not None:
-            _, won = self.play(among.policy)
-            mean = among.mean_over_starts
+        team = self.best_team_response()
+        if team is not None:
+            _, won = self.play(team.policy)
+            mean = team.mean_over_starts
             return Score("optimal", mean, 0.0, float(won.mean()), self.episodes, True)
         if best is not None:
             return self._score_of("optimal", best)
@@ -201,38 +202,39 @@ class GameContest(MazeContest):
         if self.tours is None:
             return None
         share = float((self.tours <= task.max_steps).mean())
-        if share == 0.0:  # every episode is truncated: all policies take equally long
+        if share == 0.0:  # every episode is truncated, so all policies have equal lengths
             return None
         lengths = np.minimum(self.tours, task.max_steps)
         mean = float(lengths.mean())
         return Score("optimal", mean, half_width(lengths), share, self.episodes, False)
 
     def why_not_joint(self) -> str | None:
-        """The reason why the whole game is not solved; None if it is, or if another solver gives
-        the optimum."""
+        """The reason why `solve_joint` is not used; None if it is, or if another solver is."""
         if self.is_limited:
             return "limited view"
         task = self.task
         if (task.num_agents, task.num_runners) == (1, 1) and task.num_goals > MAX_EXACT_GOALS:
-            return f"{task.num_goals} goals; shortest tours are known of up to {MAX_EXACT_GOALS}"
+            return (
+                f"{task.num_goals} goals; shortest tours are computed for at most {MAX_EXACT_GOALS}"
+            )
         return why_not_joint(self.task, self.agent, self.opponents, self.most_work)
 
-    def _alone_best(
+    def _joint_response(
         self, task: Task, objective: Literal["steps", "return"] = "steps"
     ) -> JointResponse:
-        """The best response of this agent alone in a whole game."""
+        """The best response of this agent in a whole game."""
         own = [task.agent_names[self.seat]]
         return solve_joint(task, own, self.opponents, task.max_steps, objective=objective)
 
     @cached_property
     def best_of_steps(self) -> JointResponse | None:
-        """The best response in steps in games that only `solve_joint` solves; None if steps are not
-        the measure."""
+        """The best response in steps, for games that only `solve_joint` solves; None if the measure
+        is not steps."""
         task = self.task
         heist = task.num_goals and task.num_evaders
         if (task.num_agents, task.num_runners) == (1, 1) or heist or self.why_not_joint():
             return None
-        return self._alone_best(task)
+        return self._joint_response(task)
 
     @cached_property
     def best_of_returns(self) -> JointResponse | None:
@@ -242,19 +244,19 @@ class GameContest(MazeContest):
         rivals = task.num_goals and task.num_agents > 1
         if not rivals or task.reward_function is not None or self.why_not_joint() is not None:
             return None
-        return self._alone_best(task, "return")
+        return self._joint_response(task, "return")
 
     @cached_property
     def best_of_goals(self) -> JointResponse | None:
-        """The best response in goals, of a runner among others, for any rewards."""
+        """The best response in goals of a runner in a race, for any rewards."""
         if self.measure != BY_GOALS or self.why_not_joint() is not None:
             return None
         by_goals = replace(self.task, rewards={self.role: Rewards(goal=1.0)})
-        return self._alone_best(by_goals, "return")
+        return self._joint_response(by_goals, "return")
 
     def _joint_score(self, best: JointResponse, measure: Measure) -> Score:
-        """The score of a best response in this measure: exact expectations from the starts of the
-        evaluation; the other columns are from sampled games."""
+        """The score of a best response: exact expectations in this measure from the starts of the
+        evaluation; the other columns are sampled."""
         name = measure.optimum
         simulator = self.starts()
         expected = best.values_of(simulator.games)
@@ -274,7 +276,7 @@ class GameContest(MazeContest):
         return None if best is None else self._joint_score(best, BY_RETURN)
 
     def optimal_goals(self) -> Score | None:
-        """As `optimal_return`, in goals of a runner among others."""
+        """As `optimal_return`, for the goals of a runner in a race."""
         best = self.best_of_goals
         return None if best is None else self._joint_score(best, BY_GOALS)
 
@@ -294,14 +296,14 @@ class GameContest(MazeContest):
         if solution is not None:
             scores.append(self.score("certified", solution.policy))
         if self.is_limited:
-            full = self.in_full_sight._optima()
-            scores += [replace(best, name=f"{best.name}{FULL_SIGHT}") for best in full]
+            full = self.with_full_view._optima()
+            scores += [replace(best, name=f"{best.name}{FULL_VIEW}") for best in full]
         scores += self._optima()
         best = self.best_response(mask_bumps=True) if self.mask_bumps else None
         return scores if best is None else [*scores, self._score_of("optimal with masks", best)]
 
     def reference(self, scores: Sequence[Score], learned: Score) -> Reference | None:
-        """As `Contest`: the certified bound, the optimum, another bound, or the best known."""
+        """As `Contest`: the certified bound, else the exact optimum, a bound, or the best known."""
         proven, steps = self.certificate(), learned.discounted_steps
         if proven is not None and steps is not None:
             name = "optimum under limited view, pessimistic bound"
@@ -309,14 +311,14 @@ class GameContest(MazeContest):
         return super().reference(scores, learned)
 
     def lengths(self, policy: Policy) -> NDArray[np.float64]:
-        """As `Contest`; expectations in a duel of tables."""
+        """As `Contest`; expectations in a duel of tabular policies."""
         if self.is_exact and is_table_in(self.task, policy):
             values = self._pair_values(policy)
             return np.asarray(values)[tuple(self.starts().positions.T)]
         return super().lengths(policy)
 
     def optimal_lengths(self) -> NDArray[np.float64] | None:
-        """As `Contest`; for a duel, a single runner, and whole games measured in steps."""
+        """As `Contest`; known for duels, single runners, and whole games measured in steps."""
         if self.is_limited:
             return None
         best = self.best_response()

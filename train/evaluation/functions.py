@@ -1,4 +1,4 @@
-"""Evaluation of any function from observations to actions against the optimum."""
+"""Evaluation of any function from observations to actions, compared with the optimum."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class FunctionPolicy:
         kinds = "iu" if not arm or task.discrete_actions else "fiu"
         check(
             actions.shape == shape and actions.dtype.kind in kinds,
-            f"the policy gave actions of shape {actions.shape} and dtype {actions.dtype}; give "
+            f"the policy returned actions of shape {actions.shape}, dtype {actions.dtype}; return "
             f"{'numbers' if 'f' in kinds else 'integers'} of shape {shape}",
         )
         if arm and not task.discrete_actions:
@@ -47,8 +47,8 @@ class FunctionPolicy:
         count = 3 if arm else task.num_actions
         check(
             bool(((actions >= 0) & (actions < count)).all()),
-            f"the policy gave actions from {actions.min()} to {actions.max()}; integers from 0 to "
-            f"{count - 1}",
+            f"the policy returned actions from {actions.min()} to {actions.max()}; return integers "
+            f"from 0 to {count - 1}",
         )
         return actions - 1.0 if arm else actions.astype(np.int32)
 
@@ -62,17 +62,18 @@ def evaluate(
     seed: int,
     settings: Mapping[str, Any],
 ) -> Evaluation:
-    """See `pursuit.evaluate`; `settings` are those of the opponents and of the task."""
+    """As `pursuit.evaluate`; `settings` are those of the opponents and of the task."""
     whole("episodes", episodes, 2)
     own = {key: value for key, value in settings.items() if not key.startswith("opponent")}
     check(
-        isinstance(task, str) or not own, f"{', '.join(own)}: the task exists already; leave it out"
+        isinstance(task, str) or not own,
+        f"{', '.join(own)}: settings of a new task, and task is a Task; leave them out",
     )
     if isinstance(task, str):
         task = make_reacher_task(**own) if task == "reacher" else make_task(task, **own)
     contest: Any
     if isinstance(task, ReacherTask):
-        check(agent in (None, "arm"), f"agent={agent!r}; in task 'reacher' it is 'arm'")
+        check(agent in (None, "arm"), f"agent={agent!r}; give 'arm' for task 'reacher'")
         for name, none in (("opponent", None), ("opponent_epsilon", 0.0)):
             check(
                 settings[name] == none,

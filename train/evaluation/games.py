@@ -1,4 +1,4 @@
-"""Playing games to their end, and checks whether a game is solved exactly instead."""
+"""Simulation of games to their end, and conditions for exact solutions."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ from scripted_agents import (
 )
 
 MAX_EXACT_CELLS = 1024
-"""Above this number of cells a duel is sampled, not solved (seconds, gigabytes)."""
+"""Duels in mazes with more cells are sampled, not solved (seconds, gigabytes)."""
 
 
 MAX_EXACT_WORK, MAX_FINAL_WORK = 2_000_000, 40_000_000
-"""Above this size (`work_of`) a chase by a team is sampled, not solved, during training (5x5 with
-two chasers is half of it: a second) and at the end (9x9 with two: half a minute)."""
+"""Team chases of a larger size (`work_of`) are sampled, not solved, during training (5x5 with two
+chasers has half this size: a second) and at the end (9x9 with two chasers: half a minute)."""
 
 Mask = NDArray[np.bool_]
 
@@ -46,7 +46,7 @@ def play_out(
         simulator: games at their starts, made with `auto_restart=False`.
         policies: the policy of each agent.
         over: [games] whether a game is over; called after every step.
-        won: [games] whether a game is won; called in the step in which it is over.
+        won: [games] whether a game is won; called after the step that ends it.
     """
     games, task = simulator.num_games, simulator.task
     lengths = np.full(games, task.max_steps, dtype=np.int64)
@@ -72,11 +72,11 @@ def all_caught(simulator: Simulator) -> Mask:
 
 
 def won_by(simulator: Simulator, seat: int) -> Mask:
-    """[num_games] bool: whether the agent in `seat` has won, of games that have just ended.
+    """[num_games] bool: whether the agent with index `seat` has won, in games that have just ended.
 
-    Chasers win when no evader is left; evaders when they are not caught and, where there are goals,
-    none is left. A single runner wins when no goal is left; a runner among other agents that
-    collect goals when it has collected more than each of them (a draw has no winner).
+    Chasers win if no evader is left. Evaders win if they are not caught and no goal is left, if
+    there are goals. A single runner wins if no goal is left. If several agents collect goals, a
+    runner wins if it has more than each of the others (a draw has no winner).
     """
     task = simulator.task
     role, own = task.seat_roles[seat], simulator.active[:, seat] != 0
@@ -91,12 +91,12 @@ def won_by(simulator: Simulator, seat: int) -> Mask:
 
 
 def half_width(lengths: NDArray[np.int64] | NDArray[np.float64]) -> float:
-    """Half the width of the 95 % confidence interval of their mean; 0 for a single one."""
+    """Half the width of the 95 % confidence interval of the mean; 0 for a single length."""
     return 1.96 * float(lengths.std(ddof=1)) / len(lengths) ** 0.5 if len(lengths) > 1 else 0.0
 
 
 def is_exact(task: Task, *policies: Policy) -> bool:
-    """Whether all these policies are tables in a duel that is small enough to be solved."""
+    """Whether the task is a duel small enough to be solved, and all policies are tables."""
     return (
         task.is_duel
         and len(task.mazes) == 1
@@ -107,9 +107,10 @@ def is_exact(task: Task, *policies: Policy) -> bool:
 
 
 def is_table_in(task: Task, policy: Any) -> bool:
-    """Whether a policy plays a table in the games of `task`.
+    """Whether a policy is a table [self cell, other cell, action] in the games of `task`.
 
-    A learned policy only if its view limits are those of its training, to which its table belongs.
+    For a learned policy this requires the view limits of its training, for which the table is
+    valid.
     """
     own = getattr(policy, "task", None)
     if not isinstance(policy, TabularPolicy) or not isinstance(own, Task):
@@ -126,7 +127,7 @@ def is_exact_team(task: Task, policies: Mapping[str, Policy], most: int = MAX_EX
     Args:
         task: the game; duels are not included.
         policies: by agent name or role.
-        most: maximum size that is solved (`work_of`).
+        most: the largest size that is solved (`work_of`).
     """
     return (
         not task.is_duel
@@ -138,7 +139,7 @@ def is_exact_team(task: Task, policies: Mapping[str, Policy], most: int = MAX_EX
 
 
 def table_in(task: Task, policy: Policy) -> NDArray[np.float64]:
-    """[self cell, other cell, action] of a policy, where `is_exact`."""
+    """[self cell, other cell, action] of a policy; requires `is_exact`."""
     assert isinstance(policy, TabularPolicy)
     return table_of(policy, task.mazes[0], task.stay_action, task.move_order)
 
@@ -152,11 +153,11 @@ def best_reply(
     maze: Maze | None = None,
     mask_bumps: bool = False,
 ) -> BestResponse:
-    """The exact best response of a role to an opponent's table, by the rules of a duel.
+    """The exact best response of a role to the table of an opponent, by the rules of a duel.
 
     Args:
         task: the rules.
-        role: "chaser" or "evader"; a runner with one goal is solved as a chaser of it.
+        role: "chaser" or "evader"; "runner" is solved as a chaser of its goal.
         table: of the opponent, [its cell, other cell, action].
         horizon, discount: as in `best_response`.
         maze: the first of the task if left out.

@@ -1,8 +1,8 @@
 """Certified bounds of the optimum of an agent with a limited view.
 
-The best response to an opponent is the optimum of an agent with full view. For a limited view only
-an interval of the optimum is proven, in discounted steps (`solve_hidden_chase`), so scores are
-given in discounted steps as well.
+The best response to an opponent is the optimum of an agent with full view. For a limited view
+`solve_hidden_chase` proves an interval of the optimum in discounted steps, so scores are given in
+discounted steps as well.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ from train.evaluation.games import is_table_in, table_in, values_between
 DISCOUNT = 0.95
 
 SECONDS, WIDTH = 20.0, 1e-3
-"""Limits of the search for the interval: seconds, and upper / lower - 1."""
+"""The search for the interval ends after these seconds, or at this upper / lower - 1."""
 
 MAX_CELLS = 100
-"""Above this number of cells nothing is certified, as the interval would be too wide."""
+"""Mazes with more cells are not certified, as the interval would be too wide."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,8 @@ class Certificate:
     def gap(self, discounted_steps: float) -> float:
         """Achieved / optimal - 1 at the pessimistic end of the interval.
 
-        The true gap of a chaser is at most this; that of an evader (at most 0) is at least this.
+        The true gap of a chaser is at most this. The true gap of an evader is at most 0 and at
+        least this.
         """
         return discounted_steps / self.far - 1.0
 

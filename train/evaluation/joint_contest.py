@@ -1,8 +1,8 @@
 """Exact references of games that need a solver of whole games: teams, races, heists.
 
-A game in which evaders collect goals ends with a capture or with the last goal, so it is measured
-by returns, not by steps. A race is measured by goals; its optima in goals, returns and steps are
-known.
+A game in which evaders collect goals (a heist) ends with a capture or with the last goal, so its
+measure is the return, not steps. The measure of a race is goals; its optima in goals, returns and
+steps are known.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from scripted_agents import (
 )
 
 MAX_WORK, MAX_EVALUATED_WORK = 5_000_000, 200_000_000
-"""Maximum size (`joint_work`) of a whole game that is solved: at the start of a run (4x4, two
-agents and three goals: two seconds); and at its end, by `pursuit evaluate` and by `pursuit
-baseline` (5x5, two agents and three goals or two against two: 15 seconds; up to some 10 million
-states)."""
+"""Whole games are solved up to these sizes (`joint_work`). The first applies at the start of a run
+(4x4, two agents, three goals: two seconds). The second applies at the end of a run, and to `pursuit
+evaluate` and `pursuit baseline` (5x5, two agents and three goals, or two against two: 15 seconds,
+about 10 million states)."""
 
 
 def joint_work(task: Task) -> int:
@@ -34,9 +34,9 @@ def why_not_joint(task: Task, agent: str, opponents: Mapping[str, Policy], most:
 
     Args:
         task: the game.
-        agent: the responding agent, by name or role (its first agent).
+        agent: the responding agent, by name, or a role for its first agent.
         opponents: the policies of the other agents, by agent name or role.
-        most: maximum size that is solved (`joint_work`).
+        most: the largest size that is solved (`joint_work`).
     """
     if len(task.mazes) > 1:
         return f"{len(task.mazes)} mazes; whole games are solved in one"

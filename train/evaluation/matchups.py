@@ -1,4 +1,4 @@
-"""Evaluation of a policy for all chasers against one for all evaders, exact or sampled."""
+"""Matches of one policy for all chasers and one for all evaders, exact or sampled."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def can_solve(task: Task, chaser: Policy, evader: Policy, most: int = MAX_FINAL_
 def play_pair(
     task: Task, chaser: Policy, evader: Policy, episodes: int, seed: int = EVALUATION_SEED
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Play from the starts of `seed`: lengths [episodes], and whether all evaders were caught."""
+    """Play episodes: lengths [episodes], and whether all evaders were caught [episodes]."""
     simulator = Simulator(task, episodes, seed, auto_restart=False)
     policies = [chaser if role == "chaser" else evader for role in task.seat_roles]
     return play_out(
@@ -64,7 +64,7 @@ def play_pair(
 
 
 NEGLIGIBLE = 1e-3
-"""Discounted weight of all steps after the last played one, as a share of the largest value."""
+"""Share of the largest value that the steps after the last simulated one can add."""
 
 
 def discounted_steps(
@@ -78,8 +78,8 @@ def discounted_steps(
     """The expected sum of discount**t over the steps until the game ends: the payoff of the game.
 
     The game has no time limit, as in training (truncated episodes are bootstrapped) and in
-    exploitability. Exact where `is_exact`; otherwise the mean over `episodes` games, played until
-    further steps are negligible.
+    exploitability. Exact for small duels (`is_exact`); otherwise the mean over `episodes` games,
+    simulated until further steps are negligible.
 
     Args:
         task: the game; its `max_steps` is ignored.
@@ -104,13 +104,13 @@ def match(
     seed: int = EVALUATION_SEED,
     most: int = MAX_FINAL_WORK,
 ) -> Matchup:
-    """Exact if it can be solved; otherwise the mean over `episodes` games.
+    """The result of a match: exact if it can be solved, otherwise the mean over `episodes` games.
 
     Args:
         task: the game.
         chaser, evader: the policies of all agents of each role.
         episodes, seed: of the games.
-        most: maximum size of a chase by a team that is solved (`is_exact_team`); 0 for none.
+        most: the largest size of a team chase that is solved (`is_exact_team`); 0 for none.
     """
     if most and is_exact_team(task, {"chaser": chaser, "evader": evader}, most):
         team, alive = team_survival(task, {"chaser": chaser, "evader": evader}, task.max_steps)
@@ -126,7 +126,7 @@ def match(
             )
             for horizon in (task.max_steps, task.max_steps + 1)
         )
-        # What one more step adds to the expected length is P(not caught by then).
+        # One more step adds P(not caught before it) to the expected length.
         return Matchup(steps, 0.0, 1.0 - (longer - steps), 0)
     lengths, caught = play_pair(task, chaser, evader, episodes, seed)
     return Matchup(float(lengths.mean()), half_width(lengths), float(caught.mean()), episodes)

@@ -38,8 +38,10 @@ SCRIPTED = {"chaser": "A* chaser", "evader": "A* evader", "runner": "nearest goa
 
 @dataclass(frozen=True)
 class MazeContest(Contest):
-    """Evaluation of one agent of a task against fixed policies, from seeded starts that are the
-    same for all policies; the base of the contests in one maze and in several."""
+    """Evaluation of one agent of a task against fixed policies; the base of the contests in mazes.
+
+    Starts are seeded, and the same for all evaluated policies.
+    """
 
     task: Task
     agent: str
@@ -49,7 +51,7 @@ class MazeContest(Contest):
 
     @property
     def seat(self) -> int:
-        """The seat of the agent."""
+        """The index of the agent."""
         return self.task.seat(self.agent)
 
     @property
@@ -59,8 +61,8 @@ class MazeContest(Contest):
 
     @property
     def measure(self) -> Measure:
-        """As `Contest`: steps in a chase and for a single runner; goals for a runner among others;
-        returns if evaders collect goals, as that game ends with a capture or the last goal."""
+        """As `Contest`: steps in a chase and for a single runner; goals for a runner in a race; the
+        return if evaders collect goals, as that game ends with a capture or the last goal."""
         return measure_of(self.task, self.role)
 
     @property
@@ -71,7 +73,7 @@ class MazeContest(Contest):
 
     @cached_property
     def is_limited(self) -> bool:
-        """Whether the agent has a limited view: then a best response is not its optimum."""
+        """Whether the agent has a limited view, so that a best response is not its optimum."""
         return self.task.hides_from(self.agent)
 
     @property
@@ -84,7 +86,7 @@ class MazeContest(Contest):
         return {"task": self.task.name, "role": self.role, "maze": self.task.mazes[0].name}
 
     def line(self) -> str:
-        """One line that says what is evaluated."""
+        """As `Contest`."""
         task, maze = self.task, self.task.mazes[0]
         counts = {role: task.count(role) for role in ROLES} | {"goal": task.num_goals}
         parts = [f"{n} {name}{'s' if n > 1 else ''}" for name, n in counts.items() if n]
@@ -106,7 +108,7 @@ class MazeContest(Contest):
         return Simulator(self.task, self.episodes, self.seed, auto_restart=False)
 
     def start(self, number: int) -> Simulator:
-        """One of these games at its start."""
+        """One of the games of the evaluation at its start."""
         return Simulator(self.task, 1, self.seed, first_game=number, auto_restart=False)
 
     def play(self, policy: Policy) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
@@ -128,7 +130,7 @@ class MazeContest(Contest):
 
     @cached_property
     def tours(self) -> NDArray[np.int64] | None:
-        """[starts] the shortest tour of each; None if it is not known."""
+        """[starts] length of the shortest tour of a single runner; None if it is not known."""
         task = self.task
         if (task.num_agents, task.num_runners) != (1, 1) or task.num_goals > MAX_EXACT_GOALS:
             return None
@@ -141,7 +143,7 @@ class MazeContest(Contest):
         return lengths
 
     def values(self, policy: Policy) -> NDArray[np.float64]:
-        """[episodes] the goals or the return from every start, depending on the measure."""
+        """[episodes] goals or return of the agent, depending on the measure."""
         simulator = self.starts()
         self.play_from(simulator, policy)
         found = simulator.collected if self.measure == BY_GOALS else simulator.returns
@@ -149,8 +151,8 @@ class MazeContest(Contest):
 
     def reference(self, scores: Sequence[Score], learned: Score) -> Reference | None:
         """As `Contest`."""
-        fair = (*self.limited, "random") if self.is_limited else None
-        return reference_of(scores, learned, self.measure, fair)
+        comparable = (*self.limited, "random") if self.is_limited else None
+        return reference_of(scores, learned, self.measure, comparable)
 
     def scene(self, simulator: Simulator, caption: str) -> Scene:
         """As `Contest`."""

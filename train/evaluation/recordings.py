@@ -1,4 +1,4 @@
-"""Recorded episodes, and exact values and optimal moves, for report pages."""
+"""Recorded episodes, and overlays of exact values and optimal moves, for report pages."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from train.evaluation.scores import label_of
 from train.evaluation.suite_contest import SuiteContest
 
 MOST_OVERLAY_CELLS = 225
-"""Maximum number of cells for overlays, whose size grows quadratically."""
+"""Maximum number of cells for overlays, as their size grows quadratically."""
 MOST_BOTH_CELLS = 100
 """Maximum number of cells for overlays of both sides of a duel."""
 
@@ -28,8 +28,8 @@ def recorded(contest: Any, policy: Any, games: Mapping[str, int], player: str) -
     Args:
         contest: a `Contest`.
         policy: the evaluated policy.
-        games: the numbers of the episodes by their labels.
-        player: the name of the policy.
+        games: the numbers of the episodes by label.
+        player: the name of the policy in the replay.
     """
     episodes = []
     for label, number in games.items():
@@ -45,7 +45,7 @@ def recorded(contest: Any, policy: Any, games: Mapping[str, int], player: str) -
 
 
 def players_of(contest: Any, player: str) -> dict[str, str]:
-    """Names of the policies of a contest by agent."""
+    """The names of the policies of a contest by agent."""
     if not isinstance(contest, (GameContest, SuiteContest)):
         return {"arm": player}
     task, own = contest.task, contest.task.agent_names[contest.task.seat(contest.agent)]
@@ -57,11 +57,11 @@ def players_of(contest: Any, player: str) -> dict[str, str]:
 
 
 def sides_of(contest: Any, policy: Any, most_both: int = MOST_BOTH_CELLS) -> list[Side]:
-    """Exact values, and learned and optimal moves, of a duel, for an overlay; the learner first.
+    """The overlays of a duel: exact values, and learned and optimal moves; the learner's first.
 
-    Both sides in mazes of up to `most_both` cells. Values and optimal moves are those with full
-    view, and are labelled so under a limited view. Empty if the game is no duel of tables, or the
-    maze is too large.
+    Both sides are included in mazes of up to `most_both` cells. Values and optimal moves assume a
+    full view; labels say so if the view is limited. Empty unless the game is a duel against a
+    tabular policy in a small maze.
     """
     if not isinstance(contest, GameContest) or not contest.is_exact:
         return []

@@ -1,4 +1,4 @@
-"""Contests (evaluations of one agent), their measures, scores and references."""
+"""The interface of contests (evaluations of one agent), their measures, scores and references."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from pursuit.tasks.task import Task
 from train.evaluation.hidden_contest import Certificate
 from train.reports.tables import Column, ResultTable, Row, numeric, words
 
-BEST_PAID, MOST_GOALS = "optimal return", "optimal goals"
+BEST_RETURN, MOST_GOALS = "optimal return", "optimal goals"
 """Names of the policies with the highest return and the most goals."""
-FULL_SIGHT = ", full view"
+FULL_VIEW = ", full view"
 """Suffix of an optimum with full view, which is a bound for an agent with a limited view."""
 
 
@@ -37,16 +37,16 @@ class Measure:
 
     @property
     def column(self) -> str:
-        """Its attribute of `Score` and column of `metrics.csv`."""
+        """The name of the attribute of `Score` and of the column of `metrics.csv`."""
         return f"mean_{self.name}"
 
     @property
     def optimum(self) -> str:
-        """The name of the exact optimum in this measure."""
+        """The name of the score of the exact optimum in this measure."""
         return "optimal" if self.name == "steps" else f"optimal {self.name}"
 
     def of(self, score: Score) -> float | None:
-        """The value of a score; None if it was not measured."""
+        """The value of a score in this measure; None if it is unknown."""
         value: float | None = getattr(score, self.column)
         return value
 
@@ -59,8 +59,7 @@ class Measure:
     def distance(self, achieved: Score, best: Score | None) -> float | None:
         """The distance to the best: for steps the ratio - 1, else the difference; None if unknown.
 
-        In steps it is at most 0 for evaders, which maximise episode length. In goals and returns it
-        is at least 0.
+        At most 0 in the steps of evaders, which maximise episode length; else at least 0.
         """
         value, most = self.of(achieved), None if best is None else self.of(best)
         if value is None or most is None:
@@ -78,10 +77,10 @@ class Score:
         ci95: half width of the 95 % confidence interval of the mean; 0 if it is exact.
         success_rate: share of episodes won: all evaders caught, the evader not caught, all goals
             collected; in a race, more goals than each other runner.
-        episodes: number of sampled episodes (if exact, for the success rate alone).
+        episodes: number of sampled episodes (if `exact`, only for the success rate).
         exact: whether `mean_steps` is an exact mean over all starts.
-        discounted_steps, discounted_ci95: mean discounted steps and half width of the interval, for
-            agents with a limited view, whose optimum is certified in these; None otherwise.
+        discounted_steps, discounted_ci95: mean discounted steps and half width of the interval, if
+            there is a certified bound, which is in discounted steps; None otherwise.
         solved_gap: achieved / optimal - 1 over the solved starts, for a single runner; None
             otherwise.
         mean_return: mean return of the agent; None if no episodes were sampled.
@@ -107,14 +106,14 @@ def optimality_gap(achieved: Score, optimum: Score | None) -> float | None:
 
 
 BY_STEPS, BY_GOALS = Measure(), Measure("goals", False)
-BY_LONG_LIFE, BY_RETURN = Measure("steps", False), Measure("return", False)
+BY_MOST_STEPS, BY_RETURN = Measure("steps", False), Measure("return", False)
 DISCOUNTED = "discounted steps"
 
 
 def measure_of(task: Task, role: str) -> Measure:
-    """The measure of an agent of a role in a task; see `GameContest.measure`."""
+    """The measure of an agent of a role in a task; see `MazeContest.measure`."""
     if task.num_goals == 0:
-        return BY_LONG_LIFE if role == "evader" else BY_STEPS
+        return BY_MOST_STEPS if role == "evader" else BY_STEPS
     if role != "runner":
         return BY_RETURN
     return BY_GOALS if task.num_runners + task.num_evaders > 1 else BY_STEPS
@@ -122,12 +121,12 @@ def measure_of(task: Task, role: str) -> Measure:
 
 @dataclass(frozen=True)
 class Reference:
-    """The reference of a learned policy.
+    """The reference with which a learned policy is compared.
 
     Attributes:
         kind: "exact"; "certified", the pessimistic end of a proven interval of the optimum;
             "bound", a bound of the optimum, such as the optimum with full view; "best known", the
-            best of the scripted agents and random play.
+            best of the scripted and random agents.
         name: of the reference score.
         unit: the name of the measure, or `DISCOUNTED`.
         value: in that unit.
@@ -154,34 +153,34 @@ def reference_of(
     scores: Sequence[Score],
     learned: Score,
     measure: Measure = BY_STEPS,
-    fair: Sequence[str] | None = None,
+    comparable: Sequence[str] | None = None,
 ) -> Reference | None:
     """The strongest reference among these scores: exact, a bound, or the best known.
 
     Args:
-        scores: of the references and of what was learned.
+        scores: of the references and of learned policies.
         learned: the score to compare.
         measure: of the comparison.
-        fair: for a learner with a limited view, names of the scripted agents with the same view,
-            the only ones that are references. None for all.
+        comparable: names of the scores that may be "best known": for a learner with a limited view
+            those of agents with the same view. None for all.
 
     Returns:
-        None if there are no other scores than the learner's.
+        None if there are only scores of learned policies.
     """
     by_name = {score.name: score for score in scores}
-    for kind, name in (("exact", measure.optimum), ("bound", measure.optimum + FULL_SIGHT)):
+    for kind, name in (("exact", measure.optimum), ("bound", measure.optimum + FULL_VIEW)):
         if name in by_name:
-            return _held_against(kind, by_name[name], learned, measure)
+            return _reference(kind, by_name[name], learned, measure)
     known = [
         score
         for score in scores
-        if (fair is None or score.name in fair) and not score.name.startswith("learned")
+        if (comparable is None or score.name in comparable) and not score.name.startswith("learned")
     ]
     best = measure.best(known)
-    return None if best is None else _held_against("best known", best, learned, measure)
+    return None if best is None else _reference("best known", best, learned, measure)
 
 
-def _held_against(kind: str, best: Score, learned: Score, measure: Measure) -> Reference:
+def _reference(kind: str, best: Score, learned: Score, measure: Measure) -> Reference:
     value, distance = measure.of(best), measure.distance(learned, best)
     return Reference(kind, best.name, measure.name, float(value or 0.0), float(distance or 0.0))
 
@@ -191,12 +190,12 @@ def score_table(
 ) -> ResultTable:
     """Scores with the gap to the optimum, or to its proven interval.
 
-    If the measure is goals or returns, it is the first column, followed by the difference to the
-    best, if that is known.
+    A measure other than steps is the first column, followed by the difference to the optimum if
+    that is known.
     """
     by_steps = measure.name == "steps"
     optimum = next((score for score in scores if score.name == "optimal"), None)
-    names = (measure.optimum, measure.optimum + FULL_SIGHT)
+    names = (measure.optimum, measure.optimum + FULL_VIEW)
     best = next((score for score in scores if score.name in names), None)
     rows: list[Row] = []
     for score in scores:
@@ -234,7 +233,7 @@ def score_table(
 
 
 def label_of(policy: Policy) -> str:
-    """The label of a policy: its `repr`, or the name of its class if it has none."""
+    """The label of a policy: its `repr`, or the name of its class if it has no own `repr`."""
     plain = type(policy).__repr__ is object.__repr__
     return type(policy).__name__ if plain else repr(policy)
 
@@ -250,7 +249,7 @@ class Contest(Protocol):
     def measure(self) -> Measure: ...  # noqa: D102 -- see the class
 
     def describe(self) -> dict[str, Any]:
-        """The evaluation as plain values: "task", "role", "maze"."""
+        """The evaluation as plain values: "task", "role", "maze" and others."""
 
     def line(self) -> str:
         """The evaluation in one line of text, including the other agents."""
@@ -265,10 +264,10 @@ class Contest(Protocol):
         """The references: random, scripted and, if known, optimal."""
 
     def reference(self, scores: Sequence[Score], learned: Score) -> Reference | None:
-        """The reference of `learned` among these scores; None if there is none."""
+        """The reference for `learned` among these scores; None if there is none."""
 
     def scene(self, simulator: Any, caption: str) -> Any:
-        """A frame of one of its simulators, for `save_animation`."""
+        """The current frame of a simulator of this contest, for `save_animation`."""
 
     def scenes(self, policy: Any, episodes: int = 3) -> list[Any]:
         """The frames of some episodes."""
@@ -288,8 +287,8 @@ class Contest(Protocol):
         """Play all episodes: lengths [episodes], and whether they were won [episodes]."""
 
     def lengths(self, policy: Any) -> NDArray[np.float64]:
-        """[episodes] lengths with this policy; expectations where these are known."""
+        """[episodes] lengths with this policy, or their expectations if known."""
         return self.play(policy)[0].astype(np.float64)
 
     def optimal_lengths(self) -> NDArray[np.float64] | None:
-        """[episodes] optimum from each start; None if it is not known."""
+        """[episodes] optimal length from each start; None if it is not known."""

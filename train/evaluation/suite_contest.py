@@ -1,4 +1,4 @@
-"""Evaluation in several mazes, each compared with the exact optimum of that maze."""
+"""Evaluation in several mazes, with the exact optimum of each."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from train.evaluation.suite_tables import (
 )
 
 SOLVED_MAZES = 100
-"""Maximum number of mazes of a sampled chase that are solved, evenly spaced."""
+"""A sampled duel uses at most this many evenly spaced mazes, as each of them is solved."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +38,7 @@ class InMazes:
         name: of the policy.
         steps: [mazes] mean episode length.
         success: [mazes] share of episodes won.
-        exact: whether these are exact expectations over all starts.
+        exact: whether `steps` and `success` are exact expectations over all starts.
         lengths: [games] of the sampled episodes; None if exact.
         returns, goals: [games] returns and goals of the agent; None if exact or not sampled.
     """
@@ -55,10 +55,10 @@ class InMazes:
         """The mean over the mazes, with equal weights."""
         mean, won = float(self.steps.mean()), float(self.success.mean())
         ci95 = 0.0 if self.lengths is None else half_width(self.lengths)
-        paid, goals = (
+        returns, goals = (
             None if found is None else float(found.mean()) for found in (self.returns, self.goals)
         )
-        rest = {"mean_return": paid, "mean_goals": goals}
+        rest = {"mean_return": returns, "mean_goals": goals}
         return Score(self.name, mean, ci95, won, episodes, self.exact, **rest)
 
     def values(self, measure: Measure) -> NDArray[np.float64] | None:
@@ -73,13 +73,13 @@ class InMazes:
 class SuiteContest(MazeContest):
     """Evaluation of one agent in several mazes against fixed policies; a `Contest`.
 
-    Duels and runners with one goal can be exact: means are expectations over all starts of a maze.
-    Other tasks are sampled from seeded starts, the same for all policies, equally many per maze.
+    Duels and runners with one goal can be exact: expectations over all starts of each maze. Other
+    tasks are sampled, with the same seeded starts for all policies, equally many per maze.
 
     Attributes:
         task: with several mazes.
         agent, opponents, episodes, seed: as in `GameContest`.
-        exact: whether to solve if possible, instead of sampling.
+        exact: whether policies are evaluated exactly if possible, instead of sampled.
     """
 
     exact: bool = False
@@ -91,7 +91,7 @@ class SuiteContest(MazeContest):
 
     @property
     def is_exact(self) -> bool:
-        """Whether policies are solved, not sampled."""
+        """Whether policies are evaluated exactly, not sampled."""
         return self.exact and self.solvable
 
     def describe(self) -> dict[str, Any]:
@@ -104,11 +104,11 @@ class SuiteContest(MazeContest):
         text = f"maze {first.name} ({first.num_cells} cells; "
         return super().line().replace(text, f"{len(self.task.mazes)} mazes of {called} (")
 
-    # -- starts that are played ----------------------------------------------------------------
+    # -- starts --------------------------------------------------------------------------------
 
     @cached_property
     def numbers(self) -> NDArray[np.intp]:
-        """[games] the maze of each start, in order, equally many per played maze."""
+        """[games] the maze index of each sampled start, equally many per maze."""
         mazes = len(self.task.mazes)
         most = min(self.episodes, SOLVED_MAZES) if self.task.is_duel else self.episodes
         played = np.linspace(0, mazes - 1, min(most, mazes)).round().astype(np.intp)
@@ -116,11 +116,11 @@ class SuiteContest(MazeContest):
 
     @cached_property
     def played(self) -> NDArray[np.intp]:
-        """[mazes] the indices of the played mazes."""
+        """[mazes] the indices of the mazes that are evaluated."""
         return np.arange(len(self.task.mazes)) if self.is_exact else np.unique(self.numbers)
 
     def starts(self) -> Simulator:
-        """As `MazeContest`, as many in each maze that is played in."""
+        """As `MazeContest`, equally many in each maze."""
         return self._in(Simulator(self.task, len(self.numbers), self.seed, auto_restart=False),
                         self.numbers)  # fmt: skip
 
@@ -129,7 +129,7 @@ class SuiteContest(MazeContest):
         return self._in(super().start(number), self.numbers[number % len(self.numbers)])
 
     def _in(self, simulator: Simulator, mazes: Any) -> Simulator:
-        """Games in these mazes."""
+        """Restart the games of a simulator in these mazes."""
         simulator.configure(maze=mazes)
         simulator.reset(self.seed)
         return simulator
@@ -140,7 +140,7 @@ class SuiteContest(MazeContest):
         """The results of a policy in each of the mazes `played`.
 
         Raises:
-            ValueError: the contest is exact, and the policy is not a table.
+            ValueError: the contest is exact, and the policy is no table.
         """
         if not self.is_exact:
             simulator = self.starts()
@@ -158,7 +158,7 @@ class SuiteContest(MazeContest):
         return InMazes(name, steps, 1.0 - caught if self.role == "evader" else caught, True)
 
     def _over_mazes(self, name: str, lengths: NDArray[Any], won: NDArray[np.bool_]) -> InMazes:
-        """Means by maze of the sampled episodes."""
+        """The means of the sampled episodes by maze."""
         mazes = len(self.played)
         steps, success = (found.reshape(mazes, -1).mean(axis=1) for found in (lengths, won))
         return InMazes(name, steps, success, False, lengths)
@@ -171,12 +171,12 @@ class SuiteContest(MazeContest):
     def best(self) -> InMazes | None:
         """The exact optimum in each of the mazes `played`, on the same starts; None if unknown.
 
-        Unknown under a limited view; `best_in_full_sight` is a bound then.
+        Unknown with a limited view; `best_with_full_view` is a bound then.
         """
-        return None if self.is_limited else self.best_in_full_sight
+        return None if self.is_limited else self.best_with_full_view
 
     @cached_property
-    def best_in_full_sight(self) -> InMazes | None:
+    def best_with_full_view(self) -> InMazes | None:
         """The optimum of an agent with full view."""
         task = self.task
         if self.solvable and task.is_duel:
@@ -193,7 +193,7 @@ class SuiteContest(MazeContest):
         return self._over_mazes("optimal", np.minimum(lengths, task.max_steps), within)
 
     def _best_responses(self) -> InMazes:
-        """The optimum of a duel; the success rate is that of the stationary first-step policy."""
+        """The optimum of a duel; its success rate is that of the policy of the first step."""
         solved = list(self._solutions.values())
         success = self._exactly("optimal", (found.policy for found in solved)).success
         if not self.is_exact and (found := self._best_lengths()) is not None:
@@ -209,7 +209,7 @@ class SuiteContest(MazeContest):
 
     @cached_property
     def _solutions(self) -> dict[int, BestResponse]:
-        """The best response in each of the mazes `played`, by its number."""
+        """The best response in each of the mazes `played`, by maze index."""
         task, found = self.task, {}
         others = opponent_tables(self.opponent, self.part, self.seat)
         for number, table in zip(self.played.tolist(), others, strict=True):
@@ -219,7 +219,7 @@ class SuiteContest(MazeContest):
 
     @cached_property
     def part(self) -> Task:
-        """The task in the mazes `played` alone."""
+        """The task with only the mazes `played`."""
         if len(self.played) == len(self.task.mazes):
             return self.task
         return replace(self.task, maze=tuple(self.task.mazes[n] for n in self.played))
@@ -248,15 +248,15 @@ class SuiteContest(MazeContest):
         return [found.score(self.episodes) for found in self.references()]
 
     def references(self) -> list[InMazes]:
-        """Random, scripted (A* or nearest goal; in sampled contests also those with the same
-        limited view) and, if known, the optimum."""
+        """Random, scripted (A* or nearest goal; if sampled also agents with the same limited view)
+        and, if known, the optimum."""
         others = {} if self.is_exact else self.limited
         found = [
             self.in_mazes("random", RandomAgent()),
             self.in_mazes(SCRIPTED[self.role], DEFAULTS[self.role](0.0)),
             *(self.in_mazes(name, policy) for name, policy in others.items()),
         ]
-        best = self.best_in_full_sight
+        best = self.best_with_full_view
         if best is not None and self.is_limited:
             best = replace(best, name="optimal, full view")
         return found if best is None else [*found, best]

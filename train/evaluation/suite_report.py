@@ -1,4 +1,4 @@
-"""Results in several mazes: by maze, by kind of maze, and generalisation to unseen mazes."""
+"""Reports on several mazes: by maze, by kind of maze, and generalisation to unseen mazes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SOLVED = 1.0 - 1e-9
 
 
 def measures_of(maze: Maze) -> dict[str, Any]:
-    """Kind of a maze of a suite, its size and its path lengths."""
+    """The properties of a maze: kind (in a suite), size and path lengths."""
     suite, _, number = maze.name.partition("/")
     of_suite = suite in suite_names() and number.isdigit()
     kind = rows_of(maze.name)[0].kind if of_suite else ""
@@ -35,12 +35,12 @@ def gaps_of(found: InMazes, best: InMazes) -> NDArray[np.float64]:
 
 
 def maze_rows(contest: SuiteContest, policies: Sequence[InMazes]) -> list[dict[str, Any]]:
-    """A row for each of the mazes `played`: properties of the maze, and steps, success and gap of
-    the policies; goals or returns too if these are the measure.
+    """A row for each of the mazes `played`: properties of the maze, and steps, success, gap and the
+    measure of each policy.
 
     Args:
         contest: the evaluation.
-        policies: their results; columns have their names as prefixes.
+        policies: their results; the names of columns start with the names of policies.
     """
     rows = []
     for number, maze in enumerate(contest.part.mazes):
@@ -89,7 +89,7 @@ def summary_of(contest: SuiteContest, found: InMazes) -> dict[str, Any]:
 
 
 def generalisation(seen: dict[str, Any], unseen: dict[str, Any]) -> dict[str, Any]:
-    """The generalisation gap from the training mazes to others, each given as `summary_of`."""
+    """The generalisation gap from training mazes to others; arguments as from `summary_of`."""
     lost = {"success_rate": seen["success_rate"] - unseen["success_rate"]}
     if "optimality_gap" in seen and "optimality_gap" in unseen:
         lost["optimality_gap"] = unseen["optimality_gap"] - seen["optimality_gap"]

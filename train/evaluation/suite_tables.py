@@ -1,7 +1,7 @@
-"""Policies as tables in each of several mazes, and their exact values by maze.
+"""Tables of policies in each of several mazes, and their exact values by maze.
 
 A runner with one goal is solved as a chaser of an evader that never moves. A policy without memory
-is a table over (own cell, other cell); networks are evaluated in batches of mazes.
+is a table over (own cell, other cell); that of a network is computed in batches of mazes.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from scripted_agents import (
 from train.evaluation.games import MAX_EXACT_CELLS, values_between
 
 PAIRS_AT_ONCE = 200_000
-"""Pairs of cells in one batch of a network."""
+"""Maximum number of pairs of cells in one batch of a network."""
 
 
 class Value(NamedTuple):
@@ -34,7 +34,7 @@ class Value(NamedTuple):
 
     Attributes:
         steps: mean over starts.
-        caught: probability that an episode ends within the time limit.
+        caught: probability that an episode ends by capture or goal within the time limit.
     """
 
     steps: float
@@ -48,15 +48,15 @@ def is_one_goal(task: Task) -> bool:
 
 
 def is_known(policy: Any) -> bool:
-    """Whether `tables_of` supports a policy: scripted ones, and networks without memory that
+    """Whether `tables_of` supports a policy: scripted agents, and networks without memory that
     observe only cells and goals."""
     scripted = isinstance(policy, (NearestGoalRunner, TourRunner, TabularPolicy))
     return scripted or isinstance(policy, DistributionPolicy)
 
 
 def is_solvable(task: Task, opponent: Policy | None) -> bool:
-    """Whether values can be computed exactly: for a runner with one goal, or a small duel with a
-    tabular opponent."""
+    """Whether values can be computed exactly: for a runner with one goal, or in a small duel with
+    a tabular opponent."""
     small = task.is_duel and task.start == "random" and task.max_cells <= MAX_EXACT_CELLS
     return is_one_goal(task) or (small and is_known(opponent))
 
@@ -67,7 +67,7 @@ def tables_of(policy: Policy, task: Task, seat: int) -> Iterator[NDArray[np.floa
     "Other" is the other agent of a duel, or the goal of a single runner.
 
     Raises:
-        ValueError: the policy is not such a table in these mazes.
+        ValueError: the policy is no table.
     """
     if hasattr(policy, "task") and isinstance(policy, DistributionPolicy):  # a learned one
         yield from _learned_tables(policy, task, seat)
@@ -75,7 +75,7 @@ def tables_of(policy: Policy, task: Task, seat: int) -> Iterator[NDArray[np.floa
     if isinstance(policy, (NearestGoalRunner, TourRunner)):  # one goal: a shortest path
         policy = AStarChaser(policy.epsilon)
     if not isinstance(policy, TabularPolicy):
-        raise ValueError(f"{policy!r}: not a table over pairs of cells; use sampled evaluation")
+        raise ValueError(f"{policy!r} is not a table over pairs of cells; use sampled evaluation")
     for maze in task.mazes:
         yield table_of(policy, maze, task.stay_action, task.move_order)
 
@@ -98,9 +98,9 @@ def _learned_tables(
 
 
 def pairs_in(task: Task, mazes: list[int], seat: int) -> Games:
-    """Games that were never played: of each of these mazes one for each (own cell, other cell).
+    """Games in all states (own cell, other cell) of each of these mazes.
 
-    The other is the other agent of a duel, or the goal of a runner alone.
+    "Other" is the other agent of a duel, or the goal of a single runner.
     """
     sizes = [task.mazes[number].num_cells for number in mazes]
     games = layout.empty_games(sum(size * size for size in sizes), task.num_agents, task.num_goals)
@@ -119,14 +119,14 @@ def pairs_in(task: Task, mazes: list[int], seat: int) -> Games:
 
 
 def stays(cells: int) -> NDArray[np.float64]:
-    """[cells, cells, 5]: the table of a goal, which stays where it is."""
+    """[cells, cells, 5]: the table of a goal, which never moves."""
     table = np.zeros((cells, cells, 5))
     table[..., 4] = 1.0
     return table
 
 
 def opponent_tables(opponent: Policy | None, task: Task, seat: int) -> Iterator[NDArray[Any]]:
-    """The table of the opponent of a duel, or of the goal, in each maze."""
+    """The table of the opponent of a duel, or of the goal, for each maze."""
     if opponent is None:
         return (stays(maze.num_cells) for maze in task.mazes)
     return tables_of(opponent, task, 1 - seat)
@@ -146,7 +146,7 @@ def values_of(
 def pairs_of_values(
     task: Task, seat: int, own: Iterator[NDArray[Any]], others: Iterator[NDArray[Any]]
 ) -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64]]]:
-    """Steps, and the chance that it ends within the time, from every pair of cells of each maze.
+    """Expected steps, and probability of an end within the time limit, for each maze.
 
     Both are [chaser cell, evader cell], or [runner cell, goal cell] float64.
     """
@@ -155,5 +155,5 @@ def pairs_of_values(
             values_between(task, task.seat_roles[seat], (table, other), horizon, maze=maze).values
             for horizon in (task.max_steps, task.max_steps + 1)
         )
-        # An episode has one more step exactly if no capture happened in time.
+        # One more step adds P(no capture before it) to the expected length.
         yield steps, 1.0 - (longer - steps)

@@ -19,10 +19,10 @@ class Outcome:
         reward: return of the user.
         optimal_steps: the optimum from the same start: expected steps of the best response, or the
             length of a shortest tour; None if it is not known.
-        expected: whether that is an expectation, which single games can beat.
-        agent: name of the agent that played the same start in the user's place.
-        agent_steps, agent_won, agent_goals: its result, in one game with the same random numbers of
-            the other agents.
+        expected: whether `optimal_steps` is an expectation, so that single games can be shorter.
+        agent: name of the policy that played the same start in place of the user.
+        agent_steps, agent_won, agent_goals: its result, with the same random numbers for the other
+            agents.
         collected: goals of each agent, the user first; empty if no other agent collects goals.
     """
 
@@ -70,7 +70,7 @@ class Outcome:
 
 
 def total_line(outcomes: Sequence[Outcome]) -> str:
-    """All games so far in one line; empty before the second."""
+    """All games so far in one line; empty for fewer than two games."""
     if len(outcomes) < 2:
         return ""
     count = len(outcomes)

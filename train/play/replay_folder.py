@@ -16,14 +16,14 @@ PATTERN = "game-*.json"
 
 
 def replay_of(session: Session, name: str) -> Replay:
-    """The current game of a session as a replay; a game that the user left is not ended."""
-    over = session.simulator
+    """The current game of a session as a replay; the game may be unfinished."""
+    simulator = session.simulator
     episode = Episode(
         session.start,
         np.array(session.actions, dtype=np.uint8),
         np.array(session.rewards, dtype=np.float32),
-        bool(over.terminated[0]),
-        bool(over.truncated[0]),
+        bool(simulator.terminated[0]),
+        bool(simulator.truncated[0]),
         digest_of(session.states),
         f"game {session.game + 1} of {name}",
     )

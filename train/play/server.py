@@ -1,7 +1,8 @@
-"""HTTP server for a game of the user: one session and one page on the loopback address.
+"""The HTTP server of `pursuit play`: one session and one page on the loopback address.
 
 The address contains a random token. Requests without it are refused, as are requests with another
-host name (DNS rebinding) and from pages of another origin. Requests can only move, or start a game.
+host name (DNS rebinding) and from pages of another origin. Requests can only make a move or start
+a game.
 """
 
 from __future__ import annotations
@@ -25,9 +26,9 @@ from train.play.session import Session
 
 HOST = "127.0.0.1"
 MAX_BODY = 4096
-"""Maximum bytes of a request; a move needs about fifty."""
+"""Maximum bytes of a request; a move takes about fifty."""
 PATIENCE = 10.0
-"""Timeout of idle connections in seconds; browsers open some that they never use."""
+"""Timeout of idle connections in seconds; browsers open connections that they never use."""
 SCRIPTS = ("board.js", "maze_board.js", "arm_board.js", "play.js")
 HEADERS = {
     "Cache-Control": "no-store",
@@ -47,8 +48,8 @@ class PlayServer:
     Args:
         session: the session; not to be used by other code meanwhile.
         port: 0 for any free port.
-        after: called with the session when a game is over; its ValueError or OSError is shown to
-            the user as a warning.
+        after: called with the session when a game is over; if it raises ValueError or OSError,
+            the message is shown to the user as a warning.
 
     Attributes:
         token: required in every request.
@@ -126,7 +127,7 @@ class PlayServer:
             or (origin is not None and origin != f"http://{host}")
             or site not in ("none", "same-origin")
         ):
-            raise _answer(403, {"error": "refused; open the address that pursuit play printed"})
+            raise _answer(403, {"error": "refused; open the address printed by pursuit play"})
 
     def _show(self, token: str) -> bottle.HTTPResponse:
         with self._lock:
@@ -148,7 +149,7 @@ class PlayServer:
             except ValueError as error:
                 return _answer(400, {"error": str(error)})
             if session.over:
-                self._tell()
+                self._finish_game()
             return _answer(200, self.state(False))
 
     def _next(self, token: str) -> bottle.HTTPResponse:
@@ -159,7 +160,7 @@ class PlayServer:
             self.session.next_game()
             return _answer(200, self.state(True))
 
-    def _tell(self) -> None:
+    def _finish_game(self) -> None:
         if self.after is None:
             return
         try:
@@ -169,7 +170,7 @@ class PlayServer:
             self.warning = str(error)
 
     def state(self, whole: bool) -> dict[str, Any]:
-        """The state of the session for the page; including the board if `whole`."""
+        """The state of the session for the page; with title and board if `whole`."""
         session = self.session
         over = session.over
         outcome = session.outcome if over else None
@@ -194,37 +195,37 @@ def _answer(status: int, content: dict[str, Any]) -> bottle.HTTPResponse:
 
 
 def _body(names: tuple[str, ...]) -> dict[str, Any]:
-    """The object of exactly these names that a request holds as JSON.
+    """The JSON object in a request, which has exactly these names.
 
     Raises:
         bottle.HTTPResponse: of status 400, 411, 413 or 415, with the reason.
     """
     request = bottle.request
     kind = request.get_header("Content-Type", "").partition(";")[0].strip().lower()
-    if kind != "application/json":  # forms of other pages cannot send it
-        raise _answer(415, {"error": "a request has the type application/json"})
+    if kind != "application/json":  # forms of other pages cannot send this type
+        raise _answer(415, {"error": "send the request with Content-Type application/json"})
     length = request.get_header("Content-Length", "")
     if not (length.isascii() and length.isdecimal()):
-        raise _answer(411, {"error": "a request says its Content-Length"})
+        raise _answer(411, {"error": "send the request with its Content-Length"})
     if len(length) > 9 or int(length) > MAX_BODY:
-        raise _answer(413, {"error": f"a request has {MAX_BODY} bytes at most"})
+        raise _answer(413, {"error": f"send a request of at most {MAX_BODY} bytes"})
     try:
         content = json.loads(request.environ["wsgi.input"].read(int(length)))
     except (ValueError, OSError, RecursionError):
-        raise _answer(400, {"error": "a request is JSON"}) from None
+        raise _answer(400, {"error": "the request is not valid JSON"}) from None
     if not isinstance(content, dict) or set(content) != set(names):
-        raise _answer(400, {"error": f"a request is an object of {', '.join(names)}"})
+        raise _answer(400, {"error": f"send an object with the names {', '.join(names)}"})
     return content
 
 
 def _guard() -> None:
-    """The headers of every answer."""
+    """Set the headers of every response."""
     for name, value in HEADERS.items():
         bottle.response.set_header(name, value)
 
 
 def _error_text(error: bottle.HTTPError) -> str:
-    """What stands in an answer to what is not there, or went wrong."""
+    """The body of responses to unknown addresses and to errors of the server."""
     bottle.response.content_type = "application/json"
     return json.dumps({"error": error.status_line})
 
@@ -233,16 +234,16 @@ class _Handler(WSGIRequestHandler):
     timeout = PATIENCE
 
     def log_message(self, format: str, *args: Any) -> None:
-        """Say nothing of requests: the person reads the results there."""
+        """Log no requests: the terminal shows the results of the games."""
 
 
 class _Threads(socketserver.ThreadingMixIn, WSGIServer):
-    """A thread for each connection: a browser holds some open, and would block the others."""
+    """A server with a thread for each connection: browsers keep idle connections open."""
 
     daemon_threads = True
-    request_queue_size = 64  # of five, as by default, browsers that open several have to wait
+    request_queue_size = 64  # by default 5: browsers with several connections would wait
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Say nothing of connections that broke off."""
+        """Log no aborted connections."""
         if not isinstance(sys.exc_info()[1], OSError):
             super().handle_error(request, client_address)

@@ -1,4 +1,4 @@
-"""Games one after the other, in which the user fills a seat and the simulator decides."""
+"""A sequence of games in which the user chooses the actions of one agent."""
 
 from __future__ import annotations
 
@@ -25,28 +25,28 @@ ACTIONS = ("north", "south", "east", "west", "stay")
 
 
 class Session:
-    """Games of one user in mazes; actions are the numbers of `ACTIONS` that the task has.
+    """Games in mazes that a user plays; actions are indices of `ACTIONS`.
 
     Args:
-        contest: the task, the policy of every seat, and the user's seat.
-        agent: the name of an agent that plays the same starts in the user's seat.
-        policy: of that agent.
-        seed: of the games, 0 to 2**64 - 1; game `game` is the one of that number in a batch.
-        opponent: the name of the others, where their policies do not say.
+        contest: the task, the user's agent, and the policies of the other agents.
+        agent: the name of the policy that plays the same starts in place of the user.
+        policy: that policy.
+        seed: of the games, 0 to 2**64 - 1; games are numbered as in a batch with this seed.
+        opponent: the name of the other policies; by default the label of each.
 
     Attributes:
-        seat, own: the user's, by number and name.
-        game: the number of the one that is played; the first is 0.
-        outcomes: of the games that are over.
-        outcome: of this game, once it is.
-        simulator: the game that is played; it stays as it ended.
-        start: of the game, as replays have it.
-        states: [steps so far + 1], as replays have them.
+        seat, own: index and name of the user's agent.
+        game: the number of the current game, from 0.
+        outcomes: of all games that are over.
+        outcome: of the current game; None until it is over.
+        simulator: of the current game; not restarted at its end.
+        start: of the current game, in the format of replays.
+        states: [steps so far + 1], in the format of replays.
         actions: [steps so far] of lists: the actions of all agents.
         rewards: [steps so far] of lists, the rewards of each agent.
 
     Raises:
-        ValueError: a seat without a policy.
+        ValueError: an agent without a policy.
     """
 
     def __init__(
@@ -63,12 +63,12 @@ class Session:
         self.seed = whole("seed", seed, 0, 2**64 - 1)
         self.outcomes: list[Outcome] = []
         self.outcome: Outcome | None = None
-        self.begin(0)
+        self.start_game(0)
 
-    def begin(self, game: int) -> None:
-        """Begin the game of this number."""
+    def start_game(self, game: int) -> None:
+        """Start the game of this number."""
         self.game, self.outcome = game, None
-        self.simulator = self._fresh_simulator()
+        self.simulator = self._new_simulator()
         self.world = adapter_for(self.task)
         self.start = self.world.start(self.simulator, 0)
         self.states: list[State] = [self.world.state(self.simulator, 0)]
@@ -77,13 +77,13 @@ class Session:
         self._collected = np.zeros(self.task.num_agents, dtype=int)
         self._moves = np.zeros((1, self.task.num_agents), dtype=np.int32)
 
-    def _fresh_simulator(self) -> Simulator:
-        """The game of number `game` at its start."""
+    def _new_simulator(self) -> Simulator:
+        """A simulator of the current game at its start."""
         return Simulator(self.task, 1, self.seed, self.game, auto_restart=False)
 
     def next_game(self) -> None:
-        """Begin the next game, whether this one is over or not."""
-        self.begin(self.game + 1)
+        """Start the next game, also if the current one is not over."""
+        self.start_game(self.game + 1)
 
     @property
     def step(self) -> int:
@@ -92,18 +92,18 @@ class Session:
 
     @property
     def over(self) -> bool:
-        """The game has ended, or the user's evader is caught."""
+        """Whether the game has ended, or the user's agent was captured."""
         simulator = self.simulator
         return bool(simulator.ended[0]) or not simulator.active[0, self.seat]
 
     def move(self, action: Any) -> None:
-        """One step of all agents, the user's as given.
+        """One step of all agents, with the user's action.
 
         Raises:
-            ValueError: no action of this game, or the game is over. Then nothing has moved.
+            ValueError: an invalid action, or the game is over. The game is unchanged then.
         """
         if self.over:
-            raise ValueError(f"game {self.game} is over; begin the next one")
+            raise ValueError(f"game {self.game} is over; start the next game")
         chosen = whole("action", action, 0, self.task.num_actions - 1)
         self.simulator.act(self.policies, self._moves)
         self._moves[0, self.seat] = chosen
@@ -117,9 +117,9 @@ class Session:
             self.outcomes.append(self.outcome)
 
     def _outcome_of_game(self) -> Outcome:
-        """The result of the game, which is over."""
+        """The result of the current game, which is over."""
         optimum = self.optimum(self.start["positions"], self.start["goals"])
-        steps, won, goals = self._game_of_agent()
+        steps, won, goals = self._played_by_agent()
         names, first = self.task.agent_names, self.seat
         order = [first, *(seat for seat in range(len(names)) if seat != first)]
         collects = [seat for seat in order if self.task.seat_roles[seat] != "chaser"]
@@ -127,7 +127,7 @@ class Session:
         return Outcome(
             won=bool(won_by(self.simulator, self.seat)[0]),
             steps=self.step,
-            reward=sum(paid[self.seat] for paid in self.rewards),
+            reward=sum(rewards[self.seat] for rewards in self.rewards),
             optimal_steps=optimum,
             expected=self.task.num_agents > 1,
             agent=self.agent,
@@ -139,11 +139,11 @@ class Session:
             else (),
         )
 
-    def _game_of_agent(self) -> tuple[int, bool, int]:
-        """Steps of the agent from the same start with the same luck, whether it won, its goals."""
+    def _played_by_agent(self) -> tuple[int, bool, int]:
+        """The same game played by `policy`: steps, whether it won, and its goals."""
         filled: list[Policy | None] = list(self.policies)
         filled[self.seat] = self.policy
-        simulator = self._fresh_simulator()
+        simulator = self._new_simulator()
         moves, collected = np.zeros_like(self._moves), 0
         while not simulator.ended[0] and simulator.active[0, self.seat]:
             simulator.act(filled, moves)
@@ -153,8 +153,8 @@ class Session:
 
     @cached_property
     def values(self) -> NDArray[np.float64] | None:
-        """[cell of agent 0, cell of agent 1, ...] float64, the expected steps of best play against
-        the others, cut at `max_steps`; None where it is not solved, or goals count."""
+        """[cell of agent 0, cell of agent 1, ...] float64, expected steps of the best response to
+        the other agents, at most `max_steps`; None for games that are not solved or have goals."""
         best = self.contest.best_response()
         if best is not None:
             return best.values
@@ -162,8 +162,8 @@ class Session:
         return None if team is None else team.values
 
     def optimum(self, positions: list[int], goals: list[int]) -> float | None:
-        """The steps of best play from a start: expected ones in a chase, a runner's shortest tour;
-        None where that is not known."""
+        """The optimal steps from a start: expected steps in a chase, the shortest tour of a runner;
+        None if unknown."""
         task = self.task
         if (task.num_agents, task.num_runners) == (1, 1):
             there = [goal for goal in goals if goal >= 0]
@@ -175,12 +175,11 @@ class Session:
         return None if self.values is None else float(self.values[tuple(positions)])
 
     def title(self) -> str:
-        """What is played, in a line."""
+        """One line that describes the game."""
         return self.contest.line().replace(":", ": you are", 1)
 
     def board(self) -> dict[str, Any]:
-        """What does not change in a game, as the viewer's `Board` takes it: the user's seat
-        ("you") and the names of the actions among it."""
+        """The constants of a game for the viewer's `Board`; "you" is the user's agent index."""
         task = self.task
         maze = task.mazes[int(self.simulator.maze_index[0])]
         agents = zip(task.agent_names, task.seat_roles, strict=True)
@@ -201,12 +200,12 @@ class Session:
         """The frame for the viewer's `Board`; cells of removed agents and goals are -1."""
         simulator = self.simulator
         here = np.where(simulator.active[0] != 0, simulator.positions[0], -1)
-        paid = self.rewards[-1] if self.rewards else [0.0] * self.task.num_agents
+        rewards = self.rewards[-1] if self.rewards else [0.0] * self.task.num_agents
         return {
             "cells": here.tolist(),
             "goals": simulator.goals[0].tolist(),
             "step": self.step,
-            "rewards": paid,
+            "rewards": rewards,
         }
 
     def players(self) -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""Construction of play sessions: the user's role, its opponents, and the agent to compare with."""
+"""Construction of play sessions from the settings of the command."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ def session_of(settings: TaskSettings, beside: str, seed: int) -> Session:
     """A session in which the user plays the role of the settings.
 
     Args:
-        settings: the task; the user plays its role, its opponent the other agents.
-        beside: the agent that plays the same starts in the user's place: astar, optimal, random,
+        settings: the task; the user plays its role, the policies of its opponent the other agents.
+        beside: the policy that plays the same starts in place of the user: astar, optimal, random,
             package.module:Name, or the folder of a run.
         seed: of the games.
 
@@ -43,7 +43,7 @@ def game_of_run(against: str) -> TaskSettings | None:
     """The task of a run with the user in the other role; None if `against` is not a run.
 
     Raises:
-        ValueError: a damaged run, or one of the arm.
+        ValueError: a damaged run, or a run of the arm.
     """
     folder = Path(against)
     if not (folder / CONFIG).exists():
@@ -57,7 +57,7 @@ def game_of_run(against: str) -> TaskSettings | None:
 
 
 def of_side(settings: TaskSettings) -> TaskSettings:
-    """The settings with the folder of one side, if the opponent is a run of self-play."""
+    """The settings; an opponent that is a self-play run becomes the folder of the other role."""
     folder = Path(str(settings.opponent))
     role = settings.agent.split("_")[0]
     if settings.opponent is None or not is_self_play(folder) or role not in ROLES:

@@ -91,7 +91,7 @@ def parts_of(settings: TrainSettings[Any], rank: int = 0) -> Parts:
     plan = plan_curriculum(settings.curriculum, settings.lessons, world.context, settings.seed)
     if plan is not None:
         check(
-            algorithm.has_advantages or not plan.lessons.needs_advantages,
+            algorithm.has_advantages or not plan.settings.needs_advantages,
             f"level_score=value_loss needs advantages, which algorithm={algorithm.name!r} does not "
             "have; use regret or learnability, or ppo or a2c",
         )

@@ -13,7 +13,7 @@ from train.evaluation.hidden_contest import Certificate
 from train.evaluation.joint_contest import MAX_EVALUATED_WORK, MAX_WORK
 from train.evaluation.objective_gap import UNKNOWN, ObjectiveGap, objective_gap
 from train.evaluation.scores import (
-    BEST_PAID,
+    BEST_RETURN,
     BY_GOALS,
     BY_RETURN,
     Measure,
@@ -219,7 +219,7 @@ def evaluation_of(
             "certified_upper": certificate.upper,
             "certified_gap": certificate.gap(learned.discounted_steps),
         }
-    best = by_name.get(BEST_PAID)
+    best = by_name.get(BEST_RETURN)
     others: dict[str, float | None] = {}
     if contest is not None:
         others[contest.measure.column] = measured(contest.measure, learned)

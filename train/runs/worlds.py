@@ -17,7 +17,7 @@ from train.environments.simulator_env import SimulatorEnv
 from train.evaluation.arm_contest import ArmContest
 from train.evaluation.contest import GameContest
 from train.evaluation.games import won_by
-from train.evaluation.scores import BY_LONG_LIFE, measure_of
+from train.evaluation.scores import BY_MOST_STEPS, measure_of
 from train.evaluation.suite_contest import SuiteContest
 from train.networks.arm_policy import ArmSeat
 from train.networks.policy import Seat
@@ -87,7 +87,7 @@ class GridWorld:
         metrics = EpisodeMetrics(
             lambda games: won_by(games, number),
             lambda games: games.returns[:, number],
-            measure_of(seat.task, seat.role) != BY_LONG_LIFE,
+            measure_of(seat.task, seat.role) != BY_MOST_STEPS,
         )
         simulator = Simulator(seat.task, num_games, seed, first_game, auto_restart=False)
         teacher = None if plan is None else Teacher(plan, simulator, metrics)

@@ -13,7 +13,7 @@ from scripted_agents.environments import (
     SEARCHERS,
     check_agent,
     custom_policy,
-    own_roles,
+    custom_roles,
     scripted_policy,
 )
 from train.algorithms.registry import entry
@@ -79,7 +79,7 @@ def self_play_parts(settings: SelfPlaySettings) -> SelfPlayParts:
         (name, role): custom_policy(name, task, role)
         for name in settings.members
         if name not in AGENTS
-        for role in own_roles(name, task)
+        for role in custom_roles(name, task)
     }
     frozen = {
         role: scripted[name, role]

@@ -1,6 +1,6 @@
-"""Axes: the task parameters that a curriculum can vary, from easy to hard.
+"""The axes of curricula: task parameters that a curriculum can vary from easy to hard.
 
-`AXIS_MAKERS` has the requirements of each axis, and builds it.
+`AXIS_MAKERS` holds the constructor and the requirements of each axis.
 """
 
 from __future__ import annotations
@@ -29,15 +29,15 @@ Apply = Callable[[Any, NDArray[np.intp], NDArray[np.float64]], None]
 
 @dataclass(frozen=True)
 class Axis:
-    """A task parameter from easy to hard.
+    """A task parameter and its range from easy to hard.
 
     Attributes:
         name: one of `train.settings.curricula.AXES`, or that of a user-defined axis.
         easiest, hardest: the ends of the range.
-        apply: (simulator, games [n], values [n]): sets the values for the next episodes of games.
+        apply: (simulator, games [n], values [n]); sets the values for the next episodes of `games`.
         whole: whether values are whole numbers.
-        mazes: of the training games, if these vary; the last one is the task's.
-        ordered: False where values are indices without an order of difficulty.
+        mazes: the mazes of the training games, if these vary; the last one is the task's.
+        ordered: False if the values are indices that are not ordered by difficulty.
     """
 
     name: str
@@ -49,7 +49,7 @@ class Axis:
     ordered: bool = True
 
     def stages(self, count: int) -> list[float]:
-        """At most `count` different values from easy to hard, at equal distances."""
+        """At most `count` different, evenly spaced values from easy to hard."""
         values = np.linspace(self.easiest, self.hardest, count)
         return list(dict.fromkeys((np.round(values) if self.whole else values).tolist()))
 
@@ -62,10 +62,10 @@ class Maker:
         make: (name, context, ends) -> the axis; ValueError for ends that are not allowed.
         goals: whether the task must have goals.
         random_starts: whether starts must be random.
-        both: whether there must be chasers and evaders.
-        scripted: whether there must be opponents, all of them scripted.
-        mazes: whether it has a list of mazes.
-        arm: whether it is an axis of an arm, not of games in mazes.
+        both: whether the task must have chasers and evaders.
+        scripted: whether the task must have opponents, all of them scripted.
+        mazes: whether the axis varies the maze (`curriculum_mazes`).
+        arm: whether it is an axis of the arm, not of games in mazes.
     """
 
     make: Callable[[str, Any, AxisSettings], Axis]
@@ -102,9 +102,9 @@ class Maker:
 
 
 def axis_of(name: str, context: AnyContext, ends: AxisSettings) -> Axis:
-    """The axis of this name, or of "auto", for a task.
+    """The axis of this name for a task; "auto" is the default axis of the context.
 
-    Warns if an end is outside the range of the maze, and clips it.
+    An end beyond the largest distance in the maze is clipped with a warning.
 
     Raises:
         ValueError: the task does not meet the requirements, or an end is not allowed.
@@ -122,7 +122,7 @@ def maker_of(name: str) -> Maker:
 
 
 def ends_of(ends: AxisSettings, easiest: float, hardest: float) -> tuple[float, float]:
-    """The ends of the settings, or these defaults; ValueError for one that is not finite."""
+    """The ends of the settings, by default these; ValueError if one is not finite."""
     first = easiest if ends.easiest is None else float(ends.easiest)
     last = hardest if ends.hardest is None else float(ends.hardest)
     for value in (first, last):
@@ -137,7 +137,7 @@ def ends_within(
     error: str,
     whole: bool = True,
 ) -> tuple[float, float]:
-    """The ends of the settings, or the default; ValueError for one that is not allowed.
+    """The ends of the settings, or `default`; ValueError for an end that is not allowed.
 
     Args:
         default, allowed: (easiest, hardest) and (lowest, highest).
@@ -152,19 +152,19 @@ def ends_within(
 
 
 def configure(setting: str, limit: float = math.inf, whole: bool = True, **rest: Any) -> Apply:
-    """An `apply` of an axis that configures a setting of the simulator.
+    """The `apply` of an axis that is one setting of the simulator.
 
     Args:
         setting: its name in `configure` of the simulator.
-        limit: values from here on mean unlimited, which is -1 in the simulator.
+        limit: values of at least `limit` mean unlimited, which is -1 in the simulator.
         whole: whether the setting is a whole number.
         **rest: further settings with constant values.
     """
 
     def apply(simulator: Any, games: NDArray[np.intp], values: NDArray[np.float64]) -> None:
-        given: NDArray[Any] = np.where(values >= limit, -1.0, values)
-        given = given.astype(np.int64) if whole else given
-        simulator.configure(games, **{setting: given}, **rest)
+        limited: NDArray[Any] = np.where(values >= limit, -1.0, values)
+        limited = limited.astype(np.int64) if whole else limited
+        simulator.configure(games, **{setting: limited}, **rest)
 
     return apply
 
@@ -173,10 +173,10 @@ def configure(setting: str, limit: float = math.inf, whole: bool = True, **rest:
 
 
 def opponent_epsilon(name: str, context: CurriculumContext, ends: AxisSettings) -> Axis:
-    """Share of random moves of the opponents, from 1 down."""
-    own = context.task.seat(context.agent)
-    others = [seat for seat in range(context.task.num_agents) if seat != own]
-    error = "epsilon={}; a share of random moves must be in [0, 1]"
+    """Share of random moves of the opponents; 1 is the easiest."""
+    learner = context.task.seat(context.agent)
+    others = [seat for seat in range(context.task.num_agents) if seat != learner]
+    error = "epsilon={}; give a share of random moves in [0, 1]"
     default = (1.0, context.opponent_epsilon)
     first, last = ends_within(ends, default, (0.0, 1.0), error, whole=False)
 
@@ -188,7 +188,7 @@ def opponent_epsilon(name: str, context: CurriculumContext, ends: AxisSettings) 
 
 
 def goal_spread_fixed(name: str, context: CurriculumContext, ends: AxisSettings) -> Axis:
-    """Steps from the goal marks of the maze to the goals."""
+    """Largest distance in steps from the goal marks of the maze to the goals."""
     maze = context.task.mazes[0]
     check(
         bool(maze.goal_marks),
@@ -202,7 +202,7 @@ def goal_spread_fixed(name: str, context: CurriculumContext, ends: AxisSettings)
 
 
 def goal_spread_start(name: str, context: CurriculumContext, ends: AxisSettings) -> Axis:
-    """Steps from the learner's start to the goals."""
+    """Largest distance in steps from the learner's start to the goals."""
     maze, longest = context.task.mazes[0], longest_in(context.task)
     first, last = _radius(name, ends, (min(3, longest), longest), 1, maze)
     return Axis(name, first, last, configure("goal_radius", longest, goals_around="start"))
@@ -238,7 +238,7 @@ def maze_number(name: str, context: CurriculumContext, ends: AxisSettings) -> Ax
 
 
 def target_distance(name: str, context: ArmContext, ends: AxisSettings) -> Axis:
-    """Largest distance in steps to the target; a half turn of every joint reaches any target."""
+    """Largest distance in steps to the target; at most half a turn of the joints."""
     longest = math.ceil(math.pi / context.task.max_turn)
     error = f"{name} of {{:g}}; give a number of steps above 0"
     above_0 = (math.nextafter(0.0, 1.0), math.inf)
@@ -248,7 +248,7 @@ def target_distance(name: str, context: ArmContext, ends: AxisSettings) -> Axis:
 
 
 def free_joints(name: str, context: ArmContext, ends: AxisSettings) -> Axis:
-    """Number of joints that turn; the others are locked straight."""
+    """Number of joints that turn; the other joints are locked at angle 0."""
     joints = context.task.joints
     error = f"{{:g}} free joints; give a whole number from 1 to joints={joints}"
     first, last = ends_within(ends, (1, joints), (1, joints), error)
@@ -265,25 +265,25 @@ def hold(name: str, context: ArmContext, ends: AxisSettings) -> Axis:
 
 def tolerance(name: str, context: ArmContext, ends: AxisSettings) -> Axis:
     """Distance from the target within which it is reached."""
-    own, most = context.task.tolerance, 2.0 * context.task.joints
+    final, most = context.task.tolerance, 2.0 * context.task.joints
     error = (
         f"{name} of {{:g}}; give values from {LEAST_TOLERANCE:g} to {most:g} (twice the joints) "
         "for the task's tolerance, easiest and hardest"
     )
-    default = (min(5.0 * own, most), own)
+    default = (min(5.0 * final, most), final)
     first, last = ends_within(ends, default, (LEAST_TOLERANCE, most), error, whole=False)
     return Axis(name, first, last, configure("tolerance", whole=False), whole=False)
 
 
 def _radius(
-    name: str, ends: AxisSettings, own: tuple[int, int], least: int, maze: Maze
+    name: str, ends: AxisSettings, default: tuple[int, int], least: int, maze: Maze
 ) -> tuple[float, float]:
-    """Ends in steps; `own` are the defaults, and the second one is the largest distance."""
-    values, longest = [], own[1]
-    for value in ends_of(ends, *own):
+    """Ends in steps, clipped to `default[1]`, the largest distance in the maze."""
+    values, longest = [], default[1]
+    for value in ends_of(ends, *default):
         check(
             value >= least and value == int(value),
-            f"{name} of {value:g}; give a whole number of steps of at least {least}",
+            f"{name} of {value:g}; give a whole number of steps, at least {least}",
         )
         if value > longest:
             warnings.warn(

@@ -17,7 +17,7 @@ class CurriculumContext:
     """A game in mazes for which a curriculum is built.
 
     Attributes:
-        task: the task of the evaluation, which is the end of every axis.
+        task: the task of the evaluation; by default every axis ends at its settings.
         agent: the learning agent, by name or role.
         opponents: the policy of every other role.
         opponent_epsilon: share of random moves of the scripted opponents.
@@ -38,15 +38,16 @@ class CurriculumContext:
             return "goal-spread-start"
         check(
             task.num_chasers > 0 and task.num_evaders > 0,
-            f"task {task.name!r} has neither goals nor chasers with evaders; set axis",
+            f"axis='auto' needs goals, or chasers and evaders, and task {task.name!r} has neither; "
+            "give an axis",
         )
         return "start-distance"
 
     def check_levels(self, name: str) -> None:
-        """ValueError unless starts are random, so that levels can be replayed."""
+        """ValueError unless starts are random: a level is the seed of a start."""
         check(
             self.task.start == "random",
-            f"curriculum={name!r} replays random starts; leave out start=marks",
+            f"curriculum={name!r} replays random starts; use start=random, not {self.task.start}",
         )
 
     def optimum(self, task: Task) -> Optimum | None:
@@ -66,10 +67,10 @@ class ArmContext:
         return "target-distance"
 
     def check_levels(self, name: str) -> None:
-        """All starts of an arm can be replayed."""
+        """Nothing to check: any start of an arm can be replayed."""
 
     def optimum(self, task: ReacherTask) -> Optimum | None:
-        """The least steps of any start; None for many joints, and for discrete actions."""
+        """As `arm_optimum`."""
         return arm_optimum(task)
 
 

@@ -10,7 +10,7 @@ from pursuit.tasks.task import Task
 from train.settings.checks import check
 
 OPENED = 8
-"""Number of mazes of the axis `loops`, from no inner walls to all of them."""
+"""Number of mazes of the axis `loops`, from no inner walls to all inner walls of the maze."""
 
 
 def names_in(given: str) -> list[str]:
@@ -26,20 +26,20 @@ def named_maze(name: str) -> Maze:
 
 
 def as_text(name: str) -> str:
-    """The name of a maze or suite of the library; the text of any other maze."""
+    """The name, for a maze or suite of the library; the text of any other maze."""
     known = name in library_names() or is_suite(name)
     return name if known else named_maze(name).to_text()
 
 
 def training_mazes(name: str, given: str | None, task: Task) -> tuple[Maze, ...]:
-    """The mazes of the axes `maze-size` and `loops`, from easy to hard; the task's is the last.
+    """The mazes of the axes `maze-size` and `loops`, from easy to hard; the last is the task's.
 
-    By default `maze-size` uses the first rows of the maze, with an increasing number of rows, in
-    which cells keep their numbers, so that policies carry over. `loops` uses the maze with a
-    decreasing number of removed inner walls.
+    By default `maze-size` uses the first k rows of the maze for increasing k. Cells keep their
+    numbers in these, so a policy applies to all of them. `loops` uses the maze with fewer and fewer
+    inner walls removed.
 
     Raises:
-        ValueError: no such maze, one that is too small or larger than the task's, or no easier
+        ValueError: an unknown maze, one that is too small or larger than the task's, or no easier
             maze exists.
     """
     final, needed = task.mazes[0], task.num_agents + task.num_goals
@@ -51,7 +51,7 @@ def training_mazes(name: str, given: str | None, task: Task) -> tuple[Maze, ...]
                 and maze.width <= final.width
                 and maze.num_cells <= final.num_cells,
                 f"curriculum_mazes: {maze.name} is larger than the task's maze {final.name}, which "
-                "must be the last and largest; leave it out",
+                "is the last and largest; leave it out",
             )
             check(
                 needed <= maze.num_cells,

@@ -20,14 +20,14 @@ from scripted_agents.tours.tour import MAX_EXACT_GOALS
 from train.evaluation.games import MAX_EXACT_CELLS, best_reply, other_role
 
 EXACT_JOINTS = 5
-"""Largest number of joints for which the least steps take less than half a millisecond."""
+"""Largest number of joints for which the minimum steps are computed: below half a millisecond."""
 
 
 @dataclass(frozen=True, eq=False)
 class Optimum:
     """The exact optimum of any start of a task.
 
-    Starts are recorded as they occur, and solved together, which is faster than one by one.
+    Starts are recorded when episodes start and solved together, which is faster than one by one.
 
     Attributes:
         starts: (simulator, games [n]) -> arrays [n, ...], copies: the current starts of games.
@@ -50,11 +50,11 @@ class Optima:
         self.optimum = optimum
         self._values = np.full(num_games, np.nan)
         self._starts: list[tuple[NDArray[Any], ...]] = []
-        # Tickets below num_games are indices of `_values`, the others of `_starts` in order.
+        # A ticket is an index into `_values` followed by the recorded starts in order.
         self._tickets = np.arange(num_games)
         self._next = num_games
 
-    def begun(self, simulator: Any, games: NDArray[np.intp]) -> None:
+    def record_starts(self, simulator: Any, games: NDArray[np.intp]) -> None:
         """Record the starts of the new episodes of `games` [n]."""
         if self.optimum is not None:
             self._starts.append(self.optimum.starts(simulator, games))
@@ -62,20 +62,20 @@ class Optima:
             self._tickets[games] = np.arange(before, self._next)
 
     def tickets(self, games: NDArray[np.intp]) -> NDArray[np.intp]:
-        """[n], for `settle`: tickets of the current episodes of `games` [n]."""
+        """[n], for `resolve`: tickets of the current episodes of `games` [n]."""
         return self._tickets[games]
 
-    def settle(self, tickets: NDArray[np.intp]) -> NDArray[np.float64]:
-        """[n] float64, the optimum of each ticket; NaN if unknown. Invalidates all tickets."""
+    def resolve(self, tickets: NDArray[np.intp]) -> NDArray[np.float64]:
+        """[n] float64, the optimum for each ticket; NaN if unknown. Invalidates all tickets."""
         if self._starts:
             assert self.optimum is not None
             parts = (np.concatenate(part) for part in zip(*self._starts, strict=True))
             self._values = np.concatenate([self._values, self.optimum.steps(*parts)])
         found: NDArray[np.float64] = self._values[tickets]
-        self.take(self._values[self._tickets])
+        self.restore(self._values[self._tickets])
         return found
 
-    def take(self, values: NDArray[np.float64]) -> None:
+    def restore(self, values: NDArray[np.float64]) -> None:
         """Set the optima [num_games] of the current episodes. Invalidates all tickets."""
         self._values, self._starts = values.copy(), []
         self._next = len(values)
@@ -83,10 +83,10 @@ class Optima:
 
     def values(self) -> NDArray[np.float64]:
         """[num_games] float64, the optima of the current episodes. Invalidates all tickets."""
-        return self.settle(self._tickets)
+        return self.resolve(self._tickets)
 
 
-def _where(simulator: Simulator, games: NDArray[np.intp]) -> tuple[NDArray[Any], ...]:
+def _maze_starts(simulator: Simulator, games: NDArray[np.intp]) -> tuple[NDArray[Any], ...]:
     """The maze indices [n], and the cells of agents and goals [n, ...], of games."""
     return simulator.maze_index[games], simulator.positions[games], simulator.goals[games]
 
@@ -104,14 +104,14 @@ def _optimum(task: Task, steps: Callable[..., NDArray[Any]]) -> Optimum:
                 found[here] = steps(number, maze, cells[here], goals[here])
         return np.minimum(found, task.max_steps)
 
-    return Optimum(_where, all_steps)
+    return Optimum(_maze_starts, all_steps)
 
 
 def optimum_of(task: Task, agent: str, opponents: Mapping[str, Policy]) -> Optimum | None:
     """The exact optimum of a task; None if unknown.
 
-    It is known for a single runner with up to MAX_EXACT_GOALS goals, and for one chaser against one
-    evader if the opponent's policy is a table.
+    It is known for a single runner with up to MAX_EXACT_GOALS goals, and for duels in which the
+    opponent's policy is a table.
 
     Args:
         task: with all mazes of the training games.
@@ -144,7 +144,7 @@ def _tours(number: int, maze: Maze, cells: NDArray[Any], goals: NDArray[Any]) ->
 
 
 def arm_optimum(task: ReacherTask) -> Optimum | None:
-    """The least steps of an arm; None for many joints, and for discrete actions."""
+    """The minimum steps of an arm; None for many joints, and for discrete actions."""
     if task.joints > EXACT_JOINTS or task.discrete_actions:
         return None
 

@@ -1,4 +1,4 @@
-"""The plan of a curriculum, built and validated before a run starts."""
+"""Construction and validation of the curriculum of a run."""
 
 from __future__ import annotations
 
@@ -53,16 +53,16 @@ class Plan:
 
     Attributes:
         name: of the curriculum.
-        lessons: its settings.
+        settings: its settings.
         axis: the axis that it varies; None if it chooses levels.
-        task: of the training games: the task of the run, with the mazes of the curriculum.
-        optimum: the exact optimum of every start, if the curriculum needs it.
+        task: the task of the training games, which has the mazes of the curriculum.
+        optimum: computes the exact optimum of any start, if the curriculum needs it.
         seed: of the random numbers of the curriculum.
-        scorer: scores the mazes of a suite, if the curriculum chooses among them.
+        scorer: scores the mazes of a suite, for a curriculum over mazes.
     """
 
     name: str
-    lessons: CurriculumSettings
+    settings: CurriculumSettings
     axis: Axis | None
     task: Any
     optimum: Optimum | None
@@ -71,17 +71,17 @@ class Plan:
 
     def curriculum(self) -> Curriculum:
         """A new curriculum."""
-        return make_curriculum(self.name, self.lessons, self.axis, self.seed)
+        return make_curriculum(self.name, self.settings, self.axis, self.seed)
 
 
 def plan_curriculum(
-    name: str, lessons: CurriculumSettings, context: AnyContext, seed: int
+    name: str, settings: CurriculumSettings, context: AnyContext, seed: int
 ) -> Plan | None:
     """The plan of a curriculum for a task; None for the curriculum "none".
 
     Args:
         name: of the curriculum.
-        lessons: its settings.
+        settings: its settings.
         context: the task and the opponents.
         seed: of the random numbers of the curriculum.
 
@@ -90,39 +90,39 @@ def plan_curriculum(
     """
     if name == "none":
         return None
-    if isinstance(lessons, MazeReplaySettings):
-        return plan_pool(name, lessons, context, seed)
-    axis, turned, task = None, None, context.task
-    if isinstance(lessons, AxisSettings):
-        turned = axis_name(name, lessons)
-        axis = axis_of(turned, context, lessons)
+    if isinstance(settings, MazeReplaySettings):
+        return plan_pool(name, settings, context, seed)
+    axis, varied, task = None, None, context.task
+    if isinstance(settings, AxisSettings):
+        varied = axis_name(name, settings)
+        axis = axis_of(varied, context, settings)
         if axis.easiest == axis.hardest:
             warnings.warn(
                 f"curriculum {name!r} goes from {axis.easiest:g} to {axis.hardest:g}, so it has no "
                 "effect; give easiest and hardest, or a harder task",
                 stacklevel=2,
             )
-        if isinstance(lessons, ScheduleSettings):
-            for _, value in lessons.points():  # each must be allowed
-                axis_of(turned, context, replace(lessons, easiest=value))
+        if isinstance(settings, ScheduleSettings):
+            for _, value in settings.points():  # raises for values that are not allowed
+                axis_of(varied, context, replace(settings, easiest=value))
     else:
         context.check_levels(name)
-    optimum, played = None, training_task(name, lessons, task)
-    if lessons.needs_optimum:
-        steady = axis is None or turned == "auto" or not maker_of(str(turned)).scripted
-        optimum = context.optimum(played) if steady else None
+    optimum, training = None, training_task(name, settings, task)
+    if settings.needs_optimum:
+        steady = axis is None or varied == "auto" or not maker_of(str(varied)).scripted
+        optimum = context.optimum(training) if steady else None
         check(
             optimum is not None,
             f"curriculum={name!r} with these settings needs the exact optimum of every start, "
             f"unknown for task {task.name!r} with these agents (or a changing opponent epsilon); "
-            "set solved_within=0 and, for levels, level_score=learnability",
+            "set solved_within=0, and for level replay level_score=learnability",
         )
-    plan = Plan(name, lessons, axis, played, optimum, seed)
-    plan.curriculum()  # ValueError for a schedule that does not match the ends
+    plan = Plan(name, settings, axis, training, optimum, seed)
+    plan.curriculum()  # raises for a schedule that does not match the ends
     return plan
 
 
-def plan_pool(name: str, lessons: MazeReplaySettings, context: Any, seed: int) -> Plan:
+def plan_pool(name: str, settings: MazeReplaySettings, context: Any, seed: int) -> Plan:
     """The plan of a curriculum over the mazes of a suite; ValueError as `plan_curriculum`."""
     check(
         isinstance(context, CurriculumContext) and len(context.task.mazes) > 1,
@@ -130,33 +130,33 @@ def plan_pool(name: str, lessons: MazeReplaySettings, context: Any, seed: int) -
         "suite such as --maze suite:7x7-train",
     )
     task = context.task
-    scorer = RegretScorer(task, context.agent, context.opponents, lessons.SCORE)
+    scorer = RegretScorer(task, context.agent, context.opponents, settings.SCORE)
 
     def apply(simulator: Any, games: NDArray[np.intp], values: NDArray[np.float64]) -> None:
         simulator.configure(games, maze=values.astype(np.int64))
 
     last = float(len(task.mazes) - 1)
-    axis = Axis(f"{lessons.SCORE}-of mazes", 0.0, last, apply, mazes=task.mazes, ordered=False)
-    return Plan(name, lessons, axis, task, None, seed, scorer)
+    axis = Axis(f"{settings.SCORE}-of mazes", 0.0, last, apply, mazes=task.mazes, ordered=False)
+    return Plan(name, settings, axis, task, None, seed, scorer)
 
 
-def axis_name(name: str, lessons: AxisSettings) -> str:
+def axis_name(name: str, settings: AxisSettings) -> str:
     """The axis of a curriculum: that of its settings, or of its name."""
-    return lessons.axis if isinstance(lessons, StagedSettings) else name
+    return settings.axis if isinstance(settings, StagedSettings) else name
 
 
-def training_task(name: str, lessons: CurriculumSettings, task: Any) -> Any:
-    """The task of the training games: that of the run, with the mazes of the curriculum.
+def training_task(name: str, settings: CurriculumSettings, task: Any) -> Any:
+    """The task of the training games: the task of the run with the mazes of the curriculum.
 
     Raises:
         ValueError: mazes that the curriculum does not allow.
     """
-    if not isinstance(lessons, AxisSettings):
+    if not isinstance(settings, AxisSettings):
         return task
-    turned = axis_name(name, lessons)
-    if turned == "auto" or not maker_of(turned).mazes:
+    varied = axis_name(name, settings)
+    if varied == "auto" or not maker_of(varied).mazes:
         return task
-    mazes = training_mazes(turned, lessons.curriculum_mazes, task)
+    mazes = training_mazes(varied, settings.curriculum_mazes, task)
     return replace(task, maze=mazes)
 
 
@@ -164,56 +164,57 @@ def training_task(name: str, lessons: CurriculumSettings, task: Any) -> Any:
 
 
 def make_curriculum(
-    name: str, lessons: CurriculumSettings, axis: Axis | None, seed: int
+    name: str, settings: CurriculumSettings, axis: Axis | None, seed: int
 ) -> Curriculum:
     """A new curriculum; ValueError for a schedule that does not match the ends of the axis."""
     own = None if name in CURRICULA else CURRICULUM_PARTS.get(name)
     if isinstance(own, OwnCurriculum):
-        return own.make(lessons, axis, seed)
-    return CURRICULUM_MAKERS[type(lessons)](lessons, axis, seed)
+        return own.make(settings, axis, seed)
+    return CURRICULUM_MAKERS[type(settings)](settings, axis, seed)
 
 
-def _replay(given: LevelReplaySettings, axis: None, seed: int) -> Curriculum:
+def _replay(settings: LevelReplaySettings, axis: None, seed: int) -> Curriculum:
     return LevelReplay(
-        given.level_score,
-        given.level_buffer,
-        given.replay_share,
-        given.level_temperature,
-        given.staleness,
+        settings.level_score,
+        settings.level_buffer,
+        settings.replay_share,
+        settings.level_temperature,
+        settings.staleness,
     )
 
 
-def _gated(given: SuccessGatedSettings, axis: Axis, seed: int) -> Curriculum:
-    stages = axis.stages(given.num_stages)
-    return SuccessGated(stages, given.promote_at, given.demote_at, given.window)
+def _gated(settings: SuccessGatedSettings, axis: Axis, seed: int) -> Curriculum:
+    stages = axis.stages(settings.num_stages)
+    return SuccessGated(stages, settings.promote_at, settings.demote_at, settings.window)
 
 
-def _progress(given: LearningProgressSettings, axis: Axis, seed: int) -> Curriculum:
-    stages = axis.stages(given.num_stages)
-    return LearningProgress(stages, given.average_fast, given.average_slow, given.explore_share)
+def _progress(settings: LearningProgressSettings, axis: Axis, seed: int) -> Curriculum:
+    rates = settings.average_fast, settings.average_slow
+    return LearningProgress(axis.stages(settings.num_stages), *rates, settings.explore_share)
 
 
-def _shuffled(given: ShuffledSettings, axis: Axis, seed: int) -> Curriculum:
-    return Shuffled(axis.stages(given.num_stages), given.schedule_length, given.schedule_unit, seed)
+def _shuffled(settings: ShuffledSettings, axis: Axis, seed: int) -> Curriculum:
+    when = settings.schedule_length, settings.schedule_unit
+    return Shuffled(axis.stages(settings.num_stages), *when, seed)
 
 
-def _reversed(given: ReversedSettings, axis: Axis, seed: int) -> Curriculum:
-    # At the end of its length it jumps from the easiest back to the hardest.
-    length, hardest = given.schedule_length, axis.hardest
+def _reversed(settings: ReversedSettings, axis: Axis, seed: int) -> Curriculum:
+    # At the end of `schedule_length` it jumps from the easiest value back to the hardest.
+    length, hardest = settings.schedule_length, axis.hardest
     points = ((0.0, hardest), (0.999 * length, axis.easiest), (length, hardest)) if length else ()
     shape = "piecewise" if length else "constant"
     return Scheduled(
-        Schedule(shape, hardest, hardest, given.schedule_unit, points=points), axis.whole
+        Schedule(shape, hardest, hardest, settings.schedule_unit, points=points), axis.whole
     )
 
 
-def _scheduled(given: ScheduleSettings, axis: Axis, seed: int) -> Curriculum:
-    return Scheduled(given.build(axis.easiest, axis.hardest), axis.whole)
+def _scheduled(settings: ScheduleSettings, axis: Axis, seed: int) -> Curriculum:
+    return Scheduled(settings.build(axis.easiest, axis.hardest), axis.whole)
 
 
-def _pool(given: MazeReplaySettings, axis: Axis, seed: int) -> Curriculum:
-    rest = (given.replay_share, given.level_temperature, given.staleness)
-    return PoolReplay(len(axis.mazes), given.judged, *rest)
+def _pool(settings: MazeReplaySettings, axis: Axis, seed: int) -> Curriculum:
+    rest = (settings.replay_share, settings.level_temperature, settings.staleness)
+    return PoolReplay(len(axis.mazes), settings.judged, *rest)
 
 
 CURRICULUM_MAKERS: dict[type[CurriculumSettings], Callable[[Any, Any, int], Curriculum]] = {
@@ -224,7 +225,7 @@ CURRICULUM_MAKERS: dict[type[CurriculumSettings], Callable[[Any, Any, int], Curr
     LearnabilitySettings: _replay,
     MazeReplaySettings: _pool,
     MazeLearnabilitySettings: _pool,
-    UniformSettings: lambda given, axis, seed: Uniform(axis.stages(given.num_stages)),
+    UniformSettings: lambda settings, axis, seed: Uniform(axis.stages(settings.num_stages)),
     ReversedSettings: _reversed,
     ShuffledSettings: _shuffled,
 }

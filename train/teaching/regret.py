@@ -1,4 +1,4 @@
-"""Exact scores of mazes: how far the current policy is from the optimum in each of them."""
+"""Exact scores of mazes: the regret or the learnability of the current policy in each maze."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ class RegretScorer:
     """Scores mazes of a task exactly, over all starts and random events, without simulation.
 
     - "regret": the relative difference of the mean steps to the optimum in that maze.
-    - "learnability": the mean over starts of p(1 - p), p the success probability from that start
-      (Rutherford et al., 2024, estimate it for whole levels by simulation).
+    - "learnability": the mean over starts of p(1 - p), where p is the success probability from that
+      start. Rutherford et al. (2024) estimate it for whole levels by simulation.
 
     Args:
         task: with all mazes of the training games.
@@ -40,7 +40,7 @@ class RegretScorer:
 
     Raises:
         ValueError: a task that cannot be solved: neither a runner with one goal nor a duel
-            against a policy with a table.
+            against a tabular policy.
     """
 
     def __init__(
@@ -51,9 +51,9 @@ class RegretScorer:
         self.opponent = opponents.get(other_role(self.role))
         check(
             is_solvable(task, self.opponent),
-            f"exact regret is known for a runner with one goal and for duels against policies with "
-            f"tables, at random starts, and task {task.name!r} with these agents is neither; use "
-            "level-replay or learnability, or num_goals=1",
+            f"exact scores are known for a runner with one goal and for duels against a tabular "
+            f"policy, at random starts, and task {task.name!r} with these agents is neither; use "
+            "curriculum level-replay or learnability, or num_goals=1",
         )
         self._optima: dict[int, float] = {}
 
@@ -61,11 +61,11 @@ class RegretScorer:
         """[mazes] float64, at least 0, the scores of the mazes with these indices.
 
         Raises:
-            ValueError: a policy without a table, such as one with memory.
+            ValueError: a policy that is no table, such as a recurrent one.
         """
         check(
             is_known(policy),
-            "an exact regret needs a policy without memory; leave out recurrent and frame_stack",
+            "exact scores need a policy without memory; leave out recurrent and frame_stack",
         )
         part = replace(self.task, maze=tuple(self.task.mazes[number] for number in mazes))
         others = opponent_tables(self.opponent, part, self.seat)

@@ -1,4 +1,4 @@
-"""The teacher, which connects a curriculum to the training games."""
+"""Applies a curriculum to the training games and reports their outcomes to it."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ LEVELS = "levels"
 LOG = "curriculum.csv"
 NUMBERS = ("frames", "episodes", "seconds", "progress", "mean", "low", "high")
 REASON = "reason"
-"""Columns of `curriculum.csv`: the curriculum's values over time, with the reason of a change."""
+"""Columns of `curriculum.csv`: the sampled values over time, with the reason of each change."""
 
 
 @dataclass(frozen=True)
 class EpisodeMetrics:
-    """Functions that read the outcome of an episode of the learner from the simulator.
+    """Functions that read the outcomes of the learner's episodes from the simulator.
 
     Attributes:
-        won: (simulator) -> [num_games] bool, for games that have just ended.
+        won: (simulator) -> [num_games] bool, valid for games that have just ended.
         returns: (simulator) -> [num_games], the returns of the current episodes.
-        few_steps_are_good: whether short episodes are good; False for an evader.
+        few_steps_are_good: whether the learner minimises steps; False for an evader.
     """
 
     won: Callable[[Any], NDArray[np.bool_]]
@@ -46,8 +46,8 @@ class Teacher(EpisodeHook):
 
     Args:
         plan: of the curriculum.
-        simulator: of the training games, with the plan's task and `auto_restart=False`.
-        metrics: reads the outcomes of the learner's episodes.
+        simulator: of the training games, made from the plan's task with `auto_restart=False`.
+        metrics: reads the outcomes of episodes.
 
     Attributes:
         curriculum, axis: of the plan.
@@ -60,12 +60,12 @@ class Teacher(EpisodeHook):
     def __init__(self, plan: Plan, simulator: Any, metrics: EpisodeMetrics) -> None:
         self.name, self.axis = plan.name, plan.axis
         self.curriculum, self.simulator, self.metrics = plan.curriculum(), simulator, metrics
-        self.solved_within = plan.lessons.solved_within
+        self.solved_within = plan.settings.solved_within
         self.scorer, self.judge_every = plan.scorer, 0
         self.scored_policy: Any = None
-        if isinstance(plan.lessons, MazeReplaySettings):
-            self.judge_every = plan.lessons.judge_every
-        self.wants_advantages = plan.lessons.needs_advantages
+        if isinstance(plan.settings, MazeReplaySettings):
+            self.judge_every = plan.settings.judge_every
+        self.wants_advantages = plan.settings.needs_advantages
         self.rng = np.random.default_rng([plan.seed, 0xC0551])
         games = simulator.num_games
         self.episodes = 0
@@ -93,7 +93,7 @@ class Teacher(EpisodeHook):
         if self.axis is None:
             self.simulator.seed_starts(games, values.astype(np.int64))
         else:
-            # A game keeps its settings, so nothing is done unless a value changed.
+            # Settings persist across episodes, so only changed values are applied.
             if (self.applied[games] != values).any():
                 self.axis.apply(self.simulator, games, values)
                 self.applied[games] = values
@@ -101,10 +101,10 @@ class Teacher(EpisodeHook):
 
     def after_restart(self, games: NDArray[np.intp]) -> None:
         """Record the starts of `games`, for their optima."""
-        self._optima.begun(self.simulator, games)
+        self._optima.record_starts(self.simulator, games)
 
     def episode_ended(self, games: NDArray[np.bool_]) -> None:
-        """Record the outcomes of the episodes of the mask, which have just ended."""
+        """Record the outcomes of the episodes in the mask, which have just ended."""
         simulator, metrics = self.simulator, self.metrics
         chosen = games.nonzero()[0]
         won, returns = metrics.won(simulator)[chosen], metrics.returns(simulator)[chosen]
@@ -114,16 +114,16 @@ class Teacher(EpisodeHook):
     @property
     def optima(self) -> NDArray[np.float64]:
         """[num_games] float64, the least steps of the current episodes; NaN where unknown."""
-        self._settle()
+        self._collect()
         return self._optima.values()
 
-    def _settle(self) -> None:
-        """Convert ended episodes to outcomes, all at once, as that is faster."""
+    def _collect(self) -> None:
+        """Convert the recorded episodes to outcomes, all together for speed."""
         if not self._ended:
             return
         values, won, returns, steps, tickets = map(np.concatenate, zip(*self._ended, strict=True))
         self._ended = []
-        lengths, optima = steps.astype(np.int64), self._optima.settle(tickets)
+        lengths, optima = steps.astype(np.int64), self._optima.resolve(tickets)
         if not self.metrics.few_steps_are_good:
             regrets = np.maximum(1.0 - lengths / optima, 0.0)
             near = lengths * self.solved_within >= optima
@@ -137,7 +137,7 @@ class Teacher(EpisodeHook):
         self._won.append(won)
 
     def note_advantages(self, advantages: NDArray[Any], done: NDArray[np.bool_]) -> None:
-        """Record the positive advantages of the episodes that ended in a rollout, in order.
+        """Record the mean positive advantage of each episode that ended in a rollout, in order.
 
         Args:
             advantages, done: [num_games, steps].
@@ -154,14 +154,14 @@ class Teacher(EpisodeHook):
     def update(self, share: float, frames: int, seconds: float) -> None:
         """Report the outcomes since the last update to the curriculum, and log its changes.
 
-        Before that, mazes that are due are scored with the policy `scored_policy`.
+        Mazes that are due for scoring are scored first, with `scored_policy`.
         """
         if self.scorer is not None and self.scored_policy is not None:
             pool: Any = self.curriculum
             if frames >= pool.rounds * self.judge_every:
-                mazes = pool.to_judge(self.rng)
+                mazes = pool.to_score(self.rng)
                 pool.note(mazes, self.scorer.scores(self.scored_policy, mazes))
-        self._settle()
+        self._collect()
         if self._outcomes:
             values, won, returns, lengths, regrets = map(
                 np.concatenate, zip(*self._outcomes, strict=True)
@@ -179,7 +179,7 @@ class Teacher(EpisodeHook):
 
     def figures(self) -> dict[str, float]:
         """Means over the episodes since the last call, for `metrics.csv`."""
-        self._settle()
+        self._collect()
         if not self._played:
             return {}
         (values, lengths), won = np.hstack(self._played), np.concatenate(self._won)
@@ -191,8 +191,8 @@ class Teacher(EpisodeHook):
         return {"stage": float(values.mean()), "on_hardest": hardest, **figures}
 
     def state_dict(self) -> dict[str, Any]:
-        """Tensors and plain values from which a resumed run continues exactly."""
-        self._settle()
+        """Tensors and plain values: everything needed to resume exactly."""
+        self._collect()
         names = ("playing", "optima", "error_sums", "error_counts")
         return {
             "name": self.name,
@@ -215,13 +215,13 @@ class Teacher(EpisodeHook):
         """
         check(
             state["name"] == self.name,
-            f"this checkpoint is of curriculum {state['name']!r}, and the settings have "
-            f"{self.name!r}; resume with the settings of the checkpoint",
+            f"the checkpoint has curriculum {state['name']!r}, the settings have {self.name!r}; "
+            "resume with the settings of the checkpoint",
         )
         load_curriculum(self.curriculum, state["curriculum"])
         for name, tensor in state["arrays"].items():
             if name == "optima":
-                self._optima.take(tensor.numpy())
+                self._optima.restore(tensor.numpy())
             else:
                 getattr(self, name)[:] = tensor.numpy()
         self.episodes = state["episodes"]
@@ -256,7 +256,7 @@ def load_curriculum(curriculum: Curriculum, state: dict[str, Any]) -> None:
 
 
 def _plain(state: Any) -> Any:
-    """A generator's state with 128-bit integers as text, as checkpoints cannot hold them."""
+    """The state of a generator, integers as text: checkpoints cannot hold 128-bit integers."""
     if isinstance(state, dict):
         return {name: _plain(value) for name, value in state.items()}
     return str(state) if isinstance(state, int) else state

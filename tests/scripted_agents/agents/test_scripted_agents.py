@@ -323,9 +323,9 @@ def test_without_distance_tables_whole_games_are_the_same(
 @pytest.mark.parametrize("epsilon", [-0.1, 1.1, np.nan])
 def test_a_share_of_random_moves_lies_between_0_and_1(epsilon: float) -> None:
     for kind in (AStarChaser, AStarEvader, NearestGoalRunner, TourRunner):
-        with pytest.raises(ValueError, match=r"epsilon=.*lies in"):
+        with pytest.raises(ValueError, match=r"epsilon=.*probability from 0 to 1"):
             kind(epsilon)
-    with pytest.raises(ValueError, match=r"epsilon=.*lies in"):
+    with pytest.raises(ValueError, match=r"epsilon=.*probability from 0 to 1"):
         TablePolicy(MAZE, random_table(MAZE), epsilon)
 
 
@@ -339,7 +339,7 @@ def test_a_table_policy_refuses_other_games() -> None:
     policy = TablePolicy(MAZE, random_table(MAZE))
     with pytest.raises(ValueError, match="4 actions in 5x5"):
         policy.act(Simulator(make_task("chase")).view(0))
-    with pytest.raises(ValueError, match="stay_action must be the same"):
+    with pytest.raises(ValueError, match="use the same maze and stay_action"):
         policy.act(Simulator(Task(maze=MAZE, stay_action=True, **DUEL)).view(0))
     with pytest.raises(ValueError, match="games have 5 actions"):
         policy.action_probabilities(MAZE, stay_action=True)
@@ -349,5 +349,5 @@ def test_a_table_policy_refuses_other_games() -> None:
 
 def test_tables_are_refused_beyond_their_bound(without_tables: Callable[[], None]) -> None:
     without_tables()
-    with pytest.raises(ValueError, match="36 cells; tables are made up to"):
+    with pytest.raises(ValueError, match="36 cells; tables have at most"):
         AStarChaser().action_probabilities(generate_maze("open", 6, 6))

@@ -229,7 +229,7 @@ def test_they_refuse_seats_of_others(agent: Any) -> None:
     task = (
         make_task("chase", maze="3x3") if agent.role == "runner" else make_task("maze", maze="3x3")
     )
-    with pytest.raises(ValueError, match="the seat of"):
+    with pytest.raises(ValueError, match="is a policy of the"):
         agent.act(Simulator(task, 2).view(0))
 
 

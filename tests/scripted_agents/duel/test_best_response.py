@@ -249,7 +249,7 @@ def test_the_mean_over_starts_is_that_of_the_pairs_far_enough_apart() -> None:
     gaps = CORRIDOR.distances
     assert solver.mean_over_starts(gaps, CORRIDOR) == pytest.approx(2.0)
     assert solver.mean_over_starts(gaps, CORRIDOR, min_start_distance=3) == pytest.approx(20 / 6)
-    with pytest.raises(ValueError, match="min_start_distance 5: no two cells"):
+    with pytest.raises(ValueError, match="min_start_distance=5 is more than the largest"):
         solver.mean_over_starts(gaps, CORRIDOR, 5)
     with pytest.raises(ValueError, match="values has shape"):
         solver.mean_over_starts(gaps[:2], CORRIDOR)
@@ -287,10 +287,10 @@ def spoiled(table: Table, place: tuple[int, ...], value: float) -> Table:
         ({"spoil": 0.5}, "self cell 1 and other cell 3 are .* sum 1.25"),
         ({"spoil": -0.25}, "give non-negative ones"),
         ({"spoil": float("nan")}, "self cell 1 and other cell 3"),
-        ({"role": "runner"}, "role 'runner'; the roles here"),
+        ({"role": "runner"}, "role='runner'; give 'chaser'"),
         ({"horizon": 0}, "horizon=0; it is at least 1"),
-        ({"discount": 0.0}, "discount 0.0; it lies"),
-        ({"move_order": "evaders_first"}, "move_order 'evaders_first'; choose"),
+        ({"discount": 0.0}, "discount=0.0; give"),
+        ({"move_order": "evaders_first"}, "move_order='evaders_first'; give"),
     ],
 )
 def test_bad_arguments_are_named(arguments: dict[str, Any], message: str) -> None:
@@ -314,7 +314,7 @@ def test_the_diagonal_of_a_table_is_not_looked_at() -> None:
 
 def test_a_maze_too_large_for_tables_is_refused() -> None:
     room = Maze(np.ones((65, 64), bool), np.ones((64, 64), bool), np.ones((65, 63), bool))
-    with pytest.raises(ValueError, match="4160 cells; pairs of cells are solved"):
+    with pytest.raises(ValueError, match="4160 cells; duels are solved"):
         solver.best_response("chaser", room, np.zeros((1, 1, 4)))
 
 

@@ -278,9 +278,9 @@ def test_a_solution_goes_on() -> None:
         solution.seconds,
         solution.policy,
     )
-    told: list[Any] = []
-    solution.improve(0.3, report=lambda *now: told.append(now))
-    assert told and solution.seconds > seconds and solution.policy is not policy
+    message: list[Any] = []
+    solution.improve(0.3, report=lambda *now: message.append(now))
+    assert message and solution.seconds > seconds and solution.policy is not policy
     assert solution.lower >= lower and solution.upper <= upper + 1e-9
 
 
@@ -294,22 +294,22 @@ def test_little_memory_is_kept_to_and_bounds_stay_bounds() -> None:
 
 def test_refusals() -> None:
     table = opponent(LINE, "chaser")
-    for wrong, told in (
-        ({"discount": 1.0}, "discount=1.0; it lies above 0 and below 1"),
+    for wrong, message in (
+        ({"discount": 1.0}, "discount=1.0; give a number above 0 and below 1"),
         ({"view_radius": -1}, "view_radius=-1"),
         ({"role": "runner"}, "unknown role 'runner'"),
         ({"seconds": -1.0}, "seconds=-1.0"),
         ({"width": -0.1}, "width=-0.1"),
-        ({"min_start_distance": 9}, "no two cells of line are so far apart"),
+        ({"min_start_distance": 9}, "min_start_distance=9 is more than"),
         ({"memory": 10}, "memory=10"),
     ):
-        with pytest.raises(ValueError, match=told):
+        with pytest.raises(ValueError, match=message):
             solve_hidden_chase(LINE, table, **{"seconds": 0.1, **wrong})
     policy = solved("line", 1).policy
-    for task, told in (
+    for task, message in (
         (make_task("chase", maze="3x3"), "another game"),
         (make_task("chase", maze=LINE, move_order="chasers_first"), "is solved for move_order"),
-        (make_task("chase", maze=LINE, view_radius=0), "sees less"),
+        (make_task("chase", maze=LINE, view_radius=0), "wider view"),
     ):
-        with pytest.raises(ValueError, match=told):
+        with pytest.raises(ValueError, match=message):
             policy.act(Simulator(task, 1, seed=0).view("chaser"))

@@ -281,8 +281,8 @@ def test_an_evader_that_cannot_be_reached_is_never_caught() -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"discount": 1.0}, "discount 1.0"),
-        ({"discount": 0.0}, "discount 0.0"),
+        ({"discount": 1.0}, "discount=1.0"),
+        ({"discount": 0.0}, "discount=0.0"),
         ({"horizon": 0}, "horizon=0"),
         ({"num_chasers": 0}, "num_chasers=0"),
         ({"num_chasers": 3}, "needs 5,310,835,157,256 bytes"),
@@ -297,7 +297,7 @@ def test_games_that_cannot_be_solved_say_why(arguments: Any, message: str) -> No
 def test_sizes_beyond_memory_are_refused_with_their_bytes(monkeypatch: pytest.MonkeyPatch) -> None:
     maze, table = load_maze("15x15"), np.zeros((225, 225, 4))
     assert memory.free_memory() > 10**7
-    with pytest.raises(ValueError, match=r"needs 15,[0-9,]+ bytes .* most that is used"):
+    with pytest.raises(ValueError, match=r"needs 15,[0-9,]+ bytes .* limit is"):
         solve_chase(maze, num_chasers=2)
     monkeypatch.setattr(memory, "free_memory", lambda: 1000)
     for call in (

@@ -273,7 +273,7 @@ def test_threads_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
             threaded = solve_joint(task, "chaser", IN_A_HEIST, *rest)
         np.testing.assert_array_equal(alone.values, threaded.values)
     monkeypatch.setattr(joint_sweeps, "MAX_STORE_BYTES", 1000)
-    with pytest.raises(ValueError, match=r"what follows .* states needs .* the limit is 1,000"):
+    with pytest.raises(ValueError, match=r"transitions of .* states needs .* the limit is 1,000"):
         solve_joint(task, "chaser", IN_A_HEIST, objective="return")
 
 
@@ -300,7 +300,7 @@ def test_refusals_name_value_rule_and_remedy() -> None:
         solve_joint(make_task("race", maze="4x4", num_runners=8, num_goals=1), "runner", {})
     with pytest.raises(ValueError, match="runner_1 has no policy"):
         solve_joint(race, "runner_0", {})
-    with pytest.raises(ValueError, match="take NearestGoalRunner"):
+    with pytest.raises(ValueError, match="use NearestGoalRunner"):
         solve_joint(race, "runner_0", {"runner": TourRunner()})
     with pytest.raises(ValueError, match="has no distribution"):
         solve_joint(heist, "evader", {"chaser": SearchingChaser()}, objective="return")
@@ -308,7 +308,7 @@ def test_refusals_name_value_rule_and_remedy() -> None:
         solve_joint(heist, "evader", IN_A_HEIST)
     with pytest.raises(ValueError, match="horizon"):
         solve_joint(race, "runner_0", SCRIPTED, 0)
-    with pytest.raises(ValueError, match=r"discount 1\.5"):
+    with pytest.raises(ValueError, match=r"discount=1\.5"):
         solve_joint(race, "runner_0", SCRIPTED, 5, 1.5)
     with pytest.raises(ValueError, match="mazes"):
         count_joint_states(make_task("race", maze=("3x3", "4x4")))

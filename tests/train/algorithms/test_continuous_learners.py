@@ -163,7 +163,7 @@ def test_a_learner_that_is_saved_goes_on_as_if_it_had_not_been(
                 learner = make(name, seed=5, prioritized=prioritized)
                 learner.load_state_dict(read_tensors(tmp_path / "state.pt"))
                 learner.env.simulator.set_state(kept[0])
-                learner.env.resume, learner.env.begun = True, True
+                learner.env.resume, learner.env.was_reset = True, True
                 torch.set_rng_state(kept[1])
             learner.iterate(number / rounds)
         learner.close()

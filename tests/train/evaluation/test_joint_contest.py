@@ -21,7 +21,7 @@ from train.evaluation.contest import GameContest
 from train.evaluation.games import won_by
 from train.evaluation.objective_gap import objective_gap
 from train.evaluation.scores import (
-    BY_LONG_LIFE,
+    BY_MOST_STEPS,
     BY_RETURN,
     Score,
     optimality_gap,
@@ -135,10 +135,10 @@ def test_whatever_is_known_there_is_a_reference() -> None:
     found = reference_of(some, learned)
     assert found is not None and (found.kind, found.name) == ("best known", "nearest goal")
     assert found.distance == pytest.approx(0.5) and "best known, not proven" in found.line()
-    evader = reference_of(some, learned, BY_LONG_LIFE)
+    evader = reference_of(some, learned, BY_MOST_STEPS)
     assert evader is not None and evader.name == "searching runner"
-    fair = reference_of(some, learned, fair=("searching runner",))
-    assert reference_of(some, learned, fair=()) is None
+    fair = reference_of(some, learned, comparable=("searching runner",))
+    assert reference_of(some, learned, comparable=()) is None
     assert fair is not None and fair.distance == pytest.approx(0.2)
     paid = reference_of(some, learned, BY_RETURN)
     assert paid is not None and (paid.name, paid.value, paid.distance) == ("nearest goal", 2.0, 1.0)
@@ -172,7 +172,7 @@ def test_a_bound_is_that_of_the_game_that_is_played() -> None:
     """Lifting the sight of one agent leaves that of the others as it was."""
     task = make_task("heist", maze="3x3", num_goals=1, view_radius="chaser=1,evader=2")
     limited = GameContest(task, "evader", {"chaser": AStarChaser(0.2)}, 100)
-    full = limited.in_full_sight.task
+    full = limited.with_full_view.task
     assert not full.hides_from("evader") and full.hides_from("chaser")
     assert full.sight.limits[full.seat("chaser")] == task.sight.limits[task.seat("chaser")]
 

@@ -147,9 +147,9 @@ def test_what_would_take_too_long_or_too_much_memory_is_not_known(
     maze = load_maze("3x3")
     monkeypatch.setattr(objective, "MAX_STEPS_OF_WORK", 10)
     assert tour_objective_gap(maze, 3, 0.95) is None
-    with pytest.raises(ValueError, match="num_goals 9"):
+    with pytest.raises(ValueError, match="num_goals=9"):
         tour_objective_gap(maze, 9, 0.95)
-    with pytest.raises(ValueError, match=r"discount 1\.5"):
+    with pytest.raises(ValueError, match=r"discount=1\.5"):
         tour_objective_gap(maze, 3, 1.5)
 
 

@@ -229,7 +229,7 @@ def test_what_needs_one_maze_says_so(
     assert problem in capsys.readouterr().err
 
 
-def test_a_heist_in_a_suite_is_held_against_whoever_of_the_scripted_is_paid_most() -> None:
+def test_the_reference_of_a_heist_in_a_suite_is_the_best_scripted_agent() -> None:
     task = make_task("heist", maze=MAZES, num_goals=2, max_steps=20)
     contest = SuiteContest(task, "evader", {"chaser": AStarChaser(0.5)}, episodes=40)
     learned = contest.score("learned", RandomAgent())

@@ -151,7 +151,7 @@ def test_after_the_end_only_the_next_game_moves(runner: tuple[Visitor, PlayServe
         state = visitor.move(move)
     late = {"game": 0, "step": state["step"], "action": 0}
     assert visitor.ask("POST", visitor.path + "move", late)[0] == 409
-    with pytest.raises(ValueError, match="game 0 is over; begin the next one"):
+    with pytest.raises(ValueError, match="game 0 is over; start the next game"):
         server.session.move(0)
     assert len(server.session.outcomes) == 1
 

@@ -23,7 +23,7 @@ NOBODY = Outcomes(*(np.zeros(0) for _ in range(6)))  # type: ignore[arg-type]
 
 
 def judge(pool: PoolReplay, scores: np.ndarray[Any, Any], rng: np.random.Generator) -> list[int]:
-    chosen = pool.to_judge(rng)
+    chosen = pool.to_score(rng)
     pool.note(chosen, scores[chosen])
     return list(chosen)
 
@@ -54,7 +54,7 @@ def test_the_pool_goes_on_from_its_state() -> None:
     copy.load_state_dict(pool.state_dict())
     first, second = np.random.default_rng(4), np.random.default_rng(4)
     assert (pool.sample(50, first) == copy.sample(50, second)).all()
-    assert (pool.to_judge(first) == copy.to_judge(second)).all()
+    assert (pool.to_score(first) == copy.to_score(second)).all()
     with pytest.raises(ValueError, match="scores of 8 levels, and this pool has 2"):
         PoolReplay(2).load_state_dict(pool.state_dict())
     with pytest.raises(ValueError, match="judged_at of 6 levels, and this pool has 8"):
@@ -109,15 +109,17 @@ def test_the_optimal_runner_has_no_regret_and_nothing_to_learn() -> None:
         assert marks == pytest.approx(0.0, abs=1e-9)
 
 
-def test_exams_need_games_that_are_solved() -> None:
+def test_exact_scores_need_games_that_are_solved() -> None:
     task = make_task("maze", maze="suite:5x5-train/0-5", num_goals=2)
-    with pytest.raises(ValueError, match="use level-replay or learnability, or num_goals=1"):
+    with pytest.raises(
+        ValueError, match="use curriculum level-replay or learnability, or num_goals=1"
+    ):
         RegretScorer(task, "runner", {})
     settings = settings_of(task="maze", num_goals=1, maze="5x5", frames=1000)
     one = GridWorld(settings.task).context
-    lessons = settings_of(**SMALL, curriculum="maze-replay").lessons
+    settings = settings_of(**SMALL, curriculum="maze-replay").lessons
     with pytest.raises(ValueError, match="chooses among mazes, and task 'maze' has one"):
-        plan_curriculum("maze-replay", lessons, one, 0)
+        plan_curriculum("maze-replay", settings, one, 0)
 
 
 SMALL: dict[str, Any] = {

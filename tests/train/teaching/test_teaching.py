@@ -76,51 +76,51 @@ def test_the_opponents_share_of_random_moves_follows_the_schedule(tmp_path: Path
         allowed, best = moves[chaser], greedy[chaser, evader]
         off = ~best[np.arange(len(chaser)), actions[:, 0]]
         chance = 1.0 - (allowed & best).sum(axis=1) / allowed.sum(axis=1)
-        lessons = (teacher_of(run).playing * chance).sum()
-        seen.append((run.progress, off.sum(), chance.sum(), lessons))
+        stages = (teacher_of(run).playing * chance).sum()
+        seen.append((run.progress, off.sum(), chance.sum(), stages))
         step(actions)
 
     simulator.step = spied  # type: ignore[method-assign]
     run.train()
-    progress, off, chance, lessons = np.array(seen).T
+    progress, off, chance, stages = np.array(seen).T
     for begin, end in ((0.0, 0.1), (0.3, 0.5), (0.6, 0.7), (0.85, 1.01)):
         here = (progress >= begin) & (progress < end)
         measured = off[here].sum() / chance[here].sum()
         noise = 3.0 / chance[here].sum() ** 0.5
-        assert measured == pytest.approx(lessons[here].sum() / chance[here].sum(), abs=noise)
+        assert measured == pytest.approx(stages[here].sum() / chance[here].sum(), abs=noise)
     assert off[progress < 0.1].sum() / chance[progress < 0.1].sum() > 0.85
     late = progress > 0.9
     assert off[late].sum() / chance[late].sum() == pytest.approx(0.2, abs=0.06)
 
 
-def spread_fixed(simulator: Simulator, game: int, lesson: float) -> None:
+def spread_fixed(simulator: Simulator, game: int, value: float) -> None:
     maze = simulator.task.mazes[0]
     nearest = np.min([maze.distances_from(mark) for mark in maze.goal_marks], axis=0)
     # Where fewer cells are that near than there are goals, the radius grows until they fit.
-    if lesson >= 2:
-        assert nearest[simulator.goals[game]].max() <= lesson
+    if value >= 2:
+        assert nearest[simulator.goals[game]].max() <= value
 
 
-def spread_start(simulator: Simulator, game: int, lesson: float) -> None:
+def spread_start(simulator: Simulator, game: int, value: float) -> None:
     far = simulator.task.mazes[0].distances[simulator.positions[game, 0], simulator.goals[game]]
-    assert far.max() <= lesson
+    assert far.max() <= value
 
 
-def start_distance(simulator: Simulator, game: int, lesson: float) -> None:
+def start_distance(simulator: Simulator, game: int, value: float) -> None:
     chaser, evader = simulator.positions[game]
-    assert simulator.task.mazes[0].distances[chaser, evader] <= lesson
+    assert simulator.task.mazes[0].distances[chaser, evader] <= value
 
 
-def num_goals(simulator: Simulator, game: int, lesson: float) -> None:
-    assert (simulator.goals[game] >= 0).sum() == lesson
+def num_goals(simulator: Simulator, game: int, value: float) -> None:
+    assert (simulator.goals[game] >= 0).sum() == value
 
 
-def maze_number(simulator: Simulator, game: int, lesson: float) -> None:
-    assert simulator.maze_index[game] == lesson
+def maze_number(simulator: Simulator, game: int, value: float) -> None:
+    assert simulator.maze_index[game] == value
 
 
-def epsilon(simulator: Simulator, game: int, lesson: float) -> None:
-    assert simulator.epsilon[game, 1] == lesson
+def epsilon(simulator: Simulator, game: int, value: float) -> None:
+    assert simulator.epsilon[game, 1] == value
 
 
 AXES = {
@@ -150,19 +150,19 @@ SLOW_AXES = set(AXES) - {"opponent-epsilon", "goal-spread-start"}
 def test_every_axis_turns_what_it_says_up_to_the_task_itself(axis: str, tmp_path: Path) -> None:
     flat, holds = AXES[axis]
     run = start(RUN, settings_of(**flat, curriculum=axis, schedule_length=0.6), tmp_path)
-    lessons = []
+    values = []
 
     def look(teacher: Teacher, games: Any) -> None:
         for game in games:
-            lessons.append(float(teacher.playing[game]))
-            holds(run.trainee.simulator, int(game), lessons[-1])
+            values.append(float(teacher.playing[game]))
+            holds(run.trainee.simulator, int(game), values[-1])
 
     watch_restarts(run, look)
     run.train()
     found = teacher_of(run).axis
     assert found is not None
-    assert lessons[-1] == found.hardest and found.easiest != found.hardest
-    assert len(set(lessons)) >= 3
+    assert values[-1] == found.hardest and found.easiest != found.hardest
+    assert len(set(values)) >= 3
     # What stands in the log is what was given, and the log ends at the task itself.
     log = read_csv(tmp_path / LOG)
     assert float(log[0]["mean"]) == found.easiest
@@ -193,7 +193,7 @@ def test_stages_lie_on_the_axis_and_the_last_is_the_task(name: str, tmp_path: Pa
     assert all(0.0 <= row.get("on_hardest", 0.0) <= 1.0 for row in run.metrics.rows)
 
 
-def test_the_share_of_the_hardest_lesson_counts_frames_not_episodes(tmp_path: Path) -> None:
+def test_the_share_of_the_hardest_stage_counts_frames_not_episodes(tmp_path: Path) -> None:
     settings = settings_of(**MAZE, curriculum="uniform", axis="num-goals")
     teacher = start(RUN, settings, tmp_path).trainee.teacher
     hard, easy = teacher.axis.hardest, teacher.axis.easiest
@@ -266,11 +266,11 @@ def test_the_regret_of_an_episode_is_against_the_optimum_of_its_own_start(tmp_pa
             ended = simulator.terminated | simulator.truncated
         teacher.episode_ended(ended)
         state = teacher.state_dict()
-        lessons, _, _, lengths, regrets = (part.numpy() for part in state["outcomes"][-1])
+        values, _, _, lengths, regrets = (part.numpy() for part in state["outcomes"][-1])
         share = lengths / best[ended]
         wanted = 1 - share if flat.get("role") == "evader" else share - 1
         assert regrets == pytest.approx(np.maximum(wanted, 0))
-        assert (lessons == teacher.playing[ended]).all()
+        assert (values == teacher.playing[ended]).all()
 
 
 def test_positive_advantages_belong_to_their_episodes(tmp_path: Path) -> None:
@@ -297,7 +297,7 @@ def test_a_checkpoint_of_another_curriculum_is_refused(tmp_path: Path) -> None:
     start(RUN, settings, tmp_path).train(lambda run, row: setattr(run, "stopped", True))
     before = (tmp_path / "checkpoint.pt").read_bytes()
     other = settings_of(**small, curriculum="learning-progress")
-    with pytest.raises(ValueError, match="checkpoint is of curriculum 'uniform'"):
+    with pytest.raises(ValueError, match="checkpoint has curriculum 'uniform'"):
         make_run(other, tmp_path, load_checkpoint(tmp_path))
     assert (tmp_path / "checkpoint.pt").read_bytes() == before
 
@@ -327,8 +327,8 @@ def test_a_chaser_wins_by_catching_not_by_the_loss_of_all_goals() -> None:
 def test_the_command_line_teaches(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = tmp_path / "run"
     options = "--task maze --maze 3x3 --frames 16384 --num-games 64 --minibatch-size 256"
-    lessons = "--threads 1 --curriculum level-replay --level-buffer 50 --episodes 20"
-    main(["train", *options.split(), *lessons.split(), "--out", str(folder)])
+    rest = "--threads 1 --curriculum level-replay --level-buffer 50 --episodes 20"
+    main(["train", *options.split(), *rest.split(), "--out", str(folder)])
     told = capsys.readouterr().out
     assert "curriculum: level-replay, over levels" in told
     assert (folder / "learning_curve.png").stat().st_size > 10_000

@@ -1,4 +1,4 @@
-"""What can be taught, and what is refused before a run begins."""
+"""Which curricula a task allows, and which errors are raised before a run starts."""
 
 from __future__ import annotations
 
