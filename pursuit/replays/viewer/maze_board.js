@@ -11,7 +11,7 @@ class MazeBoard {
     draw(element, "rect", { class: "floor", width, height });
     const layer = (name) => draw(element, "g", { class: name });
     this.layers = {};
-    for (const name of ["blocked", "values", "seen", "openings", "walls", "trails", "arrows", "goals", "agents"]) {
+    for (const name of ["blocked", "values", "seen", "openings", "walls", "trails", "arrows", "numbers", "goals", "agents"]) {
       this.layers[name] = layer(name);
     }
     this.drawMaze(world);
@@ -86,13 +86,15 @@ class MazeBoard {
 
   // values: {numbers: [value of every cell], low, high}
   showValues(values) {
-    this.layers.values.setAttribute("visibility", values ? "visible" : "hidden");
+    for (const layer of [this.layers.values, this.layers.numbers]) {
+      layer.setAttribute("visibility", values ? "visible" : "hidden");
+    }
     if (!values) return;
     if (!this.squares) {
       this.squares = this.world.cells.map((_, cell) => {
         const [x, y] = this.middle(cell);
         const square = draw(this.layers.values, "rect", { x: x - 5, y: y - 5, width: 10, height: 10 });
-        return [square, draw(this.layers.values, "text", { x: x - 4.3, y: y - 2.2 })];
+        return [square, draw(this.layers.numbers, "text", { x: x - 4.3, y: y - 2.2 })];
       });
     }
     const span = Math.max(values.high - values.low, 1e-9);
