@@ -296,7 +296,7 @@ def test_networks_that_are_none_are_refused() -> None:
         settings_of(**flat, network="mpl")
     for name, told in {
         "my_parts:shaped": "takes|missing|made",
-        "my_parts:too_wide": r"gave \(2, 9\) for 2 observations; .*\(2, 8\)",
+        "my_parts:too_wide": r"returned \(2, 9\) for 2 observations; .*\(2, 8\)",
         "my_parts:no_module": "is not a torch.nn.Module",
     }.items():
         with pytest.raises((ValueError, TypeError), match=told):
@@ -441,7 +441,7 @@ def test_opponents_are_drawn_by_a_rule_of_ones_own(tmp_path: Path) -> None:
     found = weights(pool, "my_parts:the_oldest")
     assert len(pool.members) >= 3 and found.tolist() == [0.5, 0.5] + [0.0] * (len(found) - 2)
     run.lock.release()
-    with pytest.raises(ValueError, match=r"gave array\(\[-1\.0?\]\); give every member"):
+    with pytest.raises(ValueError, match=r"returned array\(\[-1\.0?\]\); return one finite weight"):
         pool.members = pool.members[:1]
         weights(pool, "my_parts:negative")
     with pytest.raises(ValueError, match=r"unknown sampling 'oldest'; one of latest, window"):

@@ -11,7 +11,7 @@ class MazeBoard {
     draw(element, "rect", { class: "floor", width, height });
     const layer = (name) => draw(element, "g", { class: name });
     this.layers = {};
-    for (const name of ["blocked", "values", "seen", "openings", "walls", "trails", "arrows", "numbers", "goals", "agents"]) {
+    for (const name of ["blocked", "values", "seen", "openings", "walls", "trails", "arrows", "labels", "goals", "agents"]) {
       this.layers[name] = layer(name);
     }
     this.drawMaze(world);
@@ -86,7 +86,7 @@ class MazeBoard {
 
   // values: {numbers: [value of every cell], low, high}
   showValues(values) {
-    for (const layer of [this.layers.values, this.layers.numbers]) {
+    for (const layer of [this.layers.values, this.layers.labels]) {
       layer.setAttribute("visibility", values ? "visible" : "hidden");
     }
     if (!values) return;
@@ -94,7 +94,7 @@ class MazeBoard {
       this.squares = this.world.cells.map((_, cell) => {
         const [x, y] = this.middle(cell);
         const square = draw(this.layers.values, "rect", { x: x - 5, y: y - 5, width: 10, height: 10 });
-        return [square, draw(this.layers.numbers, "text", { x: x - 4.3, y: y - 2.2 })];
+        return [square, draw(this.layers.labels, "text", { x: x - 4.3, y: y - 2.2 })];
       });
     }
     const span = Math.max(values.high - values.low, 1e-9);

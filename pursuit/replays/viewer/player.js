@@ -316,8 +316,8 @@ class Player {
     const side = this.sides()[this.side], parts = [];
     const players = names.map((name, agent) => episode.players[agent] && `${name} is ${episode.players[agent]}`).filter(Boolean);
     if (players.length) parts.push(`${players.join(", ")}.`);
-    if (side && this.shown.values && side.values) parts.push(`Values: exact expected steps until capture from the start of an episode, for each cell of the ${side.name} (blue few, yellow many).`);
-    if (side && this.shown.policy) parts.push(`Moves of the ${side.name}: dashed optimal${side.learned ? ", solid learned (the most probable one); a dotted frame if they differ" : ""}.`);
+    if (side && this.shown.values && side.values) parts.push(`Values: exact expected steps until capture from the start of an episode, for each cell of ${side.name} (blue few, yellow many).`);
+    if (side && this.shown.policy) parts.push(`Moves of ${side.name}: dashed optimal${side.learned ? ", solid learned (the most probable one); a dotted frame if they differ" : ""}.`);
     if (this.shown.seen && episode.seen) parts.push(`Observation of ${episode.seen.agent}: ${episode.seen.names.join(", ")}.`);
     this.legend.textContent = parts.join(" ");
     const observed = this.shown.seen && episode.observed;

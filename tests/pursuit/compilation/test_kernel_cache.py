@@ -49,6 +49,7 @@ def kernel_in(folder: Path, monkeypatch: pytest.MonkeyPatch, stamp: str = "stamp
     return doubled
 
 
+@pytest.mark.slow
 def test_parallel_compilation_keeps_all_cache_entries(tmp_path: Path) -> None:
     """Processes start simultaneously; each signature is compiled by two of them."""
     script = tmp_path / "script.py"

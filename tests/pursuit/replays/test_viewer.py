@@ -171,7 +171,7 @@ def test_values_and_moves_are_the_exact_ones(browser: Any, tmp_path: Path) -> No
     for number, (exact, table) in enumerate(found.values()):
         sheet.tab.evaluate(f"window.pursuit.side = {number}; window.pursuit.show()")
         other = sheet.state()["cells"][1 - number]
-        texts = sheet.tab.locator(".values text").all_text_contents()
+        texts = sheet.tab.locator(".labels text").all_text_contents()
         arrows = sheet.tab.evaluate(f"window.pursuit.sides()[{number}].arrowsAt({other})")
         for cell in range(maze.num_cells):
             if cell == other:

@@ -102,7 +102,12 @@ def begun(case: Case) -> tuple[Simulator, list[Policy | None]]:
     return games, list(case.policies) or [ROLES[role] for role in task.seat_roles]
 
 
-@pytest.mark.parametrize("name", CASES)
+LONG = ("8v8", "several mazes", "cells without paths", "two policies of a kind")
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name in LONG)) for name in CASES]
+)
 def test_together_they_do_what_each_does_alone(
     name: str, without_tables: Callable[[], None]
 ) -> None:

@@ -112,7 +112,9 @@ def pairings() -> dict[str, tuple[Policy, Policy]]:
     }
 
 
-@pytest.mark.parametrize("order", ["simultaneous", "chasers_first"])
+@pytest.mark.parametrize(
+    "order", ["simultaneous", pytest.param("chasers_first", marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize(
     "name", ["A* against A*", "best chaser against A*", "A* against best evader"]
 )

@@ -135,6 +135,7 @@ def test_it_resumes_bit_for_bit(encoding: str) -> None:
         other.load_state_dict(first.state_dict())
 
 
+@pytest.mark.slow
 def test_a_chaser_and_an_evader_beat_random_by_far() -> None:
     for role, frames, factor in (("chaser", 1_000_000, 0.6), ("evader", 400_000, 5.0)):
         torch.manual_seed(0)

@@ -107,7 +107,7 @@ def test_teams_are_trained_and_compared_with_their_optimum(tmp_path: Path) -> No
         assert -1e-9 < evaluation["objective_gap"] < evaluation["optimality_gap"]
 
 
-@pytest.mark.parametrize("task", ["maze", "chase"])
+@pytest.mark.parametrize("task", [pytest.param("maze", marks=pytest.mark.slow), "chase"])
 def test_results_with_discount_0_have_no_objective_gap(
     task: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -119,6 +119,7 @@ def test_results_with_discount_0_have_no_objective_gap(
         assert evaluation["optimal_steps"] > 0 and evaluation["objective_gap"] is None
 
 
+@pytest.mark.slow
 def test_a_killed_run_resumes_to_the_same_weights_bit_for_bit(tmp_path: Path) -> None:
     whole, killed = tmp_path / "whole", tmp_path / "killed"
     run("train", *TINY, "--frames", "6144", "--out", whole)

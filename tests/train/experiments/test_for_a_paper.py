@@ -122,7 +122,7 @@ def test_names_are_the_shortest_unique_ones(tmp_path: Path) -> None:
         *(f"{top}/pair", f"{top}/pair/chaser", "z/pair", "astar"),
     ]
     assert entry_names(entries[:3], is_agent, ["1", "2", "3"]) == ["1", "2", "3"]
-    for chosen, message in ((["1"], "1 names for 3"), (["1", "1", "2"], "called '1'")):
+    for chosen, message in ((["1"], "1 names for 3"), (["1", "1", "2"], "two names are '1'")):
         with pytest.raises(ValueError, match=message):
             entry_names(entries[:3], is_agent, chosen)
     with pytest.raises(ValueError, match="give it once"):

@@ -119,7 +119,7 @@ def study_of(
     return claims, runs
 
 
-@pytest.mark.parametrize("cells", [1, 2])
+@pytest.mark.parametrize("cells", [1, pytest.param(2, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("rivals", [1, 2, 3])
 def test_studies_without_an_effect_are_decided_in_one_of_twenty_at_most(
     rivals: int, cells: int, fast_p: None

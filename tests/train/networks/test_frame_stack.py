@@ -98,7 +98,7 @@ def test_unsupported_frame_stacks_are_refused() -> None:
     flat: dict[str, Any] = {"frames": 1000, "maze": "3x3"}
     with pytest.raises(ValueError, match="q_learning has a table over states"):
         settings_of(algorithm="q_learning", frame_stack=2, **flat)
-    with pytest.raises(ValueError, match="frame_stack=0; from 1"):
+    with pytest.raises(ValueError, match="frame_stack=0; give 1"):
         settings_of(frame_stack=0, **flat)
     with pytest.raises(ValueError, match="frame_stack=2 is not supported for an arm"):
         settings_of(task="reacher", frame_stack=2, frames=1000)

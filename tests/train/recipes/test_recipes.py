@@ -152,7 +152,7 @@ def test_a_model_without_a_description_is_evaluated_ranked_and_an_opponent(
 @pytest.mark.parametrize(
     ("maze", "changed", "said"),
     [
-        ("3x3", {"observation": None}, "give the task and what the model observed in training"),
+        ("3x3", {"observation": None}, "its description file ppo.json is missing; give the task"),
         ("4x4", {}, "its weights do not match observation='one_hot' of chaser in task 'chase'"),
         ("3x3", {"observation": "cells"}, "its weights do not match observation='cells' of chaser"),
     ],

@@ -285,7 +285,9 @@ def test_divergence_is_reported_as_with_one_process(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(not Path("/proc/self/comm").exists(), reason="processes are found by /proc")
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
+@pytest.mark.parametrize(
+    "number", [pytest.param(signal.SIGKILL, marks=pytest.mark.slow), signal.SIGINT]
+)
 def test_signals_end_both_processes_of_the_command(number: int, tmp_path: Path) -> None:
     """Started anew for the one, for the other forked where libraries have no threads; SIGINT goes
     to both, as Ctrl-C does."""

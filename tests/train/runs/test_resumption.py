@@ -258,7 +258,10 @@ def test_every_learner_resumes_in_every_scheme(
             marks=pytest.mark.slow,
         ),
         {"hyper": replace(PPO, recurrent="gru"), "sampling": "pfsp"},
-        {"task": {"num_chasers": 2}, "hyper": replace(PPO, recurrent="gru")},
+        pytest.param(
+            {"task": {"num_chasers": 2}, "hyper": replace(PPO, recurrent="gru")},
+            marks=pytest.mark.slow,
+        ),
     ],
     ids=["a frozen side", "teams", "memories", "memories of a team"],
 )  # fmt: skip

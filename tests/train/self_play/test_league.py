@@ -130,7 +130,7 @@ def test_a_sweep_of_self_play_with_one_axis_has_its_report(tmp_path: Path) -> No
         (["league", "nowhere"], "nowhere: neither a folder of a run"),
         (["league", "astar", "--games", "1"], "games=1"),
         (["solve", "--maze", "5x6"], "unknown maze '5x6'"),
-        (["solve", "--discount", "1.5"], "discount 1.5"),
+        (["solve", "--discount", "1.5"], "discount=1.5"),
         (["solve", "--evader-cell", "99"], "evader_cell=99"),
         (["self-play", "--resume", "nowhere"], "no such folder"),
         (["self-play", "--window", "0"], "window=0"),

@@ -127,7 +127,7 @@ def test_exploitability_is_zero_at_the_equilibrium_and_exact_elsewhere() -> None
     assert nash_conv(maze, chaser, evader) == pytest.approx(found.nash_conv)
     assert found.nash_conv == pytest.approx(gains[apart].mean() + losses[apart].mean())
     assert found.chaser.min() > -1e-6 and found.evader.min() > -1e-6 and found.mean_evader > 1
-    with pytest.raises(ValueError, match="must have the stay action, or neither"):
+    with pytest.raises(ValueError, match="both need the stay action, or neither"):
         exploitability(maze, chaser, RandomAgent().action_probabilities(maze, True))
 
 
@@ -182,6 +182,7 @@ def test_self_play_becomes_far_less_exploitable(tmp_path: Path) -> None:
     assert found["evader_vs_astar"] > 1.5 * before["evader_vs_astar"]
 
 
+@pytest.mark.slow
 def test_the_default_settings_come_near_an_equilibrium(tmp_path: Path) -> None:
     # Seeds 0 to 2 end at 0.7 to 1.3 % of the start; with uniform sampling and an entropy bonus of
     # 0.02 at 5 to 7 %.
