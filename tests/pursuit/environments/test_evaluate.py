@@ -101,7 +101,7 @@ def test_invalid_actions_are_refused() -> None:
     for function, said in (
         (lambda seen: np.zeros(3, dtype=int), r"shape \(3,\), dtype int64"),
         (lambda seen: np.zeros(len(seen)), "dtype float64; return integers"),
-        (lambda seen: np.full(len(seen), 4), "from 4 to 4; integers from 0 to 3"),
+        (lambda seen: np.full(len(seen), 4), "from 4 to 4; return integers from 0 to 3"),
         (7, "policy=7; give a function"),
     ):
         with pytest.raises(ValueError, match=said):
