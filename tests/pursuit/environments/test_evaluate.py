@@ -106,7 +106,7 @@ def test_invalid_actions_are_refused() -> None:
     ):
         with pytest.raises(ValueError, match=said):
             pursuit.evaluate(function, "chase", episodes=20, **CHASE)  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match="maze: the task exists already"):
+    with pytest.raises(ValueError, match="maze: settings of a new task"):
         pursuit.evaluate(AStarChaser(), pursuit.make_task("chase"), maze="3x3")
 
 
