@@ -112,11 +112,10 @@ def is_table_in(task: Task, policy: Any) -> bool:
     For a learned policy this requires the view limits of its training, for which the table is
     valid.
     """
-    own = getattr(policy, "task", None)
-    if not isinstance(policy, TabularPolicy) or not isinstance(own, Task):
+    own, agent = getattr(policy, "task", None), getattr(policy, "agent", None)
+    if not isinstance(policy, TabularPolicy) or not isinstance(own, Task) or agent is None:
         return isinstance(policy, TabularPolicy)
-    learned: Any = policy
-    seat = own.seat(learned.agent)
+    seat = own.seat(agent)
     here = task.seat(own.seat_roles[seat])
     return own.sight.limits[seat] == task.sight.limits[here]
 

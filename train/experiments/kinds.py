@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from pursuit.validation import one_of
 from train.files import hold, remove_leftovers
 from train.runs.folder import (
     CHECKPOINT,
@@ -101,9 +102,10 @@ def start(kind: str, settings: Any, path: Path | str, final: Final | None = None
         The run: `train()` learns, `results()` evaluates and writes `results.json`.
 
     Raises:
-        ValueError: settings cannot run here or have no effect (then no folder is made), or the
-            folder is not empty or used by another process.
+        ValueError: an unknown kind, settings that cannot run here or have no effect (then no folder
+            is made), or the folder is not empty or used by another process.
     """
+    one_of("kind of run", kind, list(KINDS))
     path = Path(path)
     check_new(path)
     check_device(settings.device)

@@ -173,7 +173,7 @@ class Own(nn.Module):
     [batch, *shape].
 
     Raises:
-        ValueError: not a module, or its output is not [batch, width].
+        ValueError: not a module, it fails, or its output is not [batch, width].
     """
 
     def __init__(self, features: Features, width: int) -> None:
@@ -183,11 +183,19 @@ class Own(nn.Module):
         self.register_buffer("scale", 1.0 / high.clamp(min=1.0), False)
         if features.kind == "index":
             self.form, self.scale = torch.int64, torch.ones((), dtype=torch.int64)
-        made = NETWORKS.get(features.network)(features, width)
+        factory = NETWORKS.get(features.network)
+        example = torch.zeros(2, *self.shape, dtype=self.form)
+        try:
+            made = factory(features, width)
+            with torch.no_grad():  # also initialises lazy layers
+                found = tuple(made.eval()(example).shape) if isinstance(made, nn.Module) else ()
+        except (AttributeError, IndexError, RuntimeError, TypeError) as error:
+            remedy = "; dense layers need --observation one_hot" * (features.kind == "index")
+            raise ValueError(
+                f"network {features.network!r} failed for {self.form} of shape "
+                f"{tuple(example.shape)} (observation {features.kind}): {error}{remedy}"
+            ) from error
         check(isinstance(made, nn.Module), f"network {features.network!r} is not a torch.nn.Module")
-        with torch.no_grad():  # also initialises lazy layers
-            given = made.eval()(torch.zeros(2, *self.shape, dtype=self.form))
-        found = tuple(given.shape)
         check(
             found == (2, width),
             f"network {features.network!r} returned {found} for 2 observations; return "

@@ -226,8 +226,8 @@ def weights(
         chosen = np.asarray(SAMPLING_PARTS.get(sampling)(pool), dtype=np.float64)
         check(
             chosen.shape == (len(members),) and 0.0 < chosen.sum() < inf and chosen.min() >= 0.0,
-            f"sampling {sampling!r} returned {chosen!r}; return one finite weight of at least 0 "
-            "for each member of the pool, with a positive sum",
+            f"sampling {sampling!r} returned {chosen!r} for {len(members)} members of the pool; "
+            "return one finite weight of at least 0 for each, with a positive sum",
         )
     total: NDArray[np.float64] = chosen / chosen.sum()
     return total
