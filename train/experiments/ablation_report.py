@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from functools import partial
+from math import comb
 from pathlib import Path
 
 import numpy as np
@@ -206,6 +207,8 @@ def verdict(row: Row, hints: Hints) -> str:
         return f"{'better' if row['improvement'] > 0.5 else 'worse'} ({note})"
     if margin is not None and -margin < row["apart_low"] <= row["apart_high"] < margin:
         return f"equal within {margin:g} points ({note})"
+    if 2 / comb(2 * row["runs"], row["runs"]) > LEVEL:  # the least p of a permutation test
+        return f"too few runs for p < {LEVEL:g} ({note})"
     return f"no difference shown ({note})"
 
 

@@ -205,7 +205,7 @@ def test_a_verdict_needs_a_significant_difference() -> None:
         told = verdicts(hints, none=control, variant=variant)
         assert told[0] == "control" and told[1].startswith(wanted)
     three = verdicts(hints, none=control[:3], variant=[curve([1.0], seed) for seed in range(3)])
-    assert three[1] == "no difference shown (p = 0.10)"
+    assert three[1] == "too few runs for p < 0.05 (p = 0.10)"
     assert verdicts(hints, none=control[:1], variant=control[:1])[1] == "too few runs"
 
 
