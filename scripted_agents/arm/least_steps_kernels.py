@@ -1,7 +1,7 @@
 """Compiled kernels of the exact minimum number of steps of an arm with any number of joints.
 
-`nearest_pose` computes the least distance from tip to target over all poses in which every joint is
-within `width` of its current angle. If the tip cannot touch the target, the nearest pose is a local
+`nearest_pose` computes the least distance from tip to target over all poses with every joint within
+`width` of its current angle. If the tip cannot touch the target, the nearest pose is a local
 minimum of the distance h > 0. Each of its joints is either at an end of its range or free. Free
 joints lie on the line through tip and target, as turning one must not change the distance to first
 order. They cut the arm after the first of them into rigid pieces of end-to-end lengths L_i, which
@@ -9,13 +9,13 @@ all lie along that line, with signs s_i. To second order, with x_i = s_i L_i alo
 target to tip, the matrix x x' - h diag(x) must have no negative eigenvalue. So there are two cases,
 with q the vector from the first free joint to the target. Either all pieces point at the target,
 and it is out of reach (h = |q| - sum L). Or one piece points at it, all others point back, and it
-is longer than these together with |q| (h = L_p - sum of the others - |q|). Hence the nearest pose
-is one of at most 3**joints poses in closed form. `nearest_pose` searches them as a tree, and prunes
-a branch if a free joint would be out of its range. (Pieces of length 0 turn freely, to a bound.)
+is longer than these together with |q| (h = L_p - sum of the others - |q|). `nearest_pose` searches
+these at most 3**joints closed forms as a tree, and prunes branches with a free joint out of its
+range. (Pieces of length 0 turn freely, to a bound.)
 
-This is valid only while the tip cannot touch the target, so `march` widens the range by steps that
-are too small for that: turning every joint by less than x moves link k by less than k x, and so the
-tip by less than the sum over k of 2 sin(k x / 2).
+This is valid only while the tip cannot touch the target, so `march` widens the range by steps too
+small for that. Turning joints by less than x moves link k by less than k x, and the tip by less
+than the sum over k of 2 sin(k x / 2).
 """
 
 from __future__ import annotations
@@ -31,10 +31,8 @@ ROUNDING = 1e-9
 """Angles and distances with a smaller difference count as equal, and prove nothing."""
 SHORT = 1e-6
 """A shorter piece has no direction; its joint counts as within its range."""
-
 LOW, HIGH, FREE = 0, 1, 2
 """The choices for a joint: the lower or upper end of its range, or free."""
-
 STRETCHED, ENDS_ONLY = -1, -2
 """Kinds of poses; other kinds are the number of the piece that points at a target too near."""
 
