@@ -71,6 +71,19 @@ from scripted_agents.joint.teams import mean_over_team_starts as mean_over_team_
 from scripted_agents.joint.teams import team_survival as team_survival
 from scripted_agents.joint.teams import why_not_team_chase as why_not_team_chase
 from scripted_agents.joint.teams import work_of as work_of
+from scripted_agents.populations.double_oracle import DoubleOracle as DoubleOracle
+from scripted_agents.populations.double_oracle import OracleIteration as OracleIteration
+from scripted_agents.populations.double_oracle import double_oracle as double_oracle
+from scripted_agents.populations.fictitious_play import FictitiousPlay as FictitiousPlay
+from scripted_agents.populations.fictitious_play import MatrixPlay as MatrixPlay
+from scripted_agents.populations.fictitious_play import fictitious_play as fictitious_play
+from scripted_agents.populations.fictitious_play import (
+    matrix_fictitious_play as matrix_fictitious_play,
+)
+from scripted_agents.populations.meta_strategies import PSRO as PSRO
+from scripted_agents.populations.meta_strategies import alpha_rank as alpha_rank
+from scripted_agents.populations.meta_strategies import meta_strategy as meta_strategy
+from scripted_agents.populations.meta_strategies import psro as psro
 from scripted_agents.tours.tour import Estimate as Estimate
 from scripted_agents.tours.tour import Tour as Tour
 from scripted_agents.tours.tour import expected_tour_length as expected_tour_length

@@ -13,7 +13,7 @@ from pursuit.environments.vector import limited
 from pursuit.plugins import Registry, from_train, is_reference
 from pursuit.simulator.policy import Policy
 from pursuit.tasks.task import ROLES, Task, make_task
-from pursuit.validation import one_of
+from pursuit.validation import one_of, unknown
 from scripted_agents.agents.runner import NearestGoalRunner, TourRunner
 from scripted_agents.agents.scripted import AStarChaser, AStarEvader, RandomAgent, Scripted
 from scripted_agents.agents.searchers import (
@@ -107,7 +107,7 @@ def scripted_policy(
         ValueError: an unknown name, a role that it does not play, or epsilon outside [0, 1].
     """
     if name not in AGENTS:
-        raise ValueError(f"unknown agent {name!r}; one of {', '.join(AGENTS)}")
+        raise ValueError(unknown("agent", name, AGENTS))
     one_of("role", role, ROLES)
     if name in SEARCHERS:
         check_plays(name, role)

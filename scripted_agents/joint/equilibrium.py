@@ -17,6 +17,7 @@ from pursuit.validation import as_array, number, whole
 from scripted_agents.duel.best_response import MoveOrder
 from scripted_agents.joint.matrix_games import solve_matrix
 from scripted_agents.joint.shapley_iteration import (
+    Mask,
     Report,
     StochasticGame,
     silent,
@@ -56,17 +57,23 @@ def solve_matrix_game(payoff: ArrayLike) -> MatrixGame:
     Raises:
         ValueError: no matrix, an empty one, or entries that are not finite.
     """
-    matrix = as_array("payoff", payoff, "biuf", "give a matrix of numbers").astype(np.float64)
-    if matrix.ndim != 2 or matrix.size == 0:
-        raise ValueError(f"payoff has shape {matrix.shape}; give a matrix [rows, columns]")
-    if not np.isfinite(matrix).all():
-        raise ValueError(f"payoff has entries that are not finite: {matrix[~np.isfinite(matrix)]}")
+    matrix = payoff_matrix(payoff)
     m, n = matrix.shape
     row, column = np.empty(m), np.empty(n)
     scratch = np.empty((m + 1, n + m + 1)), np.empty(m, dtype=np.int64)
     value, _ = solve_matrix(matrix, *scratch, row, column)
     pure = bool(row.max() == 1.0 and column.max() == 1.0)
     return MatrixGame(float(value), row, column, pure)
+
+
+def payoff_matrix(payoff: ArrayLike) -> NDArray[np.float64]:
+    """The payoff as [m, n] float64, or the errors of `solve_matrix_game`."""
+    matrix = as_array("payoff", payoff, "biuf", "give a matrix of numbers").astype(np.float64)
+    if matrix.ndim != 2 or matrix.size == 0:
+        raise ValueError(f"payoff has shape {matrix.shape}; give a matrix [rows, columns]")
+    if not np.isfinite(matrix).all():
+        raise ValueError(f"payoff has entries that are not finite: {matrix[~np.isfinite(matrix)]}")
+    return matrix
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,6 +122,7 @@ def solve_chase(
     move_order: MoveOrder = "simultaneous",
     num_chasers: int = 1,
     report: Report = silent,
+    allowed: tuple[ArrayLike, ArrayLike] | None = None,
 ) -> ChaseSolution:
     """Solve the chase of one evader by a team of chasers exactly, as a zero-sum stochastic game.
 
@@ -134,6 +142,9 @@ def solve_chase(
         num_chasers: size of the team; memory grows with cells ** (num_chasers + 1).
         report: called regularly with the estimated fraction of the work done, in [0, 1]; not called
             for cached solutions.
+        allowed: for one chaser: the actions that the chaser and the evader may take, each [own
+            cell, other cell, action] bool, at least one for every pair of different cells. Actions
+            that lead to the same cell are one action. Such solutions are not cached.
 
     Raises:
         ValueError: an argument outside these limits, or a game that does not fit into memory.
@@ -156,6 +167,13 @@ def solve_chase(
         "take a smaller maze or fewer chasers",
         MAX_BYTES,
     )
+    if allowed is not None:
+        if num_chasers != 1:
+            raise ValueError(f"allowed with num_chasers={num_chasers}; give one chaser, or no mask")
+        chaser = _options(maze, allowed[0], task.num_actions, "chaser")
+        evader = _options(maze, allowed[1], task.num_actions, "evader").swapaxes(0, 1)
+        masks = evader.reshape(-1, task.num_actions), chaser.reshape(-1, task.num_actions)
+        return _solve(task, float(discount), horizon, report, masks)
     key = (maze, task.move_order, task.stay_action, num_chasers, float(discount), horizon)
     solution = _kept.pop(key, None) or _solve(task, float(discount), horizon, report)
     _kept[key] = solution
@@ -164,7 +182,31 @@ def solve_chase(
     return solution
 
 
-def _solve(task: Task, discount: float, horizon: int | None, report: Report) -> ChaseSolution:
+def _options(maze: Maze, allowed: ArrayLike, actions: int, role: str) -> Mask:
+    """The mask of `solve_chase` with all actions that lead to the same cell as an allowed one."""
+    mask = as_array("allowed", allowed, "b", "give masks of booleans")
+    shape = (maze.num_cells, maze.num_cells, actions)
+    if mask.shape != shape:
+        raise ValueError(f"allowed of the {role} has shape {mask.shape}; {maze.name} needs {shape}")
+    none = np.argwhere(~mask.any(axis=2) & ~np.eye(maze.num_cells, dtype=bool))
+    if len(none):
+        raise ValueError(
+            f"allowed of the {role} has no action with its own cell {none[0, 0]} and the other "
+            f"cell {none[0, 1]}; give at least one"
+        )
+    cells = maze.neighbors[:, :actions]
+    same = cells[:, :, None] == cells[:, None, :]
+    options: Mask = (mask[:, :, None, :] & same[:, None]).any(axis=3)
+    return options
+
+
+def _solve(
+    task: Task,
+    discount: float,
+    horizon: int | None,
+    report: Report,
+    allowed: tuple[Mask, Mask] | None = None,
+) -> ChaseSolution:
     maze, num_chasers = task.mazes[0], task.num_chasers
     states = joint_states_of(task)
     shape = (maze.num_cells,) * (num_chasers + 1)
@@ -173,7 +215,7 @@ def _solve(task: Task, discount: float, horizon: int | None, report: Report) -> 
     seats, everybody = (num_chasers, *range(num_chasers)), [1] * (num_chasers + 1)
     payoff = Quantity([0] * (num_chasers + 1), everybody)
     same = None if num_chasers == 1 else twins
-    game = StochasticGame(states, seats, payoff, discount, same, report)
+    game = StochasticGame(states, seats, payoff, discount, same, report, allowed)
     if horizon is None:
         values, sweeps = solve_infinite_horizon(game)
     else:

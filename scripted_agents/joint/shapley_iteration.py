@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_array, csr_array, eye_array
 from scipy.sparse.linalg import splu
 
+from scripted_agents.joint.layout import Store
 from scripted_agents.joint.matrix_games import fill_strategies, sweep_games
 from scripted_agents.joint.opponents import OtherPolicies
 from scripted_agents.joint.states import JointStates
@@ -29,12 +30,43 @@ STATES_A_REPORT = 20_000
 """States between two reports: some tenths of a second."""
 
 Values = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 Report = Callable[[float], None]
 """Called with the fraction of the work done, in [0, 1]."""
 
 
 def silent(share: float) -> None:
     """Report nothing."""
+
+
+def restricted(store: Store, rows: Mask, columns: Mask) -> Store:
+    """The transitions of the game in which both players may use only some of their options.
+
+    Args:
+        store: of two players who both decide, so that every pair of options is a joint action.
+        rows, columns: [states, actions] bool of the row and of the column player; at least one
+            option of each in every state.
+    """
+    state = np.repeat(np.arange(len(store.shape)), store.shape[:, 0])
+    within = np.arange(len(state)) - np.repeat(
+        np.cumsum(store.shape[:, 0]) - store.shape[:, 0], store.shape[:, 0]
+    )
+    pair, edge = store.pairs[state] + within, store.edges[state] + within
+    row, column = np.divmod(store.joints[edge], columns.shape[1])
+    may = rows[state, row]
+    kept = may & columns[state, column]
+    totals = np.bincount(state[kept], minlength=len(store.shape))
+    shape = store.shape.copy()
+    all_columns = np.maximum(store.shape[:, 0] // np.maximum(store.shape[:, 2], 1), 1)
+    shape[:, 0] = totals
+    shape[:, 2] = np.bincount(state[may], minlength=len(shape)) // all_columns
+    pairs = np.concatenate([[0], np.cumsum(totals)])
+    following, sides, joints = (
+        store.following[pair[kept]],
+        store.sides[edge[kept]],
+        store.joints[edge[kept]],
+    )
+    return Store(pairs, pairs, shape, following, sides, joints)
 
 
 class StochasticGame:
@@ -50,6 +82,8 @@ class StochasticGame:
         twins: [states] int64, the state that stands for each: one that is the same but for the
             names of agents. Only these are looked at.
         report: called with the progress.
+        allowed: [states, actions] bool of the row player and [states, joint actions] bool of the
+            column player: each may use only these. None for all.
 
     Attributes:
         mixed: [states] bool, whether there is no pure saddle point; of the last sweep.
@@ -67,6 +101,7 @@ class StochasticGame:
         discount: float,
         twins: NDArray[np.int64] | None = None,
         report: Report = silent,
+        allowed: tuple[Mask, Mask] | None = None,
     ) -> None:
         task, self.count, self.discount = states.task, states.count, discount
         self.report, self.share = report, (0.0, 0.0)
@@ -76,6 +111,8 @@ class StochasticGame:
             wanted = twins == np.arange(self.count)
         problem = Problem(states, seats, no_others, (payoff,), moves_first=False)
         self.store = filled_store(problem, wanted)
+        if allowed is not None:
+            self.store = restricted(self.store, *allowed)
         following = self.store.following
         if twins is not None:
             following[:] = np.where(following < 0, -1, twins[following])

@@ -19,6 +19,10 @@ from scripted_agents import (
     AStarEvader,
     ChaseSolution,
     cop_number,
+    double_oracle,
+    evaluate_exactly,
+    fictitious_play,
+    mean_over_starts,
     solve_chase,
     solve_hidden_chase,
 )
@@ -27,6 +31,12 @@ from train.commands.progress import ProgressLine
 from train.files import check_new_files
 from train.reports.figures import BLUE, FORMATS, ORANGE, draw_cells, pyplot, save
 from train.settings.checks import RANDOM_MOVES, Settings, check, check_default, one_of, rule
+
+METHODS = ("value-iteration", "double-oracle", "fictitious-play")
+PLAYS = 1000
+"""Iterations of fictitious play."""
+SHOWN = (1, 3, 10, 30, 100, 300, PLAYS)
+"""Those that are printed."""
 
 SECONDS = rule(lambda value: 0.0 < value < inf, "give a finite number above 0")
 
@@ -37,6 +47,8 @@ class SolveCommand(Settings):
 
     maze: str = "5x5"
     """A shipped maze (2x2 ... 9x9, 15x15, also -tree and -open), or the path of a maze file."""
+    method: Annotated[str, one_of(*METHODS)] = METHODS[0]
+    """value-iteration; or, with NashConv per iteration, double-oracle or fictitious-play."""
     discount: float = 0.95
     """Discount of each step, in (0, 1)."""
     horizon: int | None = None
@@ -72,6 +84,9 @@ def solve(arguments: Sequence[str]) -> None:
     maze = load_maze(given.maze)
     if given.view_radius is not None:
         print(describe_limited_view(maze, given))
+        return
+    if given.method != METHODS[0]:
+        print(describe_population(maze, given))
         return
     cells = {"chaser_cell": given.chaser_cell, "evader_cell": given.evader_cell}
     for name, cell in cells.items():
@@ -128,9 +143,12 @@ def check_options(given: SolveCommand) -> None:
         if given.horizon is not None:
             check_default(given, SolveCommand, ["discount"], "--horizon solves without discount")
     else:
-        names = ("num_chasers", "horizon", *FIGURE)
+        names = ("method", "num_chasers", "horizon", *FIGURE)
         why = "--view-radius solves for one chaser and one evader, discounted, without a figure"
         check_default(given, SolveCommand, names, why)
+    if given.method != METHODS[0]:
+        why = f"{given.method} solves for one chaser and one evader, discounted, without a figure"
+        check_default(given, SolveCommand, ("num_chasers", "horizon", *FIGURE), why)
     if given.num_chasers > 1:
         check_default(given, SolveCommand, FIGURE, "the figure is for one chaser only")
 
@@ -167,6 +185,45 @@ def describe_limited_view(maze: Maze, given: SolveCommand) -> str:
             "solved in": f"{found.seconds:.1f} s",
         }
     )
+
+
+def describe_population(maze: Maze, given: SolveCommand) -> str:
+    """The iterations of double oracle or of fictitious play, and the result, one per line."""
+    order: Any = given.move_order
+    began, lines = perf_counter(), {}
+    if given.method == "double-oracle":
+        solved = double_oracle(maze, given.discount, given.stay_action, order)
+        for number, one in enumerate(solved.iterations, 1):
+            lines[f"iteration {number}"] = (
+                f"NashConv {one.nash_conv:.6f}; actions per state: chaser "
+                f"{one.chaser_actions:.2f}, evader {one.evader_actions:.2f}"
+            )
+        value, nash_conv = mean_over_starts(solved.solution.values, maze), one.nash_conv
+    else:
+        alive, solving = ProgressLine(), f"solving {maze.name}"
+        played = fictitious_play(
+            maze,
+            PLAYS,
+            given.discount,
+            given.stay_action,
+            order,
+            lambda number, nash_conv: alive(solving, number / PLAYS),
+        )
+        for number in SHOWN:
+            lines[f"iteration {number}"] = f"NashConv {played.nash_convs[number - 1]:.6f}"
+        tables = played.chaser_policy, played.evader_policy
+        met = evaluate_exactly(maze, *tables, None, given.discount, order)
+        value, nash_conv = mean_over_starts(met, maze), played.nash_convs[-1]
+    stay = "with" if given.stay_action else "no"
+    text = {
+        "maze": f"{maze.name}: {maze.num_cells} cells, {maze.num_loops} loops",
+        "game": f"1 chaser, 1 evader, {order}, {stay} stay, discount {given.discount:g}",
+        **lines,
+        "value (mean over starts)": f"{value:.6f} steps, discounted; error at most "
+        f"{max(nash_conv, 1e-6):.2g}",
+        "solved in": f"{perf_counter() - began:.2f} s by {given.method}",
+    }
+    return in_lines(text)
 
 
 def in_lines(rows: Mapping[str, str]) -> str:

@@ -145,9 +145,9 @@ def summary(results: Mapping[str, Any]) -> str:
         text += f"; {Reference(**held).line()}"
     gap, missing = found.get("objective_gap"), found.get("return_gap")
     if missing is not None:
-        text += f" (objective gap: return {missing:.4f} below the optimum)"
+        text += f" (a policy optimal for the training objective: {missing:.4f} below the optimum)"
     elif gap is not None:
-        text += f" (objective gap: {100 * gap:+.2f} %)"
+        text += f" (a policy optimal for the training objective: gap {100 * gap:+.2f} %)"
     text += f". {results['frames']:,} frames in {results['seconds']:.1f} s"
     text += " of processor time" if results.get("clock") == "processor" else ""
     return text + (", interrupted." if results["interrupted"] else ".")

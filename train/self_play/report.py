@@ -22,6 +22,7 @@ from train.reports.tables import in_markdown
 from train.runs.folder import CONFIG, CURVE, REPLAYS, REPORT
 from train.runs.report import made_with
 from train.self_play.averages import describe_averages
+from train.self_play.diversity import describe_diversity, spread
 from train.self_play.league import Entry, LeagueTable, cycle_of, play_league
 from train.self_play.payoffs import draw_league, matches_table
 from train.settings.self_play import ROLES
@@ -99,13 +100,14 @@ def write_self_play_report(
     path = path or folder / REPORT
     payoff = path.with_name(PAYOFF)
     draw_league(payoff, league, "steps until capture: snapshots against each other")
+    astar = f"astar: epsilon {trainee.settings.task.opponent_epsilon:g}."
     about = f"Run {folder.name}: {results['algorithm']}, opponents {results['sampling']}."
     parts = [
         in_markdown(about),
         *describe_exploitability(results),
         PLAYER_ELEMENT,
         *section("Exploitability over time", picture(folder / CURVE, "exploitability over time")),
-        *section("Matches at the end", matches_table(results["matches"]).markdown()),
+        *section("Matches at the end", matches_table(results["matches"]).markdown(), astar),
         *section(
             "Snapshots against each other",
             picture(payoff, "payoff matrix of snapshots"),
@@ -122,8 +124,7 @@ def snapshots_league(trainee: Any, task: Task, pair: Mapping[str, Policy]) -> Le
     entries = []
     for role in ROLES:
         kept = trainee.pools[role].snapshots if role in trainee.pools else []
-        chosen = np.unique(np.linspace(0, len(kept) - 1, min(SNAPSHOTS, len(kept))).astype(int))
-        entries += [Entry(kept[n].name, role, kept[n].policy) for n in chosen.tolist()]
+        entries += [Entry(one.name, role, one.policy) for one in spread(kept, SNAPSHOTS)]
         entries.append(Entry("now", role, pair[role]))
     return play_league(task, entries, GAMES, 0)
 
@@ -131,7 +132,7 @@ def snapshots_league(trainee: Any, task: Task, pair: Mapping[str, Policy]) -> Le
 def describe_exploitability(results: Mapping[str, Any]) -> list[str]:
     """The results as sentences: exact NashConv and value, and best responses."""
     found, start = results["evaluation"], results.get("at_start", {})
-    limited = bool(results.get("limited_sight"))
+    limited = bool(results.get("limited_view"))
     meaning = "exact; 0 is an equilibrium"
     if limited:
         meaning = (
@@ -144,6 +145,8 @@ def describe_exploitability(results: Mapping[str, Any]) -> list[str]:
         lines.append(f"NashConv {found['nash_conv']:.3f} discounted steps{before}; {meaning}.")
     if results.get("averages"):
         lines.append(f"{describe_averages(results['averages'])}.")
+    if results.get("diversity"):
+        lines.append(f"{describe_diversity(results['diversity'])}.")
     if results.get("whole_game"):
         lines.append(describe_whole_game(results["whole_game"]))
     if "game_value" in found and "value" in found:

@@ -11,19 +11,22 @@ import numpy as np
 import pytest
 from self_play_runs import go_on, make_run, make_settings
 
+from pursuit.mazes.maze import load_maze
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import make_task
 from scripted_agents import (
     AStarEvader,
     OptimalEvader,
     RandomAgent,
+    mean_over_starts,
+    solve_chase,
 )
 from train.commands.main import main
 from train.experiments.kinds import resume
 from train.runs.folder import RESULTS, RUN
 from train.runs.opponents import opponents_of
 from train.runs.parts import contest_of, parts_of, settings_of
-from train.self_play.league import LeagueTable, rate
+from train.self_play.league import LeagueTable, enter, rate
 from train.self_play.parts import self_play_parts, self_play_settings_of
 from train.settings.task import TaskSettings
 
@@ -186,6 +189,17 @@ def test_solve_prints_and_draws(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert (tmp_path / "s.png").stat().st_size > 10_000
 
 
+def test_solve_by_population_methods(capsys: pytest.CaptureFixture[str]) -> None:
+    main(["solve", "--maze", "3x3-tree", "--method", "double-oracle", "--discount", "0.99"])
+    oracle = capsys.readouterr().out
+    value = mean_over_starts(solve_chase(load_maze("3x3-tree"), 0.99).values, load_maze("3x3-tree"))
+    assert f"{value:.6f} steps, discounted; error at most 1e-06" in oracle
+    assert "iteration 1  " in oracle and "actions per state: chaser 1.00" in oracle
+    main(["solve", "--maze", "3x3-tree", "--method", "fictitious-play", "--stay-action"])
+    play = capsys.readouterr().out
+    assert "iteration 1000 " in play and "with stay" in play and "s by fictitious-play" in play
+
+
 def test_all_learned_opponents_use_the_same_policy_option(tmp_path: Path) -> None:
     """As it was learned, unless `opponent_policy` says greedy; in training and in self-play."""
     run = make_run(tmp_path / "pair", frames=2000)
@@ -226,6 +240,16 @@ def test_evaluations_never_use_training_seeds(
     for make in (settings_of, self_play_settings_of):
         with pytest.raises(ValueError, match=r"seed=4611686018427387904; give 0 to 2\*\*62-1"):
             make(frames=1, seed=2**62)
+
+
+def test_the_random_moves_of_astar_are_part_of_its_name() -> None:
+    for epsilon, called, name in (
+        (0.2, (), "astar (epsilon 0.2)"),
+        (0.0, (), "astar"),
+        (0.2, ("A-star",), "A-star"),
+    ):
+        _, entries = enter(["astar"], "3x3", epsilon, called=called)
+        assert {entry.name for entry in entries} == {name}
 
 
 def test_opponents_by_name_in_training() -> None:

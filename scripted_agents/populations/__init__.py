@@ -1,0 +1,1 @@
+"""Population methods with exact best responses: double oracle, fictitious play, PSRO."""
