@@ -27,7 +27,7 @@ class PoolReplay(Ranked):
 
     Args:
         levels: the number of levels.
-        judged: the number of levels that are scored at a time.
+        num_scored: the number of levels that are scored at a time.
         replay_share: the fraction of games that replay a level.
         temperature, staleness: as in `LevelReplay`.
 
@@ -39,22 +39,22 @@ class PoolReplay(Ranked):
     """
 
     KIND = "this pool"
-    STATE = ("scores", "judged_at", "rounds", "reported")
+    STATE = ("scores", "scored_at", "rounds", "reported")
 
     def __init__(
         self,
         levels: int,
-        judged: int = 8,
+        num_scored: int = 8,
         replay_share: float = 0.5,
         temperature: float = 0.3,
         staleness: float = 0.1,
     ) -> None:
         check_count("levels", levels, 1, "level")
-        check_count("judged", judged, 1, "level")
+        check_count("num_scored", num_scored, 1, "level")
         super().__init__(replay_share, temperature, staleness)
-        self.judged, self.rounds = judged, 0
+        self.num_scored, self.rounds = num_scored, 0
         self.scores = np.full(levels, UNKNOWN)
-        self.judged_at = np.zeros(levels, dtype=np.int64)
+        self.scored_at = np.zeros(levels, dtype=np.int64)
 
     @property
     def replayed(self) -> NDArray[np.intp]:
@@ -64,7 +64,7 @@ class PoolReplay(Ranked):
     def probabilities(self) -> NDArray[np.float64]:
         """[replayed] the probability of each of these levels, given that a game replays one."""
         chosen = self.replayed
-        return self.chances(self.scores[chosen], self.rounds - self.judged_at[chosen])
+        return self.chances(self.scores[chosen], self.rounds - self.scored_at[chosen])
 
     def sample(self, num_games: int, rng: np.random.Generator) -> NDArray[np.float64]:
         """[num_games] float64, indices of levels."""
@@ -79,8 +79,8 @@ class PoolReplay(Ranked):
         """[n] distinct levels to score with the current policy: levels without a score first, then
         those with the oldest scores."""
         shuffled = rng.permutation(len(self.scores))
-        order = np.argsort(self.judged_at[shuffled], kind="stable")
-        return shuffled[order][: self.judged]
+        order = np.argsort(self.scored_at[shuffled], kind="stable")
+        return shuffled[order][: self.num_scored]
 
     def note(self, levels: NDArray[np.int64], scores: NDArray[np.float64]) -> None:
         """Store the scores of levels that were scored together.
@@ -94,7 +94,7 @@ class PoolReplay(Ranked):
         if len(levels) and not 0 <= levels.min() <= levels.max() < len(self.scores):
             raise ValueError(f"levels={levels!r}; give indices from 0 to {len(self.scores) - 1}")
         self.rounds += 1
-        self.scores[levels], self.judged_at[levels] = scores, self.rounds
+        self.scores[levels], self.scored_at[levels] = scores, self.rounds
 
     def update(self, outcomes: Outcomes, progress: Progress) -> list[Change]:
         """Log the scores twenty times in a run; outcomes do not change them."""

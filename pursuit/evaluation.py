@@ -30,6 +30,7 @@ class Evaluation:
         measure: the metric of the task: "steps", "goals" (race) or "return" (heist).
         mean, optimum: the mean of this metric for the policy and for the optimal policy; None if
             unknown.
+        why_no_optimum: the reason why `optimum` is None; None if it is known.
     """
 
     episodes: int
@@ -42,6 +43,7 @@ class Evaluation:
     measure: str
     mean: float
     optimum: float | None
+    why_no_optimum: str | None = None
 
 
 def evaluate(

@@ -14,7 +14,6 @@ import os
 import re
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from difflib import get_close_matches
 from functools import cache
 from importlib import import_module
 from importlib.machinery import PathFinder
@@ -22,6 +21,8 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any, Generic, TypeVar
+
+from pursuit.validation import did_you_mean, unknown
 
 Part = TypeVar("Part")
 
@@ -290,13 +291,8 @@ class Registry(Generic[Part]):
 
     def unknown(self, name: object) -> str:
         """The error message for an unknown name."""
-        known = self.names()
-        close = get_close_matches(str(name), known, 1)
-        return (
-            f"unknown {self.kind} {name!r}; one of {', '.join(known)}"
-            + (f" (did you mean {close[0]!r}?)" if close else "")
-            + "; or a custom one as package.module:Name"
-        )
+        message = unknown(self.kind, name, self.names())
+        return message + "; or a custom one as package.module:Name"
 
     def _checked(self, label: str, part: Any) -> Part:
         if not self._fits(part):
@@ -324,9 +320,8 @@ class Registry(Generic[Part]):
             ) from error
         if not hasattr(module, attribute):
             public = [known for known in dir(module) if not known.startswith("_")]
-            close = get_close_matches(attribute, public, 1)
             raise ValueError(
                 f"{self.kind} {name!r}: module {module_name} has no {attribute!r}"
-                + (f"; did you mean {close[0]!r}?" if close else "")
+                + did_you_mean(attribute, public)
             )
         return getattr(module, attribute)

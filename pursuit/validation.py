@@ -15,8 +15,9 @@ a ValueError with the value and the allowed range. `whole`, `number`, `check_boo
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import field, fields
+from difflib import get_close_matches
 from math import inf, isfinite
 from typing import Any, NoReturn, TypeVar
 
@@ -56,8 +57,21 @@ def choice(choices: Sequence[str], default: str) -> Any:
 def one_of(what: str, value: Any, choices: Sequence[str]) -> Any:
     """`value`, if it is one of `choices`; ValueError otherwise."""
     if not isinstance(value, str) or value not in choices:
-        raise ValueError(f"unknown {what} {value!r}; one of {', '.join(choices)}")
+        raise ValueError(unknown(what, value, choices))
     return value
+
+
+def unknown(what: str, name: object, known: Iterable[str], listed: str = "one of") -> str:
+    """The message for an unknown name: the closest known one, then all of them."""
+    names = list(known)
+    return f"unknown {what} {name!r}{did_you_mean(name, names)}; {listed} {', '.join(names)}"
+
+
+def did_you_mean(name: object, known: Iterable[str]) -> str:
+    """ " (did you mean 'x'?)" with the closest of these names, or "" if none is close."""
+    by_lower = {each.lower(): each for each in known}
+    close = get_close_matches(str(name).lower(), by_lower, 1)
+    return f" (did you mean {by_lower[close[0]]!r}?)" if close else ""
 
 
 def is_int(value: Any) -> bool:
@@ -183,8 +197,8 @@ def reset_options(options: Any, needed: Sequence[str], known: Sequence[str] = ()
     for name in given:
         if name not in (*needed, *known):
             raise ValueError(
-                f"options={options!r}: unknown option {name!r}; the options of reset are "
-                f"{', '.join([*needed, *known])}"
+                f"options={options!r}: "
+                + unknown("option", name, [*needed, *known], "the options of reset are")
             )
     if given and not set(needed) <= set(given):
         raise ValueError(f"options={options!r}; give {' and '.join(needed)} too, or no option")

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import re
 from dataclasses import fields, is_dataclass
-from difflib import get_close_matches
 from typing import Any, TypeVar
 
 import msgspec
+
+from pursuit.validation import did_you_mean
 
 Form = TypeVar("Form")
 
@@ -49,14 +50,9 @@ def read_as(form: type[Form], content: Any, where: object, remedy: str) -> Form:
         known = [field.name for field in fields(form)]
         for name in content:
             if name not in known:
-                raise ValueError(f"{where}: {unknown(name, known)}; {remedy}")
+                near = did_you_mean(name, known)
+                raise ValueError(f"{where}: unknown field {name!r}{near}; {remedy}")
     return made
-
-
-def unknown(name: object, known: list[str]) -> str:
-    """The message for an unknown name, with the closest known one."""
-    close = get_close_matches(str(name), known, 1)
-    return f"unknown field {name!r}" + (f", did you mean {close[0]!r}?" if close else "")
 
 
 def _in_words(message: str, form: Any) -> str:
@@ -70,7 +66,8 @@ def _in_words(message: str, form: Any) -> str:
         text = f"{wanted} expected, {_word(mismatch['got'])} found"
     text = re.sub(r"^Object missing required field `(.*)`$", r"field '\1' is missing", text)
     if name := re.match(r"^Object contains unknown field `(.*)`$", text):
-        text = unknown(name[1], _names_in(msgspec.inspect.type_info(form)))
+        near = did_you_mean(name[1], _names_in(msgspec.inspect.type_info(form)))
+        text = f"unknown field {name[1]!r}{near}"
     return f"field {field}: {text}" if field else text
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from pursuit.mazes.formats import Drawing, read_movingai, read_walls
 from pursuit.mazes.suite_files import grids_of_row, is_suite, rows_of
 from pursuit.memory import check_memory
+from pursuit.validation import unknown
 
 LIBRARY = Path(__file__).with_name("files")
 
@@ -54,8 +55,8 @@ def read_text(path: Path) -> str:
     try:
         if not path.exists():
             raise ValueError(
-                f"unknown maze {str(path)!r}; shipped mazes: {', '.join(library_names())}; or give "
-                "a path to a maze file"
+                unknown("maze", str(path), library_names(), "shipped mazes:")
+                + "; or give a path to a maze file"
             )
         if not path.is_file():
             raise ValueError(f"{path}: a directory or device; give a maze file")

@@ -19,6 +19,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pursuit.validation import unknown
+
 SUITES = Path(__file__).parent / "files" / "suites"
 SUMS = "SHA256SUMS"
 SIZES = (5, 7, 9, 15)
@@ -79,8 +81,8 @@ def rows_of(given: str) -> tuple[Row, ...]:
     suite = found.group(1) if found else given
     if not found or suite not in suite_names():
         raise ValueError(
-            f"unknown suite {given!r}; suites: {', '.join(suite_names())}; one maze is "
-            "NAME/017, a range is NAME/0-99"
+            unknown("suite", given, suite_names(), "suites:")
+            + "; one maze is NAME/017, a range is NAME/0-99"
         )
     rows = read_rows(suite)
     if found.group(2) is None:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.rendering.rendering import Drawable
+from pursuit.validation import unknown
 
 RENDER_MODES = ("ansi", "rgb_array", "human")
 
@@ -26,9 +27,7 @@ class Rendered(ABC):
     def _render_as(self, render_mode: str | None, fps: int, **metadata: Any) -> None:
         """Set the render mode and the metadata; ValueError for an unknown mode."""
         if render_mode is not None and render_mode not in RENDER_MODES:
-            raise ValueError(
-                f"unknown render_mode {render_mode!r}; None or one of {', '.join(RENDER_MODES)}"
-            )
+            raise ValueError(unknown("render_mode", render_mode, RENDER_MODES, "None or one of"))
         self.render_mode = render_mode
         self.metadata = {"render_modes": list(RENDER_MODES), "render_fps": fps, **metadata}
 

@@ -40,6 +40,7 @@ from pursuit.validation import (
     is_int,
     named_settings,
     one_of,
+    unknown,
     whole,
 )
 
@@ -266,7 +267,7 @@ class Task:
             if agent in self.seat_roles:
                 return self.seat_roles.index(agent)
             if agent not in names:
-                raise ValueError(f"unknown agent {agent!r}; this task has {', '.join(names)}")
+                raise ValueError(unknown("agent", agent, names, "this task has"))
             return names.index(agent)
         if not is_int(agent) or not 0 <= agent < self.num_agents:
             raise ValueError(f"agent index {agent!r}; this task has 0 to {self.num_agents - 1}")

@@ -15,6 +15,7 @@ from pursuit.mazes.maze import MAX_TABLE_CELLS, Maze, load_maze, table_of_distan
 from pursuit.rules.layout import UNREACHABLE, Games
 from pursuit.rules.visibility import SEES_ALL
 from pursuit.validation import FrozenDict, check_bool, is_int, whole
+from pursuit.validation import unknown as unknown_name
 
 ALL_AGENTS = "all"
 
@@ -264,9 +265,7 @@ def limits_of(
     for name, value in given.items():
         for agent in value if isinstance(value, (tuple, dict)) else ():
             if agent not in known:
-                raise ValueError(
-                    f"{name} of unknown agent {agent!r}; one of {', '.join(sorted(known))}"
-                )
+                raise ValueError(f"{name} of " + unknown_name("agent", agent, sorted(known)))
 
     def radius_of(agent: str) -> int | None:
         if not isinstance(radius, dict):

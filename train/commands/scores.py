@@ -25,11 +25,11 @@ from train.reports.tables import print_table
 def print_objective_gap(evaluation: Mapping[str, Any], discount: float) -> None:
     """Print the gap of the policy that is optimal for the training objective, if it is known."""
     gap, missing = evaluation.get("objective_gap"), evaluation.get("return_gap")
-    best = f"of the policy with the best return with discount {discount:g}"
+    best = f"a policy optimal for the training objective (discount {discount:g})"
     if gap is not None and missing is None:
-        print(f"objective gap: {100 * gap:+.2f} % (the gap {best}; exact, over all starts)")
+        print(f"{best} has a gap of {100 * gap:+.2f} % (exact, over all starts)")
     if missing is not None:
-        print(f"objective gap: {missing:.4f} (missing return {best}; exact, over all starts)")
+        print(f"{best} misses {missing:.4f} of the return (exact, over all starts)")
 
 
 def print_reference(held: Mapping[str, Any], contest: Any) -> None:

@@ -155,7 +155,8 @@ def show(run: Run, content: dict[str, Any]) -> None:
     exact = not any(row["games"] for row in matches)
     print(
         f"\nsteps until capture, at most {run.trainee.task.max_steps} "
-        f"({'exact' if exact else '± is the 95 % interval'}); rows: chasers, columns: evaders"
+        f"({'exact' if exact else '± is the 95 % interval'}); rows: chasers, columns: evaders; "
+        f"astar: epsilon {run.trainee.settings.task.opponent_epsilon:g}"
     )
     print_table(table, 100)
     print("", *describe_exploitability(content), sep="\n")

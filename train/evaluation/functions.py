@@ -103,7 +103,8 @@ def _compared(contest: Any, policy: Any) -> Evaluation:
         both = None if gap is None else (gap, gap)
         mean = score.mean_steps
         played = (score.episodes, mean, 0.0, score.success_rate)
-        return Evaluation(*played, steps, gap, both, "steps", mean, steps)
+        why = None if steps is not None else _why_no_optimum(contest)
+        return Evaluation(*played, steps, gap, both, "steps", mean, steps, why)
     lengths, won = contest.play(policy)
     least = contest.optimal_lengths() if game or contest.is_exact else None
     mean, optimum, gap, interval = float(lengths.mean()), None, None, None
@@ -119,4 +120,15 @@ def _compared(contest: Any, policy: Any) -> Evaluation:
         best = contest.optimal_goals() if goals else contest.optimal_return()
         reached = None if best is None else contest.measure.of(best)
     figures = (half_width(lengths), float(won.mean()), optimum, gap, interval)
-    return Evaluation(len(lengths), mean, *figures, measure, value, reached)
+    why = None if reached is not None else _why_no_optimum(contest)
+    return Evaluation(len(lengths), mean, *figures, measure, value, reached, why)
+
+
+def _why_no_optimum(contest: Any) -> str:
+    """The reason why the optimum of a contest is not known."""
+    if isinstance(contest, ArmContest):
+        if contest.task.discrete_actions:
+            return "discrete actions; only a lower bound of the steps is known"
+        return "bounds of the minimum steps are not equal from every start"
+    why = contest.why_not_joint()
+    return why if why is not None else "user-defined rewards"

@@ -212,6 +212,8 @@ def score_table(
         if score.success_rate == 1.0:
             row["solved_gap"] = None
         rows.append(row)
+    # Shares are sampled also where the steps are exact.
+    success = "success, sampled" if any(score.exact for score in scores) else "success"
     columns = [words("", "name")]
     if not by_steps:
         columns.append(numeric(measure.name, "value", ".3f"))
@@ -220,7 +222,7 @@ def score_table(
     columns += [
         numeric("steps", "mean_steps", ".3f"),
         Column("95 % interval", lambda row: str(row["interval"])),
-        numeric("success", "success_rate", ".1f", 100, " %"),
+        numeric(success, "success_rate", ".1f", 100, " %"),
     ]
     if by_steps:
         columns.append(numeric("gap to optimum", "gap", "+.2f", 100, " %"))

@@ -5,8 +5,10 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from functools import partial
+from itertools import combinations
 from math import comb
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -62,7 +64,7 @@ def ablation_report(
         draw_panels(folder / name, grid, unit, title, beside=True, log=log)
         figures.append(name)
     table = table_of(rows, hints)
-    return table, sentences(study, hints), figures
+    return table, [*same_results(variants), *sentences(study, hints)], figures
 
 
 # -- figures ---------------------------------------------------------------------------------------
@@ -224,7 +226,7 @@ def table_of(rows: list[Row], hints: Hints) -> ResultTable:
             "best to worst", lambda row: " to ".join(map(_number, (row["best"], row["worst"])))
         ),
         *(
-            Column(f"to {t:g} %: seconds, M frames (runs)", partial(_time, f"{t:g}"))
+            Column(f"to {t:g} %: seconds, frames (runs)", partial(_time, f"{t:g}"))
             for t in THRESHOLDS
         ),
         Column(f"log-rank p, to {hints.threshold:g} %", lambda row: _p(row["p_time"])),
@@ -253,7 +255,8 @@ def _time(threshold: str, row: Row) -> str:
     seconds, frames = row[f"seconds_to_{threshold}"], row[f"frames_to_{threshold}"]
     if not np.isfinite(seconds):
         return f"not reached {count}"
-    return f"{seconds:.0f}, {frames / 1e6:.1f} {count}"
+    scale, unit = (1e6, "M") if frames >= 1e6 else (1e3, "k")
+    return f"{_number(seconds)}, {_number(frames / scale)} {unit} {count}"
 
 
 def _with_interval(name: str, row: Row) -> str:
@@ -267,6 +270,22 @@ def _number(value: float) -> str:
         return "never"
     size = abs(value)
     return f"{value:.0f}" if size >= 100 else f"{value:.1f}" if size >= 10 else f"{value:z.2f}"
+
+
+def same_results(variants: VariantCurves) -> list[str]:
+    """A sentence for each pair of variants with equal results in all evaluations of all runs."""
+
+    def results(curves: list[Curve]) -> list[Any]:
+        found = [(c.task, c.seed, *c.frames.tolist(), *c.shortfall.tolist()) for c in curves]
+        return sorted(found)
+
+    return [
+        f"{in_markdown(f'Variants {one} and {other}')} have equal results in all evaluations of "
+        "all runs: their settings make no difference here, and they count as one variant. Change "
+        "one of them, or leave it out."
+        for one, other in combinations(variants, 2)
+        if results(variants[one]) == results(variants[other])
+    ]
 
 
 def sentences(study: FinishedStudy, hints: Hints) -> list[str]:
@@ -287,6 +306,9 @@ def sentences(study: FinishedStudy, hints: Hints) -> list[str]:
         "at or below the gap, medians over runs; runs that did not reach it count as infinite, and "
         "are censored in the log-rank test (of frames, stratified by task). Optimality: optimum / "
         "steps (evaders: steps / optimum), averaged over the frames of training.",
+        "Frames on the hardest stage: share of the training frames that the curriculum gave to the "
+        f"evaluated task; below {100 * SPENT:.0f} % is marked, as such a variant had less of the "
+        "budget for that task.",
     ]
     if hints.primary is None:
         lines.append("The ablation file names no primary variant, so all p are corrected.")

@@ -28,7 +28,7 @@ from train.experiments.search import draw_samples
 from train.experiments.study import Study, TrainingRun, job_name
 from train.runs.folder import RUN
 from train.schemas import read_as
-from train.settings.checks import check
+from train.settings.checks import check, check_choice
 from train.settings.self_play import ROLES
 
 EXPERIMENTS = Path(__file__).with_name("files")
@@ -102,7 +102,7 @@ def choose_version(file: SweepFile, version: str | None) -> SweepFile:
 def multiply_out(file: SweepFile, stem: str) -> Study:
     """All combinations as validated settings."""
     kind = RUN if file.kind is None else file.kind
-    check(kind in KINDS, f"unknown kind {kind!r}; one of {', '.join(KINDS)}")
+    check_choice("kind", kind, KINDS)
     common, grid = file.settings or {}, file.grid or {}
     variants, seeds = file.variants, [0] if file.seeds is None else file.seeds
     check_table(common, "[settings]")

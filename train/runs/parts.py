@@ -26,6 +26,9 @@ from train.settings.task import AnyTask, in_maze
 from train.teaching.plan import Plan, plan_curriculum
 from train.teaching.teacher import Teacher
 
+FEWEST_ITERATIONS = 10
+"""A budget for fewer iterations of the learner is warned of."""
+
 
 @dataclass(frozen=True)
 class Parts:
@@ -80,6 +83,14 @@ def parts_of(settings: TrainSettings[Any], rank: int = 0) -> Parts:
                 "first gradient step; use more frames, or a lower learning_starts",
                 stacklevel=2,
             )
+    batch = hyper.num_games * getattr(hyper, "rollout_steps", 1)
+    if settings.frames is not None and settings.frames < FEWEST_ITERATIONS * batch:
+        warnings.warn(
+            f"frames={settings.frames} with {batch} frames an iteration (num_games × "
+            f"rollout_steps): fewer than {FEWEST_ITERATIONS} iterations of the learner; give "
+            f"frames={FEWEST_ITERATIONS * batch} or more, or a lower num_games",
+            stacklevel=2,
+        )
     world = world_of(settings.task)
     mazes = len(getattr(world.task, "mazes", ()))
     if mazes > 1 and settings.observation in NO_WALLS:

@@ -110,8 +110,9 @@ def enter(
         entries.append(Entry(title[name], role, policy))
     for name in filter(is_agent, names):
         epsilon = opponent_epsilon if name == "astar" else 0.0
+        shown = title[name] + (f" (epsilon {epsilon:g})" if epsilon and not called else "")
         for role in roles_of_agent(name, task):
-            entries.append(Entry(title[name], role, named_policy(name, task, role, epsilon)))
+            entries.append(Entry(shown, role, named_policy(name, task, role, epsilon)))
     for role in ROLES:
         check(
             any(entry.role == role for entry in entries),

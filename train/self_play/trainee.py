@@ -31,6 +31,7 @@ from train.runs.loop import Budget, Clock, Objective, Run
 from train.runs.threads import check_device, prepare_torch
 from train.runs.training_state import policy_memories, restore_policy_memories
 from train.self_play.averages import averages_of
+from train.self_play.diversity import diversity_of
 from train.self_play.metrics import (
     exact_best_responses,
     exploited,
@@ -250,16 +251,17 @@ class SelfPlay:
             "mixtures": self.mixtures,
         }
         if any(self.task.hides_from(agent) for agent in self.task.agent_names):
-            content["limited_sight"] = True  # best responses and values have full view
+            content["limited_view"] = True  # best responses and values have full view
         exact = "nash_conv" in content["evaluation"]
         if not exact and not is_exact_team(self.task, pair, MAX_FINAL_WORK):
             self.tell("NashConv of the whole game", 0.0)
             content["whole_game"] = whole_game(self.task, pair, self.parts.discount)
-        everything = not content.get("limited_sight")
+        everything = not content.get("limited_view")
         if exact and everything and not interrupted and self.task.max_cells <= MOST_AVERAGED_CELLS:
             kept = {role: self.pools[role].snapshots for role in self.sides}
             discount = self.parts.discount
             content["averages"] = averages_of(self.task, discount, kept, self.mixtures)
+            content["diversity"] = diversity_of(self.task, discount, kept)
         if is_exact_team(self.task, pair, MAX_FINAL_WORK):
             learned = {role: pair[role] for role in self.sides}
             content["exact_best_response"] = exact_best_responses(self.task, learned, self.tell)

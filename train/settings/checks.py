@@ -14,6 +14,8 @@ from functools import cache
 from math import inf
 from typing import Annotated, Any, get_type_hints
 
+from pursuit.validation import unknown
+
 
 def check(condition: bool, message: str) -> None:
     """Raise ValueError(message) unless `condition`."""
@@ -34,7 +36,7 @@ def check_default(settings: Any, default: Any, names: Iterable[str], why: str) -
 def check_choice(what: str, value: object, choices: Iterable[str]) -> None:
     """ValueError unless `value` is one of `choices`; the message lists them."""
     known = tuple(choices)
-    check(value in known, f"unknown {what} {value!r}; one of {', '.join(known)}")
+    check(value in known, unknown(what, value, known))
 
 
 # -- rules of fields -------------------------------------------------------------------------------

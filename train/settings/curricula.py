@@ -281,9 +281,9 @@ class MazeReplaySettings(CurriculumSettings):
     """Temperature of the prioritisation. A low one replays only the highest scores."""
     staleness: Share = 0.1
     """Weight of mazes that were not scored recently."""
-    judged: Annotated[int, at_least(1)] = 8
+    num_scored: Annotated[int, at_least(1)] = 8
     """Number of mazes in each exact scoring."""
-    judge_every: Annotated[int, at_least(1)] = 25_000
+    score_every: Annotated[int, at_least(1)] = 25_000
     """Frames between two scorings."""
 
 

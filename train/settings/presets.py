@@ -22,7 +22,7 @@ from train.settings.algorithms import (
     TD3Settings,
     hyperparameter_form,
 )
-from train.settings.checks import check
+from train.settings.checks import check, check_choice
 from train.settings.curricula import CurriculumSettings, ScheduleSettings, curriculum_form
 
 TUNED = "tuned"
@@ -218,7 +218,7 @@ def preset_algorithm(preset: str) -> str | None:
     Raises:
         ValueError: an unknown preset.
     """
-    check(preset in PRESETS, f"unknown preset {preset!r}; one of {', '.join(PRESETS)}")
+    check_choice("preset", preset, PRESETS)
     return None if preset == TUNED else preset.removeprefix("thesis-").removeprefix("reacher-")
 
 

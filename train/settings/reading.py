@@ -5,11 +5,11 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import fields
-from difflib import get_close_matches
 from typing import Any, TypeVar, get_type_hints
 
 import msgspec
 
+from pursuit.validation import did_you_mean
 from train.settings.checks import check, rules_of
 from train.settings.common import RunSettings
 
@@ -27,6 +27,10 @@ INNER = frozenset({"task", "hyper", "lessons", "chaser_hyper", "evader_hyper"})
 """Fields of run settings that are themselves settings."""
 
 
+RENAMED = {"judged": "num_scored", "judge_every": "score_every"}
+"""Former names of settings: the new ones, for messages."""
+
+
 def names_of(*forms: type[Any]) -> list[str]:
     """The names of the fields of these dataclasses that are plain values."""
     return [
@@ -38,14 +42,14 @@ def names_of(*forms: type[Any]) -> list[str]:
 
 
 def check_names(given: Iterable[str], known: Iterable[str], where: str = "") -> None:
-    """ValueError for an unknown name, with the closest known one."""
+    """ValueError for an unknown name, with the closest known one, or else with all of them."""
     names = sorted(known)
     for name in given:
-        close = get_close_matches(name, names, 1)
+        new = RENAMED.get(name)
+        near = f"; it was renamed, give {new}" if new in names else did_you_mean(name, names)
         check(
             name in names,
-            f"unknown setting {name!r}{where}"
-            + (f"; did you mean {close[0]!r}?" if close else f"; one of {', '.join(names)}"),
+            f"unknown setting {name!r}{where}" + (near or f"; one of {', '.join(names)}"),
         )
 
 

@@ -102,6 +102,13 @@ def plan_curriculum(
                 "effect; give easiest and hardest, or a harder task",
                 stacklevel=2,
             )
+        if isinstance(settings, ShuffledSettings) and len(axis.stages(settings.num_stages)) == 2:
+            warnings.warn(
+                f"curriculum {name!r} has two stages, so half of the seeds have the order of a "
+                "curriculum from easy to hard, and the same run; give an axis or ends with at "
+                "least three values",
+                stacklevel=2,
+            )
         if isinstance(settings, ScheduleSettings):
             for _, value in settings.points():  # raises for values that are not allowed
                 axis_of(varied, context, replace(settings, easiest=value))
@@ -214,7 +221,7 @@ def _scheduled(settings: ScheduleSettings, axis: Axis, seed: int) -> Curriculum:
 
 def _pool(settings: MazeReplaySettings, axis: Axis, seed: int) -> Curriculum:
     rest = (settings.replay_share, settings.level_temperature, settings.staleness)
-    return PoolReplay(len(axis.mazes), settings.judged, *rest)
+    return PoolReplay(len(axis.mazes), settings.num_scored, *rest)
 
 
 CURRICULUM_MAKERS: dict[type[CurriculumSettings], Callable[[Any, Any, int], Curriculum]] = {

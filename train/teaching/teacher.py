@@ -61,10 +61,10 @@ class Teacher(EpisodeHook):
         self.name, self.axis = plan.name, plan.axis
         self.curriculum, self.simulator, self.metrics = plan.curriculum(), simulator, metrics
         self.solved_within = plan.settings.solved_within
-        self.scorer, self.judge_every = plan.scorer, 0
+        self.scorer, self.score_every = plan.scorer, 0
         self.scored_policy: Any = None
         if isinstance(plan.settings, MazeReplaySettings):
-            self.judge_every = plan.settings.judge_every
+            self.score_every = plan.settings.score_every
         self.wants_advantages = plan.settings.needs_advantages
         self.rng = np.random.default_rng([plan.seed, 0xC0551])
         games = simulator.num_games
@@ -158,7 +158,7 @@ class Teacher(EpisodeHook):
         """
         if self.scorer is not None and self.scored_policy is not None:
             pool: Any = self.curriculum
-            if frames >= pool.rounds * self.judge_every:
+            if frames >= pool.rounds * self.score_every:
                 mazes = pool.to_score(self.rng)
                 pool.note(mazes, self.scorer.scores(self.scored_policy, mazes))
         self._collect()

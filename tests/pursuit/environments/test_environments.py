@@ -297,7 +297,7 @@ def test_bad_seeds(seed: Any) -> None:
         ({"positions": [0, 1], "goals": [3]}, "this task has no goals"),
         (5, "options=5; give a dict"),
         ({"positions": [3, 3]}, "start in the same cell"),
-        ({"postions": [0, 1]}, "unknown option 'postions'; the options of reset are positions, g"),
+        ({"postions": [0, 1]}, "unknown option 'postions' .did you mean 'positions'"),
         ({"goals": [3]}, "give positions too"),
     ],
 )

@@ -117,6 +117,17 @@ def test_an_arm_has_no_optimum_where_only_a_bound_is_known() -> None:
     )  # fmt: skip
     assert found.optimal_steps is None and found.gap is None and found.optimum is None
     assert found.mean == found.mean_steps > 1.0
+    assert found.why_no_optimum == "discrete actions; only a lower bound of the steps is known"
+
+
+def test_the_reason_is_given_where_no_optimum_is_known() -> None:
+    found = pursuit.evaluate(AStarChaser(), "chase", episodes=20, view_radius=1, maze="3x3")
+    assert found.optimum is None and found.why_no_optimum == "limited view"
+    large = {"maze": "15x15", "num_chasers": 4, "num_evaders": 4}
+    found = pursuit.evaluate(AStarChaser(), "chase", episodes=4, **large)
+    assert found.optimum is None and "states" in str(found.why_no_optimum)
+    known = pursuit.evaluate(AStarChaser(), "chase", episodes=20, maze="3x3")
+    assert known.optimum is not None and known.why_no_optimum is None
 
 
 @pytest.mark.parametrize(

@@ -96,10 +96,10 @@ def test_in_suites_the_optimum_of_full_sight_is_called_that(exact: bool) -> None
     assert "optimality_gap" not in summary_of(contest, found[0])
 
 
-def test_a_nash_conv_under_limited_sight_is_called_a_bound() -> None:
+def test_a_nash_conv_under_a_limited_view_is_called_a_bound() -> None:
     results: dict[str, Any] = {"evaluation": {"nash_conv": 1.0}, "frames": 1, "seconds": 1.0}
     assert "0 is an equilibrium" in describe_exploitability(results)[0]
-    told = describe_exploitability({**results, "limited_sight": True})[0]
+    told = describe_exploitability({**results, "limited_view": True})[0]
     assert "0 is an equilibrium" not in told and "full view" in told
 
 

@@ -19,7 +19,7 @@ from scipy.stats import mannwhitneyu
 from train.commands.main import main
 from train.experiments import ablation_report
 from train.experiments.ablation import ABLATIONS, load_ablation
-from train.experiments.ablation_report import correct, summary, verdict
+from train.experiments.ablation_report import correct, same_results, summary, verdict
 from train.experiments.forms import Hints
 from train.experiments.learning_curves import Curve
 from train.experiments.report import report_on
@@ -292,6 +292,12 @@ def test_bad_files_are_refused_before_anything_runs(
         load_ablation(write(tmp_path / "bad.toml", TINY.replace(old, new)))
 
 
+def test_variants_with_equal_results_are_named() -> None:
+    one, other = [curve([30.0, 5.0], seed) for seed in (1, 2)], [curve([30.0, 4.0], 1)]
+    (said,) = same_results({"none": one, "shuffled": one[::-1], "linear": [*other, one[1]]})
+    assert said.startswith("Variants none and shuffled have equal results")
+
+
 @pytest.fixture(scope="module")
 def ablated(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a complete ablation: four runs, each a process."""
@@ -310,7 +316,7 @@ def test_an_ablation_runs_reports_and_is_not_repeated(
         assert re.search(rf"\| {variant} \| [^|]+ \| 2 \|", text)
     assert "control |" in text and "P(better than none)" in text
     assert "Budget per run: 6,000 frames." in text
-    assert "frames on the hardest stage" in text
+    assert "frames on the hardest stage" in text and "below 80 % is marked" in text
     for name in ("final.png", "variants.png"):
         assert (out / "report" / name).stat().st_size > 15_000
     stamps = {p: p.stat().st_mtime_ns for p in out.glob("runs/*/results.json")}

@@ -146,7 +146,7 @@ def test_a_random_search_is_drawn_once_and_in_its_ranges(tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("[grid]", "[grids]", "unknown field 'grids', did you mean 'grid'"),
+        ("[grid]", "[grids]", "unknown field 'grids' .did you mean 'grid'"),
         ('["2x2", "3x3"]', "[]", "maze is an empty list"),
         ("[0, 1]", "[]", "seeds is an empty list"),
         ("num_games = 32", "num_gamse = 32", "did you mean 'num_games'"),

@@ -40,7 +40,7 @@ SUITE = {
     "maze": "suite:5x5-train/0-9",
     "observation": "planes",
     "max_steps": 12,
-    "judge_every": 200,
+    "score_every": 200,
 }
 ARM = {"task": "reacher", "joints": 2, "max_steps": 12}
 FRAMES = 900

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import warnings
 from dataclasses import asdict, dataclass, replace
 from typing import Annotated, Any
 
@@ -105,7 +106,17 @@ def test_names_and_files_are_read_with_the_same_messages(given: dict[str, Any], 
     assert told.startswith("a/config.json: ") and said in told and told.endswith("from a copy")
 
 
-@pytest.mark.filterwarnings("ignore:.*the run ends before the first gradient step")
+def test_a_budget_for_few_iterations_is_warned_of() -> None:
+    given: dict[str, Any] = {"task": "maze", "maze": "3x3", "num_games": 8, "rollout_steps": 4}
+    given["minibatch_size"] = 32
+    with pytest.warns(UserWarning, match=r"frames=319 with 32 frames an iteration.*frames=320"):
+        settings_of(frames=319, **given)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        settings_of(frames=320, **given)
+
+
+@pytest.mark.filterwarnings("ignore:.*(the run ends before|fewer than 10 iterations)")
 def test_what_is_saved_is_read_back() -> None:
     lessons = {"curriculum": "level-replay", "level_score": "learnability", "solved_within": 0.0}
     for flat in ({}, {"algorithm": "dqn"}, {"task": "reacher", "algorithm": "td3"}, lessons):

@@ -29,7 +29,7 @@ def judge(pool: PoolReplay, scores: np.ndarray[Any, Any], rng: np.random.Generat
 
 
 def test_every_level_is_judged_before_any_is_judged_again() -> None:
-    pool, rng = PoolReplay(20, judged=5), np.random.default_rng(0)
+    pool, rng = PoolReplay(20, num_scored=5), np.random.default_rng(0)
     scores = np.arange(20.0)
     seen = [level for _ in range(4) for level in judge(pool, scores, rng)]
     assert sorted(seen) == list(range(20))
@@ -38,7 +38,7 @@ def test_every_level_is_judged_before_any_is_judged_again() -> None:
 
 def test_hard_levels_are_replayed_by_rank_and_the_rest_is_uniform() -> None:
     pool, rng = PoolReplay(10, 10, replay_share=0.5, staleness=0.0), np.random.default_rng(1)
-    assert set(pool.sample(2000, rng)) == set(range(10))  # nothing is judged yet
+    assert set(pool.sample(2000, rng)) == set(range(10))  # nothing is scored yet
     judge(pool, np.arange(10.0), rng)
     ranks = np.arange(10, 0, -1.0) ** (-1 / 0.3)
     expected = 0.5 / 10 + 0.5 * ranks / ranks.sum()
@@ -57,15 +57,15 @@ def test_the_pool_goes_on_from_its_state() -> None:
     assert (pool.to_score(first) == copy.to_score(second)).all()
     with pytest.raises(ValueError, match="scores of 8 levels, and this pool has 2"):
         PoolReplay(2).load_state_dict(pool.state_dict())
-    with pytest.raises(ValueError, match="judged_at of 6 levels, and this pool has 8"):
-        copy.load_state_dict({**pool.state_dict(), "judged_at": np.zeros(6, dtype=np.int64)})
+    with pytest.raises(ValueError, match="scored_at of 6 levels, and this pool has 8"):
+        copy.load_state_dict({**pool.state_dict(), "scored_at": np.zeros(6, dtype=np.int64)})
 
 
 @pytest.mark.parametrize(
     ("changed", "rule"),
     [
         ({"levels": 0}, "at least 1 level"),
-        ({"judged": 0}, "at least 1 level"),
+        ({"num_scored": 0}, "at least 1 level"),
         ({"replay_share": 1.5}, "in \\[0, 1\\]"),
         ({"temperature": 0.0}, "above 0"),
     ],
@@ -140,7 +140,7 @@ SMALL: dict[str, Any] = {
     "name", [pytest.param("maze-replay", marks=pytest.mark.slow), "maze-learnability"]
 )
 def test_a_run_judges_its_mazes_and_plays_the_hard_ones(name: str, tmp_path: Path) -> None:
-    settings = settings_of(**SMALL, curriculum=name, judge_every=250, judged=4)
+    settings = settings_of(**SMALL, curriculum=name, score_every=250, num_scored=4)
     run = start(RUN, settings, tmp_path / "run")
     run.train()
     teacher = run.trainee.teacher
@@ -157,3 +157,9 @@ def test_a_memory_is_refused_before_anything_is_made(memory: dict[str, Any]) -> 
     flat = {"task": "maze", "maze": "suite:5x5-train/0-3", "num_goals": 1, "frames": 1000}
     with pytest.raises(ValueError, match="leave out recurrent and frame_stack"):
         parts_of(settings_of(**flat, curriculum="maze-replay", **memory))
+
+
+def test_former_names_of_settings_are_refused_with_the_new_ones() -> None:
+    for old, new in (("judged", "num_scored"), ("judge_every", "score_every")):
+        with pytest.raises(ValueError, match=f"unknown setting {old!r}.*renamed, give {new}"):
+            settings_of(**SMALL, curriculum="maze-replay", **{old: 4})

@@ -170,6 +170,12 @@ def test_every_axis_turns_what_it_says_up_to_the_task_itself(axis: str, tmp_path
     assert all(row["reason"].startswith("linear schedule at") for row in log)
 
 
+def test_two_shuffled_stages_are_warned_of() -> None:
+    given = {**MAZE, "curriculum": "shuffled", "axis": "num-goals"}
+    with pytest.warns(UserWarning, match="'shuffled' has two stages, so half of the seeds"):
+        settings_of(**{**given, "num_goals": 2})
+
+
 @pytest.mark.parametrize(
     "name",
     [

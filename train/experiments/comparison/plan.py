@@ -266,7 +266,7 @@ def comparison_of(file: ComparisonFile, version: Version) -> Comparison:
     wanted = version.tasks or list(known)
     check_once("tasks", wanted)
     for name in wanted:
-        check(name in known, f"unknown task {name!r}; one of {', '.join(known)}")
+        check_choice("task", name, known)
     tasks = tuple(compared_task(known[name], version.held_out) for name in wanted)
     for one, other in combinations(tasks, 2):
         same = f"tasks {one.name!r} and {other.name!r} are the same; leave one out"

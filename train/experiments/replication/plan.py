@@ -10,6 +10,7 @@ from pathlib import Path
 import msgspec
 
 from pursuit.mazes.maze import Maze
+from pursuit.validation import unknown
 from train.experiments.ablation import load_ablation
 from train.experiments.forms import REMEDY, VERSIONS, SweepFile, Table
 from train.experiments.replication.rules import PARTS, RULES, TO, cells_of
@@ -52,7 +53,7 @@ class Claim(msgspec.Struct, forbid_unknown_fields=True):
     than: list[Table] = []
     to: str = "optimal"
     percent: float = 0.0
-    part: str = "floor"
+    part: str = "objective"
     cause: dict[str, str] = {}
 
     def __post_init__(self) -> None:
@@ -188,7 +189,7 @@ def load_replication(
     check_choice("version", version, VERSIONS)
     ids = [study.id for study in found.studies]
     for name in set(wanted) - {"all"}:
-        check(name in ids, f"unknown study {name!r}; give all, or some of {', '.join(ids)}")
+        check(name in ids, unknown("study", name, ids, "give all, or some of"))
     chosen = [s for s in found.studies if ("all" in wanted or s.id in wanted)]
     for study in chosen if "all" not in wanted else ():
         check(

@@ -47,7 +47,7 @@ from train.reports.tables import Column, ResultTable, Row, in_markdown, plain_ta
 PAGE = "replication.md"
 PICTURES = ("final.png", "learning_curves.png")
 """Figures of a study's report; the first one that exists is shown."""
-PART_WORDS = {"floor": "objective gap", "learning": "not learned", "loops": "loops"}
+PART_WORDS = {"objective": "objective gap", "learning": "not learned", "loops": "loops"}
 SIDES = {True: "for", False: "against"}
 HOW = f"""## How claims are decided
 

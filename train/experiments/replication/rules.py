@@ -27,7 +27,7 @@ FALL = 0.01
 TO = {"optimal": "optimal_steps", "scripted": "scripted_steps", "limit": "max_steps"}
 """Columns of references in the table of runs."""
 
-PARTS = ("floor", "learning", "loops")
+PARTS = ("objective", "learning", "loops")
 """Parts of a gap, see `part_of`."""
 
 Cell = dict[str, Any]
@@ -97,12 +97,12 @@ def worse_by(run: Ran, to: str) -> float:
 def part_of(run: Ran, part: str) -> float:
     """The share of one part (`PARTS`) in the gap of a run, in per cent.
 
-    "floor" is the objective gap, "loops" the gap added by unsolved starts, "learning" the rest.
+    "objective" is the objective gap, "loops" the gap added by unsolved starts, "learning" the rest.
     0 if there is no gap.
     """
     gap, solved = run.number("optimality_gap"), run.number("solved_gap")
     floor = run.number("objective_gap")
-    parts = {"floor": floor, "loops": gap - solved, "learning": solved - floor}
+    parts = {"objective": floor, "loops": gap - solved, "learning": solved - floor}
     return 100.0 * parts[part] / gap if gap > 0.0 else 0.0
 
 
