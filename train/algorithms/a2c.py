@@ -55,7 +55,7 @@ class A2C(RolloutLearner):
         coefficients = LossCoefficients(
             math.inf,
             settings.value_coef if settings.critic else None,
-            self.annealed(settings.entropy_coef, progress),
+            self.annealed(settings.entropy_coef, progress, settings.entropy_end),
             settings.standardize_advantages,
         )
         figures = self.update.set_gradients(self.collect(), coefficients)
@@ -136,7 +136,7 @@ class Reinforce(NetworkLearner):
         coefficients = LossCoefficients(
             math.inf,
             settings.value_coef if settings.baseline else None,
-            self.annealed(settings.entropy_coef, progress),
+            self.annealed(settings.entropy_coef, progress, settings.entropy_end),
         )
         loss, figures = a2c_loss(self.network, frames, coefficients)
         self.descend(loss)

@@ -207,9 +207,9 @@ class NetworkLearner:
         """The form of the gradient steps: "torch", or "fused" kernels."""
         return "torch"
 
-    def annealed(self, value: float, progress: float) -> float:
-        """`value` annealed linearly to 0 if the settings say so."""
-        return linear(value, 0.0, progress) if self._descent.anneal else value
+    def annealed(self, value: float, progress: float, end: float = 0.0) -> float:
+        """`value` annealed linearly to `end` if the settings say so."""
+        return linear(value, end, progress) if self._descent.anneal else value
 
     def descend(self, loss: torch.Tensor) -> None:
         """One step of Adam, with the gradient clipped to the norm `max_grad_norm`."""

@@ -69,7 +69,8 @@ class PPO(RolloutLearner):
         coefficients = LossCoefficients(
             settings.clip,
             settings.value_coef if settings.critic else None,
-            self.annealed(settings.entropy_coef, progress),
+            self.annealed(settings.entropy_coef, progress, settings.entropy_end),
+            settings.standardize_advantages,
             kl_coef=self.kl_coef,
         )
         frames = self.collect()  # with advantages
@@ -118,9 +119,9 @@ def ppo_loss(
 ) -> tuple[torch.Tensor, Figures]:
     """The clipped surrogate objective with value loss and entropy bonus, to be minimised.
 
-    Equal to TorchRL's `ClipPPOLoss` with `normalize_advantage=True` and squared value errors
-    (tested), which has a fixed cost that slowed training of 128x128 networks to 0.7. With
-    `kl_coef` the penalty of `KLPENPPOLoss` is added, as in RLlib's PPO.
+    Equal to TorchRL's `ClipPPOLoss` with squared value errors, and advantages standardised as the
+    coefficients say (tested); that has a fixed cost which slowed training of 128x128 networks to
+    0.7. With `kl_coef` the penalty of `KLPENPPOLoss` is added, as in RLlib's PPO.
 
     Args:
         network: policy and value.

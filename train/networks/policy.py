@@ -104,6 +104,7 @@ class Seat:
         mask_bumps: whether moves into walls are masked, in training and evaluation.
         frame_stack: number of stacked observations.
         network: its network, by the name in the settings.
+        min_probability: its policies never play actions of lower probability, unless greedy.
     """
 
     task: Task
@@ -112,6 +113,7 @@ class Seat:
     mask_bumps: bool = False
     frame_stack: int = 1
     network: str = "auto"
+    min_probability: float = 0.0
     continuous: ClassVar[bool] = False
 
     @property
@@ -211,7 +213,7 @@ class NetworkPolicy:
         device = next(self.network.parameters()).device
         with torch.no_grad():
             logits = self.network.logits(torch.from_numpy(observations).to(device))
-        return probabilities_of(logits, allowed, self.greedy)
+        return probabilities_of(logits, allowed, self.greedy, self.seat.min_probability)
 
     def act(self, view: GameView) -> NDArray[np.int32]:
         """[num_games] int32: actions; draws use the random stream of the view.

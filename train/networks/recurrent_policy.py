@@ -15,15 +15,22 @@ from train.networks.frames import FrameStack, shift
 
 
 def probabilities_of(
-    logits: torch.Tensor, allowed: NDArray[np.bool_] | None, greedy: bool
+    logits: torch.Tensor, allowed: NDArray[np.bool_] | None, greedy: bool, least: float = 0.0
 ) -> NDArray[np.float64]:
-    """[..., actions] float64: the action probabilities; one-hot for a greedy policy."""
+    """[..., actions] float64: the action probabilities; one-hot for a greedy policy.
+
+    Probabilities below `least` are set to 0, and the others scaled to sum 1.
+    """
     if allowed is not None:
         logits = masked(logits, torch.from_numpy(allowed).to(logits.device))
     if greedy:
         chosen = torch.nn.functional.one_hot(logits.argmax(dim=-1), logits.shape[-1])
         return chosen.cpu().double().numpy()
-    return logits.double().softmax(dim=-1).cpu().numpy()
+    found = logits.double().softmax(dim=-1)
+    if least > 0.0:
+        found = found.where(found >= least, 0.0)
+        found = found / found.sum(dim=-1, keepdim=True)
+    return found.cpu().numpy()
 
 
 def chosen_from(
@@ -140,5 +147,6 @@ class RecurrentPolicy:
                 kept["state"][rows] = state.cpu().numpy()
             else:
                 logits = self.network.logits(given)
-        found = probabilities_of(logits, self.seat.masks(view), self.greedy)
+        allowed, least = self.seat.masks(view), self.seat.min_probability
+        found = probabilities_of(logits, allowed, self.greedy, least)
         return chosen_from(found, None if self.greedy else view.uniform())

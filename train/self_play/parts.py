@@ -109,6 +109,7 @@ def self_play_parts(settings: SelfPlaySettings) -> SelfPlayParts:
             discount,
             # Returns of up to 1 / (1 - gamma) steps would make the value loss dominate.
             1.0 - discount if settings.task.rewards == "zero_sum" else 1.0,
+            settings.min_probability,
         )
     return SelfPlayParts(task, sides, frozen, scripted, discount)
 

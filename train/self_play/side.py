@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -80,6 +80,7 @@ class SideParts:
         algorithm, hyper, build: the algorithm, its hyperparameters, and its build options.
         discount: of the exact game.
         scale: of the rewards.
+        min_probability: of actions of the evaluated policy.
     """
 
     seat: Seat
@@ -88,6 +89,7 @@ class SideParts:
     build: Build
     discount: float
     scale: float
+    min_probability: float
 
 
 class Side:
@@ -139,6 +141,11 @@ class Side:
     def greedy(self) -> bool:
         """Whether it plays greedily during training: for algorithms without a distribution."""
         return not self.parts.algorithm.learns_distribution
+
+    def evaluated_policy(self) -> Policy:
+        """The policy as it is now, in float32 and without improbable actions."""
+        seat = replace(self.parts.seat, min_probability=self.parts.min_probability)
+        return self.parts.algorithm.load(self.parts.hyper, seat, self.snapshot(), self.greedy)
 
     def policy(self) -> Policy:
         """The policy of training."""

@@ -123,8 +123,9 @@ class SelfPlay:
         return sum(side.learner.frames for side in self.sides.values())
 
     def policy(self, role: str) -> Policy:
-        """The current policy of a role."""
-        return self.pools[role].members[0].policy
+        """The policy of a role that is evaluated (see `Side.evaluated_policy`)."""
+        side = self.sides.get(role)
+        return self.parts.frozen[role] if side is None else side.evaluated_policy()
 
     def iterate(self, clock: Clock) -> dict[str, float]:
         """One iteration of every learner; adds snapshots when they are due."""

@@ -37,6 +37,8 @@ class ActorCriticSettings(NetworkSettings):
 
     entropy_coef: NotNegative = 0.01
     """Initial weight of the entropy bonus."""
+    entropy_end: NotNegative = 0.0
+    """Weight of the entropy bonus at the end of training; see `anneal`."""
     value_coef: NotNegative = 0.5
     """Weight of the value loss."""
     shared: bool = True
@@ -76,6 +78,9 @@ class RolloutSettings(ActorCriticSettings):
     """Steps of every game in a rollout."""
     gae_lambda: Share = 0.9
     """Lambda of generalised advantage estimation."""
+    standardize_advantages: bool = True
+    """Scale advantages to mean 0 and standard deviation 1: in each minibatch (ppo), in each rollout
+    (a2c)."""
 
 
 @dataclass(frozen=True)
@@ -105,7 +110,7 @@ class PPOSettings(RolloutSettings):
             f"rollout_steps = {frames} frames; lower it",
         )
         check(
-            self.minibatch_size > 1,
+            self.minibatch_size > 1 or not self.standardize_advantages,
             f"minibatch_size={self.minibatch_size} is too small: advantages are standardised in "
             "each minibatch, which needs at least 2 frames; raise it",
         )
@@ -126,8 +131,6 @@ class A2CSettings(RolloutSettings):
     value."""
     critic: bool = True
     """Learn a value function. Without it, returns end with the rollout and have no baseline."""
-    standardize_advantages: bool = True
-    """Scale the advantages of each rollout to mean 0 and standard deviation 1."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -37,6 +37,10 @@ def with_memory(given: Mapping[str, Any]) -> dict[str, Any]:
     return {**given, "network": "auto", "recurrent": given.get("recurrent") or "gru"}
 
 
+MinProbability = Annotated[
+    float,
+    rule(lambda value: 0 <= value <= 0.2, "give 0 to 0.2, so that one of five actions is left"),
+]
 FrameStack = Annotated[
     int,
     rule(lambda value: 1 <= value <= MOST_FRAMES, f"give 1 (no stacking) to {MOST_FRAMES}"),
@@ -54,6 +58,9 @@ class RunSettings(Settings):
     frame_stack: FrameStack = 1
     """Number of latest observations that the network receives; zeros before the first step of an
     episode."""
+    min_probability: MinProbability = 0.0
+    """Actions of lower probability are not played when a sampled policy is evaluated or loaded
+    (Perolat et al., 2022); training is unaffected."""
     seconds: float | None = None
     """Budget of training time in seconds, without evaluations."""
     clock: Annotated[str, one_of(*CLOCKS)] = "wall"

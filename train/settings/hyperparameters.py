@@ -34,7 +34,7 @@ class NetworkSettings(Hyperparameters):
     learning_rate: Positive = 1e-2
     """Initial learning rate of Adam."""
     anneal: bool = True
-    """Anneal learning rate and entropy bonus linearly to 0."""
+    """Anneal the learning rate linearly to 0, and the entropy bonus to `entropy_end`."""
     max_grad_norm: Positive = 0.5
     """Gradients are clipped to this norm."""
     adam_epsilon: Positive = 1e-8
