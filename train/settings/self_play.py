@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from inspect import signature
 from typing import Annotated, Any
 
 from pursuit.observations.custom import check_observation
@@ -16,8 +17,23 @@ from train.settings.task import TaskSettings
 ROLES = ("chaser", "evader")
 LEARN = "learn"
 SAMPLING = ("latest", "window", "uniform", "pfsp", "double-oracle")
+
+
+def is_sampling_rule(given: Any) -> bool:
+    """Whether an object can be called with a pool, its payoffs and the progress."""
+    try:
+        signature(given).bind(None, None, 0.0)
+    except (TypeError, ValueError):
+        return False
+    return callable(given)
+
+
 SAMPLING_PARTS: Registry[Any] = Registry(
-    "sampling", "a function (pool) -> weights of its members", callable, "sampling", SAMPLING
+    "sampling",
+    "a function (pool, payoffs, progress) -> probabilities of the members of the pool",
+    is_sampling_rule,
+    "sampling",
+    SAMPLING,
 )
 """User-defined rules for sampling opponents."""
 FORMER = {"psro": "double-oracle"}

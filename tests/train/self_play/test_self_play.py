@@ -142,8 +142,8 @@ def test_payoffs_of_double_oracle_are_those_of_the_discounted_game(tmp_path: Pat
         {member.name: member.policy for member in trainee.pools[role].members}
         for role in ("chaser", "evader")
     )
-    assert len(trainee.payoffs) == len(chasers.keys() - {"latest"}) ** 2 > 4
-    for (chaser, evader), payoff in trainee.payoffs.items():
+    assert len(trainee.payoffs.known) == len(chasers.keys() - {"latest"}) ** 2 > 4
+    for (chaser, evader), payoff in trainee.payoffs.known.items():
         tables = [table_in(task, who) for who in (chasers[chaser], evaders[evader])]
         values = exploitability(maze, *tables, discount=trainee.parts.discount).values
         assert payoff == pytest.approx(mean_over_starts(values, maze))
