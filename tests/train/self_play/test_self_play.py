@@ -251,6 +251,13 @@ def test_a_killed_run_resumes_bit_for_bit(tmp_path: Path, sampling: str) -> None
         go_on(tmp_path / "part")
 
 
+def test_an_evaluation_does_not_change_a_run(tmp_path: Path) -> None:
+    run = make_run(tmp_path / "run", frames=2000)
+    before = torch.get_rng_state()
+    run.trainee.evaluate()
+    assert torch.equal(torch.get_rng_state(), before)
+
+
 @pytest.mark.parametrize(
     "changes",
     [
