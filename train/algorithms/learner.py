@@ -113,6 +113,11 @@ class Build:
     seed: int = 0
     fused: bool = True
 
+    @property
+    def precision(self) -> str:
+        """Of the training: "bfloat16" or "float32"."""
+        return "bfloat16" if self.bfloat16 else "float32"
+
     def hidden(self, settings: NetworkSettings) -> Hidden:
         """The configuration of the hidden layers."""
         form: Any = None if self.first_layer == "auto" else self.first_layer

@@ -14,6 +14,7 @@ from pursuit.reacher.observations import space_of
 from pursuit.reacher.policy import ArmView
 from pursuit.reacher.task import ReacherTask
 from train.networks.features import Features, features_for
+from train.networks.layers import float32_inference
 from train.networks.policy import ActionNetwork, PolicyNetwork
 from train.networks.recurrent_policy import chosen_from, probabilities_of
 
@@ -92,7 +93,7 @@ class ArmNetworkPolicy:
             )
         observed = torch.from_numpy(view.observe(self.seat.encoding))
         device = next(self.network.parameters()).device
-        with torch.no_grad():
+        with float32_inference(self.network):
             if self.seat.continuous:
                 noise = None
                 if not self.greedy:

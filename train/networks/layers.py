@@ -7,8 +7,10 @@ selects the faster one.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import torch
@@ -221,7 +223,7 @@ class Trunk(nn.Module):
     def __init__(self, features: Features, hidden: Hidden) -> None:
         super().__init__()
         width = hidden.width
-        self.autocast_bfloat16, self.casts = hidden.bfloat16, False
+        self.autocast_bfloat16, self.dense = hidden.bfloat16, False
         if features.network:
             self.first, self.rest = Own(features, width), nn.Sequential()
             return
@@ -238,13 +240,13 @@ class Trunk(nn.Module):
         nn.init.zeros_(second.bias)
         between = nn.Tanh if hidden.activation == "tanh" else nn.ReLU
         self.first, self.rest = first, nn.Sequential(between(), second, between())
-        self.casts = hidden.bfloat16 and isinstance(first, IndexLayer) and first.form == "dense"
+        self.dense = isinstance(first, IndexLayer) and first.form == "dense"
 
     def prepare(self, observation: torch.Tensor) -> torch.Tensor:
         """The input of the first layer; without parameters, so computed once per rollout."""
         prepared = self.first.prepare(observation)
         # Zeros and ones are exact in bfloat16, which saves a cast in every pass.
-        return prepared.bfloat16() if self.casts else prepared
+        return prepared.bfloat16() if self.dense and self.autocast_bfloat16 else prepared
 
     def prepare_inference(self, observation: torch.Tensor) -> torch.Tensor:
         """As `prepare`, for passes without gradients: for the faster form of the first layer.
@@ -260,6 +262,23 @@ class Trunk(nn.Module):
         with torch.autocast(prepared.device.type, torch.bfloat16, enabled=self.autocast_bfloat16):
             hidden: torch.Tensor = self.rest(self.first(prepared))
         return hidden.float()
+
+
+@contextmanager
+def float32_inference(network: Any) -> Iterator[None]:
+    """Forward passes in float32, also of a network that is trained in bfloat16.
+
+    All policies use it, so that a policy in training acts as it does when loaded from its run.
+    """
+    rounded = [each for each in network.modules() if getattr(each, "autocast_bfloat16", False)]
+    for module in rounded:
+        module.autocast_bfloat16 = False
+    try:
+        with torch.no_grad():
+            yield
+    finally:
+        for module in rounded:
+            module.autocast_bfloat16 = True
 
 
 def head(width: int, outputs: int, gain: float) -> nn.Linear:

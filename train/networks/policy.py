@@ -23,6 +23,7 @@ from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task
 from train.networks.features import Features, features_for, features_of
 from train.networks.frames import stacked
+from train.networks.layers import float32_inference
 from train.networks.recurrent_policy import (
     RecurrentPolicy,
     check_looks,
@@ -40,6 +41,9 @@ NO_WALLS = ("index", "one_hot", "positions", "cells")
 
 class Network(Protocol):
     """A module with weights."""
+
+    def modules(self) -> Iterator[torch.nn.Module]:
+        """It and all its parts."""
 
     def parameters(self) -> Iterator[torch.nn.Parameter]:
         """All weights."""
@@ -211,7 +215,7 @@ class NetworkPolicy:
             allowed: [..., actions], the action mask; None allows all.
         """
         device = next(self.network.parameters()).device
-        with torch.no_grad():
+        with float32_inference(self.network):
             logits = self.network.logits(torch.from_numpy(observations).to(device))
         return probabilities_of(logits, allowed, self.greedy, self.seat.min_probability)
 

@@ -12,6 +12,7 @@ from pursuit.simulator.policy import GameView, Memory
 from pursuit.tasks.task import Task
 from train.networks.distributions import masked
 from train.networks.frames import FrameStack, shift
+from train.networks.layers import float32_inference
 
 
 def probabilities_of(
@@ -139,7 +140,7 @@ class RecurrentPolicy:
             observed = self._stack.seen(frames, observed)
             kept["frames"][rows] = frames
         device = next(self.network.parameters()).device
-        with torch.no_grad():
+        with float32_inference(self.network):
             given = torch.from_numpy(observed).to(device)
             if self._recurrent:
                 before = torch.from_numpy(kept["state"][rows]).to(device)

@@ -154,7 +154,7 @@ class SingleAgent:
             **({} if self.replica is None else {"processes": 2}),
             **evaluation_of(scores, self.evaluated, objective, certificate, contest),
             "device": build.device,
-            "precision": "bfloat16" if build.bfloat16 else "float32",
+            "precision": build.precision,
             **self._update(),
         }
 

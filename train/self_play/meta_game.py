@@ -77,10 +77,7 @@ class Payoffs:
         self.known = {p: v for p, v in self.known.items() if p[0] in chasers and p[1] in evaders}
 
     def mixtures(self) -> dict[str, dict[str, float]]:
-        """The Nash mixture of each role: shares by name.
-
-        Unlike in PSRO (Lanctot et al., 2017), the learners continue and are not initialised again.
-        """
+        """The Nash mixture of each role: shares by name."""
         found = zip(ROLES, nash_mixtures(self.matrix()), strict=True)
         return {r: dict(zip(self.names(r), mix.tolist(), strict=True)) for r, mix in found}
 

@@ -18,7 +18,7 @@ from train.networks.policy import NetworkPolicy
 from train.runs.folder import MISFITS
 from train.self_play.tables import CellTables
 from train.settings.checks import check
-from train.settings.self_play import SAMPLING_PARTS
+from train.settings.self_play import NASH_SAMPLING, SAMPLING_PARTS
 from train.tensors import read_tensors, write_tensors
 
 LATEST = "latest"
@@ -198,13 +198,14 @@ def weights(
         sampling: "latest": the current opponent. "window": uniform over that one and the last
             `window` snapshots. "uniform": uniform over all (fictitious self-play; Heinrich et al.,
             2015). "pfsp": by (1 - score) ** `power`, the learner's score against each: prioritised
-            fictitious self-play (Vinyals et al., 2019). "double-oracle": by `mixture`, a Nash
-            equilibrium of the payoff matrix (McMahan et al., 2003); until there is one, the latest.
-            Scripted members are included in all but "latest", in "double-oracle" by the mixture.
+            fictitious self-play (Vinyals et al., 2019). "double-oracle" and "psro": by
+            `mixture`, a Nash equilibrium of the payoff matrix (McMahan et al., 2003); until there
+            is one, the latest. Scripted members are included in all but "latest", in the last two
+            by the mixture.
             Any other name is a user-defined function (pool, payoffs, progress) -> [members].
         window: number of snapshots of "window".
         power: exponent of "pfsp"; larger values prefer stronger opponents.
-        mixture: [members] of "double-oracle".
+        mixture: [members] of "double-oracle" and "psro".
         payoffs: the `Payoffs` for a user-defined function.
         progress: share of the budget used, in [0, 1], for a user-defined function.
 
@@ -214,9 +215,9 @@ def weights(
     members = pool.members
     check(bool(members), f"{pool.folder}: the pool is empty; add a member")
     chosen = np.zeros(len(members))
-    if sampling == "double-oracle" and mixture is not None:
+    if sampling in NASH_SAMPLING and mixture is not None:
         chosen[:] = mixture
-    elif sampling in ("latest", "double-oracle"):
+    elif sampling in ("latest", *NASH_SAMPLING):
         chosen[0] = 1.0
     elif sampling == "pfsp":
         chosen[:] = [(1.0 - member.score) ** power for member in members]

@@ -151,6 +151,13 @@ class Side:
         """The policy of training."""
         return self.learner.policy(greedy=self.greedy)
 
+    def restart(self) -> None:
+        """New weights and a new state of the optimizer, as for each best response of PSRO (Lanctot
+        et al., 2017)."""
+        fresh = self.parts.algorithm.build(self.parts.hyper, self.env, self.parts.build)
+        self.learner.load_state_dict({**fresh.state_dict(), "frames": self.learner.frames})
+        fresh.close()
+
     def load(self, state: dict[str, Any]) -> Policy:
         """The policy of a snapshot; ValueError for weights that are not finite."""
         check_learned(self.parts.algorithm.name, {"learner": state})

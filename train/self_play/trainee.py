@@ -44,7 +44,7 @@ from train.self_play.metrics import (
 from train.self_play.parts import SelfPlayParts, self_play_parts, side_settings
 from train.self_play.pool import OpponentPool, weights
 from train.self_play.side import Side
-from train.settings.self_play import LEARN, ROLES, SelfPlaySettings, self_play_ppo
+from train.settings.self_play import LEARN, NASH_SAMPLING, ROLES, SelfPlaySettings, self_play_ppo
 
 MOST_AVERAGED_CELLS = 49
 """Maximum number of cells for averages of snapshots in the results: they take long above."""
@@ -130,12 +130,18 @@ class SelfPlay:
     def iterate(self, clock: Clock) -> dict[str, float]:
         """One iteration of every learner; adds snapshots when they are due."""
         figures: dict[str, float] = {}
+        progress = clock.progress
+        if self.settings.sampling == "psro":  # every best response has its own schedules
+            progress = progress * self.settings.snapshots - self.taken
         for role, side in self.sides.items():
-            found = side.learner.iterate(clock.progress)
+            found = side.learner.iterate(min(max(progress, 0.0), 1.0))
             figures |= {f"{role}_{name}": value for name, value in found.items()}
         if clock.progress * self.settings.snapshots >= self.taken + 1:
             self.taken = int(clock.progress * self.settings.snapshots)
             self._take_snapshots()
+            if self.settings.sampling == "psro" and clock.progress < 1.0:
+                for side in self.sides.values():
+                    side.restart()
         self.progress = clock.progress
         self._share_out()
         return figures
@@ -148,7 +154,7 @@ class SelfPlay:
         for role, side in self.sides.items():
             pool = self.pools[other_role(role)]
             mixture = None
-            if settings.sampling == "double-oracle" and self.mixtures:
+            if settings.sampling in NASH_SAMPLING and self.mixtures:
                 given = self.mixtures[other_role(role)]
                 shares = np.array([given.get(name, 0.0) for name in pool.names])
                 mixture = shares / shares.sum() if shares.sum() > 0 else None
@@ -165,7 +171,7 @@ class SelfPlay:
         for role in ROLES:
             self._keep_opponents(role, places[role])
         self.payoffs.forget()
-        if self.settings.sampling == "double-oracle":
+        if self.settings.sampling in NASH_SAMPLING:
             self.mixtures = self.payoffs.mixtures()
 
     def _keep_opponents(self, role: str, before: list[str]) -> None:
@@ -216,6 +222,7 @@ class SelfPlay:
             "algorithm": ", ".join(side.parts.algorithm.name for side in self.sides.values()),
             "sampling": settings.sampling,
             "seed": settings.seed,
+            "precision": next(iter(self.sides.values())).parts.build.precision,
             "update": ", ".join(
                 getattr(side.learner, "update_form", "torch") for side in self.sides.values()
             ),

@@ -16,7 +16,9 @@ from train.settings.task import TaskSettings
 
 ROLES = ("chaser", "evader")
 LEARN = "learn"
-SAMPLING = ("latest", "window", "uniform", "pfsp", "double-oracle")
+SAMPLING = ("latest", "window", "uniform", "pfsp", "double-oracle", "psro")
+NASH_SAMPLING = ("double-oracle", "psro")
+"""Sampling rules that draw opponents from a Nash mixture of the payoff matrix."""
 
 
 def is_sampling_rule(given: Any) -> bool:
@@ -36,8 +38,6 @@ SAMPLING_PARTS: Registry[Any] = Registry(
     SAMPLING,
 )
 """User-defined rules for sampling opponents."""
-FORMER = {"psro": "double-oracle"}
-"""Former names of sampling rules, which are still accepted."""
 
 
 def self_play_ppo() -> PPOSettings:
@@ -79,8 +79,8 @@ class SelfPlaySettings(RunSettings):
     sampling: Annotated[str, passes(SAMPLING_PARTS.check)] = "latest"
     """Distribution over opponents: latest, window (the latest snapshots), uniform (all snapshots:
     fictitious self-play), pfsp (prioritised by difficulty), double-oracle (a Nash mixture of all
-    snapshots; learners continue from their weights, unlike PSRO), or package.module:Name of a
-    user-defined rule."""
+    snapshots; learners continue from their weights), psro (likewise, but learners start from new
+    weights after every snapshot), or package.module:Name of a user-defined rule."""
     window: Annotated[int, at_least(1)] = 5
     """Number of latest snapshots that the rule window draws from."""
     pfsp_power: NotNegative = 2.0
@@ -88,12 +88,12 @@ class SelfPlaySettings(RunSettings):
     snapshots: Annotated[int, at_least(1)] = 40
     """Snapshots taken during the run, at equal intervals."""
     pool_size: Annotated[int, at_least(1)] = 50
-    """Snapshots kept for each role: a uniform sample of all (window: the latest; double-oracle:
-    all)."""
+    """Snapshots kept for each role: a uniform sample of all (window: the latest; double-oracle and
+    psro: all)."""
     members: tuple[str, ...] = ()
     """Scripted agents in the pools from the start: astar, random, optimal, searching (or sweeping,
     belief), or package.module:Name of a user-defined policy."""
-    min_probability: MinProbability = 0.05
+    min_probability: MinProbability = 0.07
     """Actions of lower probability are not played when a policy is evaluated or loaded (Perolat et
     al., 2022); training is unaffected."""
     observation: Annotated[str, passes(check_observation)] = "index"
@@ -106,7 +106,6 @@ class SelfPlaySettings(RunSettings):
     exact one is known (teams, goals, large mazes). 0: none."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "sampling", FORMER.get(self.sampling, self.sampling))
         super().__post_init__()
         check(
             self.task.role == "auto",
@@ -119,9 +118,9 @@ class SelfPlaySettings(RunSettings):
             f"window={self.window} is more than pool_size={self.pool_size}; raise pool_size",
         )
         check(
-            self.sampling != "double-oracle" or self.snapshots <= self.pool_size,
+            self.sampling not in NASH_SAMPLING or self.snapshots <= self.pool_size,
             f"snapshots={self.snapshots} is more than pool_size={self.pool_size}, but "
-            "double-oracle keeps all; raise pool_size, or take fewer snapshots",
+            f"{self.sampling} keeps all; raise pool_size, or take fewer snapshots",
         )
         check(bool(self.learning), "chaser and evader are both fixed; set one of them to learn")
         for name in self.members:

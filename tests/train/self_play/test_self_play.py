@@ -134,7 +134,6 @@ def test_exploitability_is_zero_at_the_equilibrium_and_exact_elsewhere() -> None
 def test_payoffs_of_double_oracle_are_those_of_the_discounted_game(tmp_path: Path) -> None:
     """Of the game that is trained in and that NashConv is of, without a cut at 200 steps."""
     run = make_run(tmp_path / "run", sampling="psro", frames=8000, members=("random",))
-    assert run.trainee.settings.sampling == "double-oracle"  # psro is its former name
     run.train()
     trainee = run.trainee
     task, maze = trainee.task, trainee.task.mazes[0]
@@ -182,6 +181,22 @@ def test_self_play_becomes_far_less_exploitable(tmp_path: Path) -> None:
     assert found["evader_vs_astar"] > 1.5 * before["evader_vs_astar"]
 
 
+def test_psro_starts_new_learners_and_its_nash_mixture_improves(tmp_path: Path) -> None:
+    task = {"maze": "3x3-tree", "rewards": "zero_sum"}
+    settings: Any = {"sampling": "psro", "snapshots": 4, "pool_size": 4, "frames": 500_000}
+    hyper = replace(self_play_ppo(), num_games=64, minibatch_size=512)
+    run = make_run(tmp_path, hyper=hyper, task=task, **settings)
+    side = run.trainee.sides["chaser"]
+    first, frames = side.snapshot()["network"], side.learner.frames
+    side.restart()
+    assert side.learner.frames == frames and not side.learner.optimizer.state_dict()["state"]
+    again = side.snapshot()["network"]
+    assert any(not torch.equal(first[name], again[name]) for name in first)
+    run.train()
+    content = run.results()
+    assert content["averages"]["Nash mixture"][1] < 0.1 * content["at_start"]["nash_conv"]
+
+
 @pytest.mark.slow
 def test_the_default_settings_come_near_an_equilibrium(tmp_path: Path) -> None:
     # Seeds 0 to 2 end at 0.7 to 1.3 % of the start; with uniform sampling and an entropy bonus of
@@ -197,7 +212,10 @@ def test_the_default_settings_come_near_an_equilibrium(tmp_path: Path) -> None:
     "sampling",
     [
         "pfsp",
-        *(pytest.param(name, marks=pytest.mark.slow) for name in ("latest", "window", "uniform")),
+        *(
+            pytest.param(name, marks=pytest.mark.slow)
+            for name in ("latest", "window", "uniform", "psro")
+        ),
     ],
 )
 def test_a_killed_run_resumes_bit_for_bit(tmp_path: Path, sampling: str) -> None:
@@ -209,6 +227,8 @@ def test_a_killed_run_resumes_bit_for_bit(tmp_path: Path, sampling: str) -> None
     }
     if sampling == "window":
         changes["window"] = 3
+    if sampling == "psro":
+        changes["snapshots"] = 3
     whole = make_run(tmp_path / "whole", **changes)
     whole.train()
 
