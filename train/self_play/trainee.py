@@ -48,6 +48,8 @@ from train.settings.self_play import LEARN, NASH_SAMPLING, ROLES, SelfPlaySettin
 
 MOST_AVERAGED_CELLS = 49
 """Maximum number of cells for averages of snapshots in the results: they take long above."""
+PLAYED = {"uniform": "all mixed", "double-oracle": "Nash mixture", "psro": "Nash mixture"}
+"""The mixture of snapshots that a sampling rule converges in; with others the last policies."""
 PAIR_EPISODES = 200
 """Games per entry of the payoff matrix without an exact value."""
 
@@ -267,7 +269,11 @@ class SelfPlay:
         if exact and everything and not interrupted and self.task.max_cells <= MOST_AVERAGED_CELLS:
             kept = {role: self.pools[role].snapshots for role in self.sides}
             discount = self.parts.discount
-            content["averages"] = averages_of(self.task, discount, kept, self.mixtures)
+            found = averages_of(self.task, discount, kept, self.mixtures)
+            content["averages"] = found
+            played = found.get(PLAYED.get(settings.sampling, ""))
+            evaluation = content["evaluation"]
+            evaluation["played_nash_conv"] = played[0] if played else evaluation["nash_conv"]
             content["diversity"] = diversity_of(self.task, discount, kept)
         if is_exact_team(self.task, pair, MAX_FINAL_WORK):
             learned = {role: pair[role] for role in self.sides}
