@@ -312,7 +312,9 @@ def test_networks_that_are_none_are_refused() -> None:
 def test_the_network_called_recurrent_has_a_memory() -> None:
     flat: dict[str, Any] = {"maze": "3x3", "frames": 1000}
     assert settings_of(**flat, network="recurrent") == settings_of(**flat, recurrent="gru")
-    assert self_play_settings_of(**flat, network="recurrent").hyper.recurrent == "gru"
+    assert (
+        self_play_settings_of(**flat, network="recurrent").side("chaser").hyper.recurrent == "gru"
+    )
 
 
 def test_self_play_takes_an_own_network() -> None:

@@ -13,8 +13,9 @@ from pathlib import Path
 from train.experiments.forms import REMEDY, THRESHOLDS, AblationFile, SweepFile, Table
 from train.experiments.study import Study, TrainingRun
 from train.experiments.sweep import Change, choose_version, multiply_out, read_file
-from train.runs.folder import RUN
+from train.runs.folder import SELF_PLAY
 from train.runs.parts import contest_of
+from train.runs.tasks import task_of
 from train.schemas import read_as
 from train.settings.checks import check
 from train.settings.task import TaskSettings
@@ -55,11 +56,11 @@ def load_ablation(
         shared = {n: getattr(file, n) for n in SweepFile.__struct_fields__}
         chosen = change(choose_version(SweepFile(**shared), version))
         for variant in variants:
-            if "curriculum" not in (chosen.settings or {}):
+            if chosen.kind != SELF_PLAY and "curriculum" not in (chosen.settings or {}):
                 variant.setdefault("curriculum", "none")
         check_hints(chosen)
         study = multiply_out(chosen, path.stem)
-        check_runs(study.runs)
+        check_self_play(file, study) if file.kind == SELF_PLAY else check_runs(study.runs)
         report = {"variants": [each["name"] for each in variants], "x": study.report["x"]}
         report |= {n: getattr(file, n) for n in ("control", "primary", "margin", "threshold")}
         return replace(study, report=report)
@@ -114,13 +115,23 @@ def check_hints(file: SweepFile) -> None:
     )
 
 
+def check_self_play(file: AblationFile, study: Study) -> None:
+    """ValueError for self-play that this ablation cannot compare by exact NashConv."""
+    for name in ("primary", "margin"):
+        given = getattr(file, name)
+        check(given is None, f"{name}={given!r} is for single-agent runs; leave it out")
+    x = study.report["x"]
+    check(x in (None, "maze"), f"x={x!r} in [report]; in self-play give [grid] maze = [...]")
+    for task in dict.fromkeys(run.settings.task for run in study.runs):
+        check(
+            task_of(task).is_duel,
+            f"task {task.task!r} with these agents has no exact NashConv for every run; use one "
+            "chaser against one evader",
+        )
+
+
 def check_runs(runs: Iterable[TrainingRun]) -> None:
-    """ValueError for runs without a gap in steps to an exact optimum."""
-    check(
-        all(run.kind == RUN for run in runs),
-        "kind = self-play; an ablation compares single-agent runs by their gap to the optimum, so "
-        "compare self-play in a sweep, with [[variants]]",
-    )
+    """ValueError for single-agent runs without a gap in steps to an exact optimum."""
     for task in dict.fromkeys(run.settings.task for run in runs):
         contest = contest_of(task, 2)
         check(

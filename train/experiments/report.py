@@ -8,11 +8,13 @@ from typing import Any
 
 from train.experiments.ablation_report import ablation_report
 from train.experiments.methods import METHODS, METHODS_LINE, methods
+from train.experiments.self_play_ablation import self_play_ablation_report
 from train.experiments.sweep_report import sweep_report
 from train.experiments.tables import FinishedStudy, read_several, read_study
 from train.files import begins_with, only_one, write_text
 from train.reports.pages import write_markdown
 from train.reports.tables import in_markdown
+from train.runs.folder import SELF_PLAY
 
 SEVERAL = "Runs of "
 """Start of the titles of reports on several folders."""
@@ -61,7 +63,10 @@ def is_of_several(folder: Path) -> bool:
 def write_study(study: FinishedStudy, folder: Path, unit: str | None, log: bool) -> Path:
     """Write the report of a study into a folder."""
     with only_one(folder, "report"):
-        make = sweep_report if study.hints.control is None else ablation_report
+        make = sweep_report
+        if study.hints.control is not None:
+            self_play = study.rows[0]["kind"] == SELF_PLAY
+            make = self_play_ablation_report if self_play else ablation_report
         table, paragraphs, figures = make(study, folder, unit, log)
         parts = [table.markdown(), ran_on(study.rows), *paragraphs, METHODS_LINE]
         missing = [row for row in study.everything if row["status"] != "complete"]

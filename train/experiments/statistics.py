@@ -171,6 +171,17 @@ def permutation_p(ours: Sequence[Sequence[float]], theirs: Sequence[Sequence[flo
     return float(monte_carlo_test(pools, anew, apart_in, **how).pvalue)
 
 
+def sign_flip_p(differences: ArrayLike) -> float:
+    """The p of a two-sided test that paired differences [n] are symmetric around 0.
+
+    The statistic is their mean under changes of their signs: all 2**n changes if these are at most
+    `PERMUTATIONS`, otherwise that many random ones. The smallest p is 2 / 2**n.
+    """
+    values = np.asarray(differences, dtype=np.float64)
+    how: Any = {"n_resamples": PERMUTATIONS, "permutation_type": "samples", "rng": 0}
+    return float(permutation_test((values,), np.mean, vectorized=True, **how).pvalue)
+
+
 def least_p(sizes: Sequence[tuple[int, int]]) -> float:
     """The smallest p that `permutation_p` can give for these numbers of runs.
 

@@ -166,8 +166,8 @@ def draw_intervals(
 
     Args:
         path: of the figure.
-        panels: by label of the axis: its scale ("linear", "gap" or "share", from 0 to 1), and the
-            values.
+        panels: by label of the axis: its scale ("linear", "log", "gap", or "share" from 0 to 1),
+            and the values.
         title: of the figure.
         ylabel: label of the lines.
     """
@@ -193,6 +193,8 @@ def draw_intervals(
             axis.plot(each.value, at, "o", ms=6, label=each.group, **style)
         if scale == "gap":
             gap_axis(axis, "x", [point for each in estimates for point in each.points])
+        elif scale == "log":
+            log_axis(axis, "x")
         elif scale == "share":
             axis.set_xlim(-0.03, 1.03)
             axis.axvline(0.5, color="#333333", lw=1.0, ls=":")

@@ -44,10 +44,18 @@ from train.self_play.metrics import (
 from train.self_play.parts import SelfPlayParts, self_play_parts, side_settings
 from train.self_play.pool import OpponentPool, weights
 from train.self_play.side import Side
-from train.settings.self_play import LEARN, NASH_SAMPLING, ROLES, SelfPlaySettings, self_play_ppo
+from train.settings.self_play import (
+    NASH_SAMPLING,
+    ROLES,
+    LearningSide,
+    SelfPlaySettings,
+    self_play_ppo,
+)
 
 MOST_AVERAGED_CELLS = 49
 """Maximum number of cells for averages of snapshots in the results: they take long above."""
+PLAYED = {"uniform": "all mixed", "double-oracle": "Nash mixture", "psro": "Nash mixture"}
+"""The mixture of snapshots that a sampling rule converges in; with others the last policies."""
 
 
 class SelfPlay:
@@ -241,7 +249,11 @@ class SelfPlay:
         if exact and everything and not interrupted and self.task.max_cells <= MOST_AVERAGED_CELLS:
             kept = {role: self.pools[role].snapshots for role in self.sides}
             discount = self.parts.discount
-            content["averages"] = averages_of(self.task, discount, kept, self.mixtures)
+            found = averages_of(self.task, discount, kept, self.mixtures)
+            content["averages"] = found
+            played = found.get(PLAYED.get(settings.sampling, ""))
+            evaluation = content["evaluation"]
+            evaluation["played_nash_conv"] = played[0] if played else evaluation["nash_conv"]
             content["diversity"] = diversity_of(self.task, discount, kept)
         if is_exact_team(self.task, pair, MAX_FINAL_WORK):
             learned = {role: pair[role] for role in self.sides}
@@ -258,15 +270,15 @@ class SelfPlay:
         found = {}
         for role in self.sides:
             other = other_role(role)
-            roles: Any = {role: str(self.folder / role), other: LEARN, f"{other}_algorithm": "ppo"}
+            by_ppo = [side.parts.hyper for side in self.sides.values()
+                      if side.parts.algorithm.name == "ppo"]  # fmt: skip
+            hyper = by_ppo[0] if by_ppo else replace(self_play_ppo(), gamma=self.parts.discount)
+            roles: Any = {role: str(self.folder / role), other: LearningSide(hyper=hyper)}
             settings = replace(
                 self.settings,
                 # The fixed side samples as in training; the response may use all actions.
                 task=replace(self.settings.task, opponent_policy="sampled", mask_bumps=False),
                 **roles,
-                hyper=self.settings.hyper or replace(self_play_ppo(), gamma=self.parts.discount),
-                chaser_hyper=None,
-                evader_hyper=None,
                 sampling="latest",
                 members=(),
                 seconds=self.settings.best_response_seconds,
