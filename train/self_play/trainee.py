@@ -37,6 +37,7 @@ from train.self_play.metrics import (
     exact_best_responses,
     exploited,
     format_row,
+    limited_best_responses,
     matches,
     scripted_references,
     whole_game,
@@ -221,7 +222,11 @@ class SelfPlay:
         settings, pair = self.settings, {role: self.policy(role) for role in ROLES}
         players = {
             role: {"learned" if role in self.sides else "frozen": pair[role]}
-            | {name: self.parts.scripted[name, role] for name in scripted_references(self.task)}
+            | {
+                name: self.parts.scripted[name, role]
+                for name in scripted_references(self.task, role)
+                if (name, role) in self.parts.scripted
+            }
             for role in ROLES
         }
         content: dict[str, Any] = {
@@ -241,6 +246,8 @@ class SelfPlay:
         }
         if any(self.task.hides_from(agent) for agent in self.task.agent_names):
             content["limited_view"] = True  # best responses and values have full view
+            self.tell("best responses with a limited view", 0.0)
+            content["limited_best_responses"] = limited_best_responses(self.task, pair)
         exact = "nash_conv" in content["evaluation"]
         if not exact and not is_exact_team(self.task, pair, MAX_FINAL_WORK):
             self.tell("NashConv of the whole game", 0.0)
