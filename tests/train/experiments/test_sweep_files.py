@@ -77,10 +77,8 @@ def test_settings_of_one_side_are_tables_in_every_part_of_a_file(tmp_path: Path)
         assert (chaser.width, chaser.anneal, evader.anneal) == (8, False, True)
         assert chaser.entropy_coef == run.label["chaser.entropy_coef"]
         assert evader.clip == run.label["evader.clip"] != chaser.clip == 0.2
-        ppo = run.label["variant"] == "ppo"
-        assert chaser.activation == ("tanh" if ppo else "relu") and evader.width == 128 - 112 * (
-            not ppo
-        )
+        found = {"dqn": ("relu", 16), "ppo": ("tanh", 128)}[run.label["variant"]]
+        assert (chaser.activation, evader.width) == found
     path.write_text(SIDES)
     with pytest.raises(ValueError, match=r"evader: unknown setting 'clip' of the evader's alg"):
         load_sweep(str(path))
