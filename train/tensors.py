@@ -68,6 +68,15 @@ def read_tensors(path: Path) -> Any:
         raise ValueError(f"{path}: cannot be read ({error.strerror})") from None
 
 
+def is_whole(path: Path) -> bool:
+    """Whether the file of `write_tensors` can be read, and fits its checksum."""
+    try:
+        with path.open("rb") as file:
+            return _checksum_fits(file)
+    except OSError:
+        return False
+
+
 def _checksum_fits(file: BinaryIO) -> bool:
     digest = hashlib.sha256()
     ending = len(MARK) + digest.digest_size

@@ -100,13 +100,15 @@ def averages_of(
 
     {} if a side does not learn, or has fewer than two snapshots that are tables.
     """
-    policies = [member.policy for members in kept.values() for member in members]
-    if len(kept) < 2 or min(map(len, kept.values())) < 2 or not is_exact(task, *policies):
+    tables: dict[str, dict[str, Table]] = {role: {} for role in kept}
+    if len(kept) < 2 or min(map(len, kept.values())) < 2:
         return {}
-    tables = {
-        role: {member.name: table_in(task, member.policy) for member in members}
-        for role, members in kept.items()
-    }
+    for role, members in kept.items():
+        for member in members:
+            policy = member.policy_once()
+            if not is_exact(task, policy):
+                return {}
+            tables[role][member.name] = table_in(task, policy)
     return nash_convs(averages(task, discount, tables, mixtures))
 
 

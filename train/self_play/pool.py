@@ -6,6 +6,7 @@ import contextlib
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from math import inf
 from pathlib import Path
 from typing import Any
@@ -19,10 +20,12 @@ from train.runs.folder import MISFITS
 from train.self_play.tables import CellTables
 from train.settings.checks import check
 from train.settings.self_play import NASH_SAMPLING, SAMPLING_PARTS
-from train.tensors import read_tensors, write_tensors
+from train.tensors import is_whole, read_tensors, write_tensors
 
 LATEST = "latest"
 """The name of the current policy of the opponent, which is always a member."""
+MOST_LOADED = 2048
+"""Maximum number of snapshots of a role in memory, besides those that play."""
 MEMORY = 200.0
 """Approximate number of episodes over which the score against an opponent is averaged."""
 
@@ -33,17 +36,33 @@ class Member:
 
     Attributes:
         name: unique in its pool; the file name of a snapshot.
-        policy: its policy.
+        loaded: its policy; None for a snapshot that is not in memory.
         scripted: whether it is not a snapshot; these are never dropped.
+        read: reads the policy of a snapshot from its file.
         score: the learner's mean score against it in [0, 1]; 0.5 before the first game.
         games: episodes that the learner has played against it.
     """
 
     name: str
-    policy: Policy
+    loaded: Policy | None
     scripted: bool
+    read: Callable[[], Policy] | None = None
     score: float = 0.5
     games: float = 0.0
+
+    @property
+    def policy(self) -> Policy:
+        """Its policy, which stays in memory; ValueError for a damaged snapshot."""
+        if self.loaded is None:
+            self.loaded = self.policy_once()
+        return self.loaded
+
+    def policy_once(self) -> Policy:
+        """Its policy, which does not stay in memory if it is not there already."""
+        if self.loaded is not None:
+            return self.loaded
+        assert self.read is not None
+        return self.read()
 
 
 class OpponentPool:
@@ -118,7 +137,7 @@ class OpponentPool:
                 return name
         self.write(name, state)
         self.offered += 1
-        self.members.append(Member(name, self._load(state), False))
+        self.members.append(Member(name, self._load(state), False, partial(self.read, name)))
         if len(old) < self.capacity:
             return None
         self.members.remove(old[place])
@@ -128,6 +147,31 @@ class OpponentPool:
         """Save a snapshot in the folder."""
         self.folder.mkdir(parents=True, exist_ok=True)
         write_tensors(self.folder / f"{name}.pt", state)
+
+    def read(self, name: str) -> Policy:
+        """The policy of a snapshot in the folder; ValueError if it is damaged."""
+        path = self.folder / f"{name}.pt"
+        try:
+            return self._load(read_tensors(path))
+        except MISFITS as error:
+            raise ValueError(f"{path}: not a snapshot of this run ({error}); delete it") from None
+
+    def policies(self, playing: NDArray[np.intp]) -> list[Policy | None]:
+        """[members] the policies in memory, those of the members `playing` among them.
+
+        Of more than `MOST_LOADED` snapshots the oldest that do not play are removed from memory.
+        Policies with memory stay, as they have a state.
+        """
+        wanted = [self.members[place] for place in playing.tolist()]
+        for member in wanted:
+            member.policy  # noqa: B018 -- loads it
+        if len(self.members) > MOST_LOADED:
+            names = {member.name for member in wanted}
+            loaded = [m for m in self.snapshots if m.loaded is not None]
+            idle = [m for m in loaded if m.name not in names and not hasattr(m.loaded, "memory")]
+            for member in idle[: max(len(loaded) - MOST_LOADED, 0)]:
+                member.loaded = None
+        return [member.loaded for member in self.members]
 
     def clean(self) -> None:
         """Delete the files of dropped snapshots, once no checkpoint refers to them."""
@@ -155,7 +199,9 @@ class OpponentPool:
         return {"members": self.described(), "offered": self.offered}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Restore the state. Missing or damaged snapshots are left out, with a warning.
+        """Restore the state; snapshots are loaded when they are used.
+
+        Missing or damaged snapshots are left out, with a warning.
 
         Raises:
             KeyError: other scripted members than those of this pool.
@@ -168,15 +214,12 @@ class OpponentPool:
                 member = scripted[name]
             else:
                 path = self.folder / f"{name}.pt"
-                try:
-                    member = Member(name, self._load(read_tensors(path)), False)
-                except MISFITS as error:
-                    reason = (str(error) or type(error).__name__).splitlines()[0]
+                if not is_whole(path):
                     warnings.warn(
-                        f"{path}: damaged or missing snapshot, left out of the pool ({reason})",
-                        stacklevel=2,
+                        f"{path}: damaged or missing snapshot, left out of the pool", stacklevel=2
                     )
                     continue
+                member = Member(name, None, False, partial(self.read, name))
             member.score, member.games = entry["score"], entry["games"]
             members.append(member)
         self.members, self.offered = members, state["offered"]
@@ -260,16 +303,17 @@ class PoolPolicy:
         self.tables = CellTables(num_games * steps)
 
     def recurrent_members(self) -> dict[str, Any]:
-        """The members with memory, by name."""
-        policies = {member.name: member.policy for member in self.pool.members}
+        """The members with memory, by name. Snapshots have one if the latest policy has one."""
+        latest = hasattr(self.pool.members[0].policy, "memory")
+        policies = {m.name: m.policy for m in self.pool.members if m.scripted or latest}
         return {name: policy for name, policy in policies.items() if hasattr(policy, "memory")}
 
     def act(self, view: GameView) -> NDArray[np.int32]:
         """[num_games] int32 actions: drawn from tables if available (see `CellTables`), otherwise
         by one forward pass per distinct opponent."""
-        policies = [member.policy for member in self.pool.members]
-        places = self.tables.places(policies, view.task)
         present = np.flatnonzero(np.bincount(self.opponents))
+        policies: list[Any] = self.pool.policies(present)
+        places = self.tables.places(policies, view.task)
         if len(present) == 1:
             policy = policies[present[0]]
             if places[present[0]] < 0:

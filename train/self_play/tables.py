@@ -36,7 +36,7 @@ class CellTables:
         self._known: dict[int, int] = {}  # the version of the weights in the table of each place
         self._cumulative = np.empty((0, 0, 0))
         self._key: tuple[int, ...] = ()
-        self._members: list[Policy] = []  # kept alive, as they are identified by id()
+        self._members: list[Policy | None] = []  # kept alive, as they are identified by id()
         self._places = np.zeros(0, dtype=np.int64)
 
     @property
@@ -44,11 +44,11 @@ class CellTables:
         """[tables, pairs of cells, actions], sums over the actions; live."""
         return self._cumulative
 
-    def places(self, policies: Sequence[Policy], task: Task) -> NDArray[np.int64]:
+    def places(self, policies: Sequence[Policy | None], task: Task) -> NDArray[np.int64]:
         """[policies] the index of the table of each policy, updated; -1 for none.
 
         Args:
-            policies: the members; all but the first never change.
+            policies: the members, None for those not in memory; all but the first never change.
             task: of the games; a duel in one maze, or there are no tables.
         """
         key = tuple(map(id, policies))
@@ -56,7 +56,7 @@ class CellTables:
             self._places = self._place(policies, task)
             self._key, self._members = key, list(policies)
         elif len(key) and self._places[0] >= 0:
-            self._refresh(int(self._places[0]), policies[0], task)
+            self._refresh(int(self._places[0]), self._members[0], task)
         return self._places
 
     def draw(
@@ -77,7 +77,7 @@ class CellTables:
         actions: NDArray[np.int32] = (scaled >= chances).sum(axis=1, dtype=np.int32)
         return np.minimum(actions, np.int32(chances.shape[1] - 1))
 
-    def _place(self, policies: Sequence[Policy], task: Task) -> NDArray[np.int64]:
+    def _place(self, policies: Sequence[Policy | None], task: Task) -> NDArray[np.int64]:
         """[policies]: assign tables to new policies, and free those of removed ones."""
         found = np.full(len(policies), -1)
         if not task.is_duel or len(task.mazes) != 1:
@@ -87,6 +87,7 @@ class CellTables:
         self._kept = {name: kept for name, kept in self._kept.items() if name in here}
         taken = {place for _, place in self._kept.values()}
         self._known = {place: known for place, known in self._known.items() if place in taken}
+        free = sorted(set(range(len(taken) + len(policies))) - taken, reverse=True)
         for number, policy in enumerate(policies):
             most = MAX_PAIRS if number else min(self.worth, MAX_PAIRS)
             if not isinstance(policy, LearnedPolicy) or pairs > most:
@@ -95,22 +96,23 @@ class CellTables:
             if not (own.is_duel and own.stay_action == task.stay_action and policy.plays_in(maze)):
                 continue
             if id(policy) not in self._kept:
-                place = min(set(range(len(taken) + 1)) - taken)
+                place = free.pop()
                 taken.add(place)
                 self._kept[id(policy)] = policy, place
             found[number] = self._kept[id(policy)][1]
         count = 1 + max(taken, default=-1)
         if count > len(self._cumulative):
-            larger = np.zeros((count, pairs, task.num_actions))
+            spare = max(count, 5 * len(self._cumulative) // 4)  # copied less often
+            larger = np.zeros((spare, pairs, task.num_actions))
             if len(self._cumulative):
                 larger[: len(self._cumulative)] = self._cumulative
             self._cumulative = larger
-        for policy, place in zip(policies, found.tolist(), strict=True):
-            if place >= 0:
-                self._refresh(place, policy, task)
+        for number, place in enumerate(found.tolist()):
+            if place >= 0 and (number == 0 or place not in self._known):
+                self._refresh(place, policies[number], task)
         return found
 
-    def _refresh(self, place: int, policy: Policy, task: Task) -> None:
+    def _refresh(self, place: int, policy: Policy | None, task: Task) -> None:
         """Update a table if the version counters of the weights have changed."""
         assert isinstance(policy, LearnedPolicy)
         version = sum(weights._version for weights in policy.network.parameters())
