@@ -118,6 +118,32 @@ def test_pools_are_bounded_and_survive_damage(tmp_path: Path) -> None:
     assert again.members[2].score == pytest.approx(2 / 3) and again.offered == 10
 
 
+def test_snapshots_are_loaded_when_they_play_and_a_bounded_number_is_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("train.self_play.pool.MOST_LOADED", 2)
+    pool, again = empty_pool(tmp_path, 5), empty_pool(tmp_path, 5)
+    for n in range(5):
+        pool.add(f"{n}", {"action": n % 4}, np.random.default_rng(0))
+    again.load_state_dict(pool.state_dict())
+
+    def loaded() -> list[str]:
+        return [member.name for member in again.snapshots if member.loaded is not None]
+
+    assert again.names == pool.names and loaded() == []
+    policy, simulator = PoolPolicy(again, 8), Simulator(make_task("chase"), 8)
+    for playing, kept in (([0], []), ([1, 2], ["0", "1"]), ([5], ["1", "4"]),
+                          ([1, 2, 3, 4], ["0", "1", "2", "3"]), ([4], ["2", "3"])):  # fmt: skip
+        policy.opponents[:] = np.resize(playing, 8)
+        actions = policy.act(simulator.view("evader"))
+        expected = [again.members[place].policy_once() for place in policy.opponents]
+        assert actions.tolist() == [one.action for one in expected]  # type: ignore[attr-defined]
+        assert loaded() == kept
+    (tmp_path / "0.pt").write_bytes(b"damaged")
+    with pytest.raises(ValueError, match=r"0.pt: not a snapshot of this run .*; delete it"):
+        _ = again.snapshots[0].policy
+
+
 def test_a_full_pool_covers_all_of_the_past_evenly(tmp_path: Path) -> None:
     """Every snapshot of a run is as likely to be left as any other (Vitter's algorithm R)."""
     left, trials = np.zeros(30), 1500
