@@ -28,11 +28,11 @@ from train.files import write_text
 from train.runs.folder import CURVE, REPLAY, REPORT, RUN
 from train.runs.pictures import draw_learning_curve, save_replay
 from train.runs.report import describe_loops, headline, of_solved, write_report
-from train.runs.tasks import default_settings
+from train.runs.tasks import default_settings, task_of
 from train.settings.algorithms import Hyperparameters
 from train.settings.presets import TUNED
 from train.settings.run import TrainSettings
-from train.settings.task import AnyTask, TaskSettings
+from train.settings.task import AnyTask, ReacherSettings, TaskSettings
 
 if TYPE_CHECKING:
     from train.runs.loop import Run
@@ -76,6 +76,10 @@ def train(arguments: Sequence[str]) -> None:
     run, final = start_or_resume(RUN, given.settings, given, given.settings.task.label)
     trainee: SingleAgent = run.trainee
     print(trainee.contest.line())
+    from train.runs.saved import load_settings  # torch is slow to import
+
+    if hint := team_hint(load_settings(run.folder).task):
+        print(hint)
     if (form := getattr(trainee.learner, "update_form", None)) is not None:
         print(f"update: {form}")
     if trainee.teacher is not None:
@@ -88,6 +92,27 @@ def train(arguments: Sequence[str]) -> None:
     )
     show(run, content)
     exit_after_signal(run)
+
+
+def team_hint(given: AnyTask) -> str:
+    """The number of teammates that do not learn, and the command that trains them all, as a line.
+
+    Empty for a learner without teammates, and for runners, which self-play does not train.
+    """
+    if isinstance(given, ReacherSettings):
+        return ""
+    task, role = task_of(given), given.agent.split("_")[0]
+    count = task.count(role)
+    if count < 2 or task.num_runners:
+        return ""
+    other = "evader" if role == "chaser" else "chaser"
+    numbers = {f"num_{name}s": getattr(task, f"num_{name}s") for name in ("chaser", "evader")}
+    changed: dict[str, object] = {"task": given.task} if given.task != "chase" else {}
+    changed |= {name: number for name, number in numbers.items() if number > 1}
+    changed[other] = given.opponent or "astar"
+    options = " ".join(f"--{name.replace('_', '-')} {value}" for name, value in changed.items())
+    rest = f"the other {count - 1} play fixed policies" if count > 2 else "the other one is fixed"
+    return f"one of {count} {role}s learns, {rest}; to train all: pursuit self-play {options}"
 
 
 def _defaults(arguments: Sequence[str]) -> TrainCommand[Any]:

@@ -79,6 +79,7 @@ class SelfPlay:
         payoffs: between members of the pools.
         mixtures: the Nash mixtures of double oracle.
         taken, progress: snapshots and progress so far, in [0, 1].
+        on_snapshot: called with this object after every snapshot.
         tell: called with a description and the progress in [0, 1] of long computations at the end.
     """
 
@@ -100,6 +101,7 @@ class SelfPlay:
         self.pools = {role: self._pool(role) for role in ROLES}
         for role, side in self.sides.items():
             side.opponents.policy.pool = self.pools[other_role(role)]
+        self.on_snapshot: Callable[[SelfPlay], object] = lambda trainee: None
         self.tell: Callable[[str, float], None] = lambda what, share: None
         self.rng = np.random.default_rng(settings.seed)
         self.taken, self.progress = 0, 0.0
@@ -148,6 +150,7 @@ class SelfPlay:
         if clock.progress * self.settings.snapshots >= self.taken + 1:
             self.taken = int(clock.progress * self.settings.snapshots)
             self._take_snapshots()
+            self.on_snapshot(self)
             if self.settings.sampling == "psro" and clock.progress < 1.0:
                 for side in self.sides.values():
                     side.restart()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import pickle
+import re
 import shlex
 import shutil
 import signal
@@ -97,7 +98,9 @@ def test_advice_for_greedy_policies_that_loop(
 
 
 @pytest.mark.slow
-def test_teams_are_trained_and_compared_with_their_optimum(tmp_path: Path) -> None:
+def test_teams_are_trained_and_compared_with_their_optimum(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     for number, (team, exact) in enumerate((("--num-chasers", True), ("--num-evaders", False))):
         out = tmp_path / str(number)
         run("train", *TINY, team, "2", "--frames", "1024", "--out", out)
@@ -105,6 +108,11 @@ def test_teams_are_trained_and_compared_with_their_optimum(tmp_path: Path) -> No
         assert evaluation["exact"] == exact
         assert evaluation["optimal_steps"] > 0 and evaluation["optimality_gap"] is not None
         assert -1e-9 < evaluation["objective_gap"] < evaluation["optimality_gap"]
+        hint = "one of 2 chasers learns, the other one is fixed; to train all: pursuit "
+        command = re.findall(f"^{hint}(.*)", capsys.readouterr().out, re.MULTILINE)
+        train_all = "self-play --num-chasers 2 --evader astar"
+        assert command == [train_all] * (team == "--num-chasers")
+    run(*train_all.split(), *TINY, "--frames", "512", "--out", tmp_path / "all")
 
 
 @pytest.mark.parametrize("task", [pytest.param("maze", marks=pytest.mark.slow), "chase"])

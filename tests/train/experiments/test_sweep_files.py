@@ -51,6 +51,39 @@ def load(tmp_path: Path, **parts: str) -> Any:
     return load_sweep(str(tmp_path / "s.toml"))
 
 
+SIDES = """
+kind = "self-play"
+settings = {maze = "2x2", frames = 512, num_games = 16, minibatch_size = 64, chaser = {width = 8}}
+grid = {chaser.entropy_coef = [0.02, 0.05]}
+search = {samples = 1, evader = {clip = {low = 0.1, high = 0.2}}}
+[[variants]]
+name = "dqn"
+evader = {algorithm = "dqn"}
+[[variants]]
+name = "ppo"
+chaser.activation = "tanh"
+[short.settings.chaser]
+anneal = false
+"""
+
+
+def test_settings_of_one_side_are_tables_in_every_part_of_a_file(tmp_path: Path) -> None:
+    path = tmp_path / "sides.toml"
+    path.write_text(SIDES.replace('evader = {algorithm = "dqn"}', "evader.width = 16"))
+    study = load_sweep(str(path))
+    assert [run.label["chaser.entropy_coef"] for run in study.runs] == [0.02, 0.02, 0.05, 0.05]
+    for run in study.runs:
+        chaser, evader = (run.settings.side(role).hyper for role in ("chaser", "evader"))
+        assert (chaser.width, chaser.anneal, evader.anneal) == (8, False, True)
+        assert chaser.entropy_coef == run.label["chaser.entropy_coef"]
+        assert evader.clip == run.label["evader.clip"] != chaser.clip == 0.2
+        found = {"dqn": ("relu", 16), "ppo": ("tanh", 128)}[run.label["variant"]]
+        assert (chaser.activation, evader.width) == found
+    path.write_text(SIDES)
+    with pytest.raises(ValueError, match=r"evader: unknown setting 'clip' of the evader's alg"):
+        load_sweep(str(path))
+
+
 @pytest.mark.parametrize(
     ("part", "text", "message"),
     [

@@ -108,18 +108,23 @@ num_games = 16
 minibatch_size = 64
 snapshots = 2
 [grid]
-max_steps = [5, 10]
+{axis} = [{values}]
 [report]
-x = "max_steps"
+x = "{axis}"
 """
 
 
-def test_a_sweep_of_self_play_with_one_axis_has_its_report(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("axis", "values"), [("max_steps", (5, 10)), ("chaser.entropy_coef", (0.02, 0.05))]
+)
+def test_a_sweep_of_self_play_with_one_axis_has_its_report(
+    axis: str, values: tuple[float, float], tmp_path: Path
+) -> None:
     file = tmp_path / "axis.toml"
-    file.write_text(ONE_AXIS)
+    file.write_text(ONE_AXIS.format(axis=axis, values=f"{values[0]}, {values[1]}"))
     main(["sweep", str(file), "--out", str(tmp_path / "out"), "--workers", "1"])
     report = (tmp_path / "out" / "report" / "report.md").read_text()
-    assert "| 5 | self-play | 1 |" in report and "| 10 | self-play | 1 |" in report
+    assert all(f"| {value} | self-play | 1 |" in report for value in values)
     assert "pursuit ablate" not in report  # it refuses self-play
     assert "learning_curves" in report
     assert "Mean curves end with their shortest run." in report

@@ -271,6 +271,23 @@ def test_a_killed_run_resumes_bit_for_bit(tmp_path: Path, sampling: str) -> None
         go_on(tmp_path / "part")
 
 
+def test_a_callback_is_called_at_snapshots_and_changes_nothing(tmp_path: Path) -> None:
+    seen: list[Any] = []
+    ends = []
+    for name in ("with", "without"):
+        run = make_run(tmp_path / name, frames=12_000)
+        if name == "with":
+            run.trainee.on_snapshot = lambda pair: seen.append((
+                pair.taken, pair.pools["chaser"].snapshots[-1].name, pair.evaluate()["nash_conv"]
+            ))  # fmt: skip
+        run.train()
+        ends.append(run.trainee.sides["chaser"].snapshot()["network"])
+    assert [taken for taken, _, _ in seen] == [1, 2, 3, 4, 5]
+    assert [name for _, name, _ in seen] == [f"{n:05d}" for n in range(1, 6)]
+    assert all(nash_conv > 0 for _, _, nash_conv in seen)
+    assert all(torch.equal(weight, ends[1][name]) for name, weight in ends[0].items())
+
+
 def test_an_evaluation_does_not_change_a_run(tmp_path: Path) -> None:
     run = make_run(tmp_path / "run", frames=2000)
     before = torch.get_rng_state()
