@@ -74,7 +74,8 @@ class RunSettings(Settings):
     device: str = "cpu"
     """Device of the networks: cpu or cuda. Games are always simulated on the CPU."""
     precision: Annotated[str, one_of(*PRECISIONS)] = "auto"
-    """float32, bfloat16, or auto (bfloat16 where the hardware supports it)."""
+    """Of the training: float32, bfloat16, or auto (bfloat16 where the hardware supports it).
+    Policies are evaluated in float32."""
     fused: Annotated[str, one_of("auto", "off")] = "auto"
     """auto: compiled gradient kernels where network and task allow them; off: torch autograd only.
     `update` in results.json says which was used."""
