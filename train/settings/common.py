@@ -67,7 +67,8 @@ class RunSettings(Settings):
     """Clock of the budget in seconds: wall, or processor (processor time of this run on all cores,
     which depends less on other programs)."""
     frames: int | None = None
-    """Budget of environment steps, summed over games and learning agents. With this budget, resumed
+    """Budget of environment steps, summed over games and learning agents. A run ends with the
+    rollout that reaches it, so it can have slightly more. With this budget, resumed
     and uninterrupted runs have bitwise equal results."""
     seed: Annotated[int, SEED] = 0
     """Seed of the games, the networks, the exploration and the opponents."""
