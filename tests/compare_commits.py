@@ -260,7 +260,7 @@ TRAININGS = {
 PAIRS = {
     f"pair_{s}": f"--maze 3x3 --sampling {s}"
     for s in ("latest", "uniform", "window", "pfsp", "double-oracle")
-} | {"pair_dqn": "--maze 3x3 --chaser-algorithm dqn", "pair_teams": "--maze 3x3 --num-chasers 2"}
+} | {"pair_dqn": "--maze 3x3 --chaser.algorithm dqn", "pair_teams": "--maze 3x3 --num-chasers 2"}
 FRAMES = {
     "arm_td3": 6000,
     "arm_ddpg": 6000,

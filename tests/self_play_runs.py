@@ -13,8 +13,9 @@ from pursuit.simulator.policy import GameView
 from train.experiments.kinds import resume, start
 from train.runs.folder import SELF_PLAY, new_folder
 from train.runs.loop import Run
+from train.self_play.learners import learning_side
 from train.self_play.pool import OpponentPool
-from train.settings.self_play import SelfPlaySettings, self_play_ppo
+from train.settings.self_play import ROLES, LearningSide, SelfPlaySettings, self_play_ppo
 from train.settings.task import TaskSettings
 
 QUICK = replace(self_play_ppo(), num_games=64, minibatch_size=512)
@@ -33,8 +34,13 @@ class Always:
 
 def make_settings(**changes: Any) -> SelfPlaySettings:
     task = {"maze": "3x3", "rewards": "zero_sum", **changes.pop("task", {})}
-    given: dict[str, Any] = {"hyper": QUICK, "frames": 40_000, "snapshots": 5, **changes}
+    sides = dict.fromkeys(ROLES, LearningSide(hyper=changes.pop("hyper", QUICK)))
+    given: dict[str, Any] = {**sides, "frames": 40_000, "snapshots": 5, **changes}
     return SelfPlaySettings(task=TaskSettings(**task), **given)
+
+
+def side_by(algorithm: str, role: str = "chaser", maze: str = "3x3", **own: Any) -> LearningSide:
+    return learning_side(role, TaskSettings(maze=maze), {}, {"algorithm": algorithm, **own})
 
 
 def make_run(folder: Path, **changes: Any) -> Run:

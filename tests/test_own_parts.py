@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -311,7 +312,9 @@ def test_networks_that_are_none_are_refused() -> None:
 def test_the_network_called_recurrent_has_a_memory() -> None:
     flat: dict[str, Any] = {"maze": "3x3", "frames": 1000}
     assert settings_of(**flat, network="recurrent") == settings_of(**flat, recurrent="gru")
-    assert self_play_settings_of(**flat, network="recurrent").hyper.recurrent == "gru"
+    assert (
+        self_play_settings_of(**flat, network="recurrent").side("chaser").hyper.recurrent == "gru"
+    )
 
 
 def test_self_play_takes_an_own_network() -> None:
@@ -441,17 +444,42 @@ def test_opponents_are_drawn_by_a_rule_of_ones_own(tmp_path: Path) -> None:
     run = start(SELF_PLAY, settings, tmp_path / "pair")
     run.train()
     pool = run.trainee.pools["evader"]
-    found = weights(pool, "my_parts:the_oldest")
+    found = weights(pool, "my_parts:the_oldest", payoffs=run.trainee.payoffs)
     assert len(pool.members) >= 3 and found.tolist() == [0.5, 0.5] + [0.0] * (len(found) - 2)
     run.lock.release()
-    with pytest.raises(
-        ValueError,
-        match=r"returned array\(\[-1\.0?\]\) for 1 members of the pool; return one finite weight",
-    ):
-        pool.members = pool.members[:1]
-        weights(pool, "my_parts:negative")
+    pool.members = pool.members[:1]
+    for value in ([-1.0], [float("nan")], [0.0], [0.5, 0.5], None, {"latest": 1.0}, ["all"]):
+        sys.modules["my_parts"].RETURNED[0] = value
+        told = f"sampling 'my_parts:wrong' returned {value!r} for 1 members of the pool; return one"
+        with pytest.raises(ValueError, match=re.escape(told)):
+            weights(pool, "my_parts:wrong")
+    told = r"'my_parts:of_the_pool' .*must be a function \(pool, payoffs, progress\) -> prob"
+    with pytest.raises(ValueError, match=told):
+        self_play_settings_of(**flat, sampling="my_parts:of_the_pool")
     with pytest.raises(ValueError, match=r"unknown sampling 'oldest' .*one of latest, window"):
         self_play_settings_of(**flat, sampling="oldest")
+
+
+def test_rules_use_payoffs_and_progress_also_after_resuming(tmp_path: Path) -> None:
+    flat: dict[str, Any] = {"maze": "2x2", "num_games": 16, "rollout_steps": 4, "width": 8}
+    flat |= {"minibatch_size": 64, "snapshots": 6, "frames": 2560, "members": ["astar"]}
+    settings = self_play_settings_of(**flat, sampling="my_parts:hardest")
+    whole = start(SELF_PLAY, settings, tmp_path / "whole")
+    whole.train()
+    payoffs, side = whole.trainee.payoffs, whole.trainee.sides["chaser"]
+    pool = side.opponents.pool
+    best = payoffs.names("evader")[payoffs.matrix().mean(axis=0).argmax()]
+    assert side.opponents.shares.tolist() == [float(name == best) for name in pool.names]
+    assert "latest" not in payoffs.names("chaser") and "astar" in payoffs.names("chaser")
+    with pytest.raises(ValueError, match="unknown evader with payoffs 'latest'"):
+        payoffs("astar", "latest")
+    half = start(SELF_PLAY, settings, tmp_path / "half")
+    half.train(lambda run, row: setattr(run, "stopped", run.progress >= 0.7))
+    again = resume(tmp_path / "half", SELF_PLAY)
+    again.train()
+    assert again.trainee.payoffs.known == payoffs.known
+    ends = [run.trainee.sides["chaser"].snapshot()["network"] for run in (whole, again)]
+    assert all(torch.equal(weight, ends[1][name]) for name, weight in ends[0].items())
 
 
 # -- a command -------------------------------------------------------------------------------------

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import argparse
 import time
-from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -26,7 +25,8 @@ from train.evaluation.exploitability import exploitability
 from train.experiments.kinds import start
 from train.runs.folder import SELF_PLAY
 from train.runs.loop import Run
-from train.settings.self_play import SelfPlaySettings, self_play_ppo
+from train.self_play.parts import self_play_settings_of
+from train.settings.self_play import SelfPlaySettings
 from train.settings.task import TaskSettings
 
 
@@ -78,11 +78,8 @@ def pools(folder: Path) -> None:
     speeds: dict[int, list[float]] = {1: [], 16: []}
     for repeat in range(3):
         for size in speeds:
-            settings = SelfPlaySettings(
-                task=TaskSettings(maze="5x5", rewards="zero_sum"),
-                hyper=replace(self_play_ppo(), num_games=1024, minibatch_size=4096),
-                frames=1,
-                sampling="uniform",
+            settings = self_play_settings_of(
+                maze="5x5", num_games=1024, minibatch_size=4096, frames=1, sampling="uniform"
             )
             game = start(SELF_PLAY, settings, folder / f"{size}-{repeat}").trainee
             for number in range(size - 1):
@@ -104,14 +101,12 @@ def pools(folder: Path) -> None:
 # Runs in both versions, so it uses only names that exist in both.
 MEASURE = """
 import json, sys, tempfile, warnings
-from dataclasses import replace
 from pathlib import Path
 from time import process_time
 import torch
 from train.experiments.kinds import start
 from train.runs.folder import SELF_PLAY
-from train.settings.self_play import SelfPlaySettings, self_play_ppo
-from train.settings.task import TaskSettings
+from train.self_play.parts import self_play_settings_of
 warnings.simplefilter("ignore")
 torch.set_num_threads(1)
 cases = {"1v1, 5x5": (1, 1), "2v1, 5x5": (2, 1), "2v2, 5x5": (2, 2), "4v4, 5x5": (4, 4)}
@@ -122,9 +117,8 @@ for line in sys.stdin:
     if name not in made:
         chasers, evaders = cases[name]
         teams = {"num_chasers": chasers, "num_evaders": evaders}
-        task = TaskSettings(maze="5x5", **teams)
-        hyper = replace(self_play_ppo(), num_games=1024, minibatch_size=4096)
-        settings = SelfPlaySettings(task=task, hyper=hyper, frames=1)
+        size = {"num_games": 1024, "minibatch_size": 4096, "frames": 1}
+        settings = self_play_settings_of(maze="5x5", rewards="default", **teams, **size)
         made[name] = start(SELF_PLAY, settings, Path(tempfile.mkdtemp()) / "run").trainee
     game = made[name]
     frames, began = game.frames, process_time()

@@ -22,6 +22,7 @@ from train.algorithms.registry import Algorithm
 from train.networks.features import Features
 from train.networks.policy import Player
 from train.networks.q_network import QNetwork
+from train.self_play.meta_game import Payoffs
 from train.self_play.pool import OpponentPool
 from train.settings.algorithms import NetworkSettings
 from train.settings.curricula import AxisSettings, OwnCurriculum, StagedSettings
@@ -229,16 +230,33 @@ ALTERNATING = OwnCurriculum(AlternatingSettings, _make_alternating)
 # -- a rule that draws opponents ------------------------------------------------------------------
 
 
-def the_oldest(pool: OpponentPool) -> NDArray[np.float64]:
+def the_oldest(pool: OpponentPool, payoffs: Payoffs, progress: float) -> NDArray[np.float64]:
     """The latest and the oldest snapshot, alike."""
     found = np.zeros(len(pool.members))
     found[[0, pool.names.index(pool.snapshots[0].name) if pool.snapshots else 0]] = 1.0
     return found
 
 
-def negative(pool: OpponentPool) -> list[float]:
-    """No weights."""
-    return [-1.0] * len(pool.members)
+def hardest(pool: OpponentPool, payoffs: Payoffs, progress: float) -> list[float]:
+    """The latest until half of the budget is used; then the snapshot with the best payoffs."""
+    if progress < 0.5 or not pool.snapshots:
+        return [1.0] + [0.0] * (len(pool.members) - 1)
+    against = payoffs.matrix().mean(axis=0 if pool.role == "evader" else 1)
+    best = against.argmax() if pool.role == "evader" else against.argmin()
+    return [float(name == payoffs.names(pool.role)[best]) for name in pool.names]
+
+
+RETURNED: list[Any] = [None]
+
+
+def wrong(pool: OpponentPool, payoffs: Payoffs, progress: float) -> Any:
+    """What a test chose."""
+    return RETURNED[0]
+
+
+def of_the_pool(pool: OpponentPool) -> list[float]:
+    """A rule with the wrong signature."""
+    return [1.0] * len(pool.members)
 
 
 # -- a command -------------------------------------------------------------------------------------

@@ -119,12 +119,12 @@ class Algorithm:
         able = [name for name, other in ALGORITHMS.items() if other.self_play]
         check(
             self.self_play,
-            f"{role}_algorithm={self.name!r} does not support self-play; use "
+            f"{role}.algorithm={self.name!r} does not support self-play; use "
             f"{', '.join(able[:-1])} or {able[-1]}",
         )
         check(
             self.teams or agents == 1,
-            f"{role}_algorithm={self.name!r} with {agents} {role}s; for several agents of a role "
+            f"{role}.algorithm={self.name!r} with {agents} {role}s; for several agents of a role "
             f"use {' or '.join(name for name in able if ALGORITHMS[name].teams)}",
         )
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, make_dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields, make_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
@@ -25,32 +25,26 @@ from train.commands.progress import (
 from train.files import write_text
 from train.reports.tables import print_table
 from train.runs.folder import CURVE, REPORT, SELF_PLAY
-from train.self_play.learners import complete
+from train.self_play.learners import checked_names, learning_side, unchecked_self_play
 from train.settings.algorithms import Hyperparameters
-from train.settings.self_play import LEARN, SelfPlaySettings, self_play_ppo
-from train.settings.task import TaskSettings
+from train.settings.self_play import LEARN, ROLES, LearningSide, SelfPlaySettings, self_play_ppo
 
 
 @dataclass(frozen=True)
 class Options(SelfPlaySettings):
-    """The settings of self-play, without those of other algorithms than PPO (`other_options`)."""
+    """The settings of a run of self-play."""
 
-    chaser_hyper: Annotated[Any, tyro.conf.Suppress] = None
-    evader_hyper: Annotated[Any, tyro.conf.Suppress] = None
-
-
-@dataclass(frozen=True)
-class _First:
-    """The options that determine which other options exist."""
-
-    task: TaskSettings = field(default_factory=TaskSettings)
     chaser: str = LEARN
+    """learn, or the fixed policy of the chasers: astar, random, optimal, searching (or sweeping,
+    belief), the folder of a run, or package.module:Name of a user-defined policy."""
     evader: str = LEARN
-    chaser_algorithm: str = "ppo"
-    evader_algorithm: str = "ppo"
-    gamma: float = self_play_ppo().gamma
-    gamma_end: float | None = None
-    recurrent: str | None = None
+    """learn, or the fixed policy of the evaders."""
+    algorithm: str = "ppo"
+    """Algorithm of both sides, one that supports self-play: ppo, a2c, dqn, or
+    package.module:Name."""
+
+    def __post_init__(self) -> None:
+        pass
 
 
 if TYPE_CHECKING:
@@ -63,12 +57,15 @@ class SelfPlayCommand(RunCommand):
 
     Each role plays against the latest policy of the other role, or with another --sampling against
     its snapshots. To compare settings over several seeds: `pursuit sweep self_play_sampling`.
-    Options of PPO apply to every role that uses it. Those of other algorithms are prefixed with the
-    role: `pursuit self-play --chaser-algorithm dqn --help` shows --chaser-batch-size.
+
+    Algorithm and hyperparameters (--algorithm, and all under "hyper options") apply to both sides.
+    With "chaser." or "evader." before the name, they apply to one side only:
+    --chaser.entropy-coef 0.05 --evader.algorithm dqn --evader.batch-size 64.
     """
 
     settings: Options
-    others: Any = None
+    hyper: Any
+    other_algorithm: Any = None
 
 
 def self_play(arguments: Sequence[str]) -> None:
@@ -96,50 +93,73 @@ def self_play(arguments: Sequence[str]) -> None:
 
 
 def parsed(arguments: Sequence[str]) -> tuple[SelfPlayCommand, SelfPlaySettings]:
-    """The command in `arguments`, and its settings with those of every algorithm that learns.
+    """The command in `arguments`, and the settings.
 
     Raises:
         ValueError: unknown options or invalid values.
     """
-    first = vars(parse_known(_First(), arguments))
-    same = {name: first.pop(name) for name in ("gamma", "gamma_end", "recurrent")}
-    whole = complete(
-        SelfPlaySettings(**first, hyper=replace(self_play_ppo(), **same), frames=1)  # any budget
-    )
-    others = {role: getattr(whole, f"{role}_hyper") for role in whole.other_learners}
-    del first["task"]
-    if whole.hyper is None:
-        first |= {"hyper": None} | {f"{role}_hyper": hyper for role, hyper in others.items()}
-    default = SelfPlayCommand(
-        Options(**first, **default_budget(options_in(arguments), 120.0)), other_options(others)
-    )
+    options = options_in(arguments)
+    checked_names(options)
+    task, flat = parse_known(Options().task, arguments), dict[str, Any]()
+    sides: dict[str, LearningSide] = {}
+    for role in ROLES:
+        arguments, own = split_side(role, arguments)
+        if options.get(role, LEARN) == LEARN:
+            chosen = options.get(f"{role}.algorithm", options.get("algorithm", "ppo"))
+            sides[role] = learning_side(role, task, {}, {"algorithm": chosen})
+            flat[role] = parsed_side(role, sides[role], own)
+        else:
+            flat |= {f"{role}.{name}": value for name, value in options_in(own).items()}
+    hyper = next((side.hyper for side in sides.values()), self_play_ppo())
+    others = [other_options(side, hyper) for side in sides.values()]
+    settings = Options(**default_budget(options, 120.0))
+    default = SelfPlayCommand(settings, hyper, next(filter(None, others), None))
     given = parse(SelfPlayCommand, arguments, "self-play", default)
-    found = {f.name: getattr(given.settings, f.name) for f in fields(SelfPlaySettings)}
-    for role, hyper in others.items():
-        own = {f.name: getattr(given.others, f"{role}_{f.name}") for f in fields(hyper)}
-        found[f"{role}_hyper"] = type(hyper)(**own)
-    return given, SelfPlaySettings(**found)
+    parts = (given.other_algorithm, given.hyper, given.settings, given.settings.task)
+    for part in filter(None, parts):
+        flat |= given_in(arguments, part)
+    if not {"seconds", "frames"} & set(flat):
+        flat["seconds"] = settings.seconds
+    return given, unchecked_self_play(**flat)
 
 
-def other_options(others: Mapping[str, Hyperparameters]) -> Any:
-    """An instance of a dataclass with the settings of other algorithms than PPO, by option.
+def split_side(role: str, arguments: Sequence[str]) -> tuple[list[str], list[str]]:
+    """The arguments without the options of one side, and these without the role."""
+    parts: dict[bool, list[str]] = {False: [], True: []}
+    prefix, own = f"--{role}.", False
+    for argument in arguments:
+        own = argument.startswith(prefix) if argument.startswith("--") else own
+        parts[own].append(argument.replace(prefix, "--", 1) if own else argument)
+    return parts[False], parts[True]
 
-    Args:
-        others: the settings by role.
-    """
-    options = []
-    for role, hyper in others.items():
-        hints = get_type_hints(type(hyper))
-        help_text = tyro.conf.arg(help=f"See `pursuit train --help`; for the {role}s.")
-        options += [
-            (
-                f"{role}_{f.name}",
-                Annotated[hints[f.name], help_text],
-                field(default=getattr(hyper, f.name)),
-            )
-            for f in fields(hyper)
-        ]
-    return make_dataclass("Others", options, frozen=True)()
+
+def parsed_side(role: str, side: LearningSide, arguments: Sequence[str]) -> dict[str, Any]:
+    """The given settings of one side, by name; ValueError naming the role."""
+    extra: Any = [("algorithm", str, field(default=side.algorithm))]
+    form = make_dataclass("Side", extra, bases=(type(side.hyper),), frozen=True)
+    try:
+        return given_in(arguments, parse(form, arguments, "self-play", form(**vars(side.hyper))))
+    except ValueError as error:
+        raise ValueError(f"{role}: {error}") from None
+
+
+def given_in(arguments: Sequence[str], options: Any) -> dict[str, Any]:
+    """The values of those options, fields of a dataclass, that are in the arguments."""
+    names = {name.removeprefix("no_") for name in options_in(arguments)} | {*options_in(arguments)}
+    return {name: value for name, value in vars(options).items() if name in names}
+
+
+def other_options(side: LearningSide, hyper: Hyperparameters) -> Any:
+    """A dataclass with the options of a side's algorithm that `hyper` does not have, or None."""
+    hints = get_type_hints(type(side.hyper))
+    help_text = f"See --algorithm {side.algorithm} --help."
+    options = [
+        (f.name, Annotated[hints[f.name], tyro.conf.arg(help=help_text)],
+         field(default=getattr(side.hyper, f.name)))
+        for f in fields(side.hyper)
+        if not hasattr(hyper, f.name)
+    ]  # fmt: skip
+    return make_dataclass("Others", options, frozen=True)() if options else None
 
 
 def show(run: Run, content: dict[str, Any]) -> None:

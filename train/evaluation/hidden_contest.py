@@ -22,7 +22,7 @@ from scripted_agents import (
     mean_over_starts,
     solve_hidden_chase,
 )
-from train.evaluation.games import is_table_in, table_in, values_between
+from train.evaluation.games import best_reply, is_table_in, table_in, values_between
 
 DISCOUNT = 0.95
 
@@ -96,6 +96,29 @@ def _solution(
         move_order,
         min_start_distance,
     )
+
+
+def best_response_interval(
+    task: Task, role: str, table: NDArray[np.float64]
+) -> tuple[float, float] | None:
+    """Bounds of the best response of a role, with its view, to the table of its opponent.
+
+    Args:
+        task: a duel in one maze.
+        role: of the best response.
+        table: [own cell, other cell, action] of its opponent.
+
+    Returns:
+        The mean over the starts in discounted steps: a proven interval with a limited view, twice
+        the exact value with full view; None in mazes above `MAX_CELLS`.
+    """
+    (agent,) = (task.agent_names[seat] for seat, own in enumerate(task.seat_roles) if own == role)
+    if task.hides_from(agent):
+        proven = solution_of(task, agent, table)
+        return None if proven is None else (proven.lower, proven.upper)
+    best = best_reply(task, role, table, None, DISCOUNT)
+    mean = mean_over_starts(best.values, task.mazes[0], task.min_start_distance)
+    return mean, mean
 
 
 def discounted(

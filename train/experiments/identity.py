@@ -22,7 +22,7 @@ from train.runs.provenance import provenance
 from train.runs.stable_baselines import description_of
 from train.runs.tasks import maze_text_of
 from train.settings.checks import check
-from train.settings.self_play import LEARN, ROLES
+from train.settings.self_play import ROLES
 from train.teaching.mazes import named_maze, names_in
 
 INPUTS = "inputs"
@@ -50,7 +50,7 @@ def named_policies(plain: Mapping[str, Any]) -> dict[str, str]:
     return {
         name: value
         for name, value in named.items()
-        if isinstance(value, str) and value not in (*AGENTS, LEARN)
+        if isinstance(value, str) and value not in AGENTS
     }
 
 

@@ -33,7 +33,6 @@ from train.runs.single import make_run
 from train.runs.tasks import maze_text_of
 from train.runs.threads import check_device
 from train.runs.unused_settings import check_unused_settings
-from train.self_play.learners import complete
 from train.self_play.parts import (
     self_play_from_plain,
     self_play_parts,
@@ -52,7 +51,6 @@ class Kind:
         settings_of: makes and validates settings from values by command line name.
         from_plain: makes settings from `config.json`.
         check: raises ValueError for settings that cannot run.
-        complete: fills in values that are chosen at the start of a run.
         make: makes a run from settings, folder, and the state of a checkpoint (None for a new run).
         again: the command that resumes a run.
         pictures: the files that this command draws from the results.
@@ -61,7 +59,6 @@ class Kind:
     settings_of: Callable[..., Any]
     from_plain: Callable[[dict[str, Any], str], Any]
     check: Callable[[Any], object]
-    complete: Callable[[Any], Any]
     make: Callable[[Any, Path, dict[str, Any] | None], Run]
     again: str
     pictures: tuple[str, ...]
@@ -72,7 +69,6 @@ KINDS = {
         settings_of,
         from_plain,
         parts_of,
-        lambda settings: settings,
         make_run,
         "pursuit train",
         (CURVE, REPLAY, REPORT),
@@ -81,7 +77,6 @@ KINDS = {
         self_play_settings_of,
         self_play_from_plain,
         self_play_parts,
-        complete,
         make_self_play,
         "pursuit self-play",
         (CURVE, REPORT),
@@ -111,7 +106,6 @@ def start(kind: str, settings: Any, path: Path | str, final: Final | None = None
     check_device(settings.device)
     KINDS[kind].check(settings)
     check_unused_settings(settings)
-    settings = KINDS[kind].complete(settings)
     lock = hold(path, "run", shared=True)
     check_new(path)
     remove_leftovers(path)

@@ -29,7 +29,7 @@ from train.experiments.study import Study, TrainingRun, job_name
 from train.runs.folder import RUN
 from train.schemas import read_as
 from train.settings.checks import check, check_choice
-from train.settings.self_play import ROLES
+from train.settings.self_play import LEARN, ROLES, unnested_sides
 
 EXPERIMENTS = Path(__file__).with_name("files")
 MAX_RUNS = 100_000
@@ -81,7 +81,20 @@ def read_file(name: str, folder: Path, kind: str) -> tuple[Path, dict[str, Any]]
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise ValueError(f"{path}: not TOML: {error}; {REMEDY}") from None
     check_trusted(path, content)
-    return path, content
+    return path, unnested_tables(content)
+
+
+def unnested_tables(content: dict[str, Any]) -> dict[str, Any]:
+    """The content of a file with the tables of one side as names such as chaser.entropy_coef."""
+    found = dict(content)
+    for name, value in content.items():
+        if name in VERSIONS and isinstance(value, dict):
+            found[name] = unnested_tables(value)
+        elif name in ("settings", "grid", "search") and isinstance(value, dict):
+            found[name] = unnested_sides(value)
+        elif name == "variants" and isinstance(value, list):
+            found[name] = [unnested_sides(v) if isinstance(v, dict) else v for v in value]
+    return found
 
 
 def choose_version(file: SweepFile, version: str | None) -> SweepFile:
@@ -192,14 +205,21 @@ def flat_settings(settings: Any) -> dict[str, Any]:
 
 
 def flat_plain(nested: Mapping[str, Any]) -> dict[str, Any]:
-    """`flat_settings` of plain values."""
+    """`flat_settings` of plain values; what differs between sides is chaser.NAME, evader.NAME."""
     plain = dict(nested)
     flat = {"variant": None, "kind": None} | plain.pop("task")
     for name in ("hyper", "lessons"):
         plain |= {k: v for k, v in (plain.pop(name, None) or {}).items() if k not in plain}
-    for role in ROLES:  # self-play by another algorithm than PPO
-        own = plain.pop(f"{role}_hyper", None) or {}
-        plain |= {f"{role}_{name}": value for name, value in own.items()}
+    sides = {
+        role: {"algorithm": plain[role]["algorithm"], **plain[role]["hyper"]}
+        for role in ROLES
+        if isinstance(plain.get(role), Mapping)
+    }
+    for role, own in sides.items():
+        plain[role] = LEARN
+        for name, value in own.items():
+            same = all(name in side and side[name] == value for side in sides.values())
+            plain[name if same else f"{role}.{name}"] = value
     flat |= plain
     return {MEASURED.get(name, name): value for name, value in flat.items()}
 

@@ -19,7 +19,7 @@ from train.schemas import read_as
 from train.settings.algorithms import LEARNERS
 from train.settings.common import NETWORKS
 from train.settings.curricula import AXIS_PARTS, CURRICULUM_PARTS
-from train.settings.self_play import SAMPLING_PARTS
+from train.settings.self_play import ROLES, SAMPLING_PARTS
 
 PARTS, COMMAND = "parts", "command"
 """Keys of `config.json` other than settings."""
@@ -34,8 +34,6 @@ KINDS: dict[str, Registry[Any]] = {
     "axis": AXIS_PARTS,
     "curriculum": CURRICULUM_PARTS,
     "algorithm": LEARNERS,
-    "chaser_algorithm": LEARNERS,
-    "evader_algorithm": LEARNERS,
     "sampling": SAMPLING_PARTS,
     "network": NETWORKS,
 }
@@ -57,7 +55,8 @@ def own_parts(settings: Any) -> Iterator[tuple[str, str, str]]:
     plain = settings if isinstance(settings, Mapping) else asdict(settings)
     for setting, value in plain.items():
         if isinstance(value, Mapping):
-            yield from own_parts(value)
+            prefix = f"{setting}." if setting in ROLES else ""
+            yield from ((prefix + name, part, module) for name, part, module in own_parts(value))
         elif setting in KINDS:
             several = isinstance(value, list | tuple)
             for number, name in enumerate(value if several else [value]):

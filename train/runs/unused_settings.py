@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
 from typing import Any
 
 from pursuit.tasks.rewards import ROLES, is_coefficients, rewards_from_text
 from train.runs.tasks import task_of
 from train.settings.checks import check, check_default
-from train.settings.self_play import SelfPlaySettings, self_play_ppo
+from train.settings.self_play import SelfPlaySettings
 from train.settings.task import AnyTask, ReacherSettings, TaskSettings
-
-SHARED = ("gamma", "gamma_end", "recurrent")
-"""Hyperparameters of PPO in self-play that other algorithms share."""
 
 
 def check_unused_settings(settings: Any) -> None:
@@ -49,14 +45,7 @@ def check_unused_task_settings(settings: AnyTask) -> None:
 
 def check_unused_self_play_settings(settings: SelfPlaySettings) -> None:
     """As `check_unused_settings`, for the settings of self-play."""
-    hyper, default = settings.hyper, self_play_ppo()
     for name, scheme in (("window", "window"), ("pfsp_power", "pfsp")):
         if settings.sampling != scheme:
             other = f"sampling={settings.sampling!r} does not use it (sampling={scheme!r} does)"
             check_default(settings, SelfPlaySettings, [name], other)
-    by_ppo = [role for role in settings.learning if settings.algorithm(role) == "ppo"]
-    if hyper is None:
-        return
-    if not by_ppo:
-        names = [field.name for field in fields(hyper) if field.name not in SHARED]
-        check_default(hyper, default, names, "it is a setting of ppo, which no role uses")

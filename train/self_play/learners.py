@@ -1,35 +1,98 @@
-"""The hyperparameters of the learners of self-play; imported without torch by the command line."""
+"""The settings of self-play from names and values; imported without torch by the command line."""
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from typing import Any
 
 from train.runs.tasks import profile_of
-from train.settings.algorithms import Hyperparameters
+from train.settings.algorithms import hyperparameter_form
+from train.settings.checks import check
+from train.settings.common import with_memory
 from train.settings.presets import hyperparameters
-from train.settings.self_play import SelfPlaySettings
+from train.settings.reading import check_names, names_of, picked, typed
+from train.settings.self_play import (
+    LEARN,
+    ROLES,
+    LearningSide,
+    SelfPlaySettings,
+    self_play_ppo,
+    unnested_sides,
+)
+from train.settings.task import TaskSettings
+
+ALGORITHM = "algorithm"
 
 
-def hyper_of(settings: SelfPlaySettings, role: str) -> Hyperparameters:
-    """The hyperparameters of a role that learns.
+def learning_side(
+    role: str, task: TaskSettings, common: Mapping[str, Any], own: Mapping[str, Any]
+) -> LearningSide:
+    """A side that learns, with tuned hyperparameters where none are given.
 
-    Those of PPO are in `hyper`, those of other algorithms in `chaser_hyper` and `evader_hyper`. If
-    these are None they are the tuned ones, with the discount and the memory of `hyper`.
+    Args:
+        role: of the side.
+        task: the settings of the game.
+        common: the algorithm and hyperparameters of both sides; those of other algorithms are
+            ignored.
+        own: those of this side, which take precedence.
+
+    Raises:
+        ValueError: an unknown name in `own`, or a value that is not allowed.
     """
-    own = getattr(settings, f"{role}_hyper") if role in settings.other_learners else settings.hyper
-    if own is not None:
-        return own
-    hyper = hyperparameters(settings.algorithm(role), profile_of(replace(settings.task, role=role)))
-    same = {name: getattr(settings.hyper, name) for name in ("gamma", "gamma_end", "recurrent")}
-    if "gamma_end" not in {field.name for field in fields(hyper)}:
-        del same["gamma_end"]
-        same["gamma"] = settings.discount  # that of the exact game
-    return replace(hyper, **same)
+    algorithm = {**common, **own}.get(ALGORITHM, "ppo")
+    form, default = hyperparameter_form(algorithm), self_play_ppo()
+    names = names_of(form)
+    check_names(own, [ALGORITHM, *names], f" of the {role}'s algorithm {algorithm!r}")
+    given = {name: value for name, value in common.items() if name in names}
+    if common.get("gamma_end") is not None and "gamma_end" not in names:
+        given["gamma"] = common["gamma_end"]  # both sides end with the same discount
+    given |= {name: value for name, value in own.items() if name != ALGORITHM}
+    hyper: Any = default
+    if algorithm != "ppo":
+        tuned = hyperparameters(algorithm, profile_of(replace(task, role=role)))
+        same: Any = {"gamma": default.gamma, "gamma_end": None, "recurrent": None}
+        hyper = replace(tuned, **{name: same[name] for name in same if name in names})
+    return LearningSide(algorithm, picked(form, given, vars(hyper)))
 
 
-def complete(settings: SelfPlaySettings) -> SelfPlaySettings:
-    """The settings with the hyperparameters of all learners and no others, as in `config.json`."""
-    others: Any = {f"{role}_hyper": hyper_of(settings, role) for role in settings.other_learners}
-    ppo = len(others) < len(settings.learning)
-    return replace(settings, hyper=settings.hyper if ppo else None, **others)
+def checked_names(names: Iterable[str]) -> None:
+    """ValueError for a setting of one side in its former form, such as chaser_batch_size."""
+    for name in names:
+        role, _, rest = name.partition("_")
+        if role in ROLES and rest:
+            option = f"--{role}.{rest.replace('_', '-')}"
+            check(False, f"unknown setting {name!r}; give {role}.{rest} (as an option {option})")
+
+
+def unchecked_self_play(**flat: Any) -> SelfPlaySettings:
+    """As `self_play_settings_of`, without the checks that build the task and the policies."""
+    flat = with_memory(unnested_sides(flat))
+    checked_names(flat)
+    task = picked(TaskSettings, flat, {"rewards": "zero_sum"})
+    own: dict[str, dict[str, Any]] = {role: {} for role in ROLES}
+    common: dict[str, Any] = {}
+    shared = {*names_of(TaskSettings, SelfPlaySettings), *ROLES}
+    for name, value in flat.items():
+        role, dot, rest = name.partition(".")
+        if dot and role in ROLES:
+            own[role][rest] = value
+        elif name not in shared:
+            common[name] = value
+    sides: dict[str, Any] = {}
+    known = {ALGORITHM, *shared}
+    for role in ROLES:
+        fixed = flat.get(role, LEARN)
+        check(isinstance(fixed, str), f"{role}={fixed!r}; give a name, or a table of settings")
+        if fixed == LEARN:
+            try:
+                sides[role] = learning_side(role, task, common, own[role])
+            except ValueError as error:
+                raise ValueError(f"{role}: {error}") from None
+            known |= set(names_of(type(sides[role].hyper)))
+        else:
+            sides[role] = fixed
+            given = ", ".join(f"{role}.{name}" for name in own[role])
+            check(not given, f"{given} with {role}={fixed!r}, which does not learn; leave it out")
+    check_names(common, known, " of self-play")
+    return SelfPlaySettings(task=task, **sides, **typed(SelfPlaySettings, flat))

@@ -15,9 +15,10 @@ from scripted_agents import (
     why_not_optimal,
     work_of,
 )
-from scripted_agents.environments import SCRIPTED
+from scripted_agents.environments import SCRIPTED, SEARCHERS
 from train.evaluation.exploitability import exploitability, nash_conv, team_exploitability
 from train.evaluation.games import MAX_EXACT_WORK, is_exact, is_exact_team, other_role, table_in
+from train.evaluation.hidden_contest import best_response_interval
 from train.evaluation.joint_contest import MAX_WORK, joint_work
 from train.evaluation.matchups import match
 from train.settings.self_play import ROLES
@@ -68,12 +69,21 @@ def format_row(row: Mapping[str, float]) -> list[str]:
     return parts
 
 
-def scripted_references(task: Task) -> tuple[str, ...]:
-    """The scripted agents to compare with; "optimal" only if it is exactly optimal here."""
+def scripted_references(task: Task, role: str | None = None) -> tuple[str, ...]:
+    """The scripted agents to compare with; "optimal" only if it is exactly optimal here.
+
+    For a `role` with a limited view also those with the same view.
+    """
     solved = all(why_not_optimal(task, role) is None for role in ROLES) and (
         task.max_cells <= MAX_GAME_CELLS if task.is_duel else work_of(task) <= MAX_EXACT_WORK
     )
-    return tuple(name for name in SCRIPTED if name != "optimal" or solved)
+    names = tuple(name for name in SCRIPTED if name != "optimal" or solved)
+    hidden = role is not None and any(
+        task.hides_from(agent)
+        for agent, own in zip(task.agent_names, task.seat_roles, strict=True)
+        if own == role
+    )
+    return (*names, *SEARCHERS) if hidden else names
 
 
 def matches(
@@ -99,6 +109,26 @@ def exact_best_responses(
         tell(f"exact best response against the {role}", number / len(learned))
         best = best_team_response(task, other_role(role), {role: policy}, task.max_steps)
         found[f"against_{role}"] = best.mean_over_starts
+    return found
+
+
+def limited_best_responses(task: Task, pair: Mapping[str, Policy]) -> dict[str, Any]:
+    """Proven intervals of best responses with limited views, in discounted steps.
+
+    A best response has the view of its role; its opponent must be a policy without memory.
+
+    Returns:
+        "against_chaser" and "against_evader", each (lower, upper), where these are known; with both
+        also "nash_conv".
+    """
+    found: dict[str, Any] = {}
+    for role, policy in pair.items():
+        if is_exact(task, policy):
+            bounds = best_response_interval(task, other_role(role), table_in(task, policy))
+            found |= {} if bounds is None else {f"against_{role}": bounds}
+    if len(found) == len(ROLES):  # an evader's best response is against the chaser
+        (low, high), (least, most) = found["against_chaser"], found["against_evader"]
+        found["nash_conv"] = max(low - most, 0.0), high - least
     return found
 
 

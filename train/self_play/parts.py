@@ -22,14 +22,14 @@ from train.runs.forms import RESTORE
 from train.runs.opponents import policy_in_seat
 from train.runs.parts import build_of, check_sizes
 from train.runs.tasks import check_one_maze, task_of
-from train.self_play.learners import complete, hyper_of
+from train.self_play.learners import unchecked_self_play
 from train.self_play.side import SideParts
-from train.settings.algorithms import PPOSettings, hyperparameter_form
+from train.settings.algorithms import PPOSettings
 from train.settings.checks import check
-from train.settings.common import RunSettings, with_memory
-from train.settings.reading import check_names, names_of, picked, read_from, typed, whole
+from train.settings.common import RunSettings
+from train.settings.reading import read_from, shortened, whole
 from train.settings.run import TrainSettings
-from train.settings.self_play import LEARN, ROLES, SelfPlaySettings, self_play_ppo
+from train.settings.self_play import ROLES, LearningSide, SelfPlaySettings
 from train.settings.task import TaskSettings
 
 
@@ -132,14 +132,14 @@ def check_sides(settings: SelfPlaySettings, task: Task) -> None:
             if name in AGENTS:
                 check_agent(name, task, role)
     for role in settings.learning:
-        entry(settings.algorithm(role)).check_self_play(role, task.count(role))
+        entry(settings.side(role).algorithm).check_self_play(role, task.count(role))
 
 
 def side_settings(settings: SelfPlaySettings, role: str) -> TrainSettings[Any]:
     """The settings of the learner of one role, as those of a single-agent run."""
     task = replace(settings.task, role=role)
     members = task_of(task).count(role)
-    algorithm, hyper = settings.algorithm(role), hyper_of(settings, role)
+    algorithm, hyper = settings.side(role).algorithm, settings.side(role).hyper
     games = max(hyper.num_games // members, 1) * members
     if isinstance(hyper, PPOSettings):
         batch = min(hyper.minibatch_size, games * hyper.rollout_steps)
@@ -157,32 +157,14 @@ def side_settings(settings: SelfPlaySettings, role: str) -> TrainSettings[Any]:
 def self_play_settings_of(**flat: Any) -> SelfPlaySettings:
     """Settings of self-play by their names on the command line, checked.
 
-    The hyperparameters of other algorithms than PPO are prefixed with the role:
-    `self_play_settings_of(chaser_algorithm="dqn", chaser_batch_size=64, frames=1000)`.
+    Algorithm and hyperparameters are those of both sides. A table of a side takes precedence:
+    `self_play_settings_of(frames=1000, entropy_coef=0.02, evader={"algorithm": "dqn"})`; a name is
+    a fixed policy: `chaser="astar"`.
 
     Raises:
         ValueError: an unknown name, a value of the wrong type, or one that is not allowed.
     """
-    flat = with_memory(flat)
-    learn = {
-        r: str(flat.get(f"{r}_algorithm", "ppo")) for r in ROLES if flat.get(r, LEARN) == LEARN
-    }
-    others = {r: hyperparameter_form(name) for r, name in learn.items() if name != "ppo"}
-    names = {f"{role}_{name}" for role, form in others.items() for name in names_of(form)}
-    ppo = [] if learn and len(others) == len(learn) else [PPOSettings]
-    check_names(flat, {*names_of(TaskSettings, SelfPlaySettings, *ppo), *names}, " of self-play")
-    settings = complete(
-        SelfPlaySettings(
-            task=picked(TaskSettings, flat, {"rewards": "zero_sum"}),
-            hyper=picked(PPOSettings, flat, vars(self_play_ppo())),
-            **typed(SelfPlaySettings, flat),
-        )
-    )
-    changed: Any = {}
-    for role, form in others.items():
-        given = {n.removeprefix(f"{role}_"): v for n, v in flat.items() if n in names}
-        changed[f"{role}_hyper"] = picked(form, given, vars(getattr(settings, f"{role}_hyper")))
-    settings = replace(settings, **changed)
+    settings = unchecked_self_play(**flat)
     self_play_parts(settings)
     return settings
 
@@ -191,14 +173,17 @@ def self_play_from_plain(plain: Mapping[str, Any], where: str) -> SelfPlaySettin
     """Settings from the plain values of `config.json`; ValueError if these are invalid."""
     with read_from(where, RESTORE):
         own = whole(SelfPlaySettings, plain)
-        forms: dict[str, type[Any]] = {"task": TaskSettings, "hyper": PPOSettings}
-        forms |= {f"{r}_hyper": entry(own[f"{r}_algorithm"]).settings for r in ROLES}
-        parts: Any = {
-            name: None
-            if name != "task" and plain.get(name) is None
-            else form(**whole(form, plain.get(name), name))
-            for name, form in forms.items()
-        }
-        settings = SelfPlaySettings(**own, **parts)
+        task = TaskSettings(**whole(TaskSettings, plain.get("task"), "task"))
+        sides: Any = {role: _side_from_plain(role, plain.get(role)) for role in ROLES}
+        settings = SelfPlaySettings(task=task, **sides, **own)
         check_sides(settings, task_of(settings.task))
     return settings
+
+
+def _side_from_plain(role: str, plain: Any) -> str | LearningSide:
+    if isinstance(plain, str):
+        return plain
+    good = isinstance(plain, Mapping) and set(plain) == {"algorithm", "hyper"}
+    check(good, f"{role}={shortened(plain)}; give a name, or a table of algorithm and hyper")
+    form = entry(plain["algorithm"]).settings
+    return LearningSide(plain["algorithm"], form(**whole(form, plain["hyper"], f"{role}.hyper")))

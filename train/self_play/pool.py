@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.simulator.policy import GameView, Policy, play
-from scripted_agents import solve_matrix_game
 from train.networks.policy import NetworkPolicy
 from train.runs.folder import MISFITS
 from train.self_play.tables import CellTables
@@ -50,7 +50,7 @@ class OpponentPool:
     """The opponents in one role: the latest policy, scripted agents, and snapshots in a folder.
 
     Args:
-        folder: of the snapshots, one .pt file each.
+        folder: of the snapshots, one .pt file each; its name is the role.
         latest: the learning policy of this role.
         capacity: maximum number of snapshots.
         load: makes a policy from a saved state.
@@ -60,6 +60,7 @@ class OpponentPool:
         ValueError: a capacity below 1.
 
     Attributes:
+        role: of the members.
         members: in order of age, the latest first, then scripted agents, then snapshots.
         offered: snapshots so far, kept or not.
     """
@@ -74,7 +75,7 @@ class OpponentPool:
     ) -> None:
         check(capacity >= 1, f"pool_size={capacity}; give at least 1")
         self.folder, self.capacity, self._load = folder, capacity, load
-        self.newest, self.offered = newest, 0
+        self.role, self.newest, self.offered = folder.name, newest, 0
         self.members = [Member(LATEST, latest, True)]
 
     @property
@@ -187,6 +188,8 @@ def weights(
     window: int = 5,
     power: float = 2.0,
     mixture: NDArray[np.float64] | None = None,
+    payoffs: Any = None,
+    progress: float = 0.0,
 ) -> NDArray[np.float64]:
     """[members] float64 with sum 1: the sampling probabilities.
 
@@ -199,13 +202,15 @@ def weights(
             `mixture`, a Nash equilibrium of the payoff matrix (McMahan et al., 2003); until there
             is one, the latest. Scripted members are included in all but "latest", in the last two
             by the mixture.
-            Any other name is a user-defined function (pool) -> [members].
+            Any other name is a user-defined function (pool, payoffs, progress) -> [members].
         window: number of snapshots of "window".
         power: exponent of "pfsp"; larger values prefer stronger opponents.
         mixture: [members] of "double-oracle" and "psro".
+        payoffs: the `Payoffs` for a user-defined function.
+        progress: share of the budget used, in [0, 1], for a user-defined function.
 
     Raises:
-        ValueError: an empty pool, or invalid weights of a user-defined function.
+        ValueError: an empty pool, or invalid probabilities of a user-defined function.
     """
     members = pool.members
     check(bool(members), f"{pool.folder}: the pool is empty; add a member")
@@ -224,11 +229,13 @@ def weights(
             first = sum(member.scripted for member in members)
             chosen[first : first + max(old, 0)] = 0.0
     else:
-        chosen = np.asarray(SAMPLING_PARTS.get(sampling)(pool), dtype=np.float64)
+        given = SAMPLING_PARTS.get(sampling)(pool, payoffs, progress)
+        with contextlib.suppress(TypeError, ValueError):
+            chosen = np.asarray(given, dtype=np.float64)
         check(
             chosen.shape == (len(members),) and 0.0 < chosen.sum() < inf and chosen.min() >= 0.0,
-            f"sampling {sampling!r} returned {chosen!r} for {len(members)} members of the pool; "
-            "return one finite weight of at least 0 for each, with a positive sum",
+            f"sampling {sampling!r} returned {given!r} for {len(members)} members of the pool; "
+            "return one finite probability of at least 0 for each, with a positive sum",
         )
     total: NDArray[np.float64] = chosen / chosen.sum()
     return total
@@ -298,13 +305,3 @@ class PoolPolicy:
                 actions[games] = play(policy, part)
                 view.streams[games] = part.streams
         return actions
-
-
-def nash_mixtures(payoff: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The equilibrium of a payoff matrix [chasers, evaders] that the evaders maximise.
-
-    Returns:
-        The mixtures of the chasers and of the evaders.
-    """
-    game = solve_matrix_game(payoff.T)
-    return game.column, game.row

@@ -143,6 +143,10 @@ def describe_exploitability(results: Mapping[str, Any]) -> list[str]:
     if "nash_conv" in found:
         before = f" (at the start {start['nash_conv']:.3f})" if "nash_conv" in start else ""
         lines.append(f"NashConv {found['nash_conv']:.3f} discounted steps{before}; {meaning}.")
+    for name, bounds in results.get("limited_best_responses", {}).items():
+        what = f"Best response with the view of its role {name.replace('_', ' the ')}"
+        what = "NashConv with these views" if name == "nash_conv" else what
+        lines.append(f"{what}: {bounds[0]:.3f} to {bounds[1]:.3f} discounted steps, proven.")
     if results.get("averages"):
         lines.append(f"{describe_averages(results['averages'])}.")
     if results.get("diversity"):

@@ -145,7 +145,7 @@ class Side:
     def evaluated_policy(self) -> Policy:
         """The policy as it is now, in float32 and without improbable actions."""
         seat = replace(self.parts.seat, min_probability=self.parts.min_probability)
-        return self.parts.algorithm.load(self.parts.hyper, seat, self.snapshot(), self.greedy)
+        return self._loaded(seat, self.snapshot())
 
     def policy(self) -> Policy:
         """The policy of training."""
@@ -161,7 +161,13 @@ class Side:
     def load(self, state: dict[str, Any]) -> Policy:
         """The policy of a snapshot; ValueError for weights that are not finite."""
         check_learned(self.parts.algorithm.name, {"learner": state})
-        return self.parts.algorithm.load(self.parts.hyper, self.parts.seat, state, self.greedy)
+        return self._loaded(self.parts.seat, state)
+
+    def _loaded(self, seat: Seat, state: dict[str, Any]) -> Policy:
+        """A policy from a state, without drawing from torch's generator, so that runs do not depend
+        on when policies are loaded."""
+        with torch.random.fork_rng(devices=[]):
+            return self.parts.algorithm.load(self.parts.hyper, seat, state, self.greedy)
 
     def snapshot(self) -> dict[str, Any]:
         """The state for `load`."""

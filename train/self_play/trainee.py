@@ -17,7 +17,7 @@ from train.evaluation.games import (
     is_exact_team,
     other_role,
 )
-from train.evaluation.matchups import can_solve, discounted_steps, match
+from train.evaluation.matchups import can_solve, match
 from train.runs.folder import (
     CONFIG,
     MISFITS,
@@ -32,26 +32,31 @@ from train.runs.threads import check_device, prepare_torch
 from train.runs.training_state import policy_memories, restore_policy_memories
 from train.self_play.averages import averages_of
 from train.self_play.diversity import diversity_of
+from train.self_play.meta_game import Payoffs
 from train.self_play.metrics import (
     exact_best_responses,
     exploited,
     format_row,
+    limited_best_responses,
     matches,
     scripted_references,
     whole_game,
 )
 from train.self_play.parts import SelfPlayParts, self_play_parts, side_settings
-from train.self_play.pool import LATEST, OpponentPool, nash_mixtures, weights
+from train.self_play.pool import OpponentPool, weights
 from train.self_play.side import Side
-from train.settings.checks import evaluation_seed
-from train.settings.self_play import LEARN, NASH_SAMPLING, ROLES, SelfPlaySettings, self_play_ppo
+from train.settings.self_play import (
+    NASH_SAMPLING,
+    ROLES,
+    LearningSide,
+    SelfPlaySettings,
+    self_play_ppo,
+)
 
 MOST_AVERAGED_CELLS = 49
 """Maximum number of cells for averages of snapshots in the results: they take long above."""
 PLAYED = {"uniform": "all mixed", "double-oracle": "Nash mixture", "psro": "Nash mixture"}
 """The mixture of snapshots that a sampling rule converges in; with others the last policies."""
-PAIR_EPISODES = 200
-"""Games per entry of the payoff matrix without an exact value."""
 
 
 class SelfPlay:
@@ -71,8 +76,9 @@ class SelfPlay:
 
     Attributes:
         task, sides, pools: the game, the learning sides, and the opponents in each role.
-        payoffs, mixtures: of the meta-game of double oracle; payoffs in discounted steps.
-        taken: snapshots so far.
+        payoffs: between members of the pools.
+        mixtures: the Nash mixtures of double oracle.
+        taken, progress: snapshots and progress so far, in [0, 1].
         tell: called with a description and the progress in [0, 1] of long computations at the end.
     """
 
@@ -96,8 +102,9 @@ class SelfPlay:
             side.opponents.policy.pool = self.pools[other_role(role)]
         self.tell: Callable[[str, float], None] = lambda what, share: None
         self.rng = np.random.default_rng(settings.seed)
-        self.taken = 0
-        self.payoffs: dict[tuple[str, str], float] = {}
+        self.taken, self.progress = 0, 0.0
+        given = (tuple(self.sides), parts.discount, settings.seed)
+        self.payoffs = Payoffs(self.task, self.pools, *given)
         self.mixtures: dict[str, dict[str, float]] = {}
         if state is not None:
             self._load_state_dict(state)
@@ -144,6 +151,7 @@ class SelfPlay:
             if self.settings.sampling == "psro" and clock.progress < 1.0:
                 for side in self.sides.values():
                     side.restart()
+        self.progress = clock.progress
         self._share_out()
         return figures
 
@@ -160,8 +168,9 @@ class SelfPlay:
                 shares = np.array([given.get(name, 0.0) for name in pool.names])
                 mixture = shares / shares.sum() if shares.sum() > 0 else None
             sampling = settings.sampling if other_role(role) in self.sides else "latest"
+            own: Any = (mixture, self.payoffs, self.progress)
             side.opponents.shares = weights(
-                pool, sampling, settings.window, settings.pfsp_power, mixture
+                pool, sampling, settings.window, settings.pfsp_power, *own
             )
 
     def _take_snapshots(self) -> None:
@@ -170,8 +179,9 @@ class SelfPlay:
             self.pools[role].add(f"{self.taken:05d}", side.snapshot(), self.rng)
         for role in ROLES:
             self._keep_opponents(role, places[role])
+        self.payoffs.forget()
         if self.settings.sampling in NASH_SAMPLING:
-            self._solve_meta_game()
+            self.mixtures = self.payoffs.mixtures()
 
     def _keep_opponents(self, role: str, before: list[str]) -> None:
         """Update the opponents of running games after members of a pool have moved."""
@@ -180,35 +190,6 @@ class SelfPlay:
             moved = np.array([names.index(name) if name in names else 0 for name in before])
             opponents = learner.opponents.policy.opponents
             opponents[:] = moved[opponents]
-
-    def _solve_meta_game(self) -> None:
-        """The Nash mixture of all pairs of snapshots (and scripted members; not the latest).
-
-        Payoffs are discounted steps until the game ends, as in training and in NashConv.
-        """
-        members = {
-            role: [
-                m for m in self.pools[role].members if m.name != LATEST or role not in self.sides
-            ]
-            for role in ROLES
-        }
-        payoff = np.empty([len(members[role]) for role in ROLES])
-        for i, chaser in enumerate(members["chaser"]):
-            for j, evader in enumerate(members["evader"]):
-                pair = (chaser.name, evader.name)
-                if pair not in self.payoffs:
-                    self.payoffs[pair] = discounted_steps(
-                        self.task,
-                        chaser.policy,
-                        evader.policy,
-                        self.parts.discount,
-                        PAIR_EPISODES,
-                        evaluation_seed(self.settings.seed),
-                    )
-                payoff[i, j] = self.payoffs[pair]
-        for role, mixture in zip(ROLES, nash_mixtures(payoff), strict=True):
-            names = [member.name for member in members[role]]
-            self.mixtures[role] = dict(zip(names, mixture.tolist(), strict=True))
 
     # -- evaluation ------------------------------------------------------------------------------
 
@@ -241,7 +222,11 @@ class SelfPlay:
         settings, pair = self.settings, {role: self.policy(role) for role in ROLES}
         players = {
             role: {"learned" if role in self.sides else "frozen": pair[role]}
-            | {name: self.parts.scripted[name, role] for name in scripted_references(self.task)}
+            | {
+                name: self.parts.scripted[name, role]
+                for name in scripted_references(self.task, role)
+                if (name, role) in self.parts.scripted
+            }
             for role in ROLES
         }
         content: dict[str, Any] = {
@@ -261,6 +246,8 @@ class SelfPlay:
         }
         if any(self.task.hides_from(agent) for agent in self.task.agent_names):
             content["limited_view"] = True  # best responses and values have full view
+            self.tell("best responses with a limited view", 0.0)
+            content["limited_best_responses"] = limited_best_responses(self.task, pair)
         exact = "nash_conv" in content["evaluation"]
         if not exact and not is_exact_team(self.task, pair, MAX_FINAL_WORK):
             self.tell("NashConv of the whole game", 0.0)
@@ -290,15 +277,15 @@ class SelfPlay:
         found = {}
         for role in self.sides:
             other = other_role(role)
-            roles: Any = {role: str(self.folder / role), other: LEARN, f"{other}_algorithm": "ppo"}
+            by_ppo = [side.parts.hyper for side in self.sides.values()
+                      if side.parts.algorithm.name == "ppo"]  # fmt: skip
+            hyper = by_ppo[0] if by_ppo else replace(self_play_ppo(), gamma=self.parts.discount)
+            roles: Any = {role: str(self.folder / role), other: LearningSide(hyper=hyper)}
             settings = replace(
                 self.settings,
                 # The fixed side samples as in training; the response may use all actions.
                 task=replace(self.settings.task, opponent_policy="sampled", mask_bumps=False),
                 **roles,
-                hyper=self.settings.hyper or replace(self_play_ppo(), gamma=self.parts.discount),
-                chaser_hyper=None,
-                evader_hyper=None,
                 sampling="latest",
                 members=(),
                 seconds=self.settings.best_response_seconds,
@@ -326,7 +313,8 @@ class SelfPlay:
             "memories": {role: policy_memories(side.env) for role, side in self.sides.items()},
             "rng": self.rng.bit_generator.state,
             "taken": self.taken,
-            "payoffs": [[*pair, value] for pair, value in self.payoffs.items()],
+            "progress": self.progress,
+            "payoffs": [[*pair, value] for pair, value in self.payoffs.known.items()],
             "mixtures": self.mixtures,
         }
 
@@ -344,8 +332,9 @@ class SelfPlay:
         for role, side in self.sides.items():  # after their opponents are restored
             restore_policy_memories(side.env, state["memories"][role])
         self.rng.bit_generator.state = state["rng"]
-        self.taken, self.mixtures = state["taken"], state["mixtures"]
-        self.payoffs = {(chaser, evader): value for chaser, evader, value in state["payoffs"]}
+        self.taken, self.progress = state["taken"], state["progress"]
+        self.mixtures = state["mixtures"]
+        self.payoffs.known = {(one, two): value for one, two, value in state["payoffs"]}
 
     def save_beside(self, folder: Path) -> None:
         """Write every role as a separate policy, and delete snapshots that are in no pool."""

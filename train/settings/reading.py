@@ -23,7 +23,7 @@ TYPES = {
     "str": "a string",
 }
 """The types of settings in messages; the first match is used."""
-INNER = frozenset({"task", "hyper", "lessons", "chaser_hyper", "evader_hyper"})
+INNER = frozenset({"task", "hyper", "lessons", "chaser", "evader"})
 """Fields of run settings that are themselves settings."""
 
 

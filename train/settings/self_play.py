@@ -2,24 +2,42 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from inspect import signature
 from typing import Annotated, Any
 
 from pursuit.observations.custom import check_observation
 from pursuit.plugins import Registry
 from scripted_agents.environments import AGENTS, is_custom_policy
-from train.settings.algorithms import PPOSettings
+from train.settings.algorithms import Hyperparameters, PPOSettings, hyperparameter_form
 from train.settings.checks import NotNegative, at_least, check, passes, threads_from
 from train.settings.common import MinProbability, RunSettings
 from train.settings.task import TaskSettings
 
 ROLES = ("chaser", "evader")
 LEARN = "learn"
+"""The name of a side that learns, on the command line and in files."""
 SAMPLING = ("latest", "window", "uniform", "pfsp", "double-oracle", "psro")
 NASH_SAMPLING = ("double-oracle", "psro")
 """Sampling rules that draw opponents from a Nash mixture of the payoff matrix."""
+
+
+def is_sampling_rule(given: Any) -> bool:
+    """Whether an object can be called with a pool, its payoffs and the progress."""
+    try:
+        signature(given).bind(None, None, 0.0)
+    except (TypeError, ValueError):
+        return False
+    return callable(given)
+
+
 SAMPLING_PARTS: Registry[Any] = Registry(
-    "sampling", "a function (pool) -> weights of its members", callable, "sampling", SAMPLING
+    "sampling",
+    "a function (pool, payoffs, progress) -> probabilities of the members of the pool",
+    is_sampling_rule,
+    "sampling",
+    SAMPLING,
 )
 """User-defined rules for sampling opponents."""
 
@@ -41,25 +59,41 @@ def self_play_ppo() -> PPOSettings:
 
 
 @dataclass(frozen=True)
+class LearningSide:
+    """The algorithm and the hyperparameters of one side; ValueError if they do not fit."""
+
+    algorithm: str = "ppo"
+    hyper: Hyperparameters = field(default_factory=self_play_ppo)
+
+    def __post_init__(self) -> None:
+        form = hyperparameter_form(self.algorithm)
+        check(
+            type(self.hyper) is form,
+            f"algorithm={self.algorithm!r} with {type(self.hyper).__name__}; give {form.__name__}",
+        )
+
+
+def unnested_sides(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Settings by name, with a table chaser = {entropy_coef = 0.05} as chaser.entropy_coef."""
+    flat: dict[str, Any] = {}
+    for name, value in given.items():
+        if name in ROLES and isinstance(value, Mapping):
+            flat |= {f"{name}.{own}": setting for own, setting in value.items()}
+        else:
+            flat[name] = value
+    return flat
+
+
+@dataclass(frozen=True)
 class SelfPlaySettings(RunSettings):
     """All settings of a run of self-play."""
 
     task: TaskSettings = field(default_factory=lambda: TaskSettings(rewards="zero_sum"))
-    hyper: PPOSettings | None = field(default_factory=self_play_ppo)
-    """Hyperparameters of PPO, for the roles that learn with it; None where no role does."""
-    chaser: str = LEARN
-    """learn, or the fixed policy of the chasers: astar, random, optimal, searching (or sweeping,
-    belief), the folder of a run, or package.module:Name of a user-defined policy."""
-    evader: str = LEARN
-    """learn, or the fixed policy of the evaders."""
-    chaser_algorithm: str = "ppo"
-    """Algorithm of the chasers: ppo, a2c or dqn."""
-    evader_algorithm: str = "ppo"
-    """Algorithm of the evaders: ppo, a2c or dqn."""
-    chaser_hyper: Any = None
-    """Hyperparameters of the chasers' algorithm if that is not PPO; None for the tuned ones."""
-    evader_hyper: Any = None
-    """Hyperparameters of the evaders' algorithm if that is not PPO; None for the tuned ones."""
+    chaser: str | LearningSide = field(default_factory=LearningSide)
+    """The chasers: how they learn, or a fixed policy: astar, random, optimal, searching (or
+    sweeping, belief), the folder of a run, or package.module:Name of a user-defined policy."""
+    evader: str | LearningSide = field(default_factory=LearningSide)
+    """The evaders, as `chaser`."""
     sampling: Annotated[str, passes(SAMPLING_PARTS.check)] = "latest"
     """Distribution over opponents: latest, window (the latest snapshots), uniform (all snapshots:
     fictitious self-play), pfsp (prioritised by difficulty), double-oracle (a Nash mixture of all
@@ -113,17 +147,11 @@ class SelfPlaySettings(RunSettings):
                 f"unknown member {name!r}; one of {', '.join(AGENTS)}, or package.module:Name",
             )
             check(self.members.count(name) == 1, f"member {name!r} is given twice; give it once")
-        for role in ROLES:
-            check(
-                getattr(self, f"{role}_hyper") is None or role in self.other_learners,
-                f"{role}_hyper is for algorithms other than ppo; leave it out, or set "
-                f"{role}_algorithm to one that the {role}s learn with",
-            )
         discounts = {}
-        for prefix, hyper in self._hypers().items():
-            check(hyper is not None, "hyper=None, but a role learns with ppo; leave hyper out")
+        for role in self.learning:
+            hyper = self.side(role).hyper
             last = "gamma" if getattr(hyper, "gamma_end", None) is None else "gamma_end"
-            discounts[f"{prefix}{last}"] = hyper.last_gamma
+            discounts[f"{role}.{last}"] = hyper.last_gamma
         for name, discount in discounts.items():
             check(
                 0.0 < discount < 1.0,
@@ -139,29 +167,14 @@ class SelfPlaySettings(RunSettings):
     @property
     def learning(self) -> tuple[str, ...]:
         """The roles that learn."""
-        return tuple(role for role in ROLES if getattr(self, role) == LEARN)
-
-    @property
-    def other_learners(self) -> tuple[str, ...]:
-        """The roles that learn with an algorithm other than PPO."""
-        return tuple(role for role in self.learning if self.algorithm(role) != "ppo")
+        return tuple(role for role in ROLES if isinstance(getattr(self, role), LearningSide))
 
     @property
     def discount(self) -> float:
         """The discount of the exact game: the final discount of the learners."""
-        return float(next(iter(self._hypers().values())).last_gamma)
+        return self.side(self.learning[0]).hyper.last_gamma
 
-    def _hypers(self) -> dict[str, Any]:
-        """The hyperparameters that give the discount of each learning role, by their name prefix.
-
-        It is `hyper` where those of another algorithm are not filled in yet.
-        """
-        found = {}
-        for role in self.learning:
-            own = getattr(self, f"{role}_hyper")
-            found["" if own is None else f"{role}_"] = self.hyper if own is None else own
-        return found
-
-    def algorithm(self, role: str) -> str:
-        """The algorithm of a role."""
-        return str(getattr(self, f"{role}_algorithm"))
+    def side(self, role: str) -> LearningSide:
+        """The algorithm and the hyperparameters of a role that learns."""
+        side: LearningSide = getattr(self, role)
+        return side

@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 import torch
 
-from pursuit import Simulator, make_task
+from pursuit import Simulator, load_maze, make_task
 from pursuit.simulator.policy import pairs_of_cells
-from scripted_agents import AStarChaser, AStarEvader, RandomAgent, TablePolicy
+from scripted_agents import AStarChaser, AStarEvader, RandomAgent, TablePolicy, solve_hidden_chase
 from train.algorithms.q_learning import QTablePolicy, StateNumbers
 from train.evaluation import hidden_contest
 from train.evaluation.contest import GameContest
+from train.evaluation.exploitability import exploitability
 from train.evaluation.objective_gap import objective_gap
 from train.evaluation.recordings import sides_of
 from train.evaluation.scores import score_table
@@ -24,6 +25,7 @@ from train.networks.layers import Hidden
 from train.networks.policy import Seat
 from train.runs.report import summary
 from train.runs.single import evaluation_of
+from train.self_play.metrics import limited_best_responses
 from train.self_play.report import describe_exploitability
 
 
@@ -124,3 +126,25 @@ def test_a_table_of_another_sight_is_not_taken_for_what_is_played() -> None:
     assert not found.exact
     exact = contest.score("the same as a table", table)
     assert exact.exact and abs(found.mean_steps - exact.mean_steps) <= 2.0 * found.ci95
+
+
+def test_best_responses_with_limited_views_are_bounds_of_nash_conv() -> None:
+    maze, pair = load_maze("3x3"), {"chaser": AStarChaser(0.3), "evader": AStarEvader(0.3)}
+    tables = [policy.action_probabilities(maze) for policy in pair.values()]
+    full = limited_best_responses(make_task("chase", maze=maze), pair)
+    exact = exploitability(maze, *tables, discount=0.95).nash_conv
+    assert full["nash_conv"] == pytest.approx((exact, exact))
+    hidden = make_task("chase", maze=maze, view_radius={"chaser": 1})
+    found = limited_best_responses(hidden, pair)
+    proven = solve_hidden_chase(maze, tables[1], 1, width=1e-3)
+    assert found["against_evader"] == pytest.approx((proven.lower, proven.upper), rel=1e-3)
+    assert found["against_evader"][0] > full["against_evader"][0]  # less is seen
+    assert found["against_chaser"] == full["against_chaser"]  # the evader sees all
+    low, high = found["nash_conv"]
+    assert low <= high < exact
+    told = describe_exploitability(
+        {"evaluation": {}, "limited_best_responses": found, "frames": 1, "seconds": 1.0}
+    )
+    assert (
+        told[2] == f"NashConv with these views: {low:.3f} to {high:.3f} discounted steps, proven."
+    )

@@ -14,6 +14,7 @@ from typing import Any
 
 import pytest
 import torch
+from self_play_runs import side_by
 
 from train.algorithms.registry import ALGORITHMS, entry
 from train.experiments.kinds import resume, start
@@ -23,7 +24,14 @@ from train.runs.parts import settings_of
 from train.runs.threads import random_states, set_random_states
 from train.settings.algorithms import HYPERPARAMETERS
 from train.settings.curricula import CURRICULA
-from train.settings.self_play import SAMPLING, SelfPlaySettings, self_play_ppo
+from train.settings.self_play import (
+    NASH_SAMPLING,
+    ROLES,
+    SAMPLING,
+    LearningSide,
+    SelfPlaySettings,
+    self_play_ppo,
+)
 from train.settings.task import TaskSettings
 
 TIMING = {"seconds", "frames_per_second"}
@@ -214,8 +222,9 @@ PPO = replace(self_play_ppo(), num_games=24, rollout_steps=3, minibatch_size=64,
 def both(task: dict[str, Any] | None = None, **changes: Any) -> SelfPlaySettings:
     """Settings of a short self-play with more snapshots than most pools keep."""
     game = {"maze": "3x3", "rewards": "zero_sum", "max_steps": 12, **(task or {})}
+    sides = dict.fromkeys(ROLES, LearningSide(hyper=changes.pop("hyper", PPO)))
     given = {
-        "hyper": PPO,
+        **sides,
         "frames": 2 * FRAMES,
         "snapshots": 7,
         "pool_size": 3,
@@ -227,7 +236,7 @@ def both(task: dict[str, Any] | None = None, **changes: Any) -> SelfPlaySettings
 
 @pytest.mark.parametrize("sampling", SAMPLING)
 def test_every_scheme_of_self_play_resumes(sampling: str, tmp_path: Path) -> None:
-    size = 7 if sampling == "double-oracle" else 3
+    size = 7 if sampling in NASH_SAMPLING else 3
     settings = both(sampling=sampling, members=("astar",), pool_size=size)
     check_resumption(SELF_PLAY, settings, tmp_path)
 
@@ -241,7 +250,7 @@ def test_every_learner_resumes_in_every_scheme(
     settings = both(
         sampling=sampling,
         pool_size=7,
-        chaser_algorithm=algorithm,
+        chaser=LearningSide(hyper=PPO) if algorithm == "ppo" else side_by(algorithm),
         frames=40_000,
         members=("astar",),
     )

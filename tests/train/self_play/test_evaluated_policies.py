@@ -17,7 +17,7 @@ from train.settings.self_play import ROLES, self_play_ppo
 def test_improbable_actions_are_not_played(tmp_path: Path) -> None:
     hyper = replace(self_play_ppo(), entropy_coef=0.0)
     settings: Any = {"min_probability": 0.2, "precision": "float32", "hyper": hyper}
-    run = make_run(tmp_path, frames=60_000, **settings)
+    run = make_run(tmp_path, frames=120_000, **settings)
     run.train()
     maze = run.trainee.task.mazes[0]
     for role in ROLES:

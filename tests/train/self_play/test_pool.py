@@ -21,7 +21,8 @@ from scripted_agents import (
 from train.networks.actor_critic import ActorCritic
 from train.networks.layers import Hidden
 from train.networks.policy import LearnedPolicy, Seat
-from train.self_play.pool import OpponentPool, PoolPolicy, nash_mixtures, weights
+from train.self_play.meta_game import nash_mixtures
+from train.self_play.pool import OpponentPool, PoolPolicy, weights
 
 # -- the pool --------------------------------------------------------------------------------------
 

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import torch
-from self_play_runs import QUICK, Always, go_on, make_run, make_settings
+from self_play_runs import QUICK, Always, go_on, make_run, make_settings, side_by
 
 from pursuit.mazes.maze import load_maze
 from pursuit.simulator.simulator import Simulator
@@ -34,11 +34,11 @@ from train.networks.policy import Seat
 from train.runs.folder import SELF_PLAY
 from train.runs.loop import Run
 from train.runs.opponents import load_policy
-from train.self_play.parts import self_play_parts
+from train.self_play.parts import self_play_parts, self_play_settings_of
 from train.self_play.pool import OpponentPool
 from train.self_play.report import describe_whole_game
 from train.self_play.side import Opponents
-from train.settings.self_play import SelfPlaySettings, self_play_ppo
+from train.settings.self_play import LearningSide, SelfPlaySettings, self_play_ppo
 from train.settings.task import TaskSettings
 
 # -- the games -------------------------------------------------------------------------------------
@@ -141,8 +141,8 @@ def test_payoffs_of_double_oracle_are_those_of_the_discounted_game(tmp_path: Pat
         {member.name: member.policy for member in trainee.pools[role].members}
         for role in ("chaser", "evader")
     )
-    assert len(trainee.payoffs) == len(chasers.keys() - {"latest"}) ** 2 > 4
-    for (chaser, evader), payoff in trainee.payoffs.items():
+    assert len(trainee.payoffs.known) == len(chasers.keys() - {"latest"}) ** 2 > 4
+    for (chaser, evader), payoff in trainee.payoffs.known.items():
         tables = [table_in(task, who) for who in (chasers[chaser], evaders[evader])]
         values = exploitability(maze, *tables, discount=trainee.parts.discount).values
         assert payoff == pytest.approx(mean_over_starts(values, maze))
@@ -271,11 +271,17 @@ def test_a_killed_run_resumes_bit_for_bit(tmp_path: Path, sampling: str) -> None
         go_on(tmp_path / "part")
 
 
+def test_an_evaluation_does_not_change_a_run(tmp_path: Path) -> None:
+    run = make_run(tmp_path / "run", frames=2000)
+    before = torch.get_rng_state()
+    run.trainee.evaluate()
+    assert torch.equal(torch.get_rng_state(), before)
+
+
 @pytest.mark.parametrize(
     "changes",
     [
-        {"chaser_algorithm": "dqn", "evader_algorithm": "a2c", "frames": 30_000,
-         "hyper": self_play_ppo()},
+        {"chaser": side_by("dqn"), "evader": side_by("a2c", "evader"), "frames": 30_000},
         pytest.param(
             {"task": {"num_chasers": 2, "num_evaders": 2, "max_steps": 30}},
             marks=pytest.mark.slow,
@@ -349,8 +355,8 @@ def test_a_frozen_side_stays_as_it_is(tmp_path: Path) -> None:
         ({"pool_size": 0}, "pool_size=0"),
         ({"sampling": "window", "window": 9, "pool_size": 8}, "window=9 is more than pool_size"),
         ({"sampling": "double-oracle", "pool_size": 4}, "double-oracle keeps all"),
-        ({"chaser_algorithm": "q_learning"}, "chaser_algorithm='q_learning'"),
-        ({"chaser_algorithm": "dqn", "task": {"num_chasers": 2}}, "with 2 chasers"),
+        ({"chaser": side_by("q_learning")}, "chaser.algorithm='q_learning'"),
+        ({"chaser": side_by("dqn"), "task": {"num_chasers": 2}}, "with 2 chasers"),
         ({"hyper": replace(QUICK, gamma=1.0)}, "gamma=1.0"),
         ({"hyper": replace(QUICK, gamma_end=0.0)}, "gamma_end=0.0 is outside"),
         ({"frames": None}, "give exactly one of the two"),
@@ -366,10 +372,10 @@ def test_invalid_settings_are_refused(changes: Any, message: str) -> None:
 
 @pytest.mark.parametrize("algorithm", ["ppo", "a2c", "dqn"])
 def test_final_discounts_of_both_sides_are_that_of_the_exact_game(algorithm: str) -> None:
-    hyper = replace(QUICK, gamma=0.9, gamma_end=0.97)
-    parts = self_play_parts(make_settings(hyper=hyper, chaser_algorithm=algorithm))
+    given: dict[str, Any] = {"maze": "3x3", "frames": 1000, "chaser": {"algorithm": algorithm}}
+    parts = self_play_parts(self_play_settings_of(**given, gamma=0.9, gamma_end=0.97))
     assert parts.discount == parts.sides["chaser"].hyper.last_gamma == 0.97
-    plain = self_play_parts(make_settings(chaser_algorithm=algorithm))
+    plain = self_play_parts(self_play_settings_of(**given))
     assert plain.discount == plain.sides["chaser"].hyper.last_gamma == QUICK.gamma
 
 
@@ -403,32 +409,55 @@ def test_a_damaged_snapshot_is_left_out_and_the_rest_goes_on(tmp_path: Path) -> 
     assert again.progress >= 1.0
 
 
-def test_settings_of_another_learner_than_ppo_can_be_set_and_are_recorded(tmp_path: Path) -> None:
+def test_settings_of_each_side_can_be_set_and_are_recorded(tmp_path: Path) -> None:
     run = tmp_path / "run"
-    how = ["--chaser-algorithm", "dqn", "--chaser-batch-size", "48", "--evader", "astar"]
-    size = ["--maze", "2x2-tree", "--frames", "600", "--snapshots", "2"]
-    main(["self-play", *how, *size, "--chaser-num-games", "16", "--out", str(run)])
+    own = ["--chaser.entropy-coef", "0.05", "--chaser.no-anneal", "--evader.algorithm", "dqn"]
+    both = ["--learning-rate", "0.004", "--num-games", "16", "--minibatch-size", "64"]
+    size = ["--maze", "2x2-tree", "--frames", "600", "--snapshots", "2", "--out", str(run)]
+    main(["self-play", *own, *both, *size, "--evader.num-games=8", "--evader.batch-size", "48"])
     config = json.loads((run / "config.json").read_text())
-    assert config["hyper"] is None and config["evader_hyper"] is None  # no role learns with PPO
-    assert config["chaser_hyper"]["batch_size"] == 48
-    side = json.loads((run / "chaser" / "config.json").read_text())
-    assert side["hyper"] == config["chaser_hyper"]
+    chaser, evader = (config[role]["hyper"] for role in ("chaser", "evader"))
+    assert config["evader"]["algorithm"] == "dqn" and "hyper" not in config
+    assert chaser["entropy_coef"] == 0.05 and not chaser["anneal"] and evader["anneal"]
+    assert chaser["learning_rate"] == evader["learning_rate"] == 0.004
+    assert (chaser["num_games"], evader["num_games"], evader["batch_size"]) == (16, 8, 48)
+    assert json.loads((run / "evader" / "config.json").read_text())["hyper"] == evader
     told = (run / "methods.md").read_text()
-    assert "| evader | astar |" in told and "| opponent_epsilon | 0.2 |" in told
-    assert "| chaser_algorithm | dqn |" in told
-    assert "| chaser_batch_size | 48 |" in told and "clip" not in told
-    assert open_run(run).trainee.settings.chaser_hyper.batch_size == 48
+    for line in ("evader.algorithm | dqn", "learning_rate | 0.004", "chaser.entropy_coef | 0.05"):
+        assert f"| {line} |" in told
+    settings = open_run(run).trainee.settings
+    assert settings.side("evader").hyper.batch_size == 48
+    table = self_play_settings_of(
+        maze="2x2-tree", frames=600, snapshots=2, learning_rate=0.004, num_games=16,
+        minibatch_size=64, chaser={"entropy_coef": 0.05, "anneal": False},
+        evader={"algorithm": "dqn", "num_games": 8, "batch_size": 48},
+    )  # fmt: skip
+    assert (table.chaser, table.evader) == (settings.chaser, settings.evader)
+
+
+def test_a_fixed_side_has_no_settings_and_the_other_keeps_its_own() -> None:
+    settings = self_play_settings_of(maze="3x3", frames=64, chaser="astar", evader={"clip": 0.1})
+    assert settings.chaser == "astar" and settings.learning == ("evader",)
+    assert settings.side("evader").hyper == replace(self_play_ppo(), clip=0.1)
+    both = self_play_settings_of(maze="3x3", frames=64, algorithm="a2c", entropy_coef=0.03)
+    assert {(side.algorithm, side.hyper.entropy_coef) for side in (both.chaser, both.evader)} == {
+        ("a2c", 0.03)
+    }
 
 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
+        (["--chaser.gamma", "0.9"], "chaser.gamma=0.9, evader.gamma=0.95; give both"),
+        (["--chaser.algorithm", "dqn", "--evader", "astar", "--clip", "0.1"], "--clip"),
+        (["--chaser.batch-size", "48"], "chaser: Unrecognized options: --batch-size"),
+        (["--chaser.entropy-coef", "-1"], "chaser: entropy_coef=-1.0; must be finite"),
+        (["--chaser", "astar", "--chaser.clip", "1"], "chaser.clip with chaser='astar'"),
         (
-            ["--chaser-algorithm", "dqn", "--chaser-gamma", "0.9"],
-            "chaser_gamma=0.9, gamma=0.95;",
+            ["--chaser-batch-size", "48"],
+            "give chaser.batch_size (as an option --chaser.batch-size)",
         ),
-        (["--chaser-algorithm", "dqn", "--evader", "astar", "--clip", "0.1"], "--clip"),
-        (["--chaser-batch-size", "48"], "--chaser-batch-size"),
+        (["--evader-algorithm", "dqn"], "give evader.algorithm (as an option --evader.algorithm)"),
     ],
 )
 def test_settings_of_learners_that_do_not_fit_are_one_line(
@@ -439,22 +468,29 @@ def test_settings_of_learners_that_do_not_fit_are_one_line(
     assert stopped.value.code == 2 and message in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"chaser_hyper": {}}, "unknown setting 'chaser_hyper'; give chaser.hyper"),
+        ({"chaser": {"entropy_coeff": 1}}, "chaser: unknown setting 'entropy_coeff'.*did you mean"),
+        ({"chaser": {"width": "x"}}, "chaser: width='x'; give a whole number"),
+        ({"chaser": 3}, "chaser=3; give a name, or a table"),
+        ({"evader": "astar", "evader.clip": 0.1}, "evader.clip with evader='astar'"),
+        ({"clip": 0.1, "algorithm": "dqn"}, "unknown setting 'clip' of self-play"),
+        ({"chasers.clip": 0.1}, "unknown setting 'chasers.clip' of self-play"),
+    ],
+)
+def test_names_of_settings_of_one_side_are_checked(given: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        self_play_settings_of(maze="3x3", frames=64, **given)
+    with pytest.raises(ValueError, match="with PPOSettings; give DQNSettings"):
+        LearningSide("dqn")
+
+
 def test_the_help_of_self_play_shows_options_that_can_be_given(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     with pytest.raises(SystemExit):
-        main(["self-play", "--help"])
+        main(["self-play", "--evader.algorithm", "dqn", "--help"])
     shown = capsys.readouterr().out
-    assert "--chaser-algorithm" in shown and "--others" not in shown
-
-
-def test_a_config_without_settings_of_other_learners_is_read(tmp_path: Path) -> None:
-    run = make_run(tmp_path / "run", chaser_algorithm="dqn")
-    path = tmp_path / "run" / "config.json"
-    config = json.loads(path.read_text())
-    assert config["chaser_hyper"] == asdict(run.trainee.parts.sides["chaser"].hyper)
-    del config["chaser_hyper"], config["evader_hyper"]
-    path.write_text(json.dumps(config))
-    run.lock.release()
-    again = open_run(tmp_path / "run")
-    assert again.trainee.parts.sides["chaser"].hyper == run.trainee.parts.sides["chaser"].hyper
+    assert "--chaser.entropy-coef 0.05" in shown and "--batch-size" in shown

@@ -3,26 +3,24 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
-from self_play_runs import make_settings
+from self_play_runs import make_settings, side_by
 
 from train.commands.main import main
 from train.experiments.kinds import open_run, start, write_config
 from train.runs.folder import RUN, SELF_PLAY, new_folder
 from train.runs.parts import settings_of
 from train.runs.unused_settings import check_unused_settings
-from train.settings.self_play import self_play_ppo
 
 TINY = [
     *("--task", "maze", "--num-goals", "1", "--maze", "3x3", "--algorithm", "q_learning"),
     *("--num-games", "16", "--threads", "1"),
 ]
 PLAY = ["self-play", "--maze", "3x3", "--frames", "64", "--out", "OUT"]
-DQN = [*PLAY, "--chaser-algorithm", "dqn", "--evader-algorithm", "dqn"]
+DQN = [*PLAY, "--algorithm", "dqn"]
 
 
 @pytest.fixture(scope="module")
@@ -95,9 +93,7 @@ def test_settings_with_an_effect_or_at_their_defaults_are_taken() -> None:
     for settings in (
         make_settings(sampling="window", window=3, pool_size=9),
         make_settings(sampling="pfsp", pfsp_power=1.0),
-        make_settings(
-            hyper=replace(self_play_ppo(), gamma=0.9), chaser_algorithm="dqn", evader="astar"
-        ),
+        make_settings(chaser=side_by("dqn", gamma=0.9), evader="astar"),
         settings_of(task="race", maze="3x3", opponent_epsilon=0.7, frames=64),
         settings_of(rewards="step=-1,chaser.capture=3", maze="3x3", frames=64),
         settings_of(rewards="evader.step=1", maze="3x3", frames=64),

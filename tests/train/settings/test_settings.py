@@ -129,7 +129,8 @@ def test_what_is_saved_is_read_back() -> None:
             del (hurt[part] if part else hurt)[name]
             with pytest.raises(ValueError, match=f"setting {name!r}.* is missing"):
                 from_plain(hurt, "here")
-    pair = self_play_settings_of(maze="3x3", frames=64, chaser_algorithm="dqn", members=["astar"])
+    dqn = {"algorithm": "dqn"}
+    pair = self_play_settings_of(maze="3x3", frames=64, chaser=dqn, members=["astar"])
     assert self_play_from_plain(json.loads(json.dumps(asdict(pair))), "here") == pair
 
 
