@@ -344,7 +344,7 @@ def test_invalid_settings_are_refused(changes: Any, message: str) -> None:
         self_play_parts(make_settings(**changes))
 
 
-@pytest.mark.parametrize("algorithm", ["ppo", "a2c", "dqn"])
+@pytest.mark.parametrize("algorithm", ["ppo", "a2c", "dqn", "mmd", "nfsp"])
 def test_final_discounts_of_both_sides_are_that_of_the_exact_game(algorithm: str) -> None:
     hyper = replace(QUICK, gamma=0.9, gamma_end=0.97)
     parts = self_play_parts(make_settings(hyper=hyper, chaser_algorithm=algorithm))
