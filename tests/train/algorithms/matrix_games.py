@@ -57,20 +57,25 @@ class MatrixEnv:
 
 
 def play(
-    name: str, payoff: NDArray[np.float64], iterations: int, games: int = 256, **settings: Any
+    name: str,
+    payoff: NDArray[np.float64],
+    iterations: int,
+    games: int = 256,
+    seed: int = 0,
+    **settings: Any,
 ) -> NDArray[np.float64]:
     """[iterations, 2, actions]: the policies of two learners of an algorithm in self-play.
 
     Args:
         payoff: [actions, actions] of the first player, who maximises; zero-sum.
     """
-    torch.manual_seed(0)
+    torch.manual_seed(seed)
     algorithm = entry(name)
     envs = MatrixEnv(payoff, games), MatrixEnv(-payoff.T, games)
     hyper = algorithm.settings(**{"num_games": games, "width": 16, "rollout_steps": 1, **settings})
     learners: Any = [
-        algorithm.build(hyper, env, Build(seed=seed))  # type: ignore[arg-type]
-        for seed, env in enumerate(envs)
+        algorithm.build(hyper, env, Build(seed=seed + number))  # type: ignore[arg-type]
+        for number, env in enumerate(envs)
     ]
     found = []
     for iteration in range(iterations):
