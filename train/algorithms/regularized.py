@@ -82,35 +82,25 @@ class MMD(ReferencePPO):
 
     The loss is that of PPO, with alpha KL(policy, magnet) + 1 / eta KL(policy, collecting policy).
     The last iterate converges to the equilibrium of the game with the first penalty, and so of the
-    game itself as the magnet moves to the policy, or as alpha of the uniform magnet is annealed.
-    The weights of the moving magnet are an exponential moving average of the policy's; in the paper
+    game itself as the magnet moves to the policy. The weights of the magnet are an exponential moving average of the policy's; in the paper
     this is a geometric mean of policies, which is the same for a table of logits.
     """
 
     settings: MMDSettings
 
-    def iterate(self, progress: float) -> dict[str, float]:
-        """As `ReferencePPO`, with the annealed weight of the penalty."""
-        chosen, fixed = self.settings.magnet_coef, self.settings.magnet == "moving"
-        self.magnet_coef = chosen if fixed else self.annealed(chosen, progress)
-        return super().iterate(progress)
-
     def collect(self) -> Frames:
         """A rollout with advantages, and the log-probabilities of the magnet."""
         frames = super().collect()
-        allowed = frames.get(ACTION_MASK)
-        if self.settings.magnet == "uniform":
-            logits = torch.zeros_like(frames[DISTRIBUTION])
-        else:
-            with torch.no_grad():
-                logits = self.reference.policy_head(self.reference.policy_trunk(frames["prepared"]))
-        return {**frames, MAGNET: Categorical(logits, allowed).parameters}
+        with torch.no_grad():
+            logits = self.reference.policy_head(self.reference.policy_trunk(frames["prepared"]))
+        magnet = Categorical(logits, frames.get(ACTION_MASK))
+        return {**frames, MAGNET: magnet.parameters}
 
     def loss(
         self, minibatch: Frames, coefficients: LossCoefficients
     ) -> tuple[torch.Tensor, Figures]:
         """`ppo_loss` with both penalties."""
-        weights = {MAGNET: self.magnet_coef, DISTRIBUTION: self.settings.step_coef}
+        weights = {MAGNET: self.settings.magnet_coef, DISTRIBUTION: self.settings.step_coef}
 
         def penalties(policy: Categorical) -> Figures:
             return {

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar
+from typing import Any, ClassVar
 
 from pursuit.plugins import Registry
-from train.settings.checks import Count, NotNegative, Positive, Share, check, one_of
+from train.settings.checks import Count, NotNegative, Positive, Share, check
 from train.settings.hyperparameters import Activation, Hyperparameters, NetworkSettings
 from train.settings.off_policy import (
     DDPGSettings,
@@ -188,10 +188,8 @@ class ReferenceSettings(PPOSettings):
 class MMDSettings(ReferenceSettings):
     """Magnetic mirror descent (Sokota et al., 2023). The reference policy is the magnet."""
 
-    magnet: Annotated[str, one_of("moving", "uniform")] = "moving"
-    """Magnet: moving (the reference policy) or uniform (the uniform policy)."""
     magnet_coef: NotNegative = 0.2
-    """Weight of KL(policy, magnet), alpha in the paper. It is annealed for the uniform magnet."""
+    """Weight of KL(policy, magnet), alpha in the paper."""
     step_coef: NotNegative = 0.1
     """Weight of KL(policy, collecting policy), 1 / eta in the paper."""
     reference_rate: Share = 0.05
@@ -202,8 +200,9 @@ class MMDSettings(ReferenceSettings):
 class RNaDSettings(ReferenceSettings):
     """Regularised Nash dynamics (Perolat et al., 2022)."""
 
-    reward_coef: NotNegative = 0.02
-    """Weight of the log-ratio of policy and reference policy in the rewards, eta in the paper."""
+    reward_coef: NotNegative = 0.05
+    """Weight of the log-ratio of policy and reference policy in the rewards, eta in the paper. It
+    is in units of the rewards, which zero_sum scales by 1 - gamma."""
     reference_interval: Count = 20
     """Iterations between two updates of the reference policy."""
 
