@@ -23,8 +23,8 @@ class Evaluation:
         success_rate: share of successful episodes: all evaders captured (chaser), not captured
             until truncation (evader), or all goals collected (runner).
         optimal_steps: mean episode length of the optimal policy; None if unknown.
-        gap: mean_steps / optimal_steps - 1. Evaders maximise episode length, so their gap is at
-            most 0.
+        gap: mean_steps / optimal_steps - 1. Evaders maximise episode length, so their exact
+            gap is at most 0; a sampled one can be above.
         gap_ci95: 95 % confidence interval of the gap (lower, upper), from paired differences on
             the same start positions (delta method for a ratio of means).
         measure: the metric of the task: "steps", "goals" (race) or "return" (heist).
@@ -59,6 +59,9 @@ def evaluate(
     **settings: Any,
 ) -> Evaluation:
     """Evaluate a policy with held-out seeds and compare it with the exact optimum.
+
+    The result is exact, without sampling, in a duel of policies with `action_probabilities`, such
+    as a `scripted_agents.TablePolicy`.
 
     Args:
         policy: a function from observations [games, ...] to actions ([games] integers; for an arm

@@ -541,6 +541,14 @@ def test_parts_are_registered_under_names_of_their_own() -> None:
             registry.register(name, part)
 
 
+def test_settings_take_the_name_of_a_function_not_the_function() -> None:
+    def hard_half(pool: Any) -> list[float]:
+        return [1.0] * len(pool.members)
+
+    with pytest.raises(ValueError, match=r"sampling=.*; give its name, 'package.module:hard_half'"):
+        self_play_settings_of(maze="3x3", sampling=hard_half, frames=1)
+
+
 def test_a_table_policy_may_keep_its_task() -> None:
     task = make_task("chase", maze="3x3")
     policy = AStarEvader(0.2)

@@ -148,7 +148,10 @@ class Announcer(event.Listener):
         package = event.data["dispatcher"].py_func.__module__.split(".")[0]
         if not self.announced and package in PACKAGES:
             self.announced = True
-            print("pursuit: compiling kernels, once, for some seconds ...", file=sys.stderr)
+            print(
+                "pursuit: compiling kernels (once per machine), some seconds ...",
+                file=sys.stderr,
+            )
 
     def on_end(self, event: Any) -> None:
         """Called after compilation."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import torch
@@ -40,7 +40,7 @@ class PPO(RolloutLearner):
         device: str = "cpu",
         fused: bool = True,
     ) -> None:
-        penalised = settings.kl_target > 0
+        penalised, custom = settings.kl_target > 0, type(self).loss is not PPO.loss
         super().__init__(
             settings,
             env,
@@ -48,8 +48,8 @@ class PPO(RolloutLearner):
             device,
             gae_lambda=settings.gae_lambda if settings.critic else 1.0,
             critic=settings.critic,
-            keep_distribution=penalised,
-            fused=fused and type(self).loss is PPO.loss,
+            keep_distribution=penalised or custom,
+            fused=fused and not custom,
         )
         self.settings = settings
         self.kl_coef = settings.kl_coef if penalised else 0.0
@@ -115,7 +115,10 @@ class PPO(RolloutLearner):
 
 
 def ppo_loss(
-    network: ActorCritic, minibatch: Mapping[str, torch.Tensor], coefficients: LossCoefficients
+    network: ActorCritic,
+    minibatch: Mapping[str, torch.Tensor],
+    coefficients: LossCoefficients,
+    penalties: Callable[[Any], Figures] | None = None,
 ) -> tuple[torch.Tensor, Figures]:
     """The clipped surrogate objective with value loss and entropy bonus, to be minimised.
 
@@ -129,6 +132,7 @@ def ppo_loss(
             actions: "drawn", before tanh), "action_log_prob", "advantage" and "value_target"; with
             `kl_coef` the "distribution" of the collecting policy; with masks "action_mask".
         coefficients: of the terms of the loss.
+        penalties: of the action distribution, further terms of the loss by name.
 
     Returns:
         The loss, and its terms for the log, detached.
@@ -158,6 +162,9 @@ def ppo_loss(
     if coefficients.kl_coef:
         parts["kl"] = distribution.divergence(minibatch[DISTRIBUTION]).mean()
         total = total + coefficients.kl_coef * parts["kl"]
+    if penalties is not None:
+        more = penalties(distribution)
+        parts, total = parts | more, total + sum(more.values())
     return total, {name: value.detach() for name, value in parts.items()}
 
 

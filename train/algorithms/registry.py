@@ -12,7 +12,16 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from pursuit.simulator.policy import Policy
-from train.algorithms import a2c, continuous, cross_entropy, dqn, ppo, q_learning
+from train.algorithms import (
+    a2c,
+    continuous,
+    cross_entropy,
+    dqn,
+    nfsp,
+    ppo,
+    q_learning,
+    regularized,
+)
 from train.algorithms.learner import Build, Learner, network_loader
 from train.algorithms.rollouts import actor_critic_of
 from train.networks.policy import Player, Seat
@@ -64,6 +73,11 @@ class Algorithm:
             device: of the network.
             greedy: whether the greedy policy is evaluated.
         """
+        check(
+            not self.settings.SELF_PLAY_ONLY,
+            f"algorithm={self.name!r} is for self-play; use `pursuit self-play --algorithm "
+            f"{self.name}`, or another algorithm",
+        )
         self.check_actions(player)
         check(
             greedy or self.learns_distribution,
@@ -86,7 +100,9 @@ class Algorithm:
         able = [
             name
             for name, other in ALGORITHMS.items()
-            if kind in other.actions and (in_maze or not other.tabular)
+            if kind in other.actions
+            and (in_maze or not other.tabular)
+            and not other.settings.SELF_PLAY_ONLY
         ]
         turned = player.continuous and "discrete" in self.actions and not self.tabular
         check(
@@ -192,3 +208,6 @@ _ours(
 _ours("ddpg", continuous.build_ddpg, _LOAD_DETERMINISTIC, **_GREEDY, actions=CONTINUOUS)
 _ours("td3", continuous.build_td3, _LOAD_DETERMINISTIC, **_GREEDY, actions=CONTINUOUS)
 _ours("sac", continuous.build_sac, network_loader(continuous.gaussian_of), actions=CONTINUOUS)
+_ours("mmd", regularized.build_mmd, _LOAD_ACTOR_CRITIC, **_ROLLOUTS)
+_ours("rnad", regularized.build_rnad, _LOAD_ACTOR_CRITIC, **_ROLLOUTS)
+_ours("nfsp", nfsp.build, network_loader(dqn.network_of), self_play=True)

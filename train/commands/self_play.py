@@ -40,7 +40,7 @@ class Options(SelfPlaySettings):
     evader: str = LEARN
     """learn, or the fixed policy of the evaders."""
     algorithm: str = "ppo"
-    """Algorithm of both sides, one that supports self-play: ppo, a2c, dqn, or
+    """Algorithm of both sides, one that supports self-play: ppo, a2c, dqn, mmd, rnad, nfsp, or
     package.module:Name."""
 
     def __post_init__(self) -> None:

@@ -216,7 +216,7 @@ def describe_population(maze: Maze, given: SolveCommand) -> str:
         value, nash_conv = mean_over_starts(met, maze), played.nash_convs[-1]
     stay = "with" if given.stay_action else "no"
     text = {
-        "maze": f"{maze.name}: {maze.num_cells} cells, {maze.num_loops} loops",
+        "maze": in_words(maze),
         "game": f"1 chaser, 1 evader, {order}, {stay} stay, discount {given.discount:g}",
         **lines,
         "value (mean over starts)": f"{value:.6f} steps, discounted; error at most "
@@ -224,6 +224,12 @@ def describe_population(maze: Maze, given: SolveCommand) -> str:
         "solved in": f"{perf_counter() - began:.2f} s by {given.method}",
     }
     return in_lines(text)
+
+
+def in_words(maze: Maze) -> str:
+    """The name and size of a maze."""
+    loops = f"{maze.num_loops} loop{'' if maze.num_loops == 1 else 's'}"
+    return f"{maze.name}: {maze.num_cells} cells, {loops}"
 
 
 def in_lines(rows: Mapping[str, str]) -> str:
@@ -246,7 +252,7 @@ def describe(solution: ChaseSolution, seconds: float) -> str:
     escapes = int((values[apart] >= most * (1.0 - 1e-9)).sum())
     states = int(apart.sum())
     text = {
-        "maze": f"{maze.name}: {maze.num_cells} cells, {maze.num_loops} loops",
+        "maze": in_words(maze),
         "game": f"{chasers} chaser{'s' if chasers > 1 else ''}, 1 evader, {solution.move_order}, "
         f"{'with' if solution.stay_action else 'no'} stay, {how}",
         "value (mean over starts)": f"{mean:.6f} steps"

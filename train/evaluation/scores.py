@@ -101,7 +101,7 @@ class Score:
 
 
 def optimality_gap(achieved: Score, optimum: Score | None) -> float | None:
-    """Achieved / optimal - 1 in steps on the same starts; at most 0 for evaders."""
+    """Achieved / optimal - 1 in steps on the same starts; for evaders at most 0 if exact."""
     return None if optimum is None else achieved.mean_steps / optimum.mean_steps - 1.0
 
 

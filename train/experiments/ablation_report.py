@@ -15,6 +15,7 @@ import numpy as np
 from train.experiments.forms import THRESHOLDS, Hints
 from train.experiments.learning_curves import NAN, Curve, VariantCurves, curves_by_variant, strata
 from train.experiments.statistics import (
+    CUT_AT_0,
     Interval,
     difference_interval,
     distance_interval,
@@ -251,12 +252,12 @@ def _settled(share: float) -> str:
 
 
 def _time(threshold: str, row: Row) -> str:
-    count = f"({row[f'reached_{threshold}']} of {row['runs']})"
+    reached, runs = row[f"reached_{threshold}"], row["runs"]
     seconds, frames = row[f"seconds_to_{threshold}"], row[f"frames_to_{threshold}"]
     if not np.isfinite(seconds):
-        return f"not reached {count}"
+        return f"median not reached ({reached} of {runs})"
     scale, unit = (1e6, "M") if frames >= 1e6 else (1e3, "k")
-    return f"{_number(seconds)}, {_number(frames / scale)} {unit} {count}"
+    return f"{_number(seconds)}, {_number(frames / scale)} {unit} ({reached} of {runs})"
 
 
 def _with_interval(name: str, row: Row) -> str:
@@ -301,11 +302,12 @@ def sentences(study: FinishedStudy, hints: Hints) -> list[str]:
         "(Holm), except for a primary variant. P: probability that a run of the variant ends "
         "closer to the optimum than a run of the control (Mann-Whitney, with Newcombe's interval).",
         f"Gap: per cent by which the {kinds} policy is worse than the exact optimum, mean over "
-        "runs with Student's interval. If only some runs solve the task, the mean says little: "
-        "compare the numbers of runs that reached each gap instead. Times: the first evaluation "
-        "at or below the gap, medians over runs; runs that did not reach it count as infinite, and "
-        "are censored in the log-rank test (of frames, stratified by task). Optimality: optimum / "
-        "steps (evaders: steps / optimum), averaged over the frames of training.",
+        f"runs with Student's interval. {CUT_AT_0} If only some runs solve the task, the mean "
+        "says little: compare the numbers of runs that reached each gap instead. Times: the first "
+        "evaluation at or below the gap, medians over runs, in brackets the number of runs that "
+        "reached it; the others count as infinite, and are censored in the log-rank test (of "
+        "frames, stratified by task). Optimality: optimum / steps (evaders: steps / optimum), "
+        "averaged over the frames of training.",
         "Frames on the hardest stage: share of the training frames that the curriculum gave to the "
         f"evaluated task; below {100 * SPENT:.0f} % is marked, as such a variant had less of the "
         "budget for that task.",

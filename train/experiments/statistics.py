@@ -48,6 +48,10 @@ def mean_interval(tasks: Sequence[Sequence[float]], level: float = 0.95) -> Inte
     return _welch([(np.asarray(task, dtype=np.float64), 1.0) for task in tasks], level)
 
 
+CUT_AT_0 = "Intervals of gaps end at 0, because no policy is better than the optimum."
+"""The explanation of `distance_interval` in reports."""
+
+
 def distance_interval(tasks: Sequence[Sequence[float]], level: float = 0.95) -> Interval:
     """`mean_interval` of values that all have one sign, such as gaps to an optimum.
 

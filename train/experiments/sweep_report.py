@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from train.experiments.statistics import (
+    CUT_AT_0,
     Interval,
     distance_interval,
     interquartile_mean,
@@ -246,6 +247,8 @@ def sentences(rows: list[Row]) -> list[str]:
         + (" (`pursuit ablate` makes one)." if single else ".")
         + " Mean curves end with their shortest run."
     ]
+    if measure is GAP:
+        lines.append(CUT_AT_0)
     if measure in (GAP, STEPS):
         kinds = " or ".join(sorted({str(row["evaluate"]) for row in rows}))
         lines.append(f"Steps are those of the {kinds} policy and include truncated episodes.")

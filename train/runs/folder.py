@@ -19,6 +19,7 @@ from train.runs import forms
 from train.runs.provenance import COMMAND, PARTS, command_line, provenance
 from train.schemas import read_as
 from train.settings.checks import check
+from train.teaching.mazes import titled
 
 CONFIG, METRICS, RESULTS, CHECKPOINT = (
     "config.json",
@@ -76,7 +77,8 @@ def save_config(
 
 
 def load_config(folder: Path | str) -> tuple[str, dict[str, Any]]:
-    """The kind of a run, and its settings; a maze file is replaced by its text.
+    """The kind of a run, and its settings; a maze file is replaced by its text, with
+    its name.
 
     Raises:
         ValueError: no run in this folder, a damaged one, or one with user-defined parts from
@@ -104,8 +106,9 @@ def read_config(folder: Path) -> tuple[str, dict[str, Any]]:
     for name in ("kind", "maze_text", FINAL, PARTS, COMMAND):
         plain.pop(name, None)
     maze = found.task.get("maze")
-    if found.maze_text is not None and maze not in library_names() and not is_suite(maze):
-        plain["task"]["maze"] = found.maze_text
+    known = "\n" in str(maze) or maze in library_names() or is_suite(maze)
+    if found.maze_text is not None and not known:
+        plain["task"]["maze"] = titled(str(maze), found.maze_text)
     return found.kind, plain
 
 

@@ -130,6 +130,7 @@ def check_sizes(hyper: Hyperparameters, seat: Player) -> None:
     needs = {
         f"num_games={games} × rollout_steps={steps}": games * steps * frame,
         f"buffer_size={given.get('buffer_size', 0)}": given.get("buffer_size", 0) * frame,
+        f"reservoir_size={given.get('reservoir_size', 0)}": given.get("reservoir_size", 0) * frame,
         # Each weight of the second layer also has a gradient and two moments of Adam.
         f"width={width}": 16 * width**2,
     }

@@ -29,6 +29,7 @@ from train.runs.tasks import agent_of, task_of
 from train.schemas import read_as
 from train.settings.checks import check
 from train.settings.task import TaskSettings
+from train.teaching.mazes import titled
 from train.tensors import loaded
 
 
@@ -68,11 +69,12 @@ def save_stable_baselines(
         encoding: name of the observation.
     """
     model.save(path)
+    maze = task_of(task).mazes[0]
     write_json(
         description_of(path),
         {
             "algorithm": algorithm,
-            "task": {**vars(task), "maze": task_of(task).mazes[0].to_text()},
+            "task": {**vars(task), "maze": titled(maze.name, maze.to_text())},
             "observation": encoding,
         },
     )

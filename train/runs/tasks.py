@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import fields, replace
 from typing import Any
 
-from pursuit.mazes.maze import Maze, load_maze
+from pursuit.mazes.maze import Maze
 from pursuit.mazes.suite_files import PREFIX, is_suite
 from pursuit.tasks.task import Task, make_task
 from train.settings.checks import check
@@ -17,6 +17,7 @@ from train.settings.presets import (
     preset_algorithm,
 )
 from train.settings.task import AnyTask, ReacherSettings, TaskSettings
+from train.teaching.mazes import named_maze
 
 
 def task_of(settings: TaskSettings) -> Task:
@@ -58,13 +59,13 @@ def check_one_maze(task: Task, what: str) -> None:
 
 
 def maze_of(maze: str) -> Maze | str:
-    """The maze of settings, from text, a name or a path; ValueError if there is none.
+    """The maze of settings, as `named_maze`; ValueError if there is none.
 
     The name of a suite is returned as it is.
     """
     if is_suite(maze):
         return maze
-    return Maze.from_text(maze) if "\n" in maze else load_maze(maze)
+    return named_maze(maze)
 
 
 def maze_called(maze: str) -> str:

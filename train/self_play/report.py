@@ -155,7 +155,10 @@ def describe_exploitability(results: Mapping[str, Any]) -> list[str]:
         lines.append(describe_whole_game(results["whole_game"]))
     if "game_value" in found and "value" in found:
         sight = " with full view" if limited else ""
-        lines.append(f"Value {found['value']:.3f}; of the game{sight} {found['game_value']:.3f}.")
+        lines.append(
+            f"Value of this pair of policies: {found['value']:.3f} discounted steps; of the game "
+            f"at equilibrium{sight}: {found['game_value']:.3f}."
+        )
     for kind in ("exact", "approximate"):
         for name, steps in results.get(f"{kind}_best_response", {}).items():
             full = " with full view" if kind == "exact" and limited else ""

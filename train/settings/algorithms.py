@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 from pursuit.plugins import Registry
 from train.settings.checks import Count, NotNegative, Positive, Share, check
 from train.settings.hyperparameters import Activation, Hyperparameters, NetworkSettings
-from train.settings.off_policy import DDPGSettings, DQNSettings, SACSettings, TD3Settings
+from train.settings.off_policy import (
+    DDPGSettings,
+    DQNSettings,
+    NFSPSettings,
+    SACSettings,
+    TD3Settings,
+)
 
 __all__ = [
     "HYPERPARAMETERS",
@@ -19,9 +25,13 @@ __all__ = [
     "DDPGSettings",
     "DQNSettings",
     "Hyperparameters",
+    "MMDSettings",
+    "NFSPSettings",
     "NetworkSettings",
     "PPOSettings",
     "QLearningSettings",
+    "RNaDSettings",
+    "ReferenceSettings",
     "ReinforceSettings",
     "RolloutSettings",
     "SACSettings",
@@ -154,6 +164,50 @@ class ReinforceSettings(ActorCriticSettings):
 
 
 @dataclass(frozen=True)
+class ReferenceSettings(PPOSettings):
+    """PPO for self-play that is regularised towards a slower reference policy."""
+
+    SELF_PLAY_ONLY: ClassVar[bool] = True
+    num_games: Count = 512
+    """Games simulated in parallel."""
+    learning_rate: Positive = 3e-3
+    """Initial learning rate of Adam."""
+    minibatch_size: Count = 2048
+    """Frames of one gradient step."""
+    entropy_coef: NotNegative = 0.0
+    """Initial weight of the entropy bonus."""
+    standardize_advantages: bool = False
+    """Scale the advantages of each minibatch to mean 0 and standard deviation 1."""
+    reference_interval: Count = 1
+    """Iterations between two updates of the reference policy."""
+    reference_rate: Share = 1.0
+    """Step size of an update of the reference policy's weights: 1 copies those of the policy."""
+
+
+@dataclass(frozen=True)
+class MMDSettings(ReferenceSettings):
+    """Magnetic mirror descent (Sokota et al., 2023). The reference policy is the magnet."""
+
+    magnet_coef: NotNegative = 0.2
+    """Weight of KL(policy, magnet), alpha in the paper."""
+    step_coef: NotNegative = 0.1
+    """Weight of KL(policy, collecting policy), 1 / eta in the paper."""
+    reference_rate: Share = 0.05
+    """Step size of an update of the magnet's weights: 1 copies those of the policy."""
+
+
+@dataclass(frozen=True)
+class RNaDSettings(ReferenceSettings):
+    """Regularised Nash dynamics (Perolat et al., 2022)."""
+
+    reward_coef: NotNegative = 0.05
+    """Weight of the log-ratio of policy and reference policy in the rewards, eta in the paper. It
+    is in units of the rewards, which zero_sum scales by 1 - gamma."""
+    reference_interval: Count = 20
+    """Iterations between two updates of the reference policy."""
+
+
+@dataclass(frozen=True)
 class CrossEntropySettings(Hyperparameters):
     """The cross-entropy method on network weights (Rubinstein, 1999; Szita and Lőrincz, 2006)."""
 
@@ -222,6 +276,9 @@ HYPERPARAMETERS: dict[str, type[Hyperparameters]] = {
     "sac": SACSettings,
     "cross_entropy": CrossEntropySettings,
     "q_learning": QLearningSettings,
+    "mmd": MMDSettings,
+    "rnad": RNaDSettings,
+    "nfsp": NFSPSettings,
 }
 """The hyperparameters of every algorithm by name; see `algorithms/registry.py` for the learners."""
 

@@ -67,14 +67,16 @@ class RunSettings(Settings):
     """Clock of the budget in seconds: wall, or processor (processor time of this run on all cores,
     which depends less on other programs)."""
     frames: int | None = None
-    """Budget of environment steps, summed over games and learning agents. With this budget, resumed
+    """Budget of environment steps, summed over games and learning agents. A run ends with the
+    rollout that reaches it, so it can have slightly more. With this budget, resumed
     and uninterrupted runs have bitwise equal results."""
     seed: Annotated[int, SEED] = 0
     """Seed of the games, the networks, the exploration and the opponents."""
     device: str = "cpu"
     """Device of the networks: cpu or cuda. Games are always simulated on the CPU."""
     precision: Annotated[str, one_of(*PRECISIONS)] = "auto"
-    """float32, bfloat16, or auto (bfloat16 where the hardware supports it)."""
+    """Of the training: float32, bfloat16, or auto (bfloat16 where the hardware supports it).
+    Policies are evaluated in float32."""
     fused: Annotated[str, one_of("auto", "off")] = "auto"
     """auto: compiled gradient kernels where network and task allow them; off: torch autograd only.
     `update` in results.json says which was used."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from train.settings.checks import Count, Positive, Settings, Share, one_of
 
@@ -20,6 +20,8 @@ class Hyperparameters(Settings):
     """Discount factor."""
     recurrent: Annotated[str | None, one_of("gru")] = None
     """Recurrent layer between the hidden layers and the output: gru, or None."""
+    SELF_PLAY_ONLY: ClassVar[bool] = False
+    """Whether the algorithm is for self-play only."""
 
     @property
     def last_gamma(self) -> float:

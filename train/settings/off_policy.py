@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from train.settings.checks import Count, Finite, NotNegative, Positive, Share, check, one_of, rule
 from train.settings.hyperparameters import NetworkSettings
@@ -77,6 +77,37 @@ class DQNSettings(ReplaySettings):
     Hasselt et al., 2016)."""
     dueling: bool = False
     """Dueling network: value and advantages instead of action values (Wang et al., 2016)."""
+
+
+@dataclass(frozen=True)
+class NFSPSettings(DQNSettings):
+    """Neural fictitious self-play (Heinrich and Silver, 2016)."""
+
+    SELF_PLAY_ONLY: ClassVar[bool] = True
+    num_games: Count = 128
+    """Games simulated in parallel."""
+    batch_size: Count = 256
+    """Transitions of one gradient step."""
+    learning_starts: Frames = 2000
+    """Frames before the first gradient step."""
+    target_update_interval: Count = 25
+    """Gradient steps between two updates of the target network."""
+    anticipatory: Share = 0.1
+    """Share of episodes played by the best response instead of the average policy, eta in the
+    paper."""
+    reservoir_size: Count = 200_000
+    """Actions of best responses that the average policy is fitted to, a uniform sample of all."""
+    average_learning_rate: Positive = 3e-3
+    """Initial learning rate of the average policy's Adam."""
+    epsilon_start: Share = 0.06
+    """Initial probability of a random action of the best response."""
+    epsilon_end: Share = 0.0
+    """Final probability of a random action of the best response."""
+    exploration_share: Share = 1.0
+    """Fraction of the budget over which epsilon is annealed."""
+    n_steps: Count = 1
+    """Rewards of an n-step return, at most rollout_steps. More than 1 adds a bias, as most actions
+    are those of the average policy."""
 
 
 @dataclass(frozen=True)

@@ -314,7 +314,7 @@ def tuned(algorithm: str, setting: TaskProfile) -> Hyperparameters:
     before they solved any episode.
     """
     hyper = hyperparameter_form(algorithm)()
-    if algorithm not in HYPERPARAMETERS:  # user-defined: its defaults are used
+    if algorithm not in HYPERPARAMETERS or hyper.SELF_PLAY_ONLY:  # their defaults are used
         return hyper
     if setting.task == "reacher" and isinstance(hyper, ActorCriticSettings):
         return tuned_for_arms(hyper, setting.joints)

@@ -68,6 +68,8 @@ def typed(form: type[Any], given: Mapping[str, Any]) -> dict[str, Any]:
                 value = msgspec.convert(value, hint)
             except (msgspec.ValidationError, OverflowError):
                 word = next(word for kind, word in TYPES.items() if kind in str(hint))
+                if callable(value):  # settings are saved, so they hold names
+                    word = f"its name, 'package.module:{getattr(value, '__name__', 'Name')}'"
                 raise ValueError(f"{name}={shortened(value)}; give {word}") from None
         found[name] = value
     return found

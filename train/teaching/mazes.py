@@ -9,6 +9,8 @@ from pursuit.mazes.suite_files import is_suite
 from pursuit.tasks.task import Task
 from train.settings.checks import check
 
+TITLE = "maze "
+"""Begins the line with the name before the text of a maze in settings."""
 OPENED = 8
 """Number of mazes of the axis `loops`, from no inner walls to all inner walls of the maze."""
 
@@ -21,14 +23,26 @@ def names_in(given: str) -> list[str]:
 
 
 def named_maze(name: str) -> Maze:
-    """A maze from a name, a file, or its text."""
-    return Maze.from_text(name) if "\n" in name else load_maze(name)
+    """A maze from a name, a file, or its text, with or without the title of `titled`."""
+    if "\n" not in name:
+        return load_maze(name)
+    if not name.startswith(TITLE):
+        return Maze.from_text(name, "given as text")
+    title, _, text = name.removeprefix(TITLE).partition("\n")
+    return Maze.from_text(text, title)
+
+
+def titled(name: str, text: str) -> str:
+    """The text of a maze after a line with its name, for settings."""
+    return f"{TITLE}{name}\n{text}"
 
 
 def as_text(name: str) -> str:
-    """The name, for a maze or suite of the library; the text of any other maze."""
-    known = name in library_names() or is_suite(name)
-    return name if known else named_maze(name).to_text()
+    """The name, for a maze or suite of the library; the titled text of any other maze."""
+    if name in library_names() or is_suite(name):
+        return name
+    maze = named_maze(name)
+    return titled(maze.name, maze.to_text())
 
 
 def training_mazes(name: str, given: str | None, task: Task) -> tuple[Maze, ...]:

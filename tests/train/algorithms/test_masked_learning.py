@@ -150,6 +150,9 @@ SMALL: dict[str, dict[str, Any]] = {
     "dqn": {"num_games": 32, "batch_size": 64, "learning_starts": 100},
     "q_learning": {"num_games": 32},
     "cross_entropy": {"num_games": 32, "population": 8, "elite_share": 0.25},
+    "mmd": {"num_games": 32, "minibatch_size": 128},
+    "rnad": {"num_games": 32, "minibatch_size": 128},
+    "nfsp": {"num_games": 32, "batch_size": 64, "learning_starts": 100, "anticipatory": 0.5},
 }
 
 

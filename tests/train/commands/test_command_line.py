@@ -207,13 +207,18 @@ def test_outputs_of_evaluate_render_and_baseline(
 
 
 @pytest.mark.slow
-def test_a_run_on_a_maze_file_does_not_need_the_file_later(tmp_path: Path) -> None:
+def test_a_run_on_a_maze_file_does_not_need_the_file_later(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     maze = tmp_path / "mine.txt"
     run("maze", "--generate", "prim", "--height", "3", "--out", maze)
     run("train", *TINY, "--maze", maze, "--frames", "1024", "--out", tmp_path / "run")
     maze.unlink()
+    capsys.readouterr()
     run("evaluate", tmp_path / "run", "--episodes", "50", "--out", tmp_path / "again.json")
-    assert json.loads((tmp_path / "again.json").read_text())["evaluation"]["exact"]
+    assert f"on maze {maze} (9 cells" in capsys.readouterr().out
+    again = json.loads((tmp_path / "again.json").read_text())
+    assert again["evaluation"]["exact"] and again["maze"] == str(maze)
 
 
 def error_of(capsys: pytest.CaptureFixture[str], *arguments: Any) -> str:

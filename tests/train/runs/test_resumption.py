@@ -40,6 +40,7 @@ TINY = {
     "elite_share": 0.5, "batch_size": 16, "buffer_size": 400, "learning_starts": 100,
     "gradient_steps": 2, "target_update_interval": 3, "epochs": 1,
 }  # fmt: skip
+SINGLE = [name for name in ALGORITHMS if not entry(name).settings.SELF_PLAY_ONLY]
 RUNNER = {"task": "maze", "maze": "3x3", "num_goals": 2, "max_steps": 12}
 CHASER = {"task": "chase", "maze": "3x3", "max_steps": 12}
 SUITE = {
@@ -120,13 +121,17 @@ def check_same(one: Any, two: Any, place: str) -> None:
         assert one == two or (one != one and two != two), f"{place}: {one!r} and {two!r}"
 
 
+def smallest(algorithm: str) -> dict[str, Any]:
+    """The values of TINY that an algorithm has."""
+    names = {field.name for field in fields(HYPERPARAMETERS[algorithm])}
+    return {name: value for name, value in TINY.items() if name in names}
+
+
 def tiny(algorithm: str, **flat: Any) -> Any:
     """Settings of a short run, small in whatever the algorithm has."""
-    names = {field.name for field in fields(HYPERPARAMETERS[algorithm])}
-    small = {name: value for name, value in TINY.items() if name in names}
     return settings_of(
         **{
-            **small,
+            **smallest(algorithm),
             "algorithm": algorithm,
             "threads": 1,
             "frames": LONGER.get(algorithm, FRAMES),
@@ -136,7 +141,7 @@ def tiny(algorithm: str, **flat: Any) -> Any:
     )
 
 
-@pytest.mark.parametrize("algorithm", ALGORITHMS)
+@pytest.mark.parametrize("algorithm", SINGLE)
 def test_every_learner_resumes(algorithm: str, tmp_path: Path) -> None:
     game = RUNNER if "discrete" in ALGORITHMS[algorithm].actions else ARM
     check_resumption(RUN, tiny(algorithm, **game), tmp_path)
@@ -203,7 +208,7 @@ def test_levels_scored_by_advantages_resume(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("curriculum", CURRICULA)
-@pytest.mark.parametrize("algorithm", ALGORITHMS)
+@pytest.mark.parametrize("algorithm", SINGLE)
 def test_every_learner_resumes_with_every_curriculum(
     algorithm: str, curriculum: str, tmp_path: Path
 ) -> None:
@@ -239,6 +244,13 @@ def test_every_scheme_of_self_play_resumes(sampling: str, tmp_path: Path) -> Non
     size = 7 if sampling in NASH_SAMPLING else 3
     settings = both(sampling=sampling, members=("astar",), pool_size=size)
     check_resumption(SELF_PLAY, settings, tmp_path)
+
+
+@pytest.mark.parametrize("algorithm", [name for name in ALGORITHMS if name not in SINGLE])
+def test_every_learner_of_self_play_resumes(algorithm: str, tmp_path: Path) -> None:
+    side = LearningSide(algorithm, entry(algorithm).settings(**smallest(algorithm)))
+    roles: Any = dict.fromkeys(ROLES, side)
+    check_resumption(SELF_PLAY, both(**roles, sampling="uniform"), tmp_path)
 
 
 @pytest.mark.slow

@@ -387,7 +387,7 @@ def test_invalid_settings_are_refused(changes: Any, message: str) -> None:
         self_play_parts(make_settings(**changes))
 
 
-@pytest.mark.parametrize("algorithm", ["ppo", "a2c", "dqn"])
+@pytest.mark.parametrize("algorithm", ["ppo", "a2c", "dqn", "mmd", "nfsp"])
 def test_final_discounts_of_both_sides_are_that_of_the_exact_game(algorithm: str) -> None:
     given: dict[str, Any] = {"maze": "3x3", "frames": 1000, "chaser": {"algorithm": algorithm}}
     parts = self_play_parts(self_play_settings_of(**given, gamma=0.9, gamma_end=0.97))

@@ -309,8 +309,7 @@ def test_a_checkpoint_of_another_curriculum_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_policy_taught_on_several_mazes_is_evaluated_on_the_last(tmp_path: Path) -> None:
-    # A policy is loaded in float32; training in bfloat16 decides near ties otherwise.
-    settings = settings_of(**CHASE, curriculum="loops", precision="float32")
+    settings = settings_of(**CHASE, curriculum="loops")
     run = start(RUN, settings, tmp_path)
     run.train()
     assert run.results(50)["evaluation"]["exact"]

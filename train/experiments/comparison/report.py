@@ -15,6 +15,7 @@ from train.experiments.comparison.plan import Comparison
 from train.experiments.comparison.run import Outcome, Result
 from train.experiments.search import LEAST_GAP
 from train.experiments.statistics import (
+    CUT_AT_0,
     distance_interval,
     first_below,
     improvement,
@@ -69,7 +70,8 @@ def comparison_report(plan: Comparison, outcome: Outcome, out: Path) -> Path:
         table = plain_table(task_rows(plan, outcome, on.name, rows)).markdown()
         parts += [f"## {in_markdown(on.name)}", table]
         parts.append(
-            "Median seconds and frames to each gap, and the number of runs that reached it."
+            "Median seconds and frames to each gap (– if the median run did not reach it), and the "
+            f"number of runs that did. {CUT_AT_0}"
         )
     parts += ["## Settings", *settings_parts(plan, outcome)]
     failed = [" ".join(map(str, key)) for key, found in outcome.finals.items() if found is None]

@@ -1,0 +1,165 @@
+"""Neural fictitious self-play."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+
+from pursuit.observations.masks import ACTION_MASK
+from train.algorithms.collector import Columns
+from train.algorithms.dqn import DQN, network_of
+from train.algorithms.learner import Build, VecEnv, clip_gradients, step_adam
+from train.algorithms.replay import Batch, Replay
+from train.networks.distributions import Categorical
+from train.networks.q_network import QNetwork
+from train.settings.off_policy import NFSPSettings
+
+
+class NFSP(DQN):
+    """Heinrich and Silver (2016), "Deep reinforcement learning from self-play in
+    imperfect-information games".
+
+    DQN learns a best response to the opponent. A second network is fitted to the actions of all
+    best responses so far, by supervised learning from a reservoir: the average policy, which is the
+    policy of this learner. Each episode is played by the best response with the probability
+    `anticipatory`, otherwise by the average policy. Different from the paper: the opponent plays
+    its average policy alone, as in fictitious play, instead of the same mixture.
+
+    Args:
+        settings: the hyperparameters.
+        env: the training environment.
+        network: action values of the best response.
+        target: its target network.
+        average: the average policy; its outputs are logits.
+        device: of the networks.
+        seed: of the draws from both buffers.
+
+    Attributes:
+        average_network: of the average policy.
+        reservoir: observations and actions of best responses.
+        responding: [games] bool, which games are played by the best response.
+    """
+
+    settings: NFSPSettings
+
+    def __init__(
+        self,
+        settings: NFSPSettings,
+        env: VecEnv,
+        network: QNetwork,
+        target: QNetwork,
+        average: QNetwork,
+        device: str,
+        seed: int,
+    ) -> None:
+        super().__init__(settings, env, network, target, device, seed)
+        self.average_network = average
+        self.average_optimizer = torch.optim.Adam(
+            average.parameters(),
+            lr=settings.average_learning_rate,
+            eps=settings.adam_epsilon,
+            fused=True,
+        )
+        self.reservoir = Reservoir(settings.reservoir_size, self.generator)
+        self.responding = torch.zeros(env.action_spec.shape[0], dtype=torch.bool, device=device)
+
+    def act(self, seen: Columns, state: torch.Tensor) -> tuple[Columns, torch.Tensor]:
+        """Actions of the best response or of the average policy, chosen for whole episodes."""
+        chosen, state = super().act(seen, state)
+        drawn = torch.rand(self.responding.shape, device=self.device) < self.settings.anticipatory
+        self.responding = torch.where(seen["episode_start"], drawn, self.responding)
+        logits = self.average_network.forward_inference(seen["observation"])
+        average = Categorical(logits, seen.get(ACTION_MASK)).draw()
+        action = torch.where(self.responding, chosen["action"], average)
+        return {"action": action, "responding": self.responding}, state
+
+    def store(self, rollout: Columns) -> None:
+        """Add the transitions to the replay buffer, and best responses to the reservoir."""
+        super().store(rollout)
+        responding = rollout["responding"]
+        names = ["observation", "action", *([ACTION_MASK] if self.masks else [])]
+        self.reservoir.extend({name: rollout[name][responding].cpu() for name in names})
+
+    def set_schedules(self, progress: float) -> None:
+        """Set both learning rates."""
+        super().set_schedules(progress)
+        rate = self.annealed(self.settings.average_learning_rate, progress)
+        self.average_optimizer.param_groups[0]["lr"] = rate
+
+    def learn(self, batch: Batch) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
+        """A gradient step of the best response, and one of the average policy."""
+        error, figures = super().learn(batch)
+        if len(self.reservoir) >= self.settings.batch_size:
+            figures["loss_average"] = self.fit_average()
+        return error, figures
+
+    def fit_average(self) -> torch.Tensor:
+        """A gradient step of the average policy; the mean of -log policy(action), detached."""
+        drawn = self.reservoir.draw(self.settings.batch_size)
+        batch = {name: column.to(self.device) for name, column in drawn.items()}
+        logits = self.average_network.forward_inference(batch["observation"])
+        loss = -Categorical(logits, batch.get(ACTION_MASK)).log_prob(batch["action"]).mean()
+        weights = self.average_optimizer.param_groups[0]["params"]
+        self.average_optimizer.zero_grad()
+        torch.autograd.backward(loss)
+        clip_gradients(weights, self.settings.max_grad_norm)
+        step_adam(self.average_optimizer)
+        torch.autograd.graph.increment_version(weights)  # as in `NetworkLearner`
+        return loss.detach()
+
+    def policy(self, greedy: bool = True) -> Any:
+        """The average policy."""
+        return self.env.player.policy(self.average_network, greedy)
+
+    def state_dict(self) -> dict[str, Any]:
+        """The state; "network" has the weights of the average policy, which snapshots keep."""
+        state = super().state_dict()
+        return state | {
+            "network": self.average_network.state_dict(),
+            "response": state["network"],
+            "average_optimizer": self.average_optimizer.state_dict(),
+            "reservoir": self.reservoir.state_dict(),
+            "responding": self.responding.cpu(),
+            "memory": self.collector.state_dict(),
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Restore the state."""
+        super().load_state_dict({**state, "network": state["response"]})
+        self.average_network.load_state_dict(state["network"])
+        self.average_optimizer.load_state_dict(state["average_optimizer"])
+        self.reservoir.load_state_dict(state["reservoir"])
+        self.responding = state["responding"].to(self.device)
+        self.collector.load_state_dict(state["memory"])
+
+
+class Reservoir(Replay):
+    """A buffer with a uniform sample of all rows so far (Vitter, 1985, algorithm R).
+
+    Attributes:
+        cursor: the number of rows so far.
+    """
+
+    def extend(self, rows: Batch) -> None:
+        """Offer rows [n, ...]: row number t, counted from 0, replaces a random one of the kept rows
+        with the probability capacity / (t + 1)."""
+        count = len(next(iter(rows.values())))
+        if not self._places:
+            self._lay_out(rows)
+        number = self.cursor + torch.arange(count)
+        late = number >= self.capacity
+        chosen = torch.rand(int(late.sum()), dtype=torch.float64, generator=self.generator)
+        number[late] = (chosen * (number[late] + 1)).long()
+        kept = number < self.capacity
+        place = number[kept].numpy()
+        for name, column in self._split(self._memory).items():
+            column.numpy()[place] = rows[name][kept].numpy()  # of equal places the last one is kept
+        self.cursor += count
+        self._filled = min(self.cursor, self.capacity)
+
+
+def build(settings: NFSPSettings, env: VecEnv, how: Build) -> NFSP:
+    """An NFSP learner for an environment."""
+    network, target, average = (network_of(settings, env.player, how) for _ in range(3))
+    return NFSP(settings, env, network, target, average, how.device, how.seed)
