@@ -197,8 +197,9 @@ class MMDSettings(ReferenceSettings):
 class RNaDSettings(ReferenceSettings):
     """Regularised Nash dynamics (Perolat et al., 2022)."""
 
-    reward_coef: NotNegative = 0.02
-    """Weight of the log-ratio of policy and reference policy in the rewards, eta in the paper."""
+    reward_coef: NotNegative = 0.05
+    """Weight of the log-ratio of policy and reference policy in the rewards, eta in the paper. It
+    is in units of the rewards, which zero_sum scales by 1 - gamma."""
     reference_interval: Count = 20
     """Iterations between two updates of the reference policy."""
 

@@ -84,6 +84,14 @@ class NFSPSettings(DQNSettings):
     """Neural fictitious self-play (Heinrich and Silver, 2016)."""
 
     SELF_PLAY_ONLY: ClassVar[bool] = True
+    num_games: Count = 128
+    """Games simulated in parallel."""
+    batch_size: Count = 256
+    """Transitions of one gradient step."""
+    learning_starts: Frames = 2000
+    """Frames before the first gradient step."""
+    target_update_interval: Count = 25
+    """Gradient steps between two updates of the target network."""
     anticipatory: Share = 0.1
     """Share of episodes played by the best response instead of the average policy, eta in the
     paper."""

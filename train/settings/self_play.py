@@ -45,9 +45,9 @@ class SelfPlaySettings(RunSettings):
     evader: str = LEARN
     """learn, or the fixed policy of the evaders."""
     chaser_algorithm: str = "ppo"
-    """Algorithm of the chasers: ppo, a2c or dqn."""
+    """Algorithm of the chasers: ppo, a2c, dqn, mmd, rnad or nfsp."""
     evader_algorithm: str = "ppo"
-    """Algorithm of the evaders: ppo, a2c or dqn."""
+    """Algorithm of the evaders: ppo, a2c, dqn, mmd, rnad or nfsp."""
     chaser_hyper: Any = None
     """Hyperparameters of the chasers' algorithm if that is not PPO; None for the tuned ones."""
     evader_hyper: Any = None

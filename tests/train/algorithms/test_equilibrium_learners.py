@@ -32,13 +32,20 @@ GAMES = {
     "dominated": (DOMINATED, [3 / 6, 2 / 6, 1 / 6, 0.0]),
 }
 ROLLOUT = {"games": 1024, "minibatch_size": 512, "epochs": 1, "learning_rate": 6e-3}
-LEARNERS: dict[str, dict[str, Any]] = {
-    "mmd": {"magnet_coef": 1.0, **ROLLOUT},
-    "mmd, uniform magnet": {"magnet": "uniform", "magnet_coef": 2.0, **ROLLOUT},
-    "rnad": {"reward_coef": 2.0, "reference_interval": 10, **ROLLOUT},
+LEARNERS: dict[str, tuple[int, dict[str, Any]]] = {
+    "mmd": (250, {"magnet_coef": 1.0}),
+    "mmd, uniform magnet": (400, {"magnet": "uniform", "magnet_coef": 4.0}),
+    "rnad": (400, {"reward_coef": 2.0}),
 }
-MOST = {"plain": 0.08, "biased": 0.3, "dominated": 0.3}
-"""Mean exploitability at the end; the payoffs are up to 1 and up to 3."""
+"""Iterations, and settings. A uniform magnet with 2.0 is too weak against the noise of gradients:
+its exploitability in the last game was 0.1 to 0.5 in four seeds, and 0.14 to 0.17 with 4.0."""
+MOST = {
+    "mmd": {"plain": 0.05, "biased": 0.1, "dominated": 0.1},
+    "mmd, uniform magnet": {"plain": 0.05, "biased": 0.27, "dominated": 0.25},
+    "rnad": {"plain": 0.05, "biased": 0.2, "dominated": 0.3},
+}
+"""Mean exploitability of the last 25 policies; three or four seeds were all below. Uniform
+policies have 0, 0.33 and 1, those of PPO at least 0.5, 1.0 and 2.4."""
 
 
 @pytest.mark.parametrize("game", GAMES)
@@ -46,24 +53,28 @@ def test_exploitability_is_0_at_the_equilibrium_only(game: str) -> None:
     payoff, mixture = GAMES[game]
     assert exploitability(payoff, np.array([mixture, mixture])) == pytest.approx(0.0)
     for pure in np.eye(len(payoff)):
-        assert exploitability(payoff, np.array([mixture, pure])) > MOST[game]
+        assert exploitability(payoff, np.array([mixture, pure])) >= 0.5
+    uniform = np.full((2, len(payoff)), 1 / len(payoff))
+    expected = {"plain": 0.0, "biased": 1 / 3, "dominated": 1.0}[game]
+    assert exploitability(payoff, uniform) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("game", GAMES)
 @pytest.mark.parametrize("name", LEARNERS)
 def test_the_last_policies_are_an_equilibrium(name: str, game: str) -> None:
     payoff, mixture = GAMES[game]
-    iterations = 400 if "uniform" in name else 250  # slow annealing of its weight
-    policies = play(name.split(",")[0], payoff, iterations, **LEARNERS[name])[-25:]
-    assert np.mean([exploitability(payoff, pair) for pair in policies]) < MOST[game]
-    np.testing.assert_allclose(policies.mean(axis=0), [mixture, mixture], atol=0.1)
+    iterations, settings = LEARNERS[name]
+    policies = play(name.split(",")[0], payoff, iterations, **ROLLOUT, **settings)[-25:]
+    assert np.mean([exploitability(payoff, pair) for pair in policies]) < MOST[name][game]
+    np.testing.assert_allclose(policies.mean(axis=0), [mixture, mixture], atol=0.17)
 
 
 @pytest.mark.parametrize("game", GAMES)
 def test_the_last_policies_of_plain_ppo_are_none(game: str) -> None:
     payoff, _ = GAMES[game]
     policies = play("ppo", payoff, 250, entropy_coef=0.0, **ROLLOUT)[-25:]
-    assert min(exploitability(payoff, pair) for pair in policies) > 3 * MOST[game]
+    least = {"plain": 0.5, "biased": 1.0, "dominated": 2.4}[game]
+    assert min(exploitability(payoff, pair) for pair in policies) > least
 
 
 def test_the_average_policies_of_fictitious_play_are_an_equilibrium() -> None:
