@@ -82,8 +82,9 @@ class MMD(ReferencePPO):
 
     The loss is that of PPO, with alpha KL(policy, magnet) + 1 / eta KL(policy, collecting policy).
     The last iterate converges to the equilibrium of the game with the first penalty, and so of the
-    game itself as the magnet moves to the policy. The weights of the magnet are an exponential moving average of the policy's; in the paper
-    this is a geometric mean of policies, which is the same for a table of logits.
+    game itself as the magnet moves to the policy. The weights of the magnet are an exponential
+    moving average of the policy's; in the paper this is a geometric mean of policies, which is the
+    same for a table of logits.
     """
 
     settings: MMDSettings

@@ -176,8 +176,6 @@ class ReferenceSettings(PPOSettings):
     """Frames of one gradient step."""
     entropy_coef: NotNegative = 0.0
     """Initial weight of the entropy bonus."""
-    standardize_advantages: bool = False
-    """Scale the advantages of each minibatch to mean 0 and standard deviation 1."""
     reference_interval: Count = 1
     """Iterations between two updates of the reference policy."""
     reference_rate: Share = 1.0
