@@ -275,6 +275,9 @@ class Registry(Generic[Part]):
 
     def check(self, name: object) -> None:
         """Raise ValueError unless `name` is built-in or `get` finds it."""
+        if callable(name):
+            own = getattr(name, "__name__", "Name")
+            raise ValueError(f"{self.kind}={own}; give its name, 'package.module:{own}'")
         if not isinstance(name, str):
             raise ValueError(self.unknown(name))
         if name not in self._ours:

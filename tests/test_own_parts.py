@@ -34,6 +34,7 @@ from train.runs.single import SingleAgent
 from train.self_play.league import enter, play_league
 from train.self_play.parts import self_play_parts, self_play_settings_of
 from train.self_play.pool import weights
+from train.settings.self_play import SelfPlaySettings
 from train.settings.task import TaskSettings
 
 OWN = Path(__file__).with_name("own_parts")
@@ -547,6 +548,8 @@ def test_settings_take_the_name_of_a_function_not_the_function() -> None:
 
     with pytest.raises(ValueError, match=r"sampling=.*; give its name, 'package.module:hard_half'"):
         self_play_settings_of(maze="3x3", sampling=hard_half, frames=1)
+    with pytest.raises(ValueError, match=r"sampling=hard_half; give its name, 'package.module"):
+        SelfPlaySettings(sampling=hard_half, frames=1)  # type: ignore[arg-type]
 
 
 def test_a_table_policy_may_keep_its_task() -> None:
