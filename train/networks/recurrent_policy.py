@@ -20,18 +20,22 @@ def probabilities_of(
 ) -> NDArray[np.float64]:
     """[..., actions] float64: the action probabilities; one-hot for a greedy policy.
 
-    Probabilities below `least` are set to 0, and the others scaled to sum 1.
+    Those of a policy that is not greedy are `without_improbable`.
     """
     if allowed is not None:
         logits = masked(logits, torch.from_numpy(allowed).to(logits.device))
     if greedy:
         chosen = torch.nn.functional.one_hot(logits.argmax(dim=-1), logits.shape[-1])
         return chosen.cpu().double().numpy()
-    found = logits.double().softmax(dim=-1)
-    if least > 0.0:
-        found = found.where(found >= least, 0.0)
-        found = found / found.sum(dim=-1, keepdim=True)
-    return found.cpu().numpy()
+    return without_improbable(logits.double().softmax(dim=-1).cpu().numpy(), least)
+
+
+def without_improbable(probabilities: NDArray[np.float64], least: float) -> NDArray[np.float64]:
+    """[..., actions]: probabilities below `least` are 0, and the others scaled to sum 1."""
+    if least == 0.0:
+        return probabilities
+    kept = np.where(probabilities >= least, probabilities, 0.0)
+    return np.asarray(kept / kept.sum(axis=-1, keepdims=True))
 
 
 def chosen_from(

@@ -18,9 +18,13 @@ from numpy.typing import NDArray
 from pursuit.tasks.task import Task
 from scripted_agents import PairValues, mean_over_starts, solve_chase
 from train.evaluation.games import best_reply, is_exact, other_role, table_in, values_between
+from train.networks.recurrent_policy import without_improbable
 from train.self_play.pool import Member
 from train.settings.self_play import ROLES
 
+RESPONSES = 8
+"""Best responses to single snapshots that are played against a whole mixture; each takes an exact
+evaluation for every snapshot."""
 Table = NDArray[np.float64]
 
 
@@ -95,10 +99,12 @@ def averages_of(
     discount: float,
     kept: Mapping[str, Sequence[Member]],
     mixtures: Mapping[str, Mapping[str, float]],
+    min_probability: float = 0.0,
 ) -> dict[str, tuple[float, float]]:
     """Bounds of NashConv of averages and mixtures of the snapshots in the pools, by kind.
 
-    {} if a side does not learn, or has fewer than two snapshots that are tables.
+    Snapshots do not play actions below `min_probability`, as the policies that are evaluated. {} if
+    a side does not learn, or has fewer than two snapshots that are tables.
     """
     tables: dict[str, dict[str, Table]] = {role: {} for role in kept}
     if len(kept) < 2 or min(map(len, kept.values())) < 2:
@@ -108,7 +114,8 @@ def averages_of(
             policy = member.policy_once()
             if not is_exact(task, policy):
                 return {}
-            tables[role][member.name] = table_in(task, policy)
+            table = table_in(task, policy)
+            tables[role][member.name] = without_improbable(table, min_probability)
     return nash_convs(averages(task, discount, tables, mixtures))
 
 
@@ -154,12 +161,13 @@ class _Side:
     def mixture(self, tables: Table, shares: NDArray[np.float64]) -> tuple[float, float]:
         """Bounds of the exploitability of a mixture that draws one table per game.
 
-        Upper: the opponent knows the table. Lower: the best single response, among those to each
-        table and to their average in every state.
+        Upper: the opponent knows the table. Lower: the best single response, among those to their
+        average in every state and to `RESPONSES` of the tables, the most probable ones.
         """
         each = [self.best(table) for table in tables]
         average = np.tensordot(shares, tables, axes=1)
-        responses = [response for _, response in each] + [self.best(average)[1]]
+        likely = np.argsort(-shares, kind="stable")[:: max(len(shares) // RESPONSES, 1)]
+        responses = [each[number][1] for number in likely] + [self.best(average)[1]]
         upper = float(shares @ [gain for gain, _ in each])
         lower = max(
             float(shares @ [self.gained(table, response) for table in tables])

@@ -259,7 +259,7 @@ class SelfPlay:
         if exact and everything and not interrupted and self.task.max_cells <= MOST_AVERAGED_CELLS:
             kept = {role: self.pools[role].snapshots for role in self.sides}
             discount = self.parts.discount
-            found = averages_of(self.task, discount, kept, self.mixtures)
+            found = averages_of(self.task, discount, kept, self.mixtures, settings.min_probability)
             content["averages"] = found
             played = found.get(PLAYED.get(settings.sampling, ""))
             evaluation = content["evaluation"]

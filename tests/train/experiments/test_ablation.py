@@ -245,6 +245,7 @@ def test_the_share_of_frames_on_the_hardest_stage() -> None:
     [
         pytest.param(n, marks=[pytest.mark.slow] * (n != "opponent-epsilon"))
         for n in shipped(ABLATIONS)
+        if not n.startswith("self-play")
     ],
 )
 def test_both_versions_of_every_shipped_ablation_are_valid(name: str) -> None:

@@ -42,6 +42,14 @@ sampling = "uniform"
 """
 
 
+@pytest.mark.slow
+def test_the_shipped_study_of_methods_is_valid() -> None:
+    for version, mazes, seeds in (("short", 6, 1), ("full", 20, 3)):
+        study = load_ablation("self-play-methods", version)
+        assert len(study.runs) == len(study.report["variants"]) * mazes * seeds
+        assert len({(run.settings.seconds, run.settings.frames) for run in study.runs}) == 1
+
+
 def test_the_sign_flip_test_counts_all_changes_of_signs() -> None:
     values = np.array([0.3, -0.1, 0.8, 0.2, 0.5])
     means = [abs(np.mean(values * signs)) for signs in product((-1, 1), repeat=5)]
