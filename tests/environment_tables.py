@@ -23,7 +23,6 @@ from pursuit.environments.parallel import PursuitParallelEnv
 from pursuit.environments.single_agent import SingleAgentVectorEnv
 from pursuit.observations.observations import ENCODINGS, Encoder
 from pursuit.reacher import observations as arm_observations
-from pursuit.reacher import single_agent as arm_single
 from pursuit.reacher.parallel_env import ReacherParallelEnv
 from pursuit.tasks.rewards import REWARD_SCHEMES, Rewards
 from scripted_agents import environments
@@ -122,29 +121,29 @@ def argument_rows(given: dict[str, Any], texts: dict[str, str]) -> str:
     )
 
 
+def given_by(name: str) -> dict[str, Any]:
+    """The arguments of `parallel_env`, with their defaults."""
+    task = pursuit.ReacherTask() if name == "reacher" else pursuit.make_task(name)
+    return {**own_parameters(module_of(name).parallel_env), **settings_of(task)}
+
+
 def arguments(name: str) -> str:
     """Of `parallel_env`."""
-    if name == "reacher":
-        task, sources = pursuit.ReacherTask(), (ReacherParallelEnv, pursuit.ReacherTask)
-    else:
-        task, sources = pursuit.make_task(name), (PursuitParallelEnv, pursuit.Task)
-    own = own_parameters(module_of(name).parallel_env)
-    return argument_rows({**own, **settings_of(task)}, described(*sources))
+    arm = (ReacherParallelEnv, pursuit.ReacherTask)
+    sources = arm if name == "reacher" else (PursuitParallelEnv, pursuit.Task)
+    return argument_rows(given_by(name), described(*sources))
 
 
 def gymnasium_arguments(name: str) -> str:
-    """Those that Gymnasium's environments have besides the task's."""
-    if name == "reacher":
-        made = (arm_single.reacher_env, arm_single.reacher_vector_env)
-        sources: tuple[Any, ...] = (arm_single.ReacherEnv, arm_single.ReacherVectorEnv)
-    else:
-        made = (
-            environments.make_env,
-            environments.single_agent_arguments,
-            environments.make_vector_env,
-        )
-        sources = (environments.single_agent_arguments, environments.make_env, SingleAgentVectorEnv)
-    return argument_rows(own_parameters(*made), described(*sources, *made))
+    """Those that Gymnasium's environments have besides those of `parallel_env`."""
+    made = (
+        environments.make_env,
+        environments.single_agent_arguments,
+        environments.make_vector_env,
+    )
+    common = given_by(name)
+    own = {key: value for key, value in own_parameters(*made).items() if key not in common}
+    return argument_rows(own, described(*made, SingleAgentVectorEnv))
 
 
 # -- spaces and rewards ----------------------------------------------------------------------------

@@ -42,10 +42,9 @@ class Encoder:
     - "cells": uint8 [height, width]: the codes FLOOR, SELF, TEAM, OTHER, GOAL, WALL (blocked).
     - "walls": uint8 [2*height + 1, 2*width + 1]: the same codes, with the walls between the cells.
     - "planes": float32 [10, height, width] of 0 and 1, named in PLANES.
-    - "window": float32 [10, 2R+1, 2R+1]: the planes of the surroundings of the agent, which is in
-      the centre. The shape does not depend on the size of the maze; cells outside the maze are
-      blocked. "window:4" sets R = 4. "window" uses the largest view radius of the task or, without
-      one, the smallest R that always shows the whole maze.
+    - "window": float32 [10, 2R+1, 2R+1]: the planes around the agent, whatever the size of the
+      maze; cells outside it are blocked. "window:4" sets R = 4. "window" uses the largest view
+      radius of the task or, without one, the smallest R that always shows the whole maze.
     - "index": int32 [entities + 1]: the indices of the ones of "one_hot" (for absent entities its
       size, a padding row). An embedding bag that sums rows then equals a matrix times "one_hot".
 

@@ -74,29 +74,27 @@ class Task:
     """Rules and settings of one game. Immutable, hashable, and validated when it is created.
 
     Args:
-        maze: the name of a shipped maze, a path, a `Maze`, a fixed suite ("suite:7x7-train"; see
-            `pursuit.load_suite`), or a list of these. With several mazes, each game draws one at
-            random at every reset.
+        maze: the name of a shipped maze, a path, a `Maze`, a suite ("suite:7x7-train"; see
+            `pursuit.load_suite`), or a list of these. Of several mazes, each game draws one at
+            every reset.
         num_chasers, num_evaders, num_runners: the number of agents of each role.
         num_goals: the number of goals. Runners and evaders collect them.
         max_steps: an episode is truncated after this many steps.
         stay_action: whether there is an action 4, stay.
         move_order: "simultaneous", or "chasers_first": the chasers move and captures are resolved,
             then all other agents move and captures are resolved again.
-        start: "random": each agent and goal is placed on a different, uniformly random cell.
-            "marks": the first agent is placed on `S`. The goals (or the evaders, if there are no
-            goals) are placed on the `G` marks in order. All others are placed at random.
-        min_start_distance: the least path distance between any chaser and any evader at the start.
-            The distance between cells without a connecting path is infinite.
+        start: "random": each agent and goal on a different, uniformly random cell. "marks": the
+            first agent on `S`, the goals (or the evaders, if there are no goals) on the `G` marks
+            in order, all others at random.
+        min_start_distance: the least path distance between any chaser and any evader at the start
+            (infinite without a connecting path).
         rewards: a named scheme ("goal", "completion", "distance" or "zero_sum"); a dict from role
-            to `Rewards`; the same as text ("chaser.step=-0.1,evader.capture=-2"; an entry without a
-            role applies to all roles); or a custom reward function or its name
-            "package.module:Name" (see `pursuit.tasks.rewards.RewardFunction`). Roles that are left
-            out use the scheme "goal".
-        view_radius: the path distance up to which an agent sees. None (no limit), a number, a dict
-            from role or agent to a number ({"chaser": 2, "evader_0": None}; the entry of an agent
-            overrides that of its role), or the same as text ("2", "chaser=2,evader_0=3"). Agents
-            and goals out of view are absent from the observation.
+            to `Rewards` (roles left out use "goal"); the same as text
+            ("chaser.step=-0.1,evader.capture=-2"; without a role for all roles); or a custom reward
+            function or its name "package.module:Name" (see `pursuit.tasks.rewards.RewardFunction`).
+        view_radius: the path distance up to which an agent sees: None (no limit), a number, a dict
+            ({"chaser": 2, "evader_0": None}; an agent's entry overrides its role's), or the same as
+            text ("2", "chaser=2,evader_0=3"). What is out of view is absent from the observation.
         line_of_sight: the agents that see only along their row and column, up to the next wall
             (and up to `view_radius`): True for all, a list of roles or agents, or the same as text
             ("chaser").
