@@ -323,7 +323,7 @@ PARTS = Maze.from_text("+-+-+-+\n|   | |\n+-+-+-+", name="two parts")
         ({"num_runners": 1}, "num_runners=1 and num_goals=0.*num_goals of at least 1"),
         ({"num_chasers": 1, "num_goals": 1}, "only runners and evaders.*give num_runners"),
         ({**DUEL, "maze": ()}, "an empty list; give at least one maze"),
-        ({**DUEL, "maze": "5x6"}, "unknown maze '5x6'; shipped mazes"),
+        ({**DUEL, "maze": "5x6"}, r"unknown maze '5x6' \(did you mean '6x6'\?\); shipped mazes"),
         ({**DUEL, "maze": "2x2", "num_goals": 3}, "need 5 different cells.*2x2 has 4.*larger maze"),
         (
             {"num_runners": 1, "num_goals": 1, "maze": PARTS},
@@ -339,8 +339,8 @@ def test_errors_of_invalid_tasks_name_value_and_remedy(
 
 
 def test_an_unknown_task_or_setting_is_named() -> None:
-    with pytest.raises(ValueError, match="unknown task 'chess'; one of chase, maze, race, heist"):
-        make_task("chess")
+    with pytest.raises(ValueError, match="unknown task 'bridge'; one of chase, maze, race, heist"):
+        make_task("bridge")
     with pytest.raises(TypeError, match="keyword argument 'evaders'; the settings are maze, num_"):
         make_task("chase", evaders=2)
 

@@ -111,9 +111,15 @@ def test_whole_numbers_of_numpy_become_python_ones() -> None:
         ({"max_steps": 2**31}, "max_steps=2147483648"),
         ({"num_goals": 1.0}, "num_goals=1.0; it is a whole number"),
         ({"stay_action": "no"}, "stay_action='no'; it is True or False"),
-        ({"move_order": "evaders_first"}, "unknown move_order 'evaders_first'; one of simult"),
+        (
+            {"move_order": "evaders_first"},
+            r"unknown move_order 'evaders_first' \(did .*\); one of simult",
+        ),
         ({"start": "corner"}, "unknown start 'corner'; one of random, marks"),
-        ({"rewards": "gold"}, "unknown rewards 'gold'; one of goal, completion"),
+        (
+            {"rewards": "gold"},
+            r"unknown rewards 'gold' \(did you mean 'goal'\?\); one of goal, completion",
+        ),
         ({"rewards": {"hunter": Rewards()}}, r"rewards for \['hunter'\]; the roles are chaser"),
         ({"rewards": {"evader": 1.0}}, r"rewards of the evader: 1.0; give pursuit.Rewards"),
         ({"maze": []}, "maze: an empty list; give at least one maze"),
