@@ -27,7 +27,7 @@ from train.reports.tables import print_table
 from train.runs.folder import CURVE, REPORT, SELF_PLAY
 from train.self_play.learners import checked_names, learning_side, unchecked_self_play
 from train.settings.algorithms import Hyperparameters
-from train.settings.self_play import LEARN, ROLES, LearningSide, SelfPlaySettings, self_play_ppo
+from train.settings.self_play import LEARN, ROLES, LearningSide, SelfPlaySettings
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class SelfPlayCommand(RunCommand):
 
     settings: Options
     hyper: Any
-    other_algorithm: Any = None
+    other_algorithm: Any
 
 
 def self_play(arguments: Sequence[str]) -> None:
@@ -110,13 +110,12 @@ def parsed(arguments: Sequence[str]) -> tuple[SelfPlayCommand, SelfPlaySettings]
             flat[role] = parsed_side(role, sides[role], own)
         else:
             flat |= {f"{role}.{name}": value for name, value in options_in(own).items()}
-    hyper = next((side.hyper for side in sides.values()), self_play_ppo())
-    others = [other_options(side, hyper) for side in sides.values()]
+    shown = [*sides.values()] or [LearningSide()]
+    hyper, others = shown[0].hyper, other_options(shown[-1], shown[0].hyper)
     settings = Options(**default_budget(options, 120.0))
-    default = SelfPlayCommand(settings, hyper, next(filter(None, others), None))
+    default = SelfPlayCommand(settings, unchecked(hyper), others)
     given = parse(SelfPlayCommand, arguments, "self-play", default)
-    parts = (given.other_algorithm, given.hyper, given.settings, given.settings.task)
-    for part in filter(None, parts):
+    for part in (given.other_algorithm, given.hyper, given.settings, given.settings.task):
         flat |= given_in(arguments, part)
     if not {"seconds", "frames"} & set(flat):
         flat["seconds"] = settings.seconds
@@ -135,12 +134,19 @@ def split_side(role: str, arguments: Sequence[str]) -> tuple[list[str], list[str
 
 def parsed_side(role: str, side: LearningSide, arguments: Sequence[str]) -> dict[str, Any]:
     """The given settings of one side, by name; ValueError naming the role."""
-    extra: Any = [("algorithm", str, field(default=side.algorithm))]
-    form = make_dataclass("Side", extra, bases=(type(side.hyper),), frozen=True)
+    default = unchecked(side.hyper, ("algorithm", str, field(default=side.algorithm)))
     try:
-        return given_in(arguments, parse(form, arguments, "self-play", form(**vars(side.hyper))))
+        return given_in(arguments, parse(type(default), arguments, "self-play", default))
     except ValueError as error:
         raise ValueError(f"{role}: {error}") from None
+
+
+def unchecked(hyper: Hyperparameters, *more: Any) -> Any:
+    """The same settings and more fields as a dataclass without checks, which need all options."""
+    form, own = type(hyper), {"__post_init__": lambda self: None, "__doc__": type(hyper).__doc__}
+    make: Any = make_dataclass
+    made = make(form.__name__, more, bases=(form,), namespace=own, frozen=True)
+    return made(**vars(hyper))
 
 
 def given_in(arguments: Sequence[str], options: Any) -> dict[str, Any]:
@@ -150,7 +156,7 @@ def given_in(arguments: Sequence[str], options: Any) -> dict[str, Any]:
 
 
 def other_options(side: LearningSide, hyper: Hyperparameters) -> Any:
-    """A dataclass with the options of a side's algorithm that `hyper` does not have, or None."""
+    """A dataclass with the options of a side's algorithm that `hyper` does not have."""
     hints = get_type_hints(type(side.hyper))
     help_text = f"See --algorithm {side.algorithm} --help."
     options = [
@@ -159,7 +165,7 @@ def other_options(side: LearningSide, hyper: Hyperparameters) -> Any:
         for f in fields(side.hyper)
         if not hasattr(hyper, f.name)
     ]  # fmt: skip
-    return make_dataclass("Others", options, frozen=True)() if options else None
+    return make_dataclass("Others", options, frozen=True)()
 
 
 def show(run: Run, content: dict[str, Any]) -> None:

@@ -25,6 +25,7 @@ from scripted_agents import (
 )
 from train.algorithms.registry import Build, entry
 from train.commands.main import main
+from train.commands.self_play import parsed
 from train.environments.simulator_env import SimulatorEnv
 from train.evaluation.exploitability import exploitability, nash_conv
 from train.evaluation.games import table_in
@@ -511,3 +512,17 @@ def test_the_help_of_self_play_shows_options_that_can_be_given(
         main(["self-play", "--evader.algorithm", "dqn", "--help"])
     shown = capsys.readouterr().out
     assert "--chaser.entropy-coef 0.05" in shown and "--batch-size" in shown
+    with pytest.raises(SystemExit):
+        main(["self-play", "--help"])
+    assert "--other" not in capsys.readouterr().out
+
+
+def test_settings_are_checked_together_with_those_of_one_side() -> None:
+    more = ["--chaser.num-games", "1024", "--evader.num-games", "1024"]
+    for sizes in (
+        ["--num-games", "1024", "--chaser.minibatch-size", "16384"],
+        ["--minibatch-size", "16384", *more],
+    ):
+        _, settings = parsed(["--maze", "3x3", *sizes])
+        chaser: Any = settings.side("chaser").hyper
+        assert (chaser.num_games, chaser.minibatch_size) == (1024, 16384)
