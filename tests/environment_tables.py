@@ -229,10 +229,10 @@ def rewards(name: str) -> str:
             mark = " (default)" if scheme == task.rewards else ""
             flags = ("on_completion", "per_evader")
             numbers = [f"{getattr(paid, f.name):g}" for f in fields(paid) if f.name not in flags]
-            when = "only when it ends the game" if paid.on_completion else "at once"
+            when = "at the end" if paid.on_completion else "at the event"
             when = "per evader" if paid.per_evader else when
             body.append((role, scheme + mark, *numbers, when))
-    return rows(("role", "scheme", "step", "capture", "goal", "distance", "events pay"), body)
+    return rows(("role", "`rewards`", "step", "capture", "goal", "distance", "events paid"), body)
 
 
 TABLES: dict[str, Callable[[str], str]] = {

@@ -298,7 +298,8 @@ class Simulator(GameArrays):
         """Start an episode with these cells; limits on start distances are ignored.
 
         Args:
-            positions: [num_games, num_agents] cells, or one row for all games.
+            positions: [num_games, num_agents] cells in the order of `task.agent_names` (chasers,
+                evaders, runners), or one row for all games.
             goals: [num_games, num_goals] cells, -1 for an absent goal; required if there are goals.
             maze: index in `task.mazes`, for all games or for each; required if there are several
                 and `configure` has set none.

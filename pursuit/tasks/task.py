@@ -88,7 +88,7 @@ class Task:
             in order, all others at random.
         min_start_distance: the least path distance between any chaser and any evader at the start
             (infinite without a connecting path).
-        rewards: a named scheme ("goal", "completion", "distance" or "zero_sum"); a dict from role
+        rewards: a name ("goal", "completion", "distance" or "zero_sum"); a dict from role
             to `Rewards` (roles left out use "goal"); the same as text
             ("chaser.step=-0.1,evader.capture=-2"; without a role for all roles); or a custom reward
             function or its name "package.module:Name" (see `pursuit.tasks.rewards.RewardFunction`).

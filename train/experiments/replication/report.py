@@ -217,7 +217,8 @@ def summary(studies: Sequence[DecidedExperiment]) -> list[str]:
         Column("least p", lambda row: p_words(row["least_p"])),
     ]
     return [
-        f"Of {cells.total()} cells of claims about runs: {text}.",
+        f"Of {cells.total()} tested claims about runs (a cell is a claim on one maze or "
+        f"algorithm): {text}.",
         ResultTable(claim_rows(studies), columns).markdown(),
         "Side: whether the runs are for or against the claim. Least p: the smallest p that is "
         f"possible with so many runs. Cells with a least p of {LEVEL:g} or more are not counted in "
