@@ -70,6 +70,7 @@ class ContinuousLearner(OffPolicyLearner, Generic[Actor]):
         self.critic_optimizer = torch.optim.Adam(
             critics.parameters(),
             lr=settings.critic_learning_rate,
+            betas=(settings.adam_beta1, 0.999),
             eps=settings.adam_epsilon,
             fused=True,
         )

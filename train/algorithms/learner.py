@@ -204,7 +204,11 @@ class NetworkLearner:
         self._descent = settings
         self.frames = 0
         self.optimizer = torch.optim.Adam(
-            network.parameters(), lr=settings.learning_rate, eps=settings.adam_epsilon, fused=True
+            network.parameters(),
+            lr=settings.learning_rate,
+            betas=(settings.adam_beta1, 0.999),
+            eps=settings.adam_epsilon,
+            fused=True,
         )
 
     @property

@@ -58,6 +58,7 @@ class NFSP(DQN):
         self.average_optimizer = torch.optim.Adam(
             average.parameters(),
             lr=settings.average_learning_rate,
+            betas=(settings.adam_beta1, 0.999),
             eps=settings.adam_epsilon,
             fused=True,
         )

@@ -32,6 +32,10 @@ from train.settings.run import TrainSettings
 from train.settings.self_play import ROLES, LearningSide, SelfPlaySettings
 from train.settings.task import TaskSettings
 
+SHORT = 20
+"""Default number of steps of training episodes without goals. Where the evader can escape, episodes
+of full length would hardly visit the states in which it is caught."""
+
 
 @dataclass(frozen=True)
 class SelfPlayParts:
@@ -109,6 +113,10 @@ def self_play_parts(settings: SelfPlaySettings) -> SelfPlayParts:
             discount,
             # Returns of up to 1 / (1 - gamma) steps would make the value loss dominate.
             1.0 - discount if settings.task.rewards == "zero_sum" else 1.0,
+            min(
+                settings.episode_steps or (SHORT if not task.num_goals else task.max_steps),
+                task.max_steps,
+            ),
             settings.min_probability,
         )
     return SelfPlayParts(task, sides, frozen, scripted, discount)

@@ -21,6 +21,10 @@ from train.runs.training_state import restore_simulator, simulator_tensors
 from train.self_play.pool import OpponentPool, PoolPolicy
 from train.settings.algorithms import Hyperparameters
 
+DECAY = 7
+"""The average of the weights has terms proportional to iteration**DECAY: about the last eighth of
+the iterations so far."""
+
 
 class Opponents(EpisodeHook):
     """Draws an opponent from a pool for every episode, and records the scores.
@@ -80,6 +84,7 @@ class SideParts:
         algorithm, hyper, build: the algorithm, its hyperparameters, and its build options.
         discount: of the exact game.
         scale: of the rewards.
+        episode_steps: of training.
         min_probability: of actions of the evaluated policy.
     """
 
@@ -89,6 +94,7 @@ class SideParts:
     build: Build
     discount: float
     scale: float
+    episode_steps: int
     min_probability: float
 
 
@@ -103,6 +109,9 @@ class Side:
     Attributes:
         parts, env, learner: of this role.
         opponents: its opponents.
+        average: average of the weights over iterations, by name, with polynomial decay (Shamir and
+            Zhang, 2013). Two learners cycle around an equilibrium; the average lies inside.
+        iterations: in the average.
     """
 
     def __init__(self, parts: SideParts, number: int, state: dict[str, Any] | None = None) -> None:
@@ -110,7 +119,7 @@ class Side:
         task, role = parts.seat.task, parts.seat.agent
         games = parts.hyper.num_games // task.count(role)
         given: Any = {"seed": parts.build.seed, "first_game": number * 2**20, "auto_restart": False}
-        self.simulator = Simulator(task, games, **given)
+        self.simulator = Simulator(replace(task, max_steps=parts.episode_steps), games, **given)
         self.opponents = Opponents(
             self.simulator,
             role,
@@ -128,6 +137,9 @@ class Side:
             self.env.idle[:] = state["idle"].numpy()
             self.env.resume = True
         self.learner: Learner = parts.algorithm.build(parts.hyper, self.env, parts.build)
+        self.average, self.iterations = self._weights(), 0
+        if state is not None:
+            self.average, self.iterations = state["average"], state["iterations"]
 
     def _games(self) -> SimulatorEnv:
         """The training games."""
@@ -137,13 +149,28 @@ class Side:
         given = (parts.seat.members, parts.scale)
         return SimulatorEnv(self.simulator, parts.seat, policies, others, *given)
 
+    def iterate(self, progress: float) -> dict[str, float]:
+        """One iteration of the learner; updates the average of the weights."""
+        figures = self.learner.iterate(progress)
+        self.iterations += 1
+        rate = (DECAY + 1) / (self.iterations + DECAY)
+        for name, weights in self._weights().items():
+            own = self.average[name]
+            own.lerp_(weights, rate) if own.is_floating_point() else own.copy_(weights)
+        return figures
+
+    def _weights(self) -> dict[str, torch.Tensor]:
+        """A copy of the weights of the policy."""
+        network: Any = self.learner.state_dict()["network"]
+        return {name: tensor.clone() for name, tensor in network.items()}
+
     @property
     def greedy(self) -> bool:
         """Whether it plays greedily during training: for algorithms without a distribution."""
         return not self.parts.algorithm.learns_distribution
 
     def evaluated_policy(self) -> Policy:
-        """The policy as it is now, in float32 and without improbable actions."""
+        """The policy with averaged weights, in float32 and without improbable actions."""
         seat = replace(self.parts.seat, min_probability=self.parts.min_probability)
         return self._loaded(seat, self.snapshot())
 
@@ -157,6 +184,7 @@ class Side:
         fresh = self.parts.algorithm.build(self.parts.hyper, self.env, self.parts.build)
         self.learner.load_state_dict({**fresh.state_dict(), "frames": self.learner.frames})
         fresh.close()
+        self.average, self.iterations = self._weights(), 0
 
     def load(self, state: dict[str, Any]) -> Policy:
         """The policy of a snapshot; ValueError for weights that are not finite."""
@@ -170,15 +198,16 @@ class Side:
             return self.parts.algorithm.load(self.parts.hyper, seat, state, self.greedy)
 
     def snapshot(self) -> dict[str, Any]:
-        """The state for `load`."""
-        network: Any = self.learner.state_dict()["network"]
-        return {"network": {name: tensor.clone() for name, tensor in network.items()}}
+        """The averaged weights, as a state for `load`."""
+        return {"network": {name: tensor.clone() for name, tensor in self.average.items()}}
 
     def state_dict(self) -> dict[str, Any]:
         """The state of the side, without the pool."""
         return {
             "algorithm": self.parts.algorithm.name,
             "learner": self.learner.state_dict(),
+            "average": self.average,
+            "iterations": self.iterations,
             "simulator": simulator_tensors(self.simulator),
             **self._own_state(),
         }

@@ -145,7 +145,7 @@ class SelfPlay:
         if self.settings.sampling == "psro":  # every best response has its own schedules
             progress = progress * self.settings.snapshots - self.taken
         for role, side in self.sides.items():
-            found = side.learner.iterate(min(max(progress, 0.0), 1.0))
+            found = side.iterate(min(max(progress, 0.0), 1.0))
             figures |= {f"{role}_{name}": value for name, value in found.items()}
         if clock.progress * self.settings.snapshots >= self.taken + 1:
             self.taken = int(clock.progress * self.settings.snapshots)
@@ -347,7 +347,8 @@ class SelfPlay:
                 own.mkdir(exist_ok=True)
                 maze = self.task.mazes[0].to_text()
                 save_config(own, SIDE, side_settings(self.settings, role), maze)
-            learner, name = side.learner.state_dict(), side.parts.algorithm.name
+            learner = side.learner.state_dict() | side.snapshot()
+            name = side.parts.algorithm.name
             save_checkpoint(own, {"trainee": {"algorithm": name, "learner": learner}})
         for pool in self.pools.values():
             pool.clean()

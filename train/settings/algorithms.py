@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 from pursuit.plugins import Registry
 from train.settings.checks import Count, NotNegative, Positive, Share, check
-from train.settings.hyperparameters import Activation, Hyperparameters, NetworkSettings
+from train.settings.hyperparameters import Activation, Hyperparameters, Momentum, NetworkSettings
 from train.settings.off_policy import (
     DDPGSettings,
     DQNSettings,
@@ -174,6 +174,10 @@ class ReferenceSettings(PPOSettings):
     """Initial learning rate of Adam."""
     minibatch_size: Count = 2048
     """Frames of one gradient step."""
+    adam_beta1: Momentum = 0.0
+    """Momentum of Adam: it amplifies cycles around equilibria (Gidel et al., 2019)."""
+    gae_lambda: Share = 0.5
+    """Lambda of generalised advantage estimation."""
     entropy_coef: NotNegative = 0.0
     """Initial weight of the entropy bonus."""
     reference_interval: Count = 1

@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
-from train.settings.checks import Count, Positive, Settings, Share, one_of
+from train.settings.checks import Count, Positive, Settings, Share, one_of, rule
 
 Activation = Annotated[str, one_of("relu", "tanh")]
+Momentum = Annotated[float, rule(lambda value: 0 <= value < 1, "must be in [0, 1)")]
 
 
 @dataclass(frozen=True)
@@ -41,6 +42,8 @@ class NetworkSettings(Hyperparameters):
     """Gradients are clipped to this norm."""
     adam_epsilon: Positive = 1e-8
     """Epsilon of Adam."""
+    adam_beta1: Momentum = 0.9
+    """Momentum of Adam: the decay of its mean of gradients."""
     width: Count = 128
     """Units of each of the two hidden layers."""
     activation: Activation = "relu"

@@ -45,14 +45,17 @@ SAMPLING_PARTS: Registry[Any] = Registry(
 def self_play_ppo() -> PPOSettings:
     """The hyperparameters of PPO in self-play; the discount is also that of the exact game.
 
-    Tuned on generated mazes, together with `min_probability`. Where equilibria mix actions,
-    policies that learn without any entropy bonus cycle around them.
+    Tuned on generated mazes, together with `min_probability` and the average of the weights. Where
+    equilibria mix actions, the learners cycle around them: with momentum or without an entropy
+    bonus the cycles grow.
     """
     return PPOSettings(
         num_games=512,
-        learning_rate=5e-3,
-        entropy_coef=0.02,
-        entropy_end=0.005,
+        learning_rate=4e-3,
+        adam_beta1=0.0,
+        gae_lambda=0.5,
+        entropy_coef=0.03,
+        entropy_end=0.002,
         minibatch_size=2048,
         standardize_advantages=False,
     )
@@ -103,6 +106,9 @@ class SelfPlaySettings(RunSettings):
     """Number of latest snapshots that the rule window draws from."""
     pfsp_power: NotNegative = 2.0
     """Exponent of pfsp: how strongly difficult opponents are preferred."""
+    episode_steps: Annotated[int | None, at_least(1)] = None
+    """Steps after which training episodes are truncated; evaluations use max_steps. Short episodes
+    visit more starts. None: 20, or max_steps with goals."""
     snapshots: Annotated[int, at_least(1)] = 40
     """Snapshots taken during the run, at equal intervals."""
     pool_size: Annotated[int, at_least(1)] = 50
@@ -111,7 +117,7 @@ class SelfPlaySettings(RunSettings):
     members: tuple[str, ...] = ()
     """Scripted agents in the pools from the start: astar, random, optimal, searching (or sweeping,
     belief), or package.module:Name of a user-defined policy."""
-    min_probability: MinProbability = 0.07
+    min_probability: MinProbability = 0.05
     """Actions of lower probability are not played when a policy is evaluated or loaded (Perolat et
     al., 2022); training is unaffected."""
     observation: Annotated[str, passes(check_observation)] = "index"

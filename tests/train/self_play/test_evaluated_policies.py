@@ -1,4 +1,4 @@
-"""The policies that self-play evaluates and saves do not play improbable actions."""
+"""The policies that self-play evaluates and saves: averaged weights, no improbable actions."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import pytest
 from self_play_runs import make_run
 
 from train.runs.opponents import load_policy
+from train.self_play.side import DECAY
 from train.settings.self_play import ROLES, self_play_ppo
 
 
@@ -21,7 +22,8 @@ def test_improbable_actions_are_not_played(tmp_path: Path) -> None:
     run.train()
     maze = run.trainee.task.mazes[0]
     for role in ROLES:
-        raw = run.trainee.sides[role].policy().action_probabilities(maze)
+        side = run.trainee.sides[role]
+        raw = side.load(side.snapshot()).action_probabilities(maze)  # type: ignore[attr-defined]
         table = run.trainee.policy(role).action_probabilities(maze)
         assert (raw < 0.2).any()
         expected = np.where(raw >= 0.2, raw, 0.0)
@@ -33,3 +35,40 @@ def test_improbable_actions_are_not_played(tmp_path: Path) -> None:
 def test_probabilities_that_leave_no_action_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"min_probability=0.3.*0 to 0.2"):
         make_run(tmp_path, min_probability=0.3)
+
+
+def test_evaluated_weights_are_an_average_with_polynomial_weights(tmp_path: Path) -> None:
+    run = make_run(tmp_path, frames=1_000_000, precision="float32")
+    side = run.trainee.sides["evader"]
+    seen = []
+    for _ in range(12):
+        side.iterate(0.0)
+        seen.append([weight.detach().clone() for weight in side.learner.network.parameters()])
+    # The recursion by hand: term t has the weight (DECAY + 1) / (t + DECAY) of all up to t.
+    shares = np.zeros(12)
+    for t in range(1, 13):
+        rate = (DECAY + 1) / (t + DECAY)
+        shares *= 1.0 - rate
+        shares[t - 1] = rate
+    assert shares.sum() == pytest.approx(1.0)
+    # Up to a constant these are the products t (t + 1) ... (t + DECAY - 1), of degree DECAY.
+    products = np.array([np.prod(np.arange(t, t + DECAY, dtype=float)) for t in range(1, 13)])
+    np.testing.assert_allclose(shares, products / products.sum())
+    for place, (name, _) in enumerate(side.learner.network.named_parameters()):
+        expected = sum(share * own[place].numpy() for share, own in zip(shares, seen, strict=True))
+        np.testing.assert_allclose(side.average[name].numpy(), expected, atol=1e-5)
+
+
+def test_training_episodes_are_short_and_evaluations_are_not(tmp_path: Path) -> None:
+    run = make_run(tmp_path / "default", task={"maze": "3x3-open"}, frames=40_000)
+    longest = 0
+    while run.trainee.frames < 20_000:
+        run.trainee.sides["chaser"].learner.iterate(0.0)
+        longest = max(longest, int(run.trainee.sides["chaser"].simulator.steps.max()))
+    assert 10 < longest <= 20
+    assert run.trainee.task.max_steps == 200
+    chosen = make_run(tmp_path / "chosen", episode_steps=7)
+    assert {side.simulator.task.max_steps for side in chosen.trainee.sides.values()} == {7}
+    goals = {"task": "heist", "maze": "3x3", "max_steps": 60}
+    heist = make_run(tmp_path / "heist", task=goals)
+    assert {side.simulator.task.max_steps for side in heist.trainee.sides.values()} == {60}
