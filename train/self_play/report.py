@@ -21,7 +21,6 @@ from train.reports.pages import PLAYER_ELEMENT, details, pairs, picture, section
 from train.reports.tables import in_markdown
 from train.runs.folder import CONFIG, CURVE, REPLAYS, REPORT
 from train.runs.report import made_with
-from train.self_play.averages import describe_averages
 from train.self_play.diversity import describe_diversity, spread
 from train.self_play.league import Entry, LeagueTable, cycle_of, play_league
 from train.self_play.payoffs import draw_league, matches_table
@@ -147,8 +146,10 @@ def describe_exploitability(results: Mapping[str, Any]) -> list[str]:
         what = f"Best response with the view of its role {name.replace('_', ' the ')}"
         what = "NashConv with these views" if name == "nash_conv" else what
         lines.append(f"{what}: {bounds[0]:.3f} to {bounds[1]:.3f} discounted steps, proven.")
-    if results.get("averages"):
-        lines.append(f"{describe_averages(results['averages'])}.")
+    if "mixture_nash_conv" in results:
+        bounds = "{:.3f} to {:.3f}".format(*results["mixture_nash_conv"])
+        which = "all snapshots" if results["sampling"] == "uniform" else "the Nash mixture"
+        lines.append(f"NashConv of drawing from {which} in each game: {bounds}, proven.")
     if results.get("diversity"):
         lines.append(f"{describe_diversity(results['diversity'])}.")
     if results.get("whole_game"):

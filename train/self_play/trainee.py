@@ -30,7 +30,6 @@ from train.runs.folder import (
 from train.runs.loop import Budget, Clock, Objective, Run
 from train.runs.threads import check_device, prepare_torch
 from train.runs.training_state import policy_memories, restore_policy_memories
-from train.self_play.averages import averages_of
 from train.self_play.diversity import diversity_of
 from train.self_play.meta_game import Payoffs
 from train.self_play.metrics import (
@@ -42,6 +41,7 @@ from train.self_play.metrics import (
     scripted_references,
     whole_game,
 )
+from train.self_play.mixtures import mixture_nash_conv
 from train.self_play.parts import SelfPlayParts, self_play_parts, side_settings
 from train.self_play.pool import OpponentPool, weights
 from train.self_play.side import Side
@@ -53,10 +53,11 @@ from train.settings.self_play import (
     self_play_ppo,
 )
 
-MOST_AVERAGED_CELLS = 49
-"""Maximum number of cells for averages of snapshots in the results: they take long above."""
-PLAYED = {"uniform": "all mixed", "double-oracle": "Nash mixture", "psro": "Nash mixture"}
-"""The mixture of snapshots that a sampling rule converges in; with others the last policies."""
+MOST_CELLS = 49
+"""Maximum number of cells for mixtures and diversity of snapshots: they take long above."""
+MIXED = ("uniform", *NASH_SAMPLING)
+"""Sampling rules that converge in a mixture of snapshots: all equally likely, or the Nash mixture;
+with others the last policies converge."""
 
 
 class SelfPlay:
@@ -256,14 +257,16 @@ class SelfPlay:
             self.tell("NashConv of the whole game", 0.0)
             content["whole_game"] = whole_game(self.task, pair, self.parts.discount)
         everything = not content.get("limited_view")
-        if exact and everything and not interrupted and self.task.max_cells <= MOST_AVERAGED_CELLS:
+        if exact and everything and not interrupted and self.task.max_cells <= MOST_CELLS:
             kept = {role: self.pools[role].snapshots for role in self.sides}
-            discount = self.parts.discount
-            found = averages_of(self.task, discount, kept, self.mixtures, settings.min_probability)
-            content["averages"] = found
-            played = found.get(PLAYED.get(settings.sampling, ""))
-            evaluation = content["evaluation"]
-            evaluation["played_nash_conv"] = played[0] if played else evaluation["nash_conv"]
+            discount, evaluation = self.parts.discount, content["evaluation"]
+            evaluation["played_nash_conv"] = evaluation["nash_conv"]
+            if settings.sampling in MIXED:
+                shares = self.mixtures if settings.sampling in NASH_SAMPLING else None
+                least = settings.min_probability
+                found = mixture_nash_conv(self.task, discount, kept, shares, least)
+                if found is not None:
+                    content["mixture_nash_conv"], evaluation["played_nash_conv"] = found, found[0]
             content["diversity"] = diversity_of(self.task, discount, kept)
         if is_exact_team(self.task, pair, MAX_FINAL_WORK):
             learned = {role: pair[role] for role in self.sides}

@@ -84,10 +84,10 @@ def test_an_ablation_of_self_play_reports_nash_conv(tmp_path: Path) -> None:
     assert (tmp_path / "out" / "report" / "final.png").stat().st_size > 10_000
     for folder in (tmp_path / "out" / "runs").iterdir():
         content = json.loads((folder / "results.json").read_text())
-        played, averages = content["evaluation"]["played_nash_conv"], content["averages"]
+        evaluation = content["evaluation"]
         uniform = content["sampling"] == "uniform"
-        expected = averages["all mixed"][0] if uniform else content["evaluation"]["nash_conv"]
-        assert played == expected
+        expected = content["mixture_nash_conv"][0] if uniform else evaluation["nash_conv"]
+        assert evaluation["played_nash_conv"] == expected
 
 
 @pytest.mark.parametrize(

@@ -195,7 +195,7 @@ def test_psro_starts_new_learners_and_its_nash_mixture_improves(tmp_path: Path) 
     assert any(not torch.equal(first[name], again[name]) for name in first)
     run.train()
     content = run.results()
-    assert content["averages"]["Nash mixture"][1] < 0.1 * content["at_start"]["nash_conv"]
+    assert content["mixture_nash_conv"][1] < 0.1 * content["at_start"]["nash_conv"]
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""Averages and mixtures of snapshots, against an opponent that infers the drawn snapshot."""
+"""Mixtures of snapshots, against an opponent that infers the drawn snapshot."""
 
 from __future__ import annotations
 
@@ -16,11 +16,14 @@ from pursuit import load_maze, make_task
 from scripted_agents import (
     AStarChaser,
     AStarEvader,
+    TablePolicy,
     best_response,
     mean_over_starts,
     solve_chase,
 )
-from train.self_play.averages import Average, averages, describe_averages, nash_convs
+from train.self_play.mixtures import mixture_bounds, mixture_nash_conv
+from train.self_play.pool import Member
+from train.self_play.report import describe_exploitability
 
 SMALL, DISCOUNT = load_maze("2x2"), 0.6
 
@@ -75,64 +78,53 @@ def exploited(maze: Any, role: Any, table: Any, discount: float) -> float:
 @pytest.mark.parametrize("seed", range(4))
 def test_a_mixture_lies_between_its_bounds(role: Any, seed: int) -> None:
     task, tables = make_task("chase", maze=SMALL), one_of_each(seed, 3, SMALL)
-    snapshots = {role: {str(n): table for n, table in enumerate(tables)}}
-    found = {one.what: one for one in averages(task, DISCOUNT, snapshots)}
     game = mean_over_starts(solve_chase(SMALL, DISCOUNT).values, SMALL)
     sign = 1.0 if role == "chaser" else -1.0
     exact = sign * (best_against_mixture(tables, role, 30) - game)
-    mixed = found["all mixed"]
-    assert mixed.lower - 1e-5 <= exact <= mixed.upper + 1e-5 and mixed.snapshots == 3
-    # Of one alone there is nothing to infer: the recursion is the best response.
-    alone = sign * (best_against_mixture(tables[-1:], role, 30) - game)
-    assert found["last snapshot"].lower == pytest.approx(alone, abs=1e-5)
-    assert found["last snapshot"].lower == found["last snapshot"].upper
-    told = [exploited(SMALL, role, table, DISCOUNT) for table in tables]
-    assert mixed.upper == pytest.approx(np.mean(told), abs=1e-6)
+    lower, upper = mixture_bounds(task, role, tables, np.full(3, 1 / 3), DISCOUNT)
+    assert lower - 1e-5 <= exact <= upper + 1e-5
+    each = [exploited(SMALL, role, table, DISCOUNT) for table in tables]
+    assert upper == pytest.approx(np.mean(each), abs=1e-6)
+    # Of one table there is nothing to infer: the recursion is the best response.
+    one = sign * (best_against_mixture(tables[-1:], role, 30) - game)
+    bounds = mixture_bounds(task, role, tables[-1:], np.ones(1), DISCOUNT)
+    assert bounds == pytest.approx((one, one), abs=1e-5)
 
 
-def test_averages_of_equal_policies_are_that_policy() -> None:
+def test_mixtures_of_equal_policies_are_that_policy() -> None:
     maze = load_maze("5x5-tree")
     task = make_task("chase", maze=maze)
     pair = {
         "chaser": AStarChaser(0.1).action_probabilities(maze),
         "evader": AStarEvader(0.3).action_probabilities(maze),
     }
-    snapshots = {role: {str(n): table for n in range(4)} for role, table in pair.items()}
-    shares = {role: {"1": 0.25, "3": 0.75} for role in pair}
-    found = averages(task, 0.95, snapshots, shares)
-    assert {one.what for one in found} >= {"last snapshot", "all mixed", "later half averaged"}
-    for one in found:
-        alone = exploited(maze, one.role, pair[one.role], 0.95)
-        assert one.lower == pytest.approx(alone) == one.upper
-    assert sum(one.what == "Nash mixture" and one.snapshots == 2 for one in found) == 2
-    # A mixture that gives something to others than snapshots is not one of these.
-    few = averages(task, 0.95, snapshots, {"chaser": {"1": 0.5, "astar": 0.5}})
-    assert not any(one.what == "Nash mixture" for one in few)
-    convs = nash_convs(found)
-    assert list(convs) == list(dict.fromkeys(one.what for one in found))
-    assert convs["last snapshot"][0] == pytest.approx(
-        sum(o.lower for o in found if o.what == "last snapshot")
-    )
+    kept = {
+        role: [Member(str(n), TablePolicy(maze, table), False) for n in range(4)]
+        for role, table in pair.items()
+    }
+    expected = sum(exploited(maze, role, table, 0.95) for role, table in pair.items())
+    for shares in (None, {role: {"1": 0.25, "3": 0.75} for role in pair}):
+        found = mixture_nash_conv(task, 0.95, kept, shares)
+        assert found == pytest.approx((expected, expected))
+    # A mixture with other policies than snapshots has no bounds here.
+    other = {role: {"1": 0.5, "astar": 0.5} for role in pair}
+    assert mixture_nash_conv(task, 0.95, kept, other) is None
+    assert mixture_nash_conv(task, 0.95, {"chaser": kept["chaser"]}, None) is None
 
 
-def test_words() -> None:
-    assert describe_averages({"last": (1.25, 1.25), "all mixed": (0.5, 0.75)}) == (
-        "NashConv of the snapshots in the pools: last 1.250; all mixed 0.500 to 0.750"
-    )
-    assert nash_convs([Average("chaser", "last", 1, 0.0, 0.0)]) == {}
-
-
-def test_results_have_them(tmp_path: Path) -> None:
-    sampling: dict[str, Any] = {"sampling": "double-oracle", "frames": 10_240}
-    run = make_run(tmp_path / "pair", task={"maze": "3x3-tree"}, **sampling)
+@pytest.mark.parametrize("sampling", ["double-oracle", "uniform", "latest"])
+def test_results_have_them_where_mixtures_converge(tmp_path: Path, sampling: str) -> None:
+    given: dict[str, Any] = {"sampling": sampling, "frames": 10_240}
+    run = make_run(tmp_path / "pair", task={"maze": "3x3-tree"}, **given)
     run.train()
     content = run.results(10)
     run.lock.release()
-    convs = content["averages"]
-    assert convs["last snapshot"][1] == pytest.approx(content["evaluation"]["nash_conv"], rel=1e-3)
-    assert {"Nash mixture", "all mixed", "later half averaged"} <= convs.keys()
-    assert all(-1e-6 <= lower <= upper for lower, upper in convs.values())
-    told = describe_averages(convs)
-    assert "NashConv of the snapshots in the pools: last" in told and "Nash mixture" in told
-    written = json.loads((tmp_path / "pair" / "results.json").read_text())["averages"]
-    assert written == {name: list(bounds) for name, bounds in convs.items()}
+    text = " ".join(describe_exploitability(content))
+    assert ("NashConv of drawing from" in text) == ("mixture_nash_conv" in content)
+    assert ("mixture_nash_conv" in content) == (sampling != "latest")
+    if sampling != "latest":
+        lower, upper = content["mixture_nash_conv"]
+        assert 0.0 <= lower <= upper
+        assert content["evaluation"]["played_nash_conv"] == lower
+        written = json.loads((tmp_path / "pair" / "results.json").read_text())
+        assert written["mixture_nash_conv"] == [lower, upper]

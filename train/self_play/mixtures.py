@@ -1,0 +1,105 @@
+"""Exploitability of mixtures of snapshots.
+
+Fictitious play and double oracle converge in a mixture of past policies, not in the last policy. A
+mixture draws one snapshot per game, which the opponent does not observe. Its exploitability is
+bounded from above by responses that know the snapshot, and from below by responses that do not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pursuit.tasks.task import Task
+from scripted_agents import PairValues, mean_over_starts, solve_chase
+from train.evaluation.games import best_reply, is_exact, other_role, table_in, values_between
+from train.networks.recurrent_policy import without_improbable
+from train.self_play.pool import Member
+
+RESPONSES = 8
+"""Best responses to single snapshots that are played against a whole mixture; each takes an exact
+evaluation for every snapshot."""
+Table = NDArray[np.float64]
+
+
+def mixture_bounds(
+    task: Task, role: str, tables: Table, shares: NDArray[np.float64], discount: float
+) -> tuple[float, float]:
+    """Bounds of the exploitability of a mixture that draws one table per game.
+
+    Upper: the opponent knows the table. Lower: the best single response, among those to their
+    average in every state and to `RESPONSES` of the tables, the most probable ones.
+
+    Args:
+        task: a duel in one maze.
+        role: of the mixture.
+        tables: [n, own cell, other cell, action] action probabilities.
+        shares: [n] probabilities of the tables.
+        discount: of the exact game.
+
+    Returns:
+        Lower and upper bound of the mean over all starts in distinct cells, in discounted steps.
+    """
+    maze, sign = task.mazes[0], 1.0 if role == "chaser" else -1.0
+    rules: Any = (discount, task.stay_action, None, task.move_order)
+    value = mean_over_starts(solve_chase(maze, *rules).values, maze)
+
+    def gain(values: Table | PairValues) -> float:
+        return sign * (mean_over_starts(values, maze) - value)
+
+    def gain_of(response: Table) -> float:
+        each = [values_between(task, role, (table, response), None, discount) for table in tables]
+        return float(shares @ [gain(values) for values in each])
+
+    each = [best_reply(task, other_role(role), table, None, discount) for table in tables]
+    upper = float(shares @ [gain(found.values) for found in each])
+    average = best_reply(
+        task, other_role(role), np.tensordot(shares, tables, axes=1), None, discount
+    )
+    likely = np.argsort(-shares, kind="stable")[:: max(len(shares) // RESPONSES, 1)]
+    responses = [each[number].policy for number in likely] + [average.policy]
+    lower = max(0.0, *map(gain_of, responses))  # exploitability is never negative
+    return lower, max(lower, upper)
+
+
+def mixture_nash_conv(
+    task: Task,
+    discount: float,
+    kept: Mapping[str, Sequence[Member]],
+    mixtures: Mapping[str, Mapping[str, float]] | None,
+    min_probability: float = 0.0,
+) -> tuple[float, float] | None:
+    """Bounds of NashConv of mixtures of the snapshots in the pools.
+
+    Args:
+        task: a duel in one maze.
+        discount: of the exact game.
+        kept: the snapshots of each role.
+        mixtures: shares of the snapshots by role and name; None for equal shares.
+        min_probability: snapshots do not play actions below it, as the policies that are evaluated.
+
+    Returns:
+        None if a role does not learn or has no snapshot, if a snapshot is no table, or if a mixture
+        has other policies than snapshots.
+    """
+    if len(kept) < 2 or not all(kept.values()):
+        return None
+    bounds = []
+    for role, members in kept.items():
+        equal = {member.name: 1.0 / len(members) for member in members}
+        given = equal if mixtures is None else mixtures.get(role, {})
+        shares = np.array([given.get(member.name, 0.0) for member in members])
+        policies = [member.policy_once() for member in members]
+        if shares.sum() < 1.0 - 1e-6 or not all(is_exact(task, policy) for policy in policies):
+            return None
+        tables = np.stack(
+            [without_improbable(table_in(task, policy), min_probability) for policy in policies]
+        )
+        some = shares > 0.0
+        known = (tables[some], shares[some] / shares.sum())
+        bounds.append(mixture_bounds(task, role, *known, discount))
+    lower, upper = (sum(ends) for ends in zip(*bounds, strict=True))
+    return lower, upper
