@@ -79,15 +79,19 @@ def check_trusted(where: object, content: Any) -> None:
     Raises:
         ValueError: a `package.module:Name` of a module that is not allowed.
     """
-    for name in references(content):
-        module = module_of(name)
-        inside = any(module == known or module.startswith(f"{known}.") for known in allowed())
-        if not inside and name not in _resolved:
-            top = module.partition(".")[0]
-            raise ValueError(
-                f"{where}: names {name!r}, code that is not part of Pursuit; if you trust it, add "
-                f"--allow {top} (in Python pursuit.allow({top!r}), or {ALLOW}={top})"
-            )
+    known = tuple(f"{module}." for module in allowed())
+    names = [
+        name
+        for name in dict.fromkeys(references(content))
+        if not f"{module_of(name)}.".startswith(known) and name not in _resolved
+    ]
+    if names:
+        tops = list(dict.fromkeys(module_of(name).partition(".")[0] for name in names))
+        raise ValueError(
+            f"{where}: names {', '.join(map(repr, names))}, code that is not part of Pursuit; if "
+            f"you trust it, add {' '.join(f'--allow {top}' for top in tops)} (in Python "
+            f"pursuit.allow({', '.join(map(repr, tops))}), or {ALLOW}={','.join(tops)})"
+        )
 
 
 def references(content: Any) -> Iterator[str]:

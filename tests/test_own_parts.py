@@ -302,7 +302,7 @@ def test_networks_that_are_none_are_refused() -> None:
         "my_parts:shaped": "takes|missing|made",
         "my_parts:too_wide": r"returned \(2, 9\) for 2 observations; .*\(2, 8\)",
         "my_parts:no_module": "is not a torch.nn.Module",
-        "my_parts:straight": r"failed for torch.int64 .*observation index.*--observation one_hot",
+        "my_parts:straight": r"failed for torch.int64 .*observation index.*--observation planes",
     }.items():
         with pytest.raises(ValueError, match=told):
             SingleAgent(parts_of(settings_of(**flat, network=name, width=8)), "greedy")
@@ -383,8 +383,10 @@ def test_an_opponent_is_named_wherever_one_plays() -> None:
     assert "with Sneaky" in contest.line() and not contest.is_exact
     assert contest.baselines()[0].name == "random"
     flat: dict[str, Any] = {"maze": "3x3", "frames": 1000}
-    made = self_play_parts(self_play_settings_of(**flat, evader=name, members=["astar", name]))
-    assert isinstance(made.frozen["evader"], own) and (name, "evader") in made.scripted
+    made = self_play_parts(self_play_settings_of(**flat, evader=name))
+    assert isinstance(made.frozen["evader"], own)
+    made = self_play_parts(self_play_settings_of(**flat, members=["astar", name]))
+    assert (name, "evader") in made.scripted
     assert (name, "chaser") not in made.scripted  # `roles` says that it is an evader
     task, entries = enter(["astar", name], "3x3")
     assert [(e.name, e.role) for e in entries[2:]] == [(name, "evader")]
@@ -454,6 +456,11 @@ def test_opponents_are_drawn_by_a_rule_of_ones_own(tmp_path: Path) -> None:
         told = f"sampling 'my_parts:wrong' returned {value!r} for 1 members of the pool; return one"
         with pytest.raises(ValueError, match=re.escape(told)):
             weights(pool, "my_parts:wrong")
+    sys.modules["my_parts"].RETURNED.clear()
+    told = r"sampling 'my_parts:wrong' raised IndexError: .* \(my_parts.py:\d+\)"
+    with pytest.raises(ValueError, match=told):
+        weights(pool, "my_parts:wrong")
+    sys.modules["my_parts"].RETURNED.append(None)
     told = r"'my_parts:of_the_pool' .*must be a function \(pool, payoffs, progress\) -> prob"
     with pytest.raises(ValueError, match=told):
         self_play_settings_of(**flat, sampling="my_parts:of_the_pool")

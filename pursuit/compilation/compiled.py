@@ -149,7 +149,7 @@ class Announcer(event.Listener):
         if not self.announced and package in PACKAGES:
             self.announced = True
             print(
-                "pursuit: compiling kernels (once per machine), some seconds ...",
+                "pursuit: compiling kernels (once per machine and kind of game), some seconds ...",
                 file=sys.stderr,
             )
 

@@ -265,7 +265,7 @@ class Task:
             if agent in self.seat_roles:
                 return self.seat_roles.index(agent)
             if agent not in names:
-                raise ValueError(unknown("agent", agent, names, "this task has"))
+                raise ValueError(unknown("agent", agent, dict.fromkeys((*self.seat_roles, *names))))
             return names.index(agent)
         if not is_int(agent) or not 0 <= agent < self.num_agents:
             raise ValueError(f"agent index {agent!r}; this task has 0 to {self.num_agents - 1}")

@@ -62,12 +62,15 @@ class TablePolicy:
         return actions
 
     def _check(self, mazes: tuple[Maze, ...], stay_action: bool) -> None:
-        actions = 4 + stay_action
-        if mazes != (self.maze,) or self.table.shape[2] != actions:
+        if mazes != (self.maze,):
+            names = ", ".join(maze.name for maze in mazes)
             raise ValueError(
-                f"the table has {self.table.shape[2]} actions in {self.maze.name}, and the games "
-                f"have {actions} actions in {', '.join(maze.name for maze in mazes)}; use the same "
-                "maze and stay_action"
+                f"the table is for maze {self.maze.name}, the games are in {names}; use that maze"
+            )
+        if self.table.shape[2] != 4 + stay_action:
+            raise ValueError(
+                f"the table has {self.table.shape[2]} actions, the games have {4 + stay_action}; "
+                "use the same stay_action"
             )
 
     def distribution(self, task: Task, games: Games, seat: int) -> NDArray[np.float64]:

@@ -21,7 +21,7 @@ BASES = (
     f"train --preset thesis-a2c {TINY}",
     "train --resume CHASER",
     f"self-play --snapshots 2 {TINY} {BATCH}",
-    f"self-play --evader astar --sampling psro {TINY} {BATCH}",
+    f"self-play --evader astar {TINY} {BATCH}",
     "self-play --resume PLAY",
     "evaluate RUN --episodes 20",
     "evaluate RUN --opponent-epsilon 0.5 --out OUT.json",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -28,7 +28,8 @@ class AblateCommand(SweepCommand):
     list: bool = False
     """List the shipped ablation files."""
     out: Path | None = None
-    """The folder of the ablation; ablations/NAME-VERSION by default."""
+    """The folder of the ablation; by default ablations/NAME, of the full version
+    ablations/NAME-full."""
 
 
 def ablate(arguments: Sequence[str]) -> None:
@@ -45,6 +46,4 @@ def ablate(arguments: Sequence[str]) -> None:
             print(f"{name:<22}{variants} variants  {plan.title}")
         return
     plan = load_ablation(str(given.file), given.version)
-    stem = Path(str(given.file)).stem
-    out = Path("ablations") / (f"{stem}-{given.version}" if given.version else stem)
-    carry_out(plan, replace(given, out=given.out or out), f"pursuit ablate {shlex.join(arguments)}")
+    carry_out(plan, given, f"pursuit ablate {shlex.join(arguments)}", "ablations")

@@ -36,8 +36,8 @@ class LeagueCommand(Settings):
 
     entries: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
     """Folders of runs, and names of scripted agents."""
-    maze: str = "5x5"
-    """The maze, if no run is given."""
+    maze: str | None = None
+    """The maze, if no run is given. None: 5x5."""
     opponent_epsilon: float = 0.0
     """Probability of random moves of astar."""
     greedy: bool = False
@@ -70,7 +70,7 @@ def league(arguments: Sequence[str]) -> None:
     from train.experiments.methods import METHODS, league_methods  # torch is slow to import
     from train.runs.loop import machine, versions
     from train.self_play.league import enter, is_model, play_league, rate
-    from train.self_play.payoffs import draw_league, league_table, ratings_table
+    from train.self_play.payoffs import draw_league, league_table, legend_of, ratings_table
 
     with print_warnings():
         how = (given.maze, given.opponent_epsilon, given.greedy)
@@ -99,6 +99,8 @@ def league(arguments: Sequence[str]) -> None:
     folders = [Path(name) for name in given.entries if not is_agent(name) and not is_model(name)]
     write_text(out / METHODS, league_methods(content, folders))
     _print(task, table, tables, content)
+    if legend := legend_of(given.entries, given.opponent_epsilon):
+        print(legend)
     lock.release()
     print(f"figures, tables and methods: {out}")
 

@@ -47,9 +47,9 @@ Train and evaluate an agent:
 
 Self-play:
   self-play train both roles against each other, with exact exploitability
-              pursuit self-play --maze 5x5 --seconds 60 --out runs/pair
+              pursuit self-play --maze 5x5-tree --seconds 60 --out runs/pair
   league    runs and scripted agents against each other: payoffs, ratings, cycles
-              pursuit league runs/pair runs/first astar random --names pair first A-star random
+              pursuit league runs/pair astar random --names pair A-star random
 
 Studies with several seeds and confidence intervals:
   reproduce repeat the experiments of the thesis, with a verdict for each claim

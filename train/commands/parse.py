@@ -106,7 +106,6 @@ def add_all(arguments: Sequence[str]) -> list[str]:
 
 CONFIG = (
     tyro.conf.OmitArgPrefixes,
-    tyro.conf.FlagCreatePairsOff,
     tyro.conf.HelptextFromCommentsOff,
     tyro.conf.AvoidSubcommands,  # the default determines the form of the task
 )

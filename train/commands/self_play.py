@@ -27,13 +27,24 @@ from train.reports.tables import print_table
 from train.runs.folder import CURVE, REPORT, SELF_PLAY
 from train.self_play.learners import checked_names, learning_side, unchecked_self_play
 from train.settings.algorithms import Hyperparameters
+from train.settings.checks import check
 from train.settings.self_play import LEARN, ROLES, LearningSide, SelfPlaySettings
+from train.settings.task import TaskSettings
+
+
+@dataclass(frozen=True)
+class Game(TaskSettings):
+    """A game in mazes, and the opponents in it."""
+
+    role: tyro.conf.Suppress[str] = "auto"
+    opponent: tyro.conf.Suppress[str | None] = None
 
 
 @dataclass(frozen=True)
 class Options(SelfPlaySettings):
     """The settings of a run of self-play."""
 
+    task: TaskSettings = field(default_factory=lambda: Game(rewards="zero_sum"))
     chaser: str = LEARN
     """learn, or the fixed policy of the chasers: astar, random, optimal, searching (or sweeping,
     belief), the folder of a run, or package.module:Name of a user-defined policy."""
@@ -100,6 +111,8 @@ def parsed(arguments: Sequence[str]) -> tuple[SelfPlayCommand, SelfPlaySettings]
     """
     options = options_in(arguments)
     checked_names(options)
+    for name in ("role", "opponent"):
+        check(name not in options, f"--{name} is for `pursuit train`; use --chaser or --evader")
     task, flat = parse_known(Options().task, arguments), dict[str, Any]()
     sides: dict[str, LearningSide] = {}
     for role in ROLES:
@@ -171,7 +184,7 @@ def other_options(side: LearningSide, hyper: Hyperparameters) -> Any:
 def show(run: Run, content: dict[str, Any]) -> None:
     """Print the results."""
     from train.experiments.methods import METHODS, methods  # torch is slow to import
-    from train.self_play.payoffs import matches_table
+    from train.self_play.payoffs import legend_of, matches_table
     from train.self_play.report import describe_exploitability
 
     matches = content["matches"]
@@ -181,9 +194,10 @@ def show(run: Run, content: dict[str, Any]) -> None:
     exact = not any(row["games"] for row in matches)
     print(
         f"\nsteps until capture, at most {run.trainee.task.max_steps} "
-        f"({'exact' if exact else '± is the 95 % interval'}); rows: chasers, columns: evaders; "
-        f"astar: epsilon {run.trainee.settings.task.opponent_epsilon:g}"
+        f"({'exact' if exact else '± is the 95 % interval'}); rows: chasers, columns: evaders"
     )
     print_table(table, 100)
+    players = {row[role] for row in matches for role in ROLES}
+    print(legend_of(players, run.trainee.settings.task.opponent_epsilon))
     print("", *describe_exploitability(content), sep="\n")
     print(f"results, curve, table, methods, pool and {REPORT}: {run.folder}")

@@ -256,12 +256,13 @@ def describe(solution: ChaseSolution, seconds: float) -> str:
         "game": f"{chasers} chaser{'s' if chasers > 1 else ''}, 1 evader, {solution.move_order}, "
         f"{'with' if solution.stay_action else 'no'} stay, {how}",
         "value (mean over starts)": f"{mean:.6f} steps"
-        f"{'' if horizon is not None else ', discounted'}; at most {most:g}",
+        f"{'' if horizon is not None else ', discounted'}; {most:g} if never caught"
+        f"{'' if horizon is not None else ', 1 / (1 - discount)'}",
         "never caught from": f"{escapes:,} of {states:,} states",
         "optimal policies are random in": f"{mixed:,} of {states:,} states "
-        f"({states - mixed:,} have a pure saddle point)",
+        f"(in the other {states - mixed:,} one action is optimal for each side)",
     }
-    text["solved in"] = f"{seconds:.2f} s, {solution.sweeps} sweeps"
+    text["solved in"] = f"{seconds:.2f} s, {solution.sweeps} updates of all states"
     return in_lines(text)
 
 

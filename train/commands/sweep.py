@@ -40,7 +40,7 @@ class SweepCommand(Settings):
     version: str | None = None
     """short or full, if the file has both; by default short."""
     out: Path | None = None
-    """The folder of the sweep; sweeps/NAME-VERSION by default."""
+    """The folder of the sweep; by default sweeps/NAME, of the full version sweeps/NAME-full."""
     executor: Annotated[str, one_of("local", "ray")] = "local"
     """local: processes of this machine, one core each. ray: tasks of a Ray cluster."""
     workers: Annotated[int, at_least(0)] = 0
@@ -81,10 +81,11 @@ def check_options(given: SweepCommand) -> None:
     )
 
 
-def carry_out(plan: Study, given: SweepCommand, again: str) -> None:
+def carry_out(plan: Study, given: SweepCommand, again: str, parent: str = "sweeps") -> None:
     """Execute the runs of `plan`, print the progress, and write the report.
 
-    Exits with status 1 if runs failed; `again` is the command that continues.
+    Exits with status 1 if runs failed; `again` is the command that continues. The folder is by
+    default in `parent`.
 
     Raises:
         ValueError: invalid options.
@@ -95,7 +96,7 @@ def carry_out(plan: Study, given: SweepCommand, again: str) -> None:
     from train.experiments.study import is_folder_of, statuses_of
 
     stem = Path(str(given.file)).stem
-    out = given.out or Path("sweeps") / (f"{stem}-{given.version}" if given.version else stem)
+    out = given.out or Path(parent) / (f"{stem}-full" if given.version == "full" else stem)
     check_output_folder(out, lambda folder: is_folder_of(plan, folder), given.overwrite)
     if given.dry_run:
         list_runs(plan, out)

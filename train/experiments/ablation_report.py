@@ -308,9 +308,9 @@ def sentences(study: FinishedStudy, hints: Hints) -> list[str]:
         "reached it; the others count as infinite, and are censored in the log-rank test (of "
         "frames, stratified by task). Optimality: optimum / steps (evaders: steps / optimum), "
         "averaged over the frames of training.",
-        "Frames on the hardest stage: share of the training frames that the curriculum gave to the "
-        f"evaluated task; below {100 * SPENT:.0f} % is marked, as such a variant had less of the "
-        "budget for that task.",
+        "Frames on the hardest stage: share of the training frames in that stage, which is the "
+        "evaluated task unless the curriculum ends in another one; below "
+        f"{100 * SPENT:.0f} % is marked, as such a variant had less of the budget for it.",
     ]
     if hints.primary is None:
         lines.append("The ablation file names no primary variant, so all p are corrected.")

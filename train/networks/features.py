@@ -38,8 +38,8 @@ class Features:
 
     kind: Literal["index", "planes", "grid", "flat"]
     shape: tuple[int, ...]
-    high: NDArray[Any]
-    rows: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    high: NDArray[Any] = field(repr=False)
+    rows: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64), repr=False)
     num_rows: int = 0
     network: str = ""
 

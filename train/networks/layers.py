@@ -192,10 +192,11 @@ class Own(nn.Module):
             with torch.no_grad():  # also initialises lazy layers
                 found = tuple(made.eval()(example).shape) if isinstance(made, nn.Module) else ()
         except (AttributeError, IndexError, RuntimeError, TypeError) as error:
-            remedy = "; dense layers need --observation one_hot" * (features.kind == "index")
+            remedy = "; convolutions need --observation planes, dense layers one_hot"
             raise ValueError(
                 f"network {features.network!r} failed for {self.form} of shape "
-                f"{tuple(example.shape)} (observation {features.kind}): {error}{remedy}"
+                f"{tuple(example.shape)} (observation {features.kind}): {error}"
+                f"{remedy if len(self.shape) < 3 else ''}"
             ) from error
         check(isinstance(made, nn.Module), f"network {features.network!r} is not a torch.nn.Module")
         check(

@@ -91,7 +91,7 @@ def load_config(folder: Path | str) -> tuple[str, dict[str, Any]]:
 
 
 def read_config(folder: Path) -> tuple[str, dict[str, Any]]:
-    """As `load_config`, for uses that never load user-defined parts, without checking them."""
+    """As `load_config`, but without checking user-defined parts, which the caller must not load."""
     path = folder / CONFIG
     if not path.exists():
         raise ValueError(f"{folder}: no run here ({CONFIG} is missing); give the folder of a run")

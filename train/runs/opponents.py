@@ -9,6 +9,7 @@ from pursuit.simulator.policy import Policy
 from pursuit.tasks.task import Task
 from pursuit.validation import check_bool
 from scripted_agents.environments import (
+    AGENTS,
     chosen_policies,
     default_policies,
     is_agent,
@@ -21,8 +22,8 @@ from train.runs.folder import (
     SELF_PLAY,
     check_learned,
     load_checkpoint,
-    load_config,
     misfit,
+    read_config,
 )
 from train.runs.saved import load_settings, player_of
 from train.runs.stable_baselines import load_stable_baselines
@@ -76,7 +77,8 @@ def load_opponent(path: Path | str, played: str = "sampled", **trained: Any) -> 
         return load_policy(path, played == "greedy" or not sampled)
     check(
         path.suffix == ".zip",
-        f"{path}: not a policy; give a run folder, or a saved Stable-Baselines3 model (.zip)",
+        f"{path}: not a policy; give one of {', '.join(AGENTS)} (or learn, in self-play), "
+        "package.module:Name, a run folder, or a saved Stable-Baselines3 model (.zip)",
     )
     return load_stable_baselines(path, None if played == "sampled" else True, **trained)
 
@@ -150,7 +152,7 @@ def policy_in_seat(
 
 def is_self_play(folder: Path) -> bool:
     """Whether a folder contains a run of self-play."""
-    return (folder / CONFIG).exists() and load_config(folder)[0] == SELF_PLAY
+    return (folder / CONFIG).exists() and read_config(folder)[0] == SELF_PLAY
 
 
 def role_of(policy: Any) -> str:

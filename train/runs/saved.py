@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from pursuit.observations.custom import is_builtin
+from pursuit.plugins import check_trusted
 from train.algorithms.registry import entry
 from train.networks.arm_policy import ArmSeat
 from train.networks.policy import Seat
-from train.runs.folder import CONFIG, RUN, SIDE, load_config
+from train.runs.folder import CONFIG, RUN, SIDE, read_config
 from train.runs.forms import RESTORE
 from train.runs.provenance import check_sources
 from train.runs.tasks import agent_of, default_settings, task_of
@@ -72,12 +73,13 @@ def load_settings(folder: Path | str) -> TrainSettings[Any]:
         ValueError: no such run there, or a damaged one.
     """
     folder = Path(folder)
-    kind, plain = load_config(folder)
+    kind, plain = read_config(folder)
     check(
         kind in (RUN, SIDE),
         f"{folder}: a run of kind {kind!r}, with a policy for each role; give {folder / 'chaser'} "
         f"or {folder / 'evader'}",
     )
+    check_trusted(folder / CONFIG, plain)
     check_sources(folder / CONFIG, plain)
     return from_plain(plain, str(folder / CONFIG))
 

@@ -63,7 +63,7 @@ class LeagueTable:
 
 def enter(
     names: Sequence[str],
-    maze: str,
+    maze: str | None,
     opponent_epsilon: float = 0.0,
     greedy: bool = False,
     called: Sequence[str] = (),
@@ -75,7 +75,7 @@ def enter(
     Args:
         names: folders of runs, saved Stable-Baselines3 models (.zip), and names of scripted agents
             and of user-defined policies.
-        maze: the maze, if there is no run among the entries.
+        maze: the maze, if there is no run among the entries; None for 5x5.
         opponent_epsilon: probability of random moves of astar.
         greedy: learned policies take their most probable action instead of sampling.
         called: names in tables, one per entry; by default those of `entry_names`.
@@ -137,11 +137,12 @@ def _folders_of(name: str) -> list[Path]:
     return inner
 
 
-def _task_of(runs: Sequence[tuple[str, Path]], maze: str) -> Task:
-    """The task of the first run; without runs, a chase in this maze."""
+def _task_of(runs: Sequence[tuple[str, Path]], maze: str | None) -> Task:
+    """The task of the first run; without runs, a chase in this maze (None: 5x5)."""
     if not runs:
-        return task_of(TaskSettings(maze=maze))
+        return task_of(TaskSettings(maze=maze or "5x5"))
     name, folder = runs[0]
+    check(maze is None, f"maze={maze!r}, but {name} has its own maze; leave maze out")
     task = task_of(in_maze(load_settings(folder).task, name))
     check(
         bool(task.num_chasers and task.num_evaders),

@@ -56,9 +56,9 @@ def format_row(row: Mapping[str, float]) -> list[str]:
     """The metrics of an evaluation as text: exploitability, steps, both sides against A*."""
     parts = []
     if "nash_conv" in row:
-        parts.append(f"NashConv {row['nash_conv']:6.3f}")
+        parts.append(f"NashConv {row['nash_conv']:z6.3f}")
     if "chaser_exploitability" in row:
-        each = [f"{role} {row[f'{role}_exploitability']:.3f}" for role in ROLES]
+        each = [f"{role} {row[f'{role}_exploitability']:z.3f}" for role in ROLES]
         parts.append(f"({', '.join(each)})")
     parts.append(f"{row['steps']:6.1f} steps")
     parts += [

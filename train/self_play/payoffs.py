@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -63,6 +63,15 @@ def matches_table(matches: Sequence[Mapping[str, Any]]) -> ResultTable:
         return [[by_pair[chaser, evader][name] for evader in evaders] for chaser in chasers]
 
     return payoff_table(chasers, evaders, grid("steps"), grid("ci95"))
+
+
+def legend_of(names: Iterable[str], epsilon: float) -> str:
+    """What the scripted agents among these names are: astar with this epsilon, and optimal."""
+    meanings = {
+        "astar": f"epsilon {epsilon:g}",
+        "optimal": "an equilibrium policy of the discounted game",
+    }
+    return "; ".join(f"{name}: {meanings[name]}" for name in meanings if name in {*names})
 
 
 def ratings_table(role: str, content: Mapping[str, Any]) -> ResultTable:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import traceback
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -253,7 +254,8 @@ def weights(
         progress: share of the budget used, in [0, 1], for a user-defined function.
 
     Raises:
-        ValueError: an empty pool, or invalid probabilities of a user-defined function.
+        ValueError: an empty pool, or a user-defined function that fails or returns invalid
+            probabilities.
     """
     members = pool.members
     check(bool(members), f"{pool.folder}: the pool is empty; add a member")
@@ -272,7 +274,15 @@ def weights(
             first = sum(member.scripted for member in members)
             chosen[first : first + max(old, 0)] = 0.0
     else:
-        given = SAMPLING_PARTS.get(sampling)(pool, payoffs, progress)
+        rule = SAMPLING_PARTS.get(sampling)
+        try:
+            given = rule(pool, payoffs, progress)
+        except Exception as error:  # the function may raise anything
+            line = traceback.extract_tb(error.__traceback__, limit=2)[-1]
+            raise ValueError(
+                f"sampling {sampling!r} raised {type(error).__name__}: {error} "
+                f"({Path(line.filename).name}:{line.lineno}); mend it"
+            ) from error
         with contextlib.suppress(TypeError, ValueError):
             chosen = np.asarray(given, dtype=np.float64)
         check(

@@ -23,7 +23,7 @@ from train.runs.folder import CONFIG, CURVE, REPLAYS, REPORT
 from train.runs.report import made_with
 from train.self_play.diversity import describe_diversity, spread
 from train.self_play.league import Entry, LeagueTable, cycle_of, play_league
-from train.self_play.payoffs import draw_league, matches_table
+from train.self_play.payoffs import draw_league, legend_of, matches_table
 from train.settings.self_play import ROLES
 
 PAYOFF = "payoff.png"
@@ -99,14 +99,15 @@ def write_self_play_report(
     path = path or folder / REPORT
     payoff = path.with_name(PAYOFF)
     draw_league(payoff, league, "steps until capture: snapshots against each other")
-    astar = f"astar: epsilon {trainee.settings.task.opponent_epsilon:g}."
+    players = {row[role] for row in results["matches"] for role in ROLES}
+    legend = legend_of(players, trainee.settings.task.opponent_epsilon)
     about = f"Run {folder.name}: {results['algorithm']}, opponents {results['sampling']}."
     parts = [
         in_markdown(about),
         *describe_exploitability(results),
         PLAYER_ELEMENT,
         *section("Exploitability over time", picture(folder / CURVE, "exploitability over time")),
-        *section("Matches at the end", matches_table(results["matches"]).markdown(), astar),
+        *section("Matches at the end", matches_table(results["matches"]).markdown(), legend),
         *section(
             "Snapshots against each other",
             picture(payoff, "payoff matrix of snapshots"),
@@ -132,7 +133,14 @@ def describe_exploitability(results: Mapping[str, Any]) -> list[str]:
     """The results as sentences: exact NashConv and value, and best responses."""
     found, start = results["evaluation"], results.get("at_start", {})
     limited = bool(results.get("limited_view"))
+    fixed = [
+        each for each in ROLES if any(row[each] == "frozen" for row in results.get("matches", ()))
+    ]
     meaning = "exact; 0 is an equilibrium"
+    if fixed:
+        part = found.get(f"{fixed[0]}_exploitability")
+        shown = "" if part is None else f" {part:z.3f}"
+        meaning = f"exact; {fixed[0]} fixed: its exploitability{shown} cannot fall"
     if limited:
         meaning = (
             "exact for best responses with full view, so an upper bound with a limited view, where "
@@ -141,7 +149,7 @@ def describe_exploitability(results: Mapping[str, Any]) -> list[str]:
     lines = []
     if "nash_conv" in found:
         before = f" (at the start {start['nash_conv']:.3f})" if "nash_conv" in start else ""
-        lines.append(f"NashConv {found['nash_conv']:.3f} discounted steps{before}; {meaning}.")
+        lines.append(f"NashConv {found['nash_conv']:z.3f} discounted steps{before}; {meaning}.")
     for name, bounds in results.get("limited_best_responses", {}).items():
         what = f"Best response with the view of its role {name.replace('_', ' the ')}"
         what = "NashConv with these views" if name == "nash_conv" else what
@@ -160,6 +168,11 @@ def describe_exploitability(results: Mapping[str, Any]) -> list[str]:
             f"Value of this pair of policies: {found['value']:.3f} discounted steps; of the game "
             f"at equilibrium{sight}: {found['game_value']:.3f}."
         )
+        if found["game_value"] * (1.0 - results.get("discount", 1.0)) > 1.0 - 1e-9:
+            lines.append(
+                "The evader escapes from every start at equilibrium, so every chaser has "
+                "exploitability 0."
+            )
     for kind in ("exact", "approximate"):
         for name, steps in results.get(f"{kind}_best_response", {}).items():
             full = " with full view" if kind == "exact" and limited else ""

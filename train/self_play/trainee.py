@@ -239,6 +239,7 @@ class SelfPlay:
             "algorithm": ", ".join(side.parts.algorithm.name for side in self.sides.values()),
             "sampling": settings.sampling,
             "seed": settings.seed,
+            "discount": self.parts.discount,
             "precision": next(iter(self.sides.values())).parts.build.precision,
             "update": ", ".join(
                 getattr(side.learner, "update_form", "torch") for side in self.sides.values()

@@ -147,6 +147,12 @@ class SelfPlaySettings(RunSettings):
             f"{self.sampling} keeps all; raise pool_size, or take fewer snapshots",
         )
         check(bool(self.learning), "chaser and evader are both fixed; set one of them to learn")
+        for name, none in (("sampling", "latest"), ("members", ())):
+            check(
+                len(self.learning) == len(ROLES) or getattr(self, name) == none,
+                f"{name}={getattr(self, name)!r}, but the fixed role is the only opponent; leave "
+                f"{name} out, or let both roles learn (members may hold the fixed policy)",
+            )
         for name in self.members:
             check(
                 name in AGENTS or is_custom_policy(name),

@@ -46,7 +46,7 @@ from pursuit.compilation.compiled import subroutine
 def raised(paid):
     return paid + {reward}
 """
-ANNOUNCEMENT = "pursuit: compiling kernels (once per machine), some seconds ...\n"
+ANNOUNCEMENT = "pursuit: compiling kernels (once per machine and kind of game), some seconds ...\n"
 
 
 @pytest.fixture

@@ -313,7 +313,11 @@ def test_policies_by_name_take_precedence_over_roles() -> None:
 @pytest.mark.parametrize(
     ("agent", "policies", "message"),
     [
-        ("runner", {"chaser": RandomAgent()}, "unknown agent 'runner'; this task has chaser_0, ev"),
+        (
+            "runner",
+            {"chaser": RandomAgent()},
+            "unknown agent 'runner'; one of chaser, evader, chaser_0",
+        ),
         ("evader_1", {"chaser": RandomAgent()}, "unknown agent 'evader_1'"),
         (2, {"chaser": RandomAgent()}, "agent index 2; this task has 0 to 1"),
         ("chaser", {}, "evader_0 has no policy; add policies={'evader_0': ...}"),

@@ -432,11 +432,15 @@ def test_every_command_has_a_help_that_names_its_options(
 ) -> None:
     main(["--help"])
     assert "evaluate" in capsys.readouterr().out
-    for command in ("train", "evaluate", "baseline", "maze", "render"):
+    said = {}
+    for command in ("train", "evaluate", "baseline", "maze", "render", "self-play"):
         with pytest.raises(SystemExit) as stopped:
             main([command, "--help"])
         assert stopped.value.code == 0
-        assert "--" in capsys.readouterr().out
+        said[command] = capsys.readouterr().out
+        assert "--" in said[command]
+    assert "--anneal, --no-anneal" in said["train"] and "--role" in said["train"]
+    assert not any(f"--{name} " in said["self-play"] for name in ("role", "opponent"))
 
 
 @pytest.mark.parametrize(

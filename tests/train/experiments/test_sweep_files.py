@@ -208,6 +208,9 @@ def test_a_dry_run_lists_the_runs_with_what_varies_and_does_nothing(
     main(["ablate", str(tmp_path / "a.toml"), "--out", str(out / "none"), "--dry-run"])
     first, second, last = capsys.readouterr().out.splitlines()
     assert "variant=a seed=0" in first and "gamma=0.5" in second and "2 new" in last
+    for version, folder in ((), ""), (("--version", "short"), ""), (("--version", "full"), "-full"):
+        main(["ablate", "opponent-epsilon", "--dry-run", *version])
+        assert f" into ablations/opponent-epsilon{folder} (" in capsys.readouterr().out
 
 
 # -- what a sweep keeps ----------------------------------------------------------------------------

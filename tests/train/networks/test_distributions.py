@@ -122,6 +122,7 @@ def test_choices_are_torchs_and_keep_to_masks() -> None:
 def test_a_network_acts_as_its_distribution_says() -> None:
     torch.manual_seed(0)
     features = Features("flat", (6,), np.ones(6))
+    assert repr(features) == "Features(kind='flat', shape=(6,), num_rows=0, network='')"
     network = ActorCritic(features, 3, Hidden(16), action_std=0.4)
     with torch.no_grad():
         network.policy_head.weight.mul_(100)

@@ -272,7 +272,7 @@ def test_every_learner_resumes_in_every_scheme(
 @pytest.mark.parametrize(
     "changes",
     [
-        pytest.param({"evader": "astar", "sampling": "pfsp"}, marks=pytest.mark.slow),
+        pytest.param({"evader": "astar"}, marks=pytest.mark.slow),
         pytest.param(
             {"task": {"num_chasers": 2, "num_evaders": 2}, "sampling": "double-oracle",
              "pool_size": 7},

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from self_play_runs import make_run
 
 import pursuit
 from pursuit import plugins as parts
@@ -120,6 +121,24 @@ def test_no_code_named_in_an_untrusted_file_is_run(
         load_settings(tmp_path / "run")
 
 
+def test_leagues_and_evaluations_do_not_ask_for_a_sampling_rule(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    make_run(tmp_path / "pair", frames=2000).train()
+    config = json.loads(Path("pair/config.json").read_text())
+    write_json(Path("pair/config.json"), {**config, "sampling": "stranger:rule"})
+    main(["league", "pair", "astar", "--games", "2"])
+    for command, told in (
+        ("evaluate pair", "give pair/chaser or pair/evader"),
+        ("self-play --resume pair", "add --allow stranger"),
+        ("league pair astar --maze 7x7", "maze='7x7', but pair has its own maze"),
+    ):
+        with pytest.raises(SystemExit):
+            main(command.split())
+        assert told in capsys.readouterr().err
+
+
 def test_allowed_modules_are_imported(module: str, tmp_path: Path, capsys: Any) -> None:
     run = start(RUN, settings_of(**FLAT, rewards=f"{module}:pay"), tmp_path / "run")
     run.train()
@@ -145,6 +164,8 @@ def test_allowed_modules_are_imported(module: str, tmp_path: Path, capsys: Any) 
 
 def test_the_environment_allows_as_well(module: str, monkeypatch: pytest.MonkeyPatch) -> None:
     parts.check_trusted("a file", {"maze": "C:x/y", "schedule_points": "0:1,0.5:0.2"})
+    with pytest.raises(ValueError, match=r"--allow a --allow b \(.*allow\('a', 'b'\), .*=a,b\)"):
+        parts.check_trusted("a file", {"rewards": "a:f", "members": ["b.deep:f", "a:g"]})
     with pytest.raises(ValueError, match="a file: names"):
         parts.check_trusted("a file", [{"members": ["astar", f"{module}.deep:f"]}])
     monkeypatch.setenv(parts.ALLOW, f"other, {module}")

@@ -190,7 +190,8 @@ def test_cycles_are_reported() -> None:
 def test_solve_prints_and_draws(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     main(["solve", "--maze", "5x5-tree", "--out", str(tmp_path / "s.png")])
     printed = capsys.readouterr().out
-    assert "cop number (alternating moves)  1" in printed and "saddle point" in printed
+    assert "cop number (alternating moves)  1" in printed and "one action is optimal" in printed
+    assert "20 if never caught, 1 / (1 - discount)" in printed
     assert (tmp_path / "s.png").stat().st_size > 10_000
 
 
@@ -273,6 +274,7 @@ def test_evaders_that_are_never_caught_are_reported(
     told = capsys.readouterr()
     assert "never caught by any chaser here: optimal; the steps until capture are" in told.err
     assert "all chasers are equal" in told.err and "never" in told.out
+    assert "astar: epsilon 0; optimal: an equilibrium policy of the discounted game" in told.out
     content = json.loads((tmp_path / "open" / "league.json").read_text())
     assert content["never_caught"] == ["optimal"] and content["never_catches"] == []
     assert content["ranks_mean_nothing"] == ["chaser"]

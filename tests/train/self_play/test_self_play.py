@@ -35,9 +35,10 @@ from train.networks.policy import Seat
 from train.runs.folder import SELF_PLAY
 from train.runs.loop import Run
 from train.runs.opponents import load_policy
+from train.self_play.metrics import format_row
 from train.self_play.parts import self_play_parts, self_play_settings_of
 from train.self_play.pool import OpponentPool
-from train.self_play.report import describe_whole_game
+from train.self_play.report import describe_exploitability, describe_whole_game
 from train.self_play.side import Opponents
 from train.settings.self_play import LearningSide, SelfPlaySettings, self_play_ppo
 from train.settings.task import TaskSettings
@@ -350,8 +351,15 @@ def test_a_frozen_side_stays_as_it_is(tmp_path: Path) -> None:
     assert list(first.trainee.sides) == ["chaser"]
     first.train()
     assert "evader_vs_astar" not in first.metrics.rows[-1]
+    row = {**first.metrics.rows[-1], "chaser_exploitability": -1e-12}
+    assert "(chaser 0.000, evader" in " ".join(format_row(row))
+    results = first.results(20)
+    told = describe_exploitability(results)
+    fixed = results["evaluation"]["evader_exploitability"]
+    assert told[0].endswith(f"exact; evader fixed: its exploitability {fixed:.3f} cannot fall.")
+    assert any(line.startswith("The evader escapes from every start") for line in told)
     frozen = str(tmp_path / "first" / "chaser")
-    second = make_run(tmp_path / "second", chaser=frozen, frames=8000, sampling="double-oracle")
+    second = make_run(tmp_path / "second", chaser=frozen, frames=8000)
     policy: Any = second.trainee.policy("chaser")
     before = [p.clone() for p in policy.network.parameters()]
     second.train()
@@ -367,6 +375,9 @@ def test_a_frozen_side_stays_as_it_is(tmp_path: Path) -> None:
     [
         ({"sampling": "best"}, "unknown sampling 'best'"),
         ({"chaser": "astar", "evader": "random"}, "both fixed"),
+        ({"evader": "astar", "sampling": "uniform"}, "the fixed role is the only opponent"),
+        ({"chaser": "astar", "members": ("random",)}, "leave members out, or let both roles learn"),
+        ({"evader": "nosuch"}, "nosuch: not a policy; give one of astar, .*package.module:Name"),
         ({"task": {"task": "maze"}}, "no chasers or no evaders"),
         ({"members": ("genius",)}, "unknown member 'genius'"),
         ({"members": ("astar", "astar")}, "is given twice"),

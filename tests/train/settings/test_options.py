@@ -40,6 +40,7 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (["train", "--frames", "64", "--rewards", "runner.goal=2"], "has no runner"),
         ([*PLAY, "--sampling", "latest", "--window", "9"], "window=9 has no effect"),
         ([*PLAY, "--sampling", "uniform", "--pfsp-power", "3"], "pfsp_power=3.0 has no effect"),
+        ([*PLAY, "--opponent", "astar"], "--opponent is for `pursuit train`; use --chaser"),
         ([*DQN, "--clip", "0.3"], "Unrecognized options: --clip"),
         (
             ["baseline", *TINY[:4], "--opponent-epsilon", "0.5"],
