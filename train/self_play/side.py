@@ -21,9 +21,9 @@ from train.runs.training_state import restore_simulator, simulator_tensors
 from train.self_play.pool import OpponentPool, PoolPolicy
 from train.settings.algorithms import Hyperparameters
 
-DECAY = 7
-"""The average of the weights has terms proportional to iteration**DECAY: about the last eighth of
-the iterations so far."""
+DECAY = 10
+"""The average of the weights has terms proportional to iteration**DECAY: about the last tenth of
+the iterations so far. Longer averages are nearer to mixed equilibria, shorter ones to pure ones."""
 
 
 class Opponents(EpisodeHook):
