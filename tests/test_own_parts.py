@@ -415,7 +415,7 @@ OWN_RUN: dict[str, Any] = {
 
 def test_a_run_of_own_parts_alone_ends_where_one_that_was_resumed_does(tmp_path: Path) -> None:
     settings = settings_of(**OWN_RUN)
-    assert settings.hyper.epsilon_start == 0.1 and settings.lessons.num_stages == 8
+    assert settings.hyper.epsilon_start == 0.1 and settings.curriculum_settings.num_stages == 8
     whole = start(RUN, settings, tmp_path / "whole")
     whole.train()
     assert whole.results(10)["algorithm"] == "my_parts:SARSA"
@@ -435,7 +435,7 @@ def test_a_run_of_own_parts_alone_ends_where_one_that_was_resumed_does(tmp_path:
 
 def test_an_axis_of_ones_own_is_a_schedule_too() -> None:
     settings = settings_of(maze="3x3", curriculum="my_parts:FAR", schedule="cosine", frames=100)
-    assert settings.lessons.schedule == "cosine"
+    assert settings.curriculum_settings.schedule == "cosine"
     with pytest.raises(ValueError, match=r"unknown setting 'periode'.*did you mean 'period'"):
         settings_of(**{**OWN_RUN, "periode": 3})
 

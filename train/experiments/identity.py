@@ -106,9 +106,11 @@ def fingerprint(kind: str, settings: Any, episodes: int, inputs: Mapping[str, In
     plain = asdict(with_policies(settings, digests))
     if (maze := maze_text_of(settings.task)) is not None:
         plain["task"]["maze"] = maze
-    mazes = plain.get("lessons", {}).get("curriculum_mazes")
+    mazes = plain.get("curriculum_settings", {}).get("curriculum_mazes")
     if mazes is not None:
-        plain["lessons"]["curriculum_mazes"] = [named_maze(n).to_text() for n in names_in(mazes)]
+        plain["curriculum_settings"]["curriculum_mazes"] = [
+            named_maze(n).to_text() for n in names_in(mazes)
+        ]
     plain["parts"] = provenance(settings)  # users' modules count by their source
     return digest_of_plain({"kind": kind, "episodes": episodes, **plain})
 
@@ -124,7 +126,7 @@ def frozen_mazes(settings: Any) -> tuple[Any, dict[str, Any]]:
     names: dict[str, Any] = dict(named_policies(asdict(settings)))
     if settings.task != frozen.task:
         names["maze"] = settings.task.maze
-    before, after = (getattr(s, "lessons", None) for s in (settings, frozen))
+    before, after = (getattr(s, "curriculum_settings", None) for s in (settings, frozen))
     if before != after:
         names["curriculum_mazes"] = before.curriculum_mazes  # type: ignore[union-attr]
     return frozen, names

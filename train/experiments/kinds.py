@@ -126,12 +126,16 @@ def with_mazes(settings: Any) -> Any:
     task = settings.task
     if hasattr(task, "maze"):
         task = replace(task, maze=as_text(task.maze))
-    lessons = getattr(settings, "lessons", None)
-    given = getattr(lessons, "curriculum_mazes", None)
-    if lessons is None or given is None:
+    own = getattr(settings, "curriculum_settings", None)
+    given = getattr(own, "curriculum_mazes", None)
+    if own is None or given is None:
         return replace(settings, task=task)
     texts = ",".join(map(as_text, names_in(given)))
-    return replace(settings, task=task, lessons=replace(lessons, curriculum_mazes=texts))
+    return replace(
+        settings,
+        task=task,
+        curriculum_settings=replace(own, curriculum_mazes=texts),
+    )
 
 
 def read_settings(folder: Path | str) -> tuple[str, Any]:

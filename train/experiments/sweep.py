@@ -208,7 +208,7 @@ def flat_plain(nested: Mapping[str, Any]) -> dict[str, Any]:
     """`flat_settings` of plain values; what differs between sides is chaser.NAME, evader.NAME."""
     plain = dict(nested)
     flat = {"variant": None, "kind": None} | plain.pop("task")
-    for name in ("hyper", "lessons"):
+    for name in ("hyper", "curriculum_settings"):
         plain |= {k: v for k, v in (plain.pop(name, None) or {}).items() if k not in plain}
     sides = {
         role: {"algorithm": plain[role]["algorithm"], **plain[role]["hyper"]}

@@ -99,7 +99,9 @@ def parts_of(settings: TrainSettings[Any], rank: int = 0) -> Parts:
             "indistinguishable; use window:R, planes or walls",
             stacklevel=2,
         )
-    plan = plan_curriculum(settings.curriculum, settings.lessons, world.context, settings.seed)
+    plan = plan_curriculum(
+        settings.curriculum, settings.curriculum_settings, world.context, settings.seed
+    )
     if plan is not None:
         check(
             algorithm.has_advantages or not plan.settings.needs_advantages,

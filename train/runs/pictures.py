@@ -24,7 +24,7 @@ def draw_learning_curve(
     rows: list[dict[str, float]],
     scores: list[dict[str, Any]],
     title: str,
-    lessons: list[dict[str, Any]] | None = None,
+    stages: list[dict[str, Any]] | None = None,
     taught: str = "",
     column: str = "mean_steps",
 ) -> None:
@@ -35,7 +35,7 @@ def draw_learning_curve(
         rows: of `metrics.csv`.
         scores: of `results.json`.
         title: of the figure.
-        lessons: rows of `curriculum.csv`; None without a curriculum.
+        stages: rows of `curriculum.csv`; None without a curriculum.
         taught: the label of their values.
         column: of the objective in `rows` and `scores`.
     """
@@ -54,18 +54,16 @@ def draw_learning_curve(
     if of_steps and optimum and any("optimality_gap" in row for row in rows):
         gap = 100 * np.array([row.get("optimality_gap", np.nan) for row in rows])
         panels.append(Panel([Series([(times, gap)])], "gap to the\noptimum (%)", scale="gap"))
-    if lessons:
-        panels.append(curriculum_panel(lessons, float(times[-1]), taught))
+    if stages:
+        panels.append(curriculum_panel(stages, float(times[-1]), taught))
     draw_panels(path, [[panel] for panel in panels], "frames", title)
 
 
-def curriculum_panel(lessons: list[dict[str, Any]], end: float, taught: str) -> Panel:
+def curriculum_panel(stages: list[dict[str, Any]], end: float, taught: str) -> Panel:
     """The values of the curriculum as steps: the mean, and the range if there is one; up to `end`
     in millions of frames."""
-    places = np.array([*(row["frames"] * time_scale("frames") for row in lessons), end])
-    values = {
-        name: np.repeat([row[name] for row in lessons], 2) for name in ("mean", "low", "high")
-    }
+    places = np.array([*(row["frames"] * time_scale("frames") for row in stages), end])
+    values = {name: np.repeat([row[name] for row in stages], 2) for name in ("mean", "low", "high")}
     ranged = bool((values["high"] > values["low"]).any())
     series = [
         Series([(np.repeat(places, 2)[1:-1], values[name])], color=PINK, style=style)

@@ -167,7 +167,10 @@ def provenance_parts(
 ) -> list[str]:
     """Settings, versions, machine and command."""
     plain = asdict(settings)
-    parts = {f"{name} settings": plain.pop(name) for name in ("task", "hyper", "lessons")}
+    parts = {
+        f"{name.removesuffix('_settings')} settings": plain.pop(name)
+        for name in ("task", "hyper", "curriculum_settings")
+    }
     folded = {"settings of the run": plain} | parts
     made = made_with(read_json(folder / CONFIG).get("command", ""), results)
     return [made, *(details(name, pairs(found)) for name, found in folded.items() if found)]

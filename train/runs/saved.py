@@ -36,14 +36,14 @@ def unchecked_settings(**flat: Any) -> TrainSettings[Any]:
     chosen = {n: flat.get(n) for n in ("algorithm", "curriculum", "recurrent", "gamma")}
     preset = flat.get("preset", TUNED)
     default = default_settings(picked(form, flat, {}), preset=preset, **chosen)
-    hyper, lessons = default["hyper"], default["lessons"]
+    hyper, own = default["hyper"], default["curriculum_settings"]
     check_names(
         flat,
-        {*names_of(form, type(hyper), type(lessons), TrainSettings), "preset"},
+        {*names_of(form, type(hyper), type(own), TrainSettings), "preset"},
         f" for algorithm {default['algorithm']!r} and curriculum {default['curriculum']!r}",
     )
     default["hyper"] = picked(type(hyper), flat, vars(hyper))
-    default["lessons"] = picked(type(lessons), flat, vars(lessons))
+    default["curriculum_settings"] = picked(type(own), flat, vars(own))
     return TrainSettings(**{**typed(TrainSettings, flat), **default})
 
 
@@ -58,7 +58,7 @@ def from_plain(plain: Mapping[str, Any], where: str) -> TrainSettings[Any]:
         forms: dict[str, type[Any]] = {
             "task": task_form(plain.get("task", {}).get("task")),
             "hyper": entry(own["algorithm"]).settings,
-            "lessons": curriculum_form(own["curriculum"]),
+            "curriculum_settings": curriculum_form(own["curriculum"]),
         }
         parts = {name: form(**whole(form, plain.get(name), name)) for name, form in forms.items()}
         settings: TrainSettings[Any] = TrainSettings(**own, **parts)
@@ -96,7 +96,7 @@ def player_of(settings: TrainSettings[Any]) -> Seat | ArmSeat:
         return ArmSeat(given.build(), settings.observation, settings.network)
     task = task_of(given)
     agent = agent_of(given, task)
-    played = training_task(settings.curriculum, settings.lessons, task)
+    played = training_task(settings.curriculum, settings.curriculum_settings, task)
     unseen = agent.startswith("runner") and len(task.mazes) > 1 and is_builtin(settings.observation)
     plans = settings.network == "auto" and settings.device == "cpu" and unseen
     network = "planning" if plans else settings.network

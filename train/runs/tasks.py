@@ -117,7 +117,7 @@ def default_settings(
     recurrent: str | None = None,
     gamma: float | None = None,
 ) -> dict[str, Any]:
-    """The default settings of a run: task, hyper, lessons, algorithm and curriculum.
+    """The default settings of a run: task, hyper, curriculum_settings, algorithm and curriculum.
 
     Args:
         task: its settings.
@@ -131,11 +131,11 @@ def default_settings(
     """
     algorithm = algorithm or preset_algorithm(preset) or "ppo"
     setting = replace(profile_of(task), recurrent=recurrent is not None)
-    curriculum, lessons = curriculum_for(algorithm, setting, preset, curriculum)
+    curriculum, curriculum_settings = curriculum_for(algorithm, setting, preset, curriculum)
     return {
         "task": task,
         "hyper": hyperparameters(algorithm, setting, preset, gamma is not None),
-        "lessons": lessons,
+        "curriculum_settings": curriculum_settings,
         "algorithm": algorithm,
         "curriculum": curriculum,
     }

@@ -23,7 +23,7 @@ TYPES = {
     "str": "a string",
 }
 """The types of settings in messages; the first match is used."""
-INNER = frozenset({"task", "hyper", "lessons", "chaser", "evader"})
+INNER = frozenset({"task", "hyper", "curriculum_settings", "chaser", "evader"})
 """Fields of run settings that are themselves settings."""
 
 

@@ -27,8 +27,8 @@ SHARED_OUT = ("num_games", "minibatch_size")
 
 def check_two_processes(settings: TrainSettings[Any]) -> None:
     """ValueError for settings that data parallel training does not support."""
-    hyper, lessons = settings.hyper, settings.lessons
-    alike = type(lessons) in ALIKE and getattr(lessons, "schedule_unit", "share") != "episodes"
+    hyper, own = settings.hyper, settings.curriculum_settings
+    alike = type(own) in ALIKE and getattr(own, "schedule_unit", "share") != "episodes"
     found = [
         ("algorithm", settings.algorithm, settings.algorithm == "ppo", "use ppo"),
         ("device", settings.device, settings.device == "cpu", "use cpu"),
@@ -58,7 +58,7 @@ class TrainSettings(RunSettings, Generic[S]):
     task: AnyTask = field(default_factory=TaskSettings)
     hyper: S = field(default_factory=PPOSettings)  # type: ignore[assignment]
     """Hyperparameters of the algorithm."""
-    lessons: CurriculumSettings = field(default_factory=CurriculumSettings)
+    curriculum_settings: CurriculumSettings = field(default_factory=CurriculumSettings)
     """Settings of the curriculum."""
     algorithm: str = "ppo"
     """ppo, a2c, reinforce, dqn, cross_entropy or q_learning; for the arm ppo, a2c, reinforce,
@@ -97,8 +97,8 @@ class TrainSettings(RunSettings, Generic[S]):
             "use planes or window:R, on the cpu",
         )
         check(
-            type(self.lessons) is curriculum_form(self.curriculum),
-            f"curriculum={self.curriculum!r} with {type(self.lessons).__name__}; give "
+            type(self.curriculum_settings) is curriculum_form(self.curriculum),
+            f"curriculum={self.curriculum!r} with {type(self.curriculum_settings).__name__}; give "
             f"{curriculum_form(self.curriculum).__name__}",
         )
         if self.processes == 2:

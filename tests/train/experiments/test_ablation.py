@@ -124,8 +124,8 @@ def curve(shortfalls: list[float], seed: int, task: str = "") -> Curve:
     places = np.arange(1.0, len(shortfalls) + 1)
     values = np.array(shortfalls)
     optimality = 1 / (1 + values / 100)
-    lessons = (values * 0, values * np.nan)
-    return Curve(places, 1e6 * places, values, optimality, *lessons, values[-1], seed, task)
+    stages = (values * 0, values * np.nan)
+    return Curve(places, 1e6 * places, values, optimality, *stages, values[-1], seed, task)
 
 
 def test_gaps_not_reached_count_as_infinite_times() -> None:
@@ -358,5 +358,5 @@ def test_all_variants_are_evaluated_at_the_same_final_difficulty(ablated: Path) 
     curves = polars.read_parquet(out / CURVES)
     # Training starts in easier stages than the task itself.
     taught = runs.filter(polars.col("variant") == "fewer goals first")["run"].to_list()
-    lessons: Any = curves.filter(polars.col("run").is_in(taught)).group_by("run").first()["stage"]
-    assert (lessons < 3).all()
+    stages: Any = curves.filter(polars.col("run").is_in(taught)).group_by("run").first()["stage"]
+    assert (stages < 3).all()

@@ -209,7 +209,7 @@ def test_regrets_of_an_arm_are_against_the_least_steps_of_their_starts() -> None
     with pytest.raises(ValueError, match="exact optimum"):
         plan_curriculum(
             "level-replay",
-            settings.lessons,
+            settings.curriculum_settings,
             parts_of(settings_of(task="reacher", joints=8, frames=1000)).world.context,
             0,
         )

@@ -88,7 +88,7 @@ def test_no_code_named_in_an_untrusted_file_is_run(
     run.results(2)
     good = json.loads(Path("run/config.json").read_text())
     for place in (("task", "rewards"), ("task", "opponent"), ("observation",), ("algorithm",),
-                  ("curriculum",), ("lessons", "axis"), ("anything",)):  # fmt: skip
+                  ("curriculum",), ("curriculum_settings", "axis"), ("anything",)):  # fmt: skip
         bad = json.loads(json.dumps(good))
         inner = bad
         for name in place[:-1]:

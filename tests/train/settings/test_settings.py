@@ -118,8 +118,17 @@ def test_a_budget_for_few_iterations_is_warned_of() -> None:
 
 @pytest.mark.filterwarnings("ignore:.*(the run ends before|fewer than 10 iterations)")
 def test_what_is_saved_is_read_back() -> None:
-    lessons = {"curriculum": "level-replay", "level_score": "learnability", "solved_within": 0.0}
-    for flat in ({}, {"algorithm": "dqn"}, {"task": "reacher", "algorithm": "td3"}, lessons):
+    curriculum_settings = {
+        "curriculum": "level-replay",
+        "level_score": "learnability",
+        "solved_within": 0.0,
+    }
+    for flat in (
+        {},
+        {"algorithm": "dqn"},
+        {"task": "reacher", "algorithm": "td3"},
+        curriculum_settings,
+    ):
         given = dict(flat) if "task" in flat else {"maze": "3x3", **flat}
         settings = settings_of(**given, frames=64)
         plain = json.loads(json.dumps(asdict(settings)))
@@ -146,8 +155,8 @@ def test_no_name_is_in_two_places_of_a_run() -> None:
     """So that all of them are options, and names in a sweep file, without a prefix."""
     for task in (TaskSettings, ReacherSettings):
         for hyper in HYPERPARAMETERS.values():
-            for lessons in CURRICULA.values():
-                names = names_of(task, hyper, lessons, TrainSettings)
+            for curriculum_settings in CURRICULA.values():
+                names = names_of(task, hyper, curriculum_settings, TrainSettings)
                 assert len(names) == len(set(names))
     names = names_of(TaskSettings, HYPERPARAMETERS["ppo"], SelfPlaySettings)
     assert len(names) == len(set(names))

@@ -117,7 +117,7 @@ def test_exact_scores_need_games_that_are_solved() -> None:
         RegretScorer(task, "runner", {})
     settings = settings_of(task="maze", num_goals=1, maze="5x5", frames=1000)
     one = GridWorld(settings.task).context
-    settings = settings_of(**SMALL, curriculum="maze-replay").lessons
+    settings = settings_of(**SMALL, curriculum="maze-replay").curriculum_settings
     with pytest.raises(ValueError, match="chooses among mazes, and task 'maze' has one"):
         plan_curriculum("maze-replay", settings, one, 0)
 

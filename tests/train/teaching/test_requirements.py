@@ -24,7 +24,7 @@ from train.teaching.plan import training_task
 
 def test_mazes_of_a_curriculum_agree_with_the_last_one() -> None:
     settings = settings_of(**{**MAZE, "maze": "7x7"}, curriculum="maze-size")
-    mazes = training_task("maze-size", settings.lessons, task_of(settings.task)).mazes
+    mazes = training_task("maze-size", settings.curriculum_settings, task_of(settings.task)).mazes
     final = mazes[-1]
     assert final == task_of(settings.task).mazes[0] and len(mazes) >= 4
     sizes = [maze.num_cells for maze in mazes]
@@ -132,8 +132,12 @@ def test_settings_change_smoothly_with_the_size_of_the_maze(
     found = []
     for cells in range(4, 400):
         setting = TaskProfile(task, role, cells, duel=True)
-        curriculum, lessons = curriculum_for(algorithm, setting)
-        length = lessons.schedule_length if isinstance(lessons, ScheduleSettings) else 0.0
+        curriculum, curriculum_settings = curriculum_for(algorithm, setting)
+        length = (
+            curriculum_settings.schedule_length
+            if isinstance(curriculum_settings, ScheduleSettings)
+            else 0.0
+        )
         assert curriculum == "none" or cells > 25
         hyper = asdict(hyperparameters(algorithm, setting))
         numbers = {k: float(v) for k, v in hyper.items() if isinstance(v, int | float)}

@@ -76,10 +76,17 @@ class Ours:
 
     def __init__(self, world: GridWorld, settings: PPOSettings, seed: int) -> None:
         prepare_torch(1, seed)
-        name, lessons = curriculum_for("ppo", profile_of(world.settings))
+        name, own = curriculum_for("ppo", profile_of(world.settings))
         # The comparison counts the budget. Frames are given so that threads are not chosen by time.
         whole = TrainSettings(
-            world.settings, settings, lessons, "ppo", name, frames=10**12, seed=seed, threads=1
+            world.settings,
+            settings,
+            own,
+            "ppo",
+            name,
+            frames=10**12,
+            seed=seed,
+            threads=1,
         )
         self.learner, self.clock = SingleAgent(parts_of(whole), "greedy"), Clock()
 
