@@ -15,7 +15,7 @@ import torch
 
 from pursuit.observations.masks import ACTION_MASK
 from train.algorithms.collector import Columns
-from train.algorithms.fused_rollouts import Frames
+from train.algorithms.fused_rollouts import Frames, FusedUpdate
 from train.algorithms.learner import Build, VecEnv
 from train.algorithms.ppo import PPO, ppo_loss
 from train.algorithms.rollouts import Figures, TorchUpdate, actor_critic_of
@@ -131,18 +131,16 @@ class RNaD(ReferencePPO):
 
     settings: RNaDSettings
 
-    def _choose_update(self) -> TorchUpdate:
-        kept = (self.critic, self.keep_distribution)
-        sizes = (self.env, self.network, self.steps, self.loss, self.device)
-        update = TorchUpdate(*sizes, *kept)
-        rollout = update.collector.rollout
-        update.collector.rollout = lambda: self.regularized(rollout())  # type: ignore[method-assign]
+    def _choose_update(self) -> FusedUpdate | TorchUpdate:
+        update = super()._choose_update()
+        assert isinstance(update, TorchUpdate)  # as fused=False
+        update.edit = self.regularized
         return update
 
+    @torch.no_grad()
     def regularized(self, rollout: Columns) -> Columns:
         """A rollout with the changed rewards."""
-        with torch.no_grad():
-            logits = self.reference.logits(rollout["observation"])
+        logits = self.reference.logits(rollout["observation"])
         reference = Categorical(logits, rollout.get(ACTION_MASK)).log_prob(rollout["action"])
         change = self.settings.reward_coef * (rollout["action_log_prob"] - reference)
         return {**rollout, "reward": rollout["reward"] - change}

@@ -46,6 +46,9 @@ class TorchUpdate:
         device: of the network.
         critic: False sets all values to 0.
         keep_distribution: keep the parameters of the action distributions.
+
+    Attributes:
+        edit: changes the columns of a rollout before advantages are computed from them.
     """
 
     name = "torch"
@@ -63,6 +66,7 @@ class TorchUpdate:
         self.env, self.network, self.loss, self.critic = env, network, loss, critic
         self._weights = list(network.parameters())
         self.keep_distribution = keep_distribution
+        self.edit: Callable[[Columns], Columns] = lambda rollout: rollout
         value = self._value if critic else None
         self.collector = Collector(env, self._act, steps, sum(network.sizes), device, value)
 
@@ -87,7 +91,7 @@ class TorchUpdate:
     def collect(self, gamma: float, gae_lambda: float) -> Frames:
         """A rollout with its advantages: frames, or for a recurrent network one sequence for every
         game, as the input of `ActorCritic.forward_sequence`."""
-        rollout = self.collector.rollout()
+        rollout = self.edit(self.collector.rollout())
         if not self.critic:
             rollout["value_after"] = torch.zeros_like(rollout["value"])
         rollout["advantage"], rollout["value_target"] = advantages(rollout, gamma, gae_lambda)
