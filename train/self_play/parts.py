@@ -114,7 +114,7 @@ def self_play_parts(settings: SelfPlaySettings) -> SelfPlayParts:
             # Returns of up to 1 / (1 - gamma) steps would make the value loss dominate.
             1.0 - discount if settings.task.rewards == "zero_sum" else 1.0,
             min(
-                settings.episode_steps or (SHORT if not task.num_goals else task.max_steps),
+                settings.episode_steps or (task.max_steps if task.num_goals else SHORT),
                 task.max_steps,
             ),
             settings.min_probability,

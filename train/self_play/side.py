@@ -139,7 +139,9 @@ class Side:
         self.learner: Learner = parts.algorithm.build(parts.hyper, self.env, parts.build)
         self.average, self.iterations = self._weights(), 0
         if state is not None:
-            self.average, self.iterations = state["average"], state["iterations"]
+            self.iterations = state["iterations"]
+            for name, weights in self.average.items():
+                weights.copy_(state["average"][name])
 
     def _games(self) -> SimulatorEnv:
         """The training games."""

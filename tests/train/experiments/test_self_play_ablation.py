@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from itertools import product
 from pathlib import Path
 
@@ -43,11 +44,26 @@ sampling = "uniform"
 
 
 @pytest.mark.slow
-def test_the_shipped_study_of_methods_is_valid() -> None:
+def test_the_shipped_studies_of_methods_are_valid() -> None:
     for version, mazes, seeds in (("short", 6, 1), ("full", 20, 3)):
-        study = load_ablation("self-play-methods", version)
-        assert len(study.runs) == len(study.report["variants"]) * mazes * seeds
-        assert len({(run.settings.seconds, run.settings.frames) for run in study.runs}) == 1
+        by_seconds, by_frames = (
+            load_ablation(f"self-play-methods{ending}", version) for ending in ("", "-frames")
+        )
+        for study in (by_seconds, by_frames):
+            assert len(study.runs) == len(study.report["variants"]) * mazes * seeds
+            assert len({(run.settings.seconds, run.settings.frames) for run in study.runs}) == 1
+        alike = [
+            [
+                (run.seed, run.settings.task, run.settings.chaser, run.settings.sampling)
+                for run in study.runs
+            ]
+            for study in (by_seconds, by_frames)
+        ]
+        assert alike[0] == alike[1]
+    tuning = load_ablation("self-play-tuning", None)
+    counts = Counter(name.rpartition(" ")[0] for name in tuning.report["variants"])
+    assert counts == dict.fromkeys(by_seconds.report["variants"], 4)
+    assert not any("test" in run.settings.task.maze for run in tuning.runs)
 
 
 def test_the_sign_flip_test_counts_all_changes_of_signs() -> None:
