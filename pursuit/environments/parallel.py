@@ -188,7 +188,8 @@ class PursuitParallelEnv(SimulatorParallelEnv):
         render_mode: None, "ansi", "rgb_array" or "human".
         mask_bumps: the info of each agent holds "action_mask", [actions] int8: 1 for the moves that
             change its cell and for staying, all 1 once it is captured or its game terminated. Many
-            libraries apply it by default. Without the stay action it forbids waiting (and warns).
+            libraries apply this mask automatically. Without `stay_action`, moving into a wall is
+            the only way to wait, so the mask forbids waiting (and warns).
         mask_in_observation: observations are {"observation", "action_mask"}, as many libraries
             expect; without `mask_bumps` the masks are all 1.
 
