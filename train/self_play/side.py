@@ -109,6 +109,7 @@ class Side:
     Attributes:
         parts, env, learner: of this role.
         opponents: its opponents.
+        weights: of the policy of the learner, by name.
         average: average of the weights over iterations, by name, with polynomial decay (Shamir and
             Zhang, 2013). Two learners cycle around an equilibrium; the average lies inside.
         iterations: in the average.
@@ -137,7 +138,10 @@ class Side:
             self.env.idle[:] = state["idle"].numpy()
             self.env.resume = True
         self.learner: Learner = parts.algorithm.build(parts.hyper, self.env, parts.build)
-        self.average, self.iterations = self._weights(), 0
+        # Those of the learner itself: its states are loaded in place.
+        network: Any = self.learner.state_dict()["network"]
+        self.weights: dict[str, torch.Tensor] = dict(network)
+        self.average, self.iterations = self._copied(), 0
         if state is not None:
             self.iterations = state["iterations"]
             for name, weights in self.average.items():
@@ -156,15 +160,13 @@ class Side:
         figures = self.learner.iterate(progress)
         self.iterations += 1
         rate = (DECAY + 1) / (self.iterations + DECAY)
-        for name, weights in self._weights().items():
+        for name, weights in self.weights.items():
             own = self.average[name]
             own.lerp_(weights, rate) if own.is_floating_point() else own.copy_(weights)
         return figures
 
-    def _weights(self) -> dict[str, torch.Tensor]:
-        """A copy of the weights of the policy."""
-        network: Any = self.learner.state_dict()["network"]
-        return {name: tensor.clone() for name, tensor in network.items()}
+    def _copied(self) -> dict[str, torch.Tensor]:
+        return {name: tensor.clone() for name, tensor in self.weights.items()}
 
     @property
     def greedy(self) -> bool:
@@ -186,7 +188,7 @@ class Side:
         fresh = self.parts.algorithm.build(self.parts.hyper, self.env, self.parts.build)
         self.learner.load_state_dict({**fresh.state_dict(), "frames": self.learner.frames})
         fresh.close()
-        self.average, self.iterations = self._weights(), 0
+        self.average, self.iterations = self._copied(), 0
 
     def load(self, state: dict[str, Any]) -> Policy:
         """The policy of a snapshot; ValueError for weights that are not finite."""
