@@ -10,6 +10,7 @@ from .environments.single_agent import SingleAgentVectorEnv as SingleAgentVector
 from .evaluation import Evaluation as Evaluation
 from .evaluation import evaluate as evaluate
 from .mazes.generation import generate_maze as generate_maze
+from .mazes.graph_generation import generate_graph as generate_graph
 from .mazes.maze import Maze as Maze
 from .mazes.maze import library_names as library_names
 from .mazes.maze import load_maze as load_maze

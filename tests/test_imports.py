@@ -15,7 +15,15 @@ from train.commands.main import COMMANDS
 ROOT = Path(__file__).parents[1]
 PACKAGES = ["pursuit", "scripted_agents", "curricula", "train"]
 """Whose imports all stand at the top of their files."""
-OPTIONAL = {"pygame", "imageio", "imageio_ffmpeg", "ray", "stable_baselines3", "supersuit"}
+OPTIONAL = {
+    "pygame",
+    "imageio",
+    "imageio_ffmpeg",
+    "ray",
+    "stable_baselines3",
+    "supersuit",
+    "pyspiel",
+}
 SLOW = {"matplotlib", "polars", "networkx", "tyro"}
 """Needed by few, and a wait for everybody: may be imported where they are used."""
 WITH_THEM = {"pursuit.environments.stable_baselines"}

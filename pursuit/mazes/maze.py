@@ -1,17 +1,25 @@
-"""The class `Maze`: an immutable graph of cells with a text format and shortest distances."""
+"""The class `Maze`: cells with walls, or a graph; a text format, and shortest distances."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable
+from collections.abc import Hashable, Iterable, Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.mazes.formats import read_walls
+from pursuit.mazes.formats import Drawing, read_walls
+from pursuit.mazes.graphs import (
+    GraphDrawing,
+    is_graph_text,
+    read_graph,
+    read_graph_text,
+    text_of,
+    to_networkx,
+)
 from pursuit.mazes.sources import LIBRARY as LIBRARY
 from pursuit.mazes.sources import drawing_of
 from pursuit.mazes.sources import library_names as library_names
@@ -28,14 +36,24 @@ from pursuit.rules import (
 )
 from pursuit.validation import as_array, is_int
 
+if TYPE_CHECKING:
+    import networkx
+
 BYTES_PER_CELL = 70
 """Memory per cell to create a maze, measured with 1000x1000 cells."""
 MAX_TABLE_CELLS = 4096
 """Larger mazes get no table of all distances, as its size is quadratic in the cells."""
+GRID_ONLY = ("height", "width", "cell_numbers", "rows", "columns", "open_south", "open_east")
+
+
+class GraphHasNoGridError(AttributeError, ValueError):
+    """An attribute of rows and columns was read of a graph."""
 
 
 class Maze:
     """Cells in rows and columns with thin walls between them; a cell may be blocked.
+
+    `Maze.from_graph` makes a maze of any graph. It has no rows and columns, but `cell_names`.
 
     Walkable cells are numbered row by row from 0. Mazes are immutable: their arrays are read-only.
     Mazes with the same cells, walls and marks are equal; names are not compared.
@@ -60,7 +78,10 @@ class Maze:
         cell_numbers: [height, width] int32, the number of each cell; -1 if blocked.
         rows, columns: [num_cells] int32, the row and column of each cell.
         neighbors: [num_cells, 5] int32, the cell after north, south, east, west and stay; the same
-            cell if a wall blocks the move.
+            cell if a wall blocks the move. Of a graph [num_cells, num_moves + 1]: the neighbors of
+            the cell, the cell itself where it has fewer, and for stay.
+        is_grid: False for a graph; then `height`, `width`, `cell_numbers`, `rows` and `columns`
+            raise a ValueError.
         start_mark: the number of the cell marked `S`, or None.
         goal_marks: the numbers of the cells marked `G`, in order.
     """
@@ -83,7 +104,7 @@ class Maze:
             )
         if not walkable.any():
             raise ValueError(f"{name}: no walkable cell; at least one must be walkable")
-        self.name = name
+        self.name, self.is_grid = name, True
         self.height, self.width = height, width
         self.num_cells = int(walkable.sum())
         self.cell_numbers = np.full((height, width), -1, dtype=np.int32)
@@ -140,6 +161,126 @@ class Maze:
                     "open a wall or move the mark"
                 )
 
+    def __getattr__(self, name: str) -> Any:  # only called for attributes that are missing
+        if name in GRID_ONLY:
+            raise GraphHasNoGridError(
+                f"{self.name}: a graph has no {name}, as its cells are not in rows and columns; "
+                "use a maze, or neighbors, distances and positions"
+            )
+        raise AttributeError(f"'Maze' object has no attribute {name!r}")
+
+    # -- graphs ----------------------------------------------------------------------------------
+
+    @classmethod
+    def from_graph(
+        cls,
+        graph: networkx.Graph[Any],
+        positions: Mapping[Any, Any] | None = None,
+        length: str | None = "length",
+        num_moves: int | None = None,
+        start: Hashable | None = None,
+        goals: Iterable[Hashable] = (),
+        name: str = "graph",
+    ) -> Maze:
+        """A maze whose cells are the nodes of a networkx graph, directed or not.
+
+        Action i leads to the i-th neighbor, in the order of the edges; with fewer neighbors the
+        agent keeps its place. Edges may have an attribute `action`, the action that takes them. Of
+        parallel edges only the shortest counts.
+
+        Args:
+            graph: connected (directed graphs: strongly), without edges from a node to itself.
+            positions: (x, y) of each node for pictures; by default the attributes `pos` or `x` and
+                `y` of the nodes, or a spring layout.
+            length: the attribute of edges with their length in steps, 1 if it is missing; None for
+                1. An edge of length n gets n - 1 cells, on which agents are seen and, if it is not
+                one-way, can turn. Opposite directed edges of one length share them.
+            num_moves: the number of moves, at most 31; by default the largest degree. Graphs in one
+                task need the same number.
+            start, goals: the nodes that are marked.
+            name: of the maze in messages and results.
+
+        Raises:
+            ValueError: an empty or unconnected graph, an edge from a node to itself, two nodes with
+                the same name as text, more than 31 neighbors, or a length that is no whole number;
+                a directed graph of more than MAX_TABLE_CELLS cells.
+        """
+        drawing = read_graph(graph, name, positions, length, num_moves, start, goals)
+        return cls.from_drawing(drawing, name)
+
+    def to_graph(self) -> networkx.DiGraph[str]:
+        """A networkx graph of the cells, from which `from_graph` makes a maze with equal actions.
+
+        Nodes are the `cell_names` with the attributes `x` and `y`; each move that changes the cell
+        is an edge with the attribute `action`.
+        """
+        return to_networkx(self)
+
+    @classmethod
+    def from_drawing(cls, drawing: Drawing | GraphDrawing, name: str) -> Maze:
+        """The maze of the content of a file."""
+        if isinstance(drawing, Drawing):
+            return cls(*drawing, name)
+        maze = cls.__new__(cls)
+        maze.name, maze.is_grid = name, False
+        maze.num_cells, maze.neighbors = len(drawing.names), drawing.neighbors
+        maze.neighbors.flags.writeable = False
+        maze.start_mark, maze.goal_marks = drawing.start, tuple(sorted(set(drawing.goals)))
+        maze.__dict__.update(cell_names=drawing.names, positions=drawing.positions)
+        if maze.start_mark in maze.goal_marks:
+            raise ValueError(f"{name}: start and goal are at one node; move one of the marks")
+        if maze.is_directed and maze.num_cells > MAX_TABLE_CELLS:
+            raise ValueError(
+                f"{name}: a directed graph of {maze.num_cells} cells; at most {MAX_TABLE_CELLS} "
+                "are possible. Make its edges undirected, or take a smaller part"
+            )
+        return maze
+
+    @cached_property
+    def cell_names(self) -> tuple[str, ...]:
+        """The names of the nodes of a graph, or "row,column" of the cells of a grid."""
+        return tuple(f"{r},{c}" for r, c in zip(self.rows, self.columns, strict=True))
+
+    @cached_property
+    def positions(self) -> NDArray[np.float64]:
+        """[num_cells, 2] float64, x to the right and y upwards; used in pictures only."""
+        return np.stack([self.columns, -self.rows.astype(np.float64)], axis=1)
+
+    @cached_property
+    def picture(self) -> NDArray[np.float64]:
+        """[num_cells, 2] float64, row and column of each cell in a picture.
+
+        A graph is scaled so that the median distance between neighbors is 1.5.
+        """
+        if self.is_grid:
+            return np.stack([self.rows, self.columns], axis=1).astype(np.float64)
+        x, y = self.positions.T
+        places = np.stack([y.max() - y, x - x.min()], axis=1)
+        a, b = np.nonzero(self.neighbors != np.arange(self.num_cells)[:, None])
+        away = np.linalg.norm(places[a] - places[self.neighbors[a, b]], axis=1)
+        return np.asarray(places * (1.5 / max(np.median(away), 1e-9) if len(away) else 1.0))
+
+    @property
+    def picture_size(self) -> tuple[float, float]:
+        """The rows and columns of a picture of all cells."""
+        if self.is_grid:
+            return self.height, self.width
+        height, width = (self.picture.max(axis=0) + 1.0).tolist()
+        return height, width
+
+    @property
+    def num_moves(self) -> int:
+        """The number of moves of an agent without stay: 4, or of a graph its largest degree."""
+        return self.neighbors.shape[1] - 1
+
+    @cached_property
+    def is_directed(self) -> bool:
+        """Whether some move between two cells has no move back."""
+        cells = np.repeat(np.arange(self.num_cells, dtype=np.int64), self.num_moves)
+        there = self.neighbors[:, :-1].ravel().astype(np.int64)
+        back = np.isin(there * self.num_cells + cells, cells * self.num_cells + there)
+        return not bool(back.all())
+
     # -- text ------------------------------------------------------------------------------------
 
     @classmethod
@@ -151,13 +292,18 @@ class Maze:
         closed. Leading and trailing blank lines, carriage returns, a missing last newline and
         missing trailing blanks are accepted.
 
+        The text that `to_text` writes of a graph is read as well.
+
         Raises:
             ValueError: invalid text; the message names the maze, the line and the remedy.
         """
-        return cls(*read_walls(text, name), name)
+        read = read_graph_text if is_graph_text(text) else read_walls
+        return cls.from_drawing(read(text, name), name)
 
     def to_text(self) -> str:
         """The maze in the text format, which `Maze.from_text` reads."""
+        if not self.is_grid:
+            return text_of(self)
         grid = np.full((2 * self.height + 1, 2 * self.width + 1), " ", dtype="<U1")
         grid[::2, ::2] = "+"
         grid[::2, 1::2] = "-"
@@ -190,7 +336,7 @@ class Maze:
     def degrees(self) -> NDArray[np.int32]:
         """[num_cells] int32, the number of moves that change the cell."""
         own = np.arange(self.num_cells, dtype=np.int32)[:, None]
-        return (self.neighbors[:, :4] != own).sum(axis=1, dtype=np.int32)
+        return (self.neighbors[:, :-1] != own).sum(axis=1, dtype=np.int32)
 
     @cached_property
     def dead_ends(self) -> NDArray[np.int32]:
@@ -218,8 +364,9 @@ class Maze:
 
     @cached_property
     def distances(self) -> NDArray[np.int32]:
-        """[num_cells, num_cells] int32, lengths of shortest paths; UNREACHABLE without a path.
+        """[num_cells, num_cells] int32, steps of shortest paths from the first cell to the second.
 
+        UNREACHABLE without a path. The table is symmetric unless the graph `is_directed`.
         Computed on first use and read-only.
 
         Raises:
@@ -236,7 +383,7 @@ class Maze:
         return table
 
     def distances_from(self, cell: int) -> NDArray[np.int32]:
-        """[num_cells] int32, distances between `cell` and all cells, by breadth-first search.
+        """[num_cells] int32, distances from `cell` to all cells, by breadth-first search.
 
         UNREACHABLE without a path. It needs no table, so it works for mazes of any size.
         """
@@ -248,6 +395,11 @@ class Maze:
         distances.fill(UNREACHABLE)
         breadth_first(self.neighbors, cell, distances, queue)
         return distances
+
+    def distances_to(self, cell: int) -> NDArray[np.int32]:
+        """[num_cells] int32, distances from all cells to `cell`, as `distances_from`."""
+        self.check_cell(cell)
+        return self.distances[:, cell] if self.is_directed else self.distances_from(cell)
 
     @cached_property
     def longest_distance(self) -> int:
@@ -269,7 +421,7 @@ class Maze:
     def _content(self) -> bytes:
         """A digest of the maze without its name; equal mazes have equal digests."""
         digest = hashlib.sha256(repr((self.start_mark, self.goal_marks)).encode())
-        for array in (self.cell_numbers, self.neighbors):
+        for array in (self.cell_numbers, self.neighbors) if self.is_grid else (self.neighbors,):
             digest.update(repr(array.shape).encode())
             digest.update(array.tobytes())
         return digest.digest()
@@ -287,7 +439,8 @@ class Maze:
         return {name: kept for name, kept in vars(self).items() if name != "distances"}
 
     def __repr__(self) -> str:
-        return f"<Maze {self.name}: {self.height}x{self.width}, {self.num_cells} cells>"
+        shape = f"{self.height}x{self.width}" if self.is_grid else "graph"
+        return f"<Maze {self.name}: {shape}, {self.num_cells} cells>"
 
 
 def _own_grids(name: str, *grids: Any) -> tuple[NDArray[np.bool_], ...]:
@@ -321,7 +474,8 @@ def load_maze(maze: str | Path | Maze) -> Maze:
     A `Maze` is returned unchanged. One maze of a suite is `"suite:7x7-test/017"`; for all of them
     see `pursuit.load_suite`. Files with the suffix `.map` are read as MovingAI maps (Sturtevant,
     2012): passable squares (`.`, `G`, and swamp `S`) are cells connected to their neighbours; all
-    others are blocked.
+    others are blocked. Files with the suffix `.graphml` are read as GraphML, and with `.edgelist`
+    or `.edges` as lines of two nodes and, if it is not 1, the length of the edge in steps.
 
     Raises:
         ValueError: an unknown name, a missing file, a directory, or an invalid file. The message
@@ -332,4 +486,4 @@ def load_maze(maze: str | Path | Maze) -> Maze:
     if not isinstance(maze, (str, Path)):
         raise ValueError(f"maze={maze!r}; give the name of a maze, a path, or a Maze")
     drawing, name = drawing_of(maze)
-    return Maze(*drawing, name)
+    return Maze.from_drawing(drawing, name)

@@ -18,7 +18,7 @@ class MazeArrays(NamedTuple):
 
     Attributes:
         mazes: [GOAL_MARKS + marks, num_mazes] int64, the offsets and marks of each maze.
-        neighbors: [all cells, 5] int32.
+        neighbors: [all cells, moves + 1] int32.
         facts: [FACT_LAYERS, all cells] int32, the row, column, distance to the nearest goal
             mark, and bit mask of moves of every cell.
         tables: uint16, the distance tables of all mazes that have one, flattened.
@@ -67,9 +67,11 @@ def lay_out(mazes: tuple[Maze, ...]) -> MazeArrays:
             world.start_mark[number] = maze.start_mark
         world.num_goal_marks[number] = len(maze.goal_marks)
         world.goal_marks[: len(maze.goal_marks), number] = maze.goal_marks
-        world.row[own], world.column[own] = maze.rows, maze.columns
-        changes = maze.neighbors[:, :4] != np.arange(maze.num_cells)[:, None]
-        world.moves[own] = changes @ (1 << np.arange(4))
+        if maze.is_grid:
+            world.row[own], world.column[own] = maze.rows, maze.columns
+        changes = maze.neighbors[:, :-1] != np.arange(maze.num_cells)[:, None]
+        world.moves[own] = changes @ (1 << np.arange(maze.num_moves))
+        world.directed[number] = maze.is_directed
         if maze.goal_marks:
             nearest = np.min([maze.distances_from(goal) for goal in maze.goal_marks], axis=0)
             world.mark_distance[own] = nearest

@@ -2,9 +2,17 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 from pursuit.mazes.formats import Drawing, read_movingai, read_walls
+from pursuit.mazes.graphs import (
+    SUFFIXES,
+    GraphDrawing,
+    is_graph_text,
+    read_graph_file,
+    read_graph_text,
+)
 from pursuit.mazes.suite_files import grids_of_row, is_suite, rows_of
 from pursuit.memory import check_memory
 from pursuit.validation import unknown
@@ -19,11 +27,17 @@ BYTES_PER_CHARACTER = 26
 def library_names() -> list[str]:
     """The names of the included mazes, smallest first."""
     names = [path.stem for path in LIBRARY.glob("*.txt")]
-    return sorted(names, key=lambda name: (int(name.split("x")[0]), name))
+    return sorted(names, key=lambda name: (not name[0].isdigit(), first_number(name), name))
 
 
-def drawing_of(maze: str | Path) -> tuple[Drawing, str]:
-    """The arguments of `Maze` for a name or path, and the name of the maze.
+def first_number(name: str) -> int:
+    """The first number in a name, 0 if there is none."""
+    found = re.search(r"\d+", name)
+    return int(found[0]) if found else 0
+
+
+def drawing_of(maze: str | Path) -> tuple[Drawing | GraphDrawing, str]:
+    """The content of a maze by name or path, and the name of the maze.
 
     Raises:
         ValueError: as `load_maze`.
@@ -42,8 +56,12 @@ def drawing_of(maze: str | Path) -> tuple[Drawing, str]:
         raise ValueError("this is the text of a maze, not a name or path; use Maze.from_text")
     text = read_text(path)
     name = path.stem if path.parent == LIBRARY else str(path)
-    is_map = path.suffix.lower() == ".map"
-    return (read_movingai if is_map else read_walls)(text, name), name
+    suffix = path.suffix.lower()
+    if suffix in SUFFIXES:
+        return read_graph_file(text, suffix, name), name
+    if is_graph_text(text):
+        return read_graph_text(text, name), name
+    return (read_movingai if suffix == ".map" else read_walls)(text, name), name
 
 
 def read_text(path: Path) -> str:

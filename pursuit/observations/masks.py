@@ -9,7 +9,6 @@ are all computed here.
 from __future__ import annotations
 
 import warnings
-from functools import cache
 from typing import Any
 
 import gymnasium
@@ -18,6 +17,7 @@ from numpy.typing import NDArray
 
 from pursuit.mazes.maze import Maze
 from pursuit.mazes.maze_arrays import lay_out
+from pursuit.rules import layout
 from pursuit.rules.layout import Games, World
 from pursuit.tasks.task import Task
 
@@ -31,7 +31,7 @@ def bump_masks(maze: Maze, num_actions: int) -> NDArray[np.bool_]:
 
     All are True in an enclosed cell without such an action.
     """
-    return _masks_by_moves(num_actions)[lay_out((maze,)).world.moves]
+    return _masks_of(lay_out((maze,)).world.moves, maze.num_moves, num_actions)
 
 
 def action_masks(
@@ -49,7 +49,7 @@ def action_masks(
     Args:
         games: the games.
         world: their mazes, `lay_out(task.mazes).world`.
-        num_actions: 4, or 5 with the stay action.
+        num_actions: the moves, and the stay action if there is one.
         seats: the indices of the agents.
         terminated: [games] bool.
     """
@@ -57,16 +57,14 @@ def action_masks(
     moves = world.moves[cells] * games.active[:, seats]
     if terminated is not None:
         moves[terminated] = 0
-    return _masks_by_moves(num_actions)[moves]
+    return _masks_of(moves, layout.named(layout.stay_of, world), num_actions)
 
 
-@cache
-def _masks_by_moves(num_actions: int) -> NDArray[np.bool_]:
-    """[16, actions] bool: mask for each set of moves that change the cell; all True if empty."""
-    moves = np.arange(16)[:, None]
-    masks = (moves >> np.arange(num_actions) & 1).astype(bool)
-    masks[:, 4:] = True
-    masks[0] = True
+def _masks_of(moves: NDArray[np.int32], num_moves: int, num_actions: int) -> NDArray[np.bool_]:
+    """[..., actions] bool: the masks of sets of moves that change the cell; all True if empty."""
+    masks = (moves[..., None] >> np.arange(num_actions) & 1).astype(bool)
+    masks[..., num_moves:] = True
+    masks |= moves[..., None] == 0
     return masks
 
 

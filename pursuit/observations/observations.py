@@ -39,7 +39,8 @@ class Encoder:
       last row has a 1 at the agent's own cell if it collected a goal in the last step.
     - "positions": int32 [entities + 1]: 1 + cell of each entity, 0 if absent. The last number is 1
       if the agent collected a goal in the last step, else 0.
-    - "cells": uint8 [height, width]: the codes FLOOR, SELF, TEAM, OTHER, GOAL, WALL (blocked).
+    - "cells": uint8 [height, width]: the codes FLOOR, SELF, TEAM, OTHER, GOAL, WALL (blocked); of
+      graphs [cells].
     - "walls": uint8 [2*height + 1, 2*width + 1]: the same codes, with the walls between the cells.
     - "planes": float32 [10, height, width] of 0 and 1, named in PLANES.
     - "window": float32 [10, 2R+1, 2R+1]: the planes around the agent, whatever the size of the
@@ -60,7 +61,8 @@ class Encoder:
             "package.module:Name".
 
     Raises:
-        ValueError: an unknown encoding, or a custom observation with a space other than Box.
+        ValueError: an unknown encoding, a custom observation with a space other than Box, or an
+            encoding of rows and columns ("walls", "planes", "window") of a graph.
 
     Attributes:
         shape, dtype: shape and dtype of one observation.
@@ -97,6 +99,12 @@ class Encoder:
             return box(np.zeros_like(high), high, dtype=np.int32)
         if self.encoding == "index":
             return box(0, (entities + 1) * cells, (entities + 1,), np.int32)
+        graph = next((maze.name for maze in task.mazes if not maze.is_grid), None)
+        if graph is not None and self.encoding != "cells":
+            raise ValueError(
+                f"observation {self.encoding!r} shows rows and columns, and {graph} is a graph; "
+                "use 'index', 'one_hot', 'positions' or 'cells'"
+            )
         if self.encoding in ("cells", "walls"):
             self._places, self._background = _drawn_mazes(task, self.encoding == "walls")
             self._draws = _draws(self._codes, task.num_goals)
@@ -180,10 +188,14 @@ def _draws(codes: NDArray[np.int64], num_goals: int) -> NDArray[np.int64]:
 
 def _drawn_mazes(task: Task, with_walls: bool) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
     """The index of each cell in the flattened grid [maze, cell], and the grids of empty mazes."""
+    places = np.zeros((len(task.mazes), task.max_cells), dtype=np.int64)
+    if not all(maze.is_grid for maze in task.mazes):
+        places[:] = np.arange(task.max_cells)
+        there = places < np.array([[maze.num_cells] for maze in task.mazes])
+        return places, np.where(there, FLOOR, WALL).astype(np.uint8)
     height = max(maze.height for maze in task.mazes)
     width = max(maze.width for maze in task.mazes)
     shape = (2 * height + 1, 2 * width + 1) if with_walls else (height, width)
-    places = np.zeros((len(task.mazes), task.max_cells), dtype=np.int64)
     background = np.full((len(task.mazes), *shape), WALL, dtype=np.uint8)
     for number, maze in enumerate(task.mazes):
         rows, columns = maze.rows, maze.columns

@@ -24,6 +24,7 @@ OPENING: Color = (238, 238, 238)  # the faint line between connected cells
 WALL: Color = (38, 42, 48)
 BLOCKED: Color = (212, 212, 212)
 HATCH: Color = (158, 158, 158)
+EDGE: Color = (176, 180, 186)
 CAPTURED: Color = (205, 205, 205)
 CAPTURED_LINE: Color = (112, 112, 112)
 # The colours of Okabe and Ito (2008), which colour-blind readers can distinguish.
@@ -128,10 +129,14 @@ class Scene:
 def scene_to_text(scene: Scene) -> str:
     """The scene in the text format of mazes, then the step count and the caption.
 
+    Of a graph it is a line for each agent and goal with the name of its cell.
+
     A cell holds C (chaser), E (evader), R (runner) or G (goal), in lower case when captured. If
     several share a cell, it shows their number (`+` above nine), and a line below lists them.
     """
     maze = scene.maze
+    if not maze.is_grid:
+        return graph_to_text(scene)
     lines = [list(line) for line in maze.to_text().splitlines()]
     for mark in (*maze.goal_marks, *(() if maze.start_mark is None else (maze.start_mark,))):
         lines[2 * maze.rows[mark] + 1][2 * maze.columns[mark] + 1] = " "
@@ -150,6 +155,17 @@ def scene_to_text(scene: Scene) -> str:
         lines[2 * row + 1][2 * column + 1] = letter
     footer = f"{scene.footer}  {scene.caption}".rstrip()
     return "\n".join([*("".join(line) for line in lines), footer, *shared]) + "\n"
+
+
+def graph_to_text(scene: Scene) -> str:
+    """`scene_to_text` of a graph."""
+    names = scene.maze.cell_names
+    agents = [
+        f"{agent.name} at {names[agent.cell]}" + ("" if agent.active else " (captured)")
+        for agent in scene.agents
+    ]
+    goals = [f"goal at {names[goal]}" for goal in scene.goals]
+    return "\n".join([*agents, *goals, f"{scene.footer}  {scene.caption}".rstrip()]) + "\n"
 
 
 def draw_scene(scene: Scene, cell_pixels: int | None = None, size: int = 480) -> NDArray[np.uint8]:
@@ -191,6 +207,12 @@ class _Layout:
     height: int
     font_size: int
 
+    def middle(self, maze: Maze, cell: int) -> tuple[float, float]:
+        """The middle of a cell in the picture."""
+        row, column = maze.picture[cell].tolist()
+        to_middle = self.wall + self.inside / 2
+        return self.left + column * self.cell + to_middle, MARGIN + row * self.cell + to_middle
+
     @property
     def inside(self) -> int:
         """The side of a cell without its walls."""
@@ -211,19 +233,44 @@ def _background(
     maze: Maze, cell_pixels: int | None, size: int, max_steps: int
 ) -> tuple[Image.Image, _Layout]:
     """The picture of the empty maze (copy it before drawing), and its layout."""
-    longest = max(maze.height, maze.width)
+    rows, columns = maze.picture_size
+    longest = max(rows, columns)
     side = size - 2 * MARGIN
-    cell = cell_pixels or max(MIN_CELL_PIXELS, (side - _wall_pixels(side // longest)) // longest)
+    cell = cell_pixels or max(
+        MIN_CELL_PIXELS, int((side - _wall_pixels(int(side / longest))) / longest)
+    )
     wall = _wall_pixels(cell)
-    maze_width, height = maze.width * cell + wall, maze.height * cell + wall + 2 * MARGIN
+    maze_width, height = int(columns * cell) + wall, int(rows * cell) + wall + 2 * MARGIN
     font_size = min(18, max(11, max(maze_width, height) // 32))
     longest_count = font_of(font_size).getlength(f"step {max_steps} / {max_steps}")
     width = 2 * MARGIN + max(maze_width, math.ceil(longest_count))
     width, footer_height = width + width % 2, 2 * font_size
     layout = _Layout(cell, wall, (width - maze_width) // 2, width, height, font_size)
     image = Image.new("RGB", (width, height + footer_height + height % 2), WHITE)
-    image.paste(Image.fromarray(_maze_pixels(maze, cell, wall)), (layout.left, MARGIN))
+    if maze.is_grid:
+        image.paste(Image.fromarray(_maze_pixels(maze, cell, wall)), (layout.left, MARGIN))
+    else:
+        _draw_graph(image, maze, layout)
     return image, layout
+
+
+def _draw_graph(image: Image.Image, maze: Maze, layout: _Layout) -> None:
+    """Draw the edges, with an arrow head if directed, and the cells of a graph."""
+    draw = ImageDraw.Draw(image)
+    middles = [np.array(layout.middle(maze, cell)) for cell in range(maze.num_cells)]
+    radius = max(1.0, 0.3 * layout.cell)
+    for cell, action in np.argwhere(maze.neighbors != np.arange(maze.num_cells)[:, None]):
+        there = int(maze.neighbors[cell, action])
+        start, end = middles[cell], middles[there]
+        draw.line([*start, *end], EDGE, max(1, layout.wall))
+        if cell not in maze.neighbors[there]:
+            along = (end - start) / max(float(np.linalg.norm(end - start)), 1e-9)
+            across, tip = np.array([-along[1], along[0]]), end - radius * along
+            back = tip - 0.25 * layout.cell * along
+            corners = (tip, back + 0.12 * layout.cell * across, back - 0.12 * layout.cell * across)
+            draw.polygon([tuple(corner) for corner in corners], CAPTURED_LINE)
+    for x, y in middles:
+        draw.ellipse([x - radius, y - radius, x + radius, y + radius], FLOOR, EDGE, layout.wall)
 
 
 def _maze_pixels(maze: Maze, cell: int, wall: int) -> NDArray[np.uint8]:
@@ -272,9 +319,7 @@ def _placed_tokens(scene: Scene, layout: _Layout) -> Iterator[tuple[Image.Image,
         diameter = max(layout.smallest_token, round((0.7 if columns == 1 else 0.9) * share))
         diameter += (layout.inside - diameter) % 2  # a single token is centred exactly
         pitch = max(0.94 * share, diameter)
-        to_middle = layout.wall + layout.inside / 2
-        middle_x = layout.left + int(scene.maze.columns[cell]) * layout.cell + to_middle
-        middle_y = MARGIN + int(scene.maze.rows[cell]) * layout.cell + to_middle
+        middle_x, middle_y = layout.middle(scene.maze, cell)
         half = (columns - 1) / 2 * pitch + diameter / 2 + 1  # of the group, kept in the picture
         middle_x = min(max(middle_x, half), layout.width - half)
         middle_y = min(max(middle_y, half), layout.height - half)

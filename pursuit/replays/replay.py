@@ -298,7 +298,7 @@ def _episode_of(file: _EpisodeFile, world: Adapter, task: Any) -> Episode:
     else:
         if len(file.actions) != width or len({len(row) for row in file.actions}) > 1:
             raise ValueError(f"actions need {width} rows of equal length, one per agent")
-        actions = np.array([[int(digit) for digit in row] for row in file.actions], np.uint8).T
+        actions = np.array([[int(digit, 32) for digit in row] for row in file.actions], np.uint8).T
         if actions.size and actions.max() >= task.num_actions:
             raise ValueError(f"action {actions.max()}; actions are 0 to {task.num_actions - 1}")
     if (world.name == "arm") != isinstance(file.actions, str):
@@ -311,8 +311,11 @@ def _episode_of(file: _EpisodeFile, world: Adapter, task: Any) -> Episode:
     )
 
 
+DIGITS = "0123456789abcdefghijklmnopqrstuv"
+
+
 def _digits(actions: NDArray[Any]) -> list[str]:
-    return ["".join(map(str, row.tolist())) for row in actions.T]
+    return ["".join(DIGITS[action] for action in row) for row in actions.T]
 
 
 def _numbers_text(actions: NDArray[Any]) -> str:

@@ -11,11 +11,17 @@ from typing import Any
 import numpy as np
 
 from pursuit.compilation.compiled import allocating, compiled, inlined, subroutine
-from pursuit.rules.layout import UNREACHABLE, Search, World
+from pursuit.rules.layout import UNREACHABLE, Search, World, stay_of
 
 NO_PATH = 65535
 """UNREACHABLE in a table of uint16."""
 FAR = 2**30
+
+
+@inlined
+def moves_of(world: World) -> Any:
+    """The actions that are moves: four in a maze, as many as the largest degree in a graph."""
+    return range(stay_of(world))
 
 
 @compiled
@@ -27,7 +33,7 @@ def breadth_first(neighbors: Any, origin: int, distances: Any, queue: Any) -> in
     while head < tail:
         cell = queue[head]
         head += 1
-        for action in range(4):
+        for action in range(neighbors.shape[1] - 1):
             after = neighbors[cell, action]
             if distances[after] == UNREACHABLE:
                 distances[after] = distances[cell] + 1
@@ -76,7 +82,7 @@ def search_within(
         head += 1
         if cell == target or search.distance[cell] == limit:
             break
-        for action in range(4):
+        for action in moves_of(world):
             after = world.neighbors[first + cell, action]
             if search.distance[after] < 0:
                 search.distance[after] = search.distance[cell] + 1
@@ -179,7 +185,7 @@ def spread_field(
         if after_steps > limit:
             break
         head += 1
-        for action in range(4):
+        for action in moves_of(world):
             after = world.neighbors[first_cell + cell, action]
             if field.distance[after] < 0:
                 field.distance[after] = after_steps
@@ -196,7 +202,7 @@ def moves_down(world: World, maze: int, field: Search, own: int) -> int:
     """The mask of moves towards the sources of a search that has reached `own`, or 0."""
     mask, steps = 0, field.distance[own]
     if steps > 0:
-        for action in range(4):
+        for action in moves_of(world):
             after = world.neighbors[world.first_cell[maze] + own, action]
             if field.distance[after] == steps - 1:
                 mask |= 1 << action

@@ -24,6 +24,7 @@ import numpy as np
 from pursuit.compilation.compiled import inlined
 
 NORTH, SOUTH, EAST, WEST, STAY = range(5)
+"""The actions in a maze; see `stay_of` for graphs."""
 UNREACHABLE = 2**31 - 1
 """The distance between two cells without a connecting path."""
 
@@ -45,7 +46,7 @@ EPSILON, NEXT_EPSILON, RETURNS, COLLECTED_GOALS, EPISODE_RETURNS, REAL_LAYERS = 
 ENDED_BY_RULE, ENDED_BY_TIME, FLAG_LAYERS = range(3)
 SCRATCH_DISTANCE, SCRATCH_QUEUE, SCRATCH_AFTER = range(3)
 SCRATCH_CAPTORS, SCRATCH_TAKERS, SCRATCH_CAPTURED, SCRATCH_LAYERS = range(3, 7)
-FIRST_CELL, NUM_CELLS, TABLE, START_MARK, NUM_GOAL_MARKS, GOAL_MARKS = range(6)
+FIRST_CELL, NUM_CELLS, TABLE, START_MARK, DIRECTED, NUM_GOAL_MARKS, GOAL_MARKS = range(7)
 ROW, COLUMN, MARK_DISTANCE, MOVES, FACT_LAYERS = range(5)
 
 
@@ -85,19 +86,21 @@ class Rules(NamedTuple):
 class World(NamedTuple):
     """Concatenated arrays of all mazes; cell c of maze m has the index `first_cell[m] + c`.
 
-    first_cell, num_cells, table, start_mark, num_goal_marks: [mazes] int64; `table` is the
-        index of the maze's distances in `tables`, -1 if it is too large for a table; no mark is -1.
+    first_cell, num_cells, table, start_mark, directed, num_goal_marks: [mazes] int64; `table` is
+        the index of the maze's distances in `tables`, -1 if it is too large for a table; no mark is
+        -1; `directed` is 1 for a graph in which a path back can have another length.
     goal_marks: [marks, mazes] int64, cells.
-    neighbors: [all cells, 5] int32, the cell after north, south, east, west, stay.
+    neighbors: [all cells, moves + 1] int32, the cell after each move, and after stay.
     row, column, mark_distance: [all cells] int32; steps to the nearest goal mark.
     moves: [all cells] int32, the bit mask of the moves that change the cell.
-    tables: uint16, the distances between all pairs of cells, maze after maze.
+    tables: uint16, the distances from every cell to every other, maze after maze.
     """
 
     first_cell: Any
     num_cells: Any
     table: Any
     start_mark: Any
+    directed: Any
     num_goal_marks: Any
     goal_marks: Any
     neighbors: Any
@@ -288,10 +291,16 @@ def next_episode_of(memory: Memory) -> NextEpisode:
 def world_of(mazes: Any, neighbors: Any, facts: Any, tables: Any) -> World:
     """The mazes: [GOAL_MARKS + marks, mazes] int64, and [FACT_LAYERS, all cells] int32."""
     return World(
-        mazes[FIRST_CELL], mazes[NUM_CELLS], mazes[TABLE], mazes[START_MARK],
+        mazes[FIRST_CELL], mazes[NUM_CELLS], mazes[TABLE], mazes[START_MARK], mazes[DIRECTED],
         mazes[NUM_GOAL_MARKS], mazes[GOAL_MARKS:], neighbors, facts[ROW], facts[COLUMN],
         facts[MARK_DISTANCE], facts[MOVES], tables,
     )  # fmt: skip
+
+
+@inlined
+def stay_of(world: World) -> int:
+    """The number of the action stay, which is the number of moves."""
+    return world.neighbors.shape[1] - 1
 
 
 @inlined

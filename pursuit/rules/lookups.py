@@ -38,7 +38,8 @@ def away_from_nearest(
     """The greedy moves away from the first nearest cell of `cells[:count]`; 0 if count is 0."""
     row, nearest = pair_index(world, maze, own, 0), np.int64(2**62)
     for i in range(count):
-        distance = np.int64(world.tables[np.uint64(row + np.int64(cells[np.uint64(i)]))])
+        cell = np.int64(cells[np.uint64(i)])
+        distance = np.int64(world.tables[np.uint64(pair_index(world, maze, cell, own))])
         nearest = min(nearest, (distance << 32) | i)
     if count == 0:
         return 0
@@ -55,7 +56,7 @@ def take(
     every: int,
     epsilon: float,
     default: float,
-    stay_action: bool,
+    empty: int,
     streams: Any,
     seat: Any,
 ) -> None:
@@ -63,4 +64,4 @@ def take(
     share = default if np.isnan(epsilon) else epsilon
     greedy = every if mask == 0 else mask
     stream = np.uint64(stream_of(seat))
-    actions[game, column] = draw_action(greedy, every, share, stay_action, streams[game], stream)
+    actions[game, column] = draw_action(greedy, every, share, empty, streams[game], stream)

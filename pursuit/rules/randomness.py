@@ -11,24 +11,25 @@ from typing import Any
 
 import numpy as np
 
-from pursuit.compilation.compiled import compiled, inlined
-from pursuit.rules.layout import STARTS_STREAM, STAY
+from pursuit.compilation.compiled import compiled, inlined, subroutine
+from pursuit.rules.layout import STARTS_STREAM
 
 GOLDEN = 0x9E3779B97F4A7C15
 """2**64 divided by the golden ratio, made odd: the increment of a stream."""
 
 
-def _packed(mask: int, empty: int) -> int:
+PACKED_BITS = 5
+"""Masks with a higher bit, on graphs with more than four neighbors, are not packed."""
+
+
+def _packed(mask: int) -> int:
     """The actions of a bit mask, one byte each from the lowest, and their number in the highest."""
-    actions = [action for action in range(5) if mask >> action & 1]
-    size = len(actions)
-    return sum(action << 8 * at for at, action in enumerate(actions or [empty])) | size << 56
+    actions = [action for action in range(PACKED_BITS) if mask >> action & 1]
+    return sum(action << 8 * at for at, action in enumerate(actions)) | len(actions) << 56
 
 
-PACKED_MASKS = np.array(
-    [_packed(mask, empty) for empty in (0, STAY) for mask in range(32)], dtype=np.uint64
-)
-"""[64] uint64: the 32 masks with an empty mask as a bump, then the 32 with it as stay."""
+PACKED_MASKS = np.array([_packed(mask) for mask in range(1 << PACKED_BITS)], dtype=np.uint64)
+"""[32] uint64."""
 
 
 @inlined
@@ -62,20 +63,38 @@ def next_uniform(streams: Any, stream: int) -> float:
 
 @inlined
 def draw_action(
-    greedy: int, every: int, epsilon: float, stay_action: bool, streams: Any, stream: int
+    greedy: int, every: int, epsilon: float, empty: int, streams: Any, stream: int
 ) -> int:
     """A uniformly random action of the mask `greedy`, or, with probability `epsilon`, of `every`.
 
-    One random word is used for both draws. The action is stay, or a bump, if the mask is empty.
+    One random word is used for both draws. The action is `empty` if the mask is empty.
     """
     # No branch, as it could not be predicted. `at_random` is all ones if the first 32 bits are
     # below epsilon * 2**32, else 0; signed, as the processor does not convert unsigned words.
     word = next_word(streams, stream)
     at_random = (np.int64(word >> np.uint64(32)) - np.int64(ceil(epsilon * 2.0**32))) >> 63
     mask = greedy ^ ((greedy ^ every) & at_random)
-    packed = PACKED_MASKS[np.uint64(mask + 32 * np.int64(stay_action))]
-    chosen = ((word & np.uint64(0xFFFFFFFF)) * (packed >> np.uint64(56))) >> np.uint64(32)
-    return np.int64((packed >> (chosen << np.uint64(3))) & np.uint64(7))
+    low = word & np.uint64(0xFFFFFFFF)
+    if mask >> PACKED_BITS:
+        return draw_bit(mask, low)
+    packed = PACKED_MASKS[np.uint64(mask)]
+    chosen = (low * (packed >> np.uint64(56))) >> np.uint64(32)
+    return np.int64((packed >> (chosen << np.uint64(3))) & np.uint64(7)) + empty * (mask == 0)
+
+
+@subroutine
+def draw_bit(mask: int, word: Any) -> int:
+    """The index of a bit of `mask`, drawn by a word of 32 random bits."""
+    rest, size = mask, 0
+    while rest:
+        rest &= rest - 1
+        size += 1
+    for _ in range(np.int64((word * np.uint64(size)) >> np.uint64(32))):
+        mask &= mask - 1
+    action = 0
+    while not mask >> action & 1:
+        action += 1
+    return action
 
 
 @compiled

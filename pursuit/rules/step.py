@@ -25,7 +25,6 @@ from pursuit.rules.layout import (
     CAPTURED,
     COLLECTED,
     GOING_ON,
-    STAY,
     TERMINATED,
     TRUNCATED,
     WAS_CAPTURED,
@@ -43,6 +42,7 @@ from pursuit.rules.layout import (
     evaders_of,
     goals_of,
     runners_of,
+    stay_of,
 )
 
 
@@ -64,14 +64,14 @@ def step(
 ) -> int:
     """Step one game; return GOING_ON, TERMINATED or TRUNCATED."""
     teams, first_cell = rules.teams, world.first_cell[games.maze[game]]
-    steps = games.steps[game] + 1
+    steps, stay = games.steps[game] + 1, stay_of(world)
     for chaser in chasers_of(teams):
         plan.after[chaser] = destination(
             games, game, chaser, actions[game, chaser], world, first_cell
         )
     for evader in evaders_of(teams):
         # A captured agent stays; no branch, as the processor could not predict it.
-        action = STAY + (np.int64(actions[game, evader]) - STAY) * is_free(games, game, evader)
+        action = stay + (np.int64(actions[game, evader]) - stay) * is_free(games, game, evader)
         plan.after[evader] = destination(games, game, evader, action, world, first_cell)
     for runner in runners_of(teams):
         plan.after[runner] = destination(

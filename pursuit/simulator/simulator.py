@@ -180,11 +180,12 @@ class Simulator(GameArrays):
         ):
             actions = self._checked_actions(actions)
         if self._step_games(*self._kernel_arrays, actions, self.auto_restart) != layout.OK:
+            stay = self.task.num_moves
             game, seat = np.argwhere((actions < 0) | (actions >= self.task.num_actions))[0]
             raise ValueError(
                 f"an action of {self.task.agent_names[seat]} in game {game} is out of range; "
                 f"actions are 0 to {self.task.num_actions - 1}"
-                + ("" if self.task.stay_action else " (4, stay, needs stay_action=True)")
+                + ("" if self.task.stay_action else f" ({stay}, stay, needs stay_action=True)")
             )
 
     def _checked_actions(self, actions: ArrayLike) -> NDArray[np.int32]:

@@ -80,7 +80,7 @@ class Task:
         num_chasers, num_evaders, num_runners: the number of agents of each role.
         num_goals: the number of goals. Runners and evaders collect them.
         max_steps: an episode is truncated after this many steps.
-        stay_action: whether there is an action 4, stay.
+        stay_action: whether there is an action 4, stay (of a graph the last action).
         move_order: "simultaneous", or "chasers_first": the chasers move and captures are resolved,
             then all other agents move and captures are resolved again.
         start: "random": each agent and goal on a different, uniformly random cell. "marks": the
@@ -131,6 +131,7 @@ class Task:
         for number, maze in enumerate(self.mazes):
             self._check_maze(maze)
             check_placeable(self.apart(number, -1, self.min_start_distance, -1))
+        self._check_graphs()
         self._check_visibility()
 
     def _check_that_it_can_end(self) -> None:
@@ -171,7 +172,22 @@ class Task:
     def _check_visibility(self) -> None:
         if not all(limit.sees_all for limit in self._limits):
             for maze in self.mazes:
-                check_visible(maze)
+                check_visible(maze, any(limit.line_of_sight for limit in self._limits))
+
+    def _check_graphs(self) -> None:
+        odd = next((maze for maze in self.mazes if maze.num_moves != self.num_moves), None)
+        if odd is not None:
+            raise ValueError(
+                f"{odd.name} has {odd.num_moves} moves and {self.mazes[0].name} {self.num_moves}; "
+                "all mazes of a task need the same number: give num_moves to Maze.from_graph"
+            )
+        graph = next((maze for maze in self.mazes if not maze.is_grid), None)
+        by_distance = any(each.distance != 0.0 for each in self.role_rewards.values())
+        if graph is not None and by_distance:
+            raise ValueError(
+                f"rewards={self.rewards!r}: a reward by the Manhattan distance needs rows and "
+                f"columns, and {graph.name} is a graph; use 'goal' or a reward function"
+            )
 
     def apart(self, maze: int, num_goals: int, least: int, most: int) -> StartConstraint:
         """The constraint on start placements in the maze with index `maze`.
@@ -235,8 +251,13 @@ class Task:
 
     @property
     def num_actions(self) -> int:
-        """4, or 5 with the stay action."""
-        return 5 if self.stay_action else 4
+        """The number of moves of the mazes, 4 unless they are graphs; with stay one more."""
+        return self.num_moves + self.stay_action
+
+    @property
+    def num_moves(self) -> int:
+        """The number of moves of the mazes, `Maze.num_moves`."""
+        return self.mazes[0].num_moves
 
     @cached_property
     def max_cells(self) -> int:

@@ -51,17 +51,19 @@ def visible_cells(
             With a radius, both conditions must hold.
 
     Returns:
-        A symmetric matrix; its diagonal is True, as the own cell is always visible.
+        A matrix, symmetric unless a graph is directed; its diagonal is True, as the own cell is
+        always visible.
 
     Raises:
-        ValueError: an invalid radius or maze, or a maze too large for a table of all pairs.
+        ValueError: an invalid radius or maze, a maze too large for a table of all pairs, or a line
+            of sight in a graph.
     """
     maze = load_maze(maze)
     radius = None if view_radius is None else whole("view_radius", view_radius)
-    check_visible(maze)
+    check_visible(maze, check_bool("line_of_sight", line_of_sight))
     size = maze.num_cells
     seen = np.ones((size, size), dtype=bool)
-    if check_bool("line_of_sight", line_of_sight):
+    if line_of_sight:
         seen = np.eye(size, dtype=bool)
         for action in range(4):
             own, at = np.arange(size), np.arange(size)
@@ -76,8 +78,13 @@ def visible_cells(
     return seen
 
 
-def check_visible(maze: Maze) -> None:
-    """ValueError if a maze is too large for limited views."""
+def check_visible(maze: Maze, line_of_sight: bool = False) -> None:
+    """ValueError if a maze is too large for limited views, or is a graph without lines of sight."""
+    if line_of_sight and not maze.is_grid:
+        raise ValueError(
+            f"line_of_sight: {maze.name} is a graph, without rows and columns to look along; use "
+            "view_radius"
+        )
     if maze.num_cells > MAX_TABLE_CELLS:
         raise ValueError(
             f"{maze.name}: {maze.num_cells} cells; a limited view needs a table of all pairs of "

@@ -21,13 +21,13 @@ from pursuit.rules.distances import (
     forget,
     has_table,
     moves_down,
+    moves_of,
     pair_index,
     search_within,
     spread_field,
     table_distance,
 )
 from pursuit.rules.layout import (
-    STAY,
     Games,
     Search,
     Teams,
@@ -35,6 +35,7 @@ from pursuit.rules.layout import (
     chasers_of,
     evaders_of,
     goals_of,
+    stay_of,
     stream_of,
     world_of,
 )
@@ -94,20 +95,20 @@ def mask_fleeing(
     """
     look, path = look_of(scratch), path_of(scratch)
     seen = search_within(world, maze, own, look_radius, -1, look)
-    farthest = own_distance = distance_within(world, path, maze, own, threat, reach)
+    farthest = own_distance = distance_within(world, path, maze, threat, own, reach)
     for i in range(seen):
-        away = distance_within(world, path, maze, look.queue[i], threat, reach)
+        away = distance_within(world, path, maze, threat, look.queue[i], reach)
         farthest = max(farthest, away)
     mask = 0
     if farthest == own_distance:
-        mask = 1 << STAY if stay_action else legal_moves(world, maze, own)
+        mask = 1 << stay_of(world) if stay_action else legal_moves(world, maze, own)
     else:
         for i in range(seen):
             cell = look.queue[i]
-            if farthest != distance_within(world, path, maze, cell, threat, reach):
+            if farthest != distance_within(world, path, maze, threat, cell, reach):
                 continue
             steps = np.int64(look.distance[cell])
-            for action in range(4):
+            for action in moves_of(world):
                 after = world.neighbors[world.first_cell[maze] + own, action]
                 if after != own and not mask >> action & 1:
                     rest = distance_within(world, path, maze, after, cell, steps)
@@ -137,12 +138,12 @@ def fill_greedy_table(
         for own in range(world.num_cells[maze]):
             for other in range(world.num_cells[maze]):
                 mask, distance = 0, table_distance(world, maze, own, other)
-                if kind == EVADER and 0 < distance < alert:
+                if kind == EVADER and 0 < table_distance(world, maze, other, own) < alert:
                     mask = mask_fleeing(
                         world, scratch, maze, own, other, alert + look, look, stay_action
                     )
                 elif kind != EVADER:
-                    for action in range(4):
+                    for action in moves_of(world):
                         after = world.neighbors[world.first_cell[maze] + own, action]
                         if table_distance(world, maze, after, other) == distance - 1:
                             mask |= 1 << action
@@ -189,8 +190,12 @@ def moves_away(
 
 @inlined
 def use_table(world: World, maze: int, pairs: int) -> bool:
-    """Whether looking up so many pairs is faster than a search, which visits every cell once."""
-    return has_table(world, maze) and pairs <= PAIRS_A_CELL * world.num_cells[maze]
+    """Whether looking up so many pairs is faster than a search, which visits every cell once.
+
+    A search starts at the targets, so directed graphs always use the table.
+    """
+    few = pairs <= PAIRS_A_CELL * world.num_cells[maze]
+    return has_table(world, maze) and (few or world.directed[maze] != 0)
 
 
 @compiled
@@ -240,6 +245,7 @@ def draw_moves(
     """
     default, stay_action = settings
     world = world_of(*mazes)
+    empty = stay_of(world) * np.int64(stay_action)
     for game in range(actions.shape[0]):
         every = legal_moves(world, np.int64(games.maze[game]), np.int64(games.position[game, seat]))
         mask, epsilon = np.int64(masks[game]), epsilon_of[game, seat]
@@ -247,7 +253,7 @@ def draw_moves(
             every if mask == 0 else mask,
             every,
             default if np.isnan(epsilon) else epsilon,
-            stay_action,
+            empty,
             streams[game],
             stream_of(seat),
         )
@@ -291,6 +297,7 @@ def entry_for(kind: int) -> Any:
         games = Games(position, active, event, goal, steps, maze_of)
         teams = Teams(counts[0], counts[1], counts[2], counts[3])
         world = world_of(mazes, neighbors, facts, tables)
+        empty = stay_of(world) * np.int64(stay_action)
         field, owner, targets = field_of(scratch), scratch[FIELD_OWNER], scratch[TARGETS]
         for game in range(actions.shape[0]):
             maze, row = np.int64(games.maze[np.uint64(game)]), np.uint64(game)
@@ -317,7 +324,7 @@ def entry_for(kind: int) -> Any:
                     mask = moves_down(world, maze, field, own)
                 every = legal_moves(world, maze, own)
                 column, share = np.uint64(columns[np.uint64(i)]), epsilon_of[row, seat]
-                take(actions, row, column, mask, every, share, default, stay_action, streams, seat)
+                take(actions, row, column, mask, every, share, default, empty, streams, seat)
             forget(field, tail)
 
     return choose_actions

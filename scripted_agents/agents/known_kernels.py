@@ -13,7 +13,7 @@ import numpy as np
 
 from pursuit.compilation.compiled import compiled, inlined
 from pursuit.rules.batches import MOST_KNOWN
-from pursuit.rules.layout import CHASER, EVADER, RUNNER, Games, world_of
+from pursuit.rules.layout import CHASER, EVADER, RUNNER, Games, stay_of, world_of
 from pursuit.rules.lookups import away_from_nearest, take, towards_nearest
 from pursuit.rules.step import legal_moves
 
@@ -68,6 +68,7 @@ def team_entry_for(kind: int, num_seats: int, num_targets: int) -> Any:
         default, _, _, stay_action = settings
         games = Games(position, active, event, goal, steps, maze_of)
         world = world_of(mazes, neighbors, facts, tables)
+        empty: Any = stay_of(world) * np.int64(stay_action)
         targets = scratch[scratch.shape[0] - 1]  # the last row is not used by searches
         first, column = np.uint64(seats[0]), np.uint64(columns[0])
         first_target = np.uint64(counts[0] if kind == CHASER else 0)
@@ -99,6 +100,6 @@ def team_entry_for(kind: int, num_seats: int, num_targets: int) -> Any:
                 every = legal_moves(world, maze, own)
                 share = epsilon_of[row, seat]
                 into = column + np.uint64(i)
-                take(actions, row, into, mask, every, share, default, stay_action, streams, seat)
+                take(actions, row, into, mask, every, share, default, empty, streams, seat)
 
     return choose_actions

@@ -93,7 +93,7 @@ class TourRunner(Scripted):
         left[:, 0] = self._kept.next_goal
         return super().act(replace(view, games=view.games._replace(goal=left)))
 
-    def moves(self, task: Task, games: Games, seat: int) -> NDArray[np.uint8]:
+    def moves(self, task: Task, games: Games, seat: int) -> NDArray[np.int64]:
         """As `NearestGoalRunner.moves`, in games of one goal.
 
         Raises:
@@ -116,7 +116,7 @@ class TourRunner(Scripted):
             here, goals, aim = view.task.mazes[maze], view.goals[game], int(kept.next_goal[game])
             valid = kept.maze[game] == maze and aim >= 0 and np.array_equal(kept.goals[game], goals)
             if valid and own != kept.own[game]:
-                away, before = here.distances_from(aim), kept.own[game]
+                away, before = here.distances_to(aim), kept.own[game]
                 valid = own in here.neighbors[before] and away[own] < away[before]
             if not valid:
                 kept.next_goal[game] = _next_goal(here, own, goals[goals >= 0].tolist())
@@ -129,6 +129,6 @@ def _next_goal(maze: Maze, own: int, goals: list[int]) -> int:
     if not goals:
         return -1
     cells = np.array([own, *goals])
-    between = np.stack([maze.distances_from(int(cell))[cells] for cell in cells])
+    between = np.stack([maze.distances_to(int(cell))[cells] for cell in cells])
     best = np.empty((1 << len(goals), len(goals)), dtype=np.int32)
     return int(cells[first_of_tour(between, len(goals), best)])

@@ -6,6 +6,7 @@ Runners are in `runner`.
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,7 +41,7 @@ class Scripted:
     def __init__(self, epsilon: float = 0.0) -> None:
         self.epsilon = check_probability("epsilon", epsilon)
         self._scratch = _scratch_for(1)
-        self._greedy: dict[tuple[int, bool], tuple[object, NDArray[np.uint8]]] = {}
+        self._greedy: dict[tuple[int, bool], tuple[object, NDArray[Any]]] = {}
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}(epsilon={self.epsilon:g})"
@@ -111,11 +112,12 @@ class Scripted:
         greedy = self._greedy_table(arrays, stay_action)
         pairs = (maze.num_cells, maze.num_cells)
         every = np.broadcast_to(arrays.world.moves[:, None], pairs)
-        rows = rows_of_moves(self.epsilon, 5 if stay_action else 4)
-        return rows[number_of_moves(np.stack([greedy.reshape(pairs), every], axis=-1))]
+        known = MoveSets(maze.num_moves, stay_action)
+        numbers = known.numbers(greedy.reshape(pairs), every)
+        return known.rows(self.epsilon)[numbers]
 
-    def moves(self, task: Task, games: Games, seat: int) -> NDArray[np.uint8]:
-        """[games, 2] uint8, bit masks over the actions of the agent `seat` in games of a task: the
+    def moves(self, task: Task, games: Games, seat: int) -> NDArray[np.int64]:
+        """[games, 2] int64, bit masks over the actions of the agent `seat` in games of a task: the
         greedy moves, and all moves that change the cell.
 
         Raises:
@@ -132,7 +134,7 @@ class Scripted:
                 f"{self!r} is a {own}, and the agent is {task.agent_names[seat]}; use it for {own}s"
             )
         mazes = lay_out(task.mazes)
-        moves = np.zeros((len(games.steps), 2), dtype=np.uint8)
+        moves = np.zeros((len(games.steps), 2), dtype=np.int64)
         most = max(task.num_agents, task.num_goals)
         kernels.list_moves(
             self.kind,
@@ -152,14 +154,15 @@ class Scripted:
         Raises:
             ValueError: as `moves`.
         """
-        rows = rows_of_moves(self.epsilon, task.num_actions)
-        return rows[number_of_moves(self.moves(task, games, seat))]
+        known, moves = MoveSets(task.num_moves, task.stay_action), self.moves(task, games, seat)
+        numbers = known.numbers(moves[:, 0], moves[:, 1])
+        return known.rows(self.epsilon)[numbers]
 
     def _settings(self, stay_action: bool) -> tuple[float, int, int, bool]:
         """The settings as arguments of kernels."""
         return self.epsilon, self.alert_distance, self.look_radius, stay_action
 
-    def _greedy_table(self, mazes: MazeArrays, stay_action: bool) -> NDArray[np.uint8]:
+    def _greedy_table(self, mazes: MazeArrays, stay_action: bool) -> NDArray[Any]:
         """The bit masks of greedy moves at [own, other], in the layout of the distance tables."""
         tables = mazes.tables
         key = (id(tables), stay_action)
@@ -171,7 +174,7 @@ class Scripted:
         return self._greedy[key][1]
 
 
-def draw_actions(view: GameView, masks: NDArray[np.uint8], epsilon: float) -> NDArray[np.int32]:
+def draw_actions(view: GameView, masks: NDArray[Any], epsilon: float) -> NDArray[np.int32]:
     """[num_games] int32: draws from `masks` [num_games], or from all moves if a mask is 0 and with
     probability `epsilon` (that of the game has priority); from the random stream of the agent."""
     actions = np.empty(view.num_games, dtype=np.int32)
@@ -220,41 +223,60 @@ def all_have_tables(mazes: MazeArrays) -> bool:
     return bool(mazes.mazes[layout.TABLE].min() >= 0)
 
 
-NUM_MOVES = 32 * 16
-"""The number of pairs of sets: greedy moves (of 5 actions), and all moves (of 4)."""
+MOST_NUMBERED = 5
+"""With more moves there are too many pairs of sets to number them all."""
 
 
-def number_of_moves(moves: NDArray[np.uint8]) -> NDArray[np.int64]:
-    """[...] int64, the number below NUM_MOVES of each pair of `Scripted.moves` [..., 2]."""
-    return moves[..., 0].astype(np.int64) * 16 + moves[..., 1]
+class MoveSets:
+    """The action distributions of pairs of sets of moves: the greedy ones, and all.
 
+    With few moves every pair has its number; else pairs are numbered as they are first seen.
+    """
 
-def rows_of_moves(epsilon: float, num_actions: int) -> NDArray[np.float64]:
-    """[NUM_MOVES, actions] float64: the action distribution of each pair of sets of moves."""
-    greedy, every = np.divmod(np.arange(NUM_MOVES), 16)
-    # In an enclosed cell the agent stays, or moves into the north wall.
-    nowhere = np.eye(num_actions)[4 if num_actions == 5 else 0]
-    rows = np.zeros((NUM_MOVES, num_actions))
-    for weight, sets in ((1.0 - epsilon, greedy), (epsilon, every)):
-        chosen = (sets[:, None] >> np.arange(num_actions)) & 1
-        size = chosen.sum(axis=1, keepdims=True)
-        rows += weight * np.where(size == 0, nowhere, chosen / np.maximum(size, 1))
-    return rows
+    def __init__(self, num_moves: int, stay_action: bool) -> None:
+        self.num_moves, self.num_actions = num_moves, num_moves + stay_action
+        self._all = num_moves <= MOST_NUMBERED
+        self._pairs = np.arange(2 << 2 * num_moves if self._all else 0)
+
+    def numbers(self, greedy: NDArray[Any], every: NDArray[Any]) -> NDArray[np.int64]:
+        """[...] int64, the number of each pair of bit masks."""
+        pairs = (greedy.astype(np.int64) << self.num_moves) | every
+        if self._all:
+            return pairs
+        new = np.setdiff1d(pairs, self._pairs)
+        self._pairs = np.concatenate([self._pairs, new])
+        order = np.argsort(self._pairs)
+        return order[np.searchsorted(self._pairs, pairs, sorter=order)]
+
+    def rows(self, epsilon: float) -> NDArray[np.float64]:
+        """[pairs, actions] float64: the distribution of each pair that was numbered so far."""
+        # In an enclosed cell the agent stays, or moves into the north wall.
+        stays = self.num_actions > self.num_moves
+        nowhere = np.eye(self.num_actions)[self.num_moves if stays else 0]
+        rows = np.zeros((len(self._pairs), self.num_actions))
+        greedy, every = np.divmod(self._pairs, 1 << self.num_moves)
+        for weight, sets in ((1.0 - epsilon, greedy), (epsilon, every)):
+            chosen = (sets[:, None] >> np.arange(self.num_actions)) & 1
+            size = chosen.sum(axis=1, keepdims=True)
+            rows += weight * np.where(size == 0, nowhere, chosen / np.maximum(size, 1))
+        return rows
 
 
 def greedy_moves(
     kind: int, mazes: MazeArrays, settings: tuple[float, int, int, bool]
-) -> NDArray[np.uint8]:
+) -> NDArray[Any]:
     """The bit masks of greedy moves at [own, other], in the layout of the distance tables.
 
-    All moves if none is preferred; 0 for cells without moves.
+    They are uint8 where eight bits are enough, else uint32. All moves if none is preferred; 0 for
+    cells without moves.
 
     Args:
         kind: CHASER, EVADER, RUNNER or RANDOM of `kernels`.
         mazes: the arrays of the mazes.
         settings: epsilon (ignored), alert distance, look radius, stay action.
     """
-    greedy = np.zeros(len(mazes.tables), dtype=np.uint8)
+    few = mazes.neighbors.shape[1] <= 8
+    greedy = np.zeros(len(mazes.tables), dtype=np.uint8 if few else np.uint32)
     if kind != kernels.RANDOM:
         kernels.fill_greedy_table(kind, mazes, _scratch_for(len(mazes.neighbors)), settings, greedy)
     return greedy

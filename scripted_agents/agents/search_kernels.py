@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pursuit.compilation.compiled import compiled, inlined
-from pursuit.rules.distances import NO_PATH, pair_index
+from pursuit.rules.distances import NO_PATH, pair_index, table_distance
 from pursuit.rules.layout import (
     CHASER,
     EVADER,
@@ -140,9 +140,10 @@ def flee(
     """The moves of an evader: away from the nearest chaser in view, or from where one was seen."""
     maze, step, nearest = np.int64(games.maze[game]), games.steps[game], np.int64(FAR)
     for chaser in chasers_of(teams):
-        pair = pair_index(world, maze, own, np.int64(games.position[game, chaser]))
-        if visible[pair] and np.int64(world.tables[pair]) < nearest:
-            nearest = np.int64(world.tables[pair])
+        cell = np.int64(games.position[game, chaser])
+        distance = table_distance(world, maze, cell, own)
+        if visible[pair_index(world, maze, own, cell)] and distance < nearest:
+            nearest = distance
             kept.aim[row], kept.aim_at[row] = games.position[game, chaser], step
     if kept.aim[row] < 0:
         return 0

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from pursuit.compilation.compiled import compiled
-from pursuit.rules.layout import Games, stream_of, team_stream, world_of
+from pursuit.rules.layout import Games, stay_of, stream_of, team_stream, world_of
 from pursuit.rules.randomness import draw_action, mix, next_uniform
 from pursuit.rules.step import legal_moves
 
@@ -32,6 +32,7 @@ def sample_table(
     """
     world, stream = world_of(*mazes), stream_of(seat)
     num_actions = cumulative.shape[1]
+    empty = stay_of(world) if num_actions > stay_of(world) else 0
     for game in range(actions.shape[0]):
         actions[game] = 0
         maze, own = np.int64(games.maze[game]), np.int64(games.position[game, seat])
@@ -46,7 +47,7 @@ def sample_table(
             epsilon = default
         if epsilon > 0.0 and next_uniform(streams[game], stream) < epsilon:
             every = legal_moves(world, maze, own)
-            actions[game] = draw_action(every, every, 0.0, num_actions == 5, streams[game], stream)
+            actions[game] = draw_action(every, every, 0.0, empty, streams[game], stream)
             continue
         pair = table_offsets[maze] + own * world.num_cells[maze] + other
         draw = next_uniform(streams[game], stream) * cumulative[pair, num_actions - 1]

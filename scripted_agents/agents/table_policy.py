@@ -24,7 +24,7 @@ class TablePolicy:
 
     Args:
         maze: the maze that the table belongs to.
-        table: [cells, cells, actions], probabilities over 4 or 5 actions.
+        table: [cells, cells, actions], probabilities of the moves, or of the moves and stay.
         epsilon: share of random moves in [0, 1]; an epsilon set in the simulator has priority.
 
     Raises:
@@ -67,9 +67,10 @@ class TablePolicy:
             raise ValueError(
                 f"the table is for maze {self.maze.name}, the games are in {names}; use that maze"
             )
-        if self.table.shape[2] != 4 + stay_action:
+        actions = self.maze.num_moves + stay_action
+        if self.table.shape[2] != actions:
             raise ValueError(
-                f"the table has {self.table.shape[2]} actions, the games have {4 + stay_action}; "
+                f"the table has {self.table.shape[2]} actions, the games have {actions}; "
                 "use the same stay_action"
             )
 

@@ -60,7 +60,7 @@ def action_values(
     """
     maze, horizon = load_maze(maze), whole("horizon", horizon, 1, 2**31)
     table = checked_table(maze, opponent_table, "opponent_table")
-    actions = table.shape[2] if stay_action is None else 4 + bool(stay_action)
+    actions = table.shape[2] if stay_action is None else maze.num_moves + bool(stay_action)
     cells = maze.num_cells
     if horizon > 1:
         rest = best_response(

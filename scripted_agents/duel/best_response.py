@@ -1,8 +1,8 @@
 """The exact best response to a tabular policy, and the exact value of two tabular policies.
 
 One chaser and one evader in one maze. A *table* is a policy [self cell, other cell, action] of
-probabilities, float64, for 4 actions (north, south, east, west) or 5 (and stay). Entries for equal
-cells are ignored, as no game continues with both agents in one cell.
+probabilities, float64, for the moves (north, south, east, west), or for the moves and stay. Entries
+for equal cells are ignored, as no game continues with both agents in one cell.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class BestResponse:
             good ones the first in order, moves before staying.
         horizon: number of steps, or None for the problem with infinite horizon.
         sweeps: number of steps of backward induction.
-        num_actions: 4, or 5 with the stay action.
+        num_actions: the moves, 4 in a maze, and stay if it is an action.
     """
 
     role: str
@@ -125,9 +125,11 @@ def best_response(
         check_bool("stay_action", stay_action)
     _check_settings(maze, horizon, discount, move_order)
     table = checked_table(maze, opponent_table, "opponent_table")
-    num_actions = table.shape[2] if stay_action is None else 4 + bool(stay_action)
+    num_actions = table.shape[2] if stay_action is None else maze.num_moves + bool(stay_action)
+    stays = num_actions > maze.num_moves
     duel = Duel(role == "chaser", move_order == "chasers_first")
-    spots, shape = _grid(maze)
+    spots, width, shape = _grid(maze)
+    around = _around(maze)
     allowed = np.ones((maze.num_cells, num_actions), dtype=bool)
     if mask_bumps:
         allowed = bump_masks(maze, num_actions)
@@ -143,16 +145,16 @@ def best_response(
         """One step of backward induction for the own cells from `first` to `last` - 1."""
         return float(
             respond(
-                values, target, chances, neighbors, spots, maze.width, duel,
-                num_actions == 5, sign, discount, first, last,
+                values, target, chances, neighbors, around, spots, width, duel,
+                stays, sign, discount, first, last,
             )
         )  # fmt: skip
 
     last_values, next_values, sweeps = iterate(sweep, shape, horizon, discount)
     actions = np.empty((maze.num_cells, maze.num_cells), dtype=np.int8)
-    choose(next_values, chances, neighbors, spots, maze.width, duel, num_actions == 5, actions)
+    choose(next_values, chances, neighbors, around, spots, width, duel, stays, actions)
     actions = np.take_along_axis(instead, actions, axis=1)
-    values = 0.0 + sign * last_values.take(maze.width + spots, axis=1)
+    values = 0.0 + sign * last_values.take(width + spots, axis=1)
     if role == "evader":
         values = np.ascontiguousarray(values.T)
     return BestResponse(role, values, actions, horizon, discount, move_order, num_actions, sweeps)
@@ -176,7 +178,8 @@ def evaluate_exactly(
     chaser = checked_table(maze, chaser_table, "chaser_table")
     evader = checked_table(maze, evader_table, "evader_table")
     duel = Duel(True, move_order == "chasers_first")
-    spots, shape = _grid(maze)
+    spots, width, shape = _grid(maze)
+    around = _around(maze)
     weights, chances = _lay_out(maze, chaser), _lay_out(maze, evader, turned=True)
     if horizon is None and discount == 1.0:
         _check_capture(maze, weights, chances, duel, False)
@@ -187,13 +190,13 @@ def evaluate_exactly(
         """One step of backward induction for the chaser's cells from `first` to `last` - 1."""
         return float(
             evaluate(
-                values, target, weights, chances, maze.neighbors, spots, maze.width, duel,
-                chaser.shape[2] == 5, discount, first, last,
+                values, target, weights, chances, maze.neighbors, around, spots, width, duel,
+                chaser.shape[2] > maze.num_moves, discount, first, last,
             )
         )  # fmt: skip
 
     values, _, _ = iterate(sweep, shape, horizon, discount)
-    pair_values: PairValues = values.take(maze.width + spots, axis=1).view(PairValues)
+    pair_values: PairValues = values.take(width + spots, axis=1).view(PairValues)
     return pair_values
 
 
@@ -231,7 +234,9 @@ def _check_settings(maze: Maze, horizon: int | None, discount: float, move_order
             f"{maze.name}: {maze.num_cells} cells; duels are solved exactly for at most "
             f"{MAX_TABLE_CELLS} cells. Use a smaller maze, or simulate episodes"
         )
-    entries = maze.num_cells * maze.height * maze.width
+    _, width, (_, room) = _grid(maze)
+    grid = room - 2 * width
+    entries = maze.num_cells * grid
     if entries > MAX_ENTRIES:
         raise ValueError(
             f"{maze.name}: {maze.num_cells} cells in {maze.height} rows and {maze.width} columns, "
@@ -239,10 +244,9 @@ def _check_settings(maze: Maze, horizon: int | None, discount: float, move_order
             "blocked cells"
         )
     # Tables of both agents in the layout of the kernels, and the values of two steps.
-    grid = maze.height * maze.width
     check_memory(
         f"{maze.name}, {maze.num_cells} cells,",
-        8 * maze.num_cells * (2 * 5 * grid + 2 * (grid + 2 * maze.width)),
+        8 * maze.num_cells * (2 * (maze.num_moves + 1) * grid + 2 * room),
         "use a smaller maze, or simulate episodes",
     )
     if horizon is not None:
@@ -258,10 +262,12 @@ def checked_table(maze: Maze, table: ArrayLike, name: str) -> NDArray[np.float64
     numbers = as_array(name, table, "biuf", "give probabilities")
     array = np.ascontiguousarray(numbers, dtype=np.float64)
     size = maze.num_cells
-    if array.ndim != 3 or array.shape[:2] != (size, size) or array.shape[2] not in (4, 5):
+    moves = maze.num_moves
+    shapes = (size, size, moves), (size, size, moves + 1)
+    if array.shape not in shapes:
         raise ValueError(
             f"{name} has shape {array.shape}; {maze.name} with {size} cells needs "
-            f"[self cell, other cell, action]: {(size, size, 4)}, or {(size, size, 5)} with stay"
+            f"[self cell, other cell, action]: {shapes[0]}, or {shapes[1]} with stay"
         )
     bad = first_bad_row(array, 1e-6)
     if bad >= 0:
@@ -286,7 +292,7 @@ def _check_capture(
     a minimising agent, or by all moves of a maximising one (`for_all`).
     """
     captured = np.eye(maze.num_cells, dtype=bool)
-    spots, _ = _grid(maze)
+    spots = _grid(maze)[0]
     while spread_capture(captured, weights, chances, maze.neighbors, spots, duel, for_all):
         pass
     if not captured.all():
@@ -301,15 +307,34 @@ def _check_capture(
 # -- layout ----------------------------------------------------------------------------------------
 
 
-def _grid(maze: Maze) -> tuple[NDArray[np.int32], tuple[int, int]]:
-    """The index of each cell in the full grid, and the shape of the values with their margins."""
+def _grid(maze: Maze) -> tuple[NDArray[np.int32], int, tuple[int, int]]:
+    """The index of each cell in the full grid, the width of the grid (0 for a graph), and the shape
+    of the values with their margins."""
+    if not maze.is_grid:
+        return np.arange(maze.num_cells, dtype=np.int32), 0, (maze.num_cells, maze.num_cells)
     shape = (maze.num_cells, (maze.height + 2) * maze.width)
-    return maze.rows * np.int32(maze.width) + maze.columns, shape
+    return maze.rows * np.int32(maze.width) + maze.columns, maze.width, shape
+
+
+def _around(maze: Maze) -> NDArray[np.int32]:
+    """[cells, any] int32, the cells that moves lead to or from; the own cell in free places."""
+    if not maze.is_directed:
+        return np.ascontiguousarray(maze.neighbors[:, :-1])
+    cells = np.arange(maze.num_cells)
+    near = [
+        np.flatnonzero((maze.neighbors == cell).any(axis=1) | np.isin(cells, maze.neighbors[cell]))
+        for cell in cells
+    ]
+    found = np.repeat(cells[:, None], max(map(len, near)), axis=1).astype(np.int32)
+    for cell, others in enumerate(near):
+        found[cell, : len(others)] = others
+    return found
 
 
 def _lay_out(maze: Maze, table: NDArray[np.float64], turned: bool = False) -> NDArray[np.float64]:
     """The table as [own cell, slot, grid]; of the own player, or of the other if `turned`."""
-    laid = np.empty((maze.num_cells, 5, maze.height * maze.width))
+    _, width, (_, room) = _grid(maze)
+    laid = np.empty((maze.num_cells, maze.num_moves + 1, room - 2 * width))
     lay_out(table, maze.neighbors, _grid(maze)[0], turned, laid)
     return laid
 
@@ -324,13 +349,15 @@ def _any_move(maze: Maze, allowed: NDArray[np.bool_]) -> NDArray[np.float64]:
 def _own_moves(
     maze: Maze, allowed: NDArray[np.bool_]
 ) -> tuple[NDArray[np.int32], NDArray[np.int8]]:
-    """Neighbors [cells, 5] of an own player with the `allowed` actions [cells, actions], and the
-    allowed action [cells, 5] in place of each action.
+    """Neighbors [cells, slots] of an own player with the `allowed` actions [cells, actions], and
+    the allowed action [cells, slots] in place of each action.
 
     An action that is not allowed is replaced by the first that is, so the kernels need no masks.
     """
-    kept = np.concatenate([allowed, np.ones((len(allowed), 5), dtype=bool)], axis=1)[:, :5]
-    instead = np.where(kept, np.arange(5), kept.argmax(axis=1)[:, None])
+    slots = maze.num_moves + 1
+    kept = np.ones((len(allowed), slots), dtype=bool)
+    kept[:, : allowed.shape[1]] = allowed
+    instead = np.where(kept, np.arange(slots), kept.argmax(axis=1)[:, None])
     neighbors = np.take_along_axis(maze.neighbors, instead, axis=1)
     neighbors.setflags(write=False)  # as the arrays of mazes, so that both have one compiled kernel
     return neighbors, instead.astype(np.int8)

@@ -1,18 +1,20 @@
 """Compiled kernels of `best_response`: sweeps over all pairs of cells of two players.
 
-The players are *own* and *other*. A player has five *slots*: the moves north, south, east and west
-if they change the cell, and staying (by the stay action, or by a move into a wall).
+The players are *own* and *other*. A player has a *slot* for each move, if it changes the cell, and
+a last one for staying (by the stay action, or by a move into a wall).
 
-The cells of the other player are the full grid of rows × columns, with blocked cells. Then the next
-cell of a move has the same offset everywhere, and a sweep is arithmetic on long rows, which the
-processor vectorises. Arrays, all float64:
+In a maze the cells of the other player are the full grid of rows × columns, with blocked cells.
+Then the next cell of a move has the same offset everywhere, and a sweep is arithmetic on long rows,
+which the processor vectorises. In a graph they are the cells, and `width` is 0. Arrays, all
+float64:
 
     values   [own cell, width + grid + width]  with a margin of one row of cells at both ends
     chances  [own cell, slot, grid]            probabilities of the other's slots; 0 if own == other
     weights  [own cell, slot, grid]            probabilities of the own slots
     after    [slot, grid]                      for one own cell: expected values after each slot
 
-`spots` [cells] int32 is the index of each cell in the grid.
+`spots` [cells] int32 is the index of each cell in the grid, and `around` [cells, any] int32 lists
+the cells that a move leads to or from, and the own cell in free places.
 """
 
 from __future__ import annotations
@@ -23,8 +25,6 @@ import numpy as np
 
 from pursuit.compilation.compiled import allocating, compiled, subroutine
 from pursuit.rules.captures import Duel, ends_duel
-
-STILL = 4
 
 TIE = 1e-12
 """Relative difference below which two options count as equally good."""
@@ -49,7 +49,7 @@ def first_bad_row(table: Any, tolerance: float) -> Any:
 @compiled
 def lay_out(table: Any, neighbors: Any, spots: Any, turned: bool, laid: Any) -> None:
     """Fill `laid` with a table as `weights`, or as `chances` if `turned`; sums are scaled to 1."""
-    size = table.shape[0]
+    size, still = table.shape[0], laid.shape[1] - 1
     laid[:] = 0.0
     for own in range(size):
         for other in range(size):
@@ -61,19 +61,48 @@ def lay_out(table: Any, neighbors: Any, spots: Any, turned: bool, laid: Any) -> 
                 total += table[self_cell, seen, action]
             for action in range(table.shape[2]):
                 cell = neighbors[self_cell, action]
-                slot = action if cell != self_cell else STILL
+                slot = action if cell != self_cell else still
                 laid[own, slot, spots[other]] += table[self_cell, seen, action] / total
 
 
 @subroutine
 def has_slot(neighbors: Any, own: int, slot: int, stay_action: bool) -> Any:
     """Whether the own player can use this slot in its cell."""
-    if slot != STILL:
+    still = neighbors.shape[1] - 1
+    if slot != still:
         return neighbors[own, slot] != own
     stays = stay_action
-    for action in range(4):
+    for action in range(still):
         stays |= neighbors[own, action] == own
     return stays
+
+
+@subroutine
+def mean_in_grid(row: Any, chance: Any, width: int, line: Any) -> None:
+    """Fill `line` with the mean of a row of `values` over the other's moves in the grid."""
+    grid = chance.shape[1]
+    north, south, east, west, still = chance[0], chance[1], chance[2], chance[3], chance[4]
+    row_north, row_south = row[:grid], row[2 * width :]
+    row_east, row_west, row_still = row[width + 1 :], row[width - 1 :], row[width:]
+    for spot in range(grid):
+        line[spot] = (
+            north[spot] * row_north[spot]
+            + south[spot] * row_south[spot]
+            + east[spot] * row_east[spot]
+            + west[spot] * row_west[spot]
+            + still[spot] * row_still[spot]
+        )
+
+
+@subroutine
+def mean_in_graph(row: Any, chance: Any, neighbors: Any, line: Any) -> None:
+    """Fill `line` with the mean of a row of `values` over the other's moves in a graph."""
+    still = neighbors.shape[1] - 1
+    for other in range(line.shape[0]):
+        total = 0.0
+        for slot in range(still):
+            total += chance[slot, other] * row[neighbors[other, slot]]
+        line[other] = total + chance[still, other] * row[other]
 
 
 @subroutine
@@ -82,6 +111,7 @@ def look_ahead(
     own: int,
     chances: Any,
     neighbors: Any,
+    around: Any,
     spots: Any,
     width: int,
     duel: Duel,
@@ -91,36 +121,28 @@ def look_ahead(
     """Fill after[slot] with the mean of `values` after that own move, over the other's moves.
 
     Capture counts 0, and an own slot that does not exist counts infinity. Values of pairs in one
-    cell are 0. All other captures are between neighbors, so their means are computed separately.
+    cell are 0. All other captures are between cells `around`, so their means are computed
+    separately.
     """
-    grid = chances.shape[2]
-    north, south = chances[own, 0], chances[own, 1]
-    east, west, still = chances[own, 2], chances[own, 3], chances[own, STILL]
-    for slot in range(5):
+    still = neighbors.shape[1] - 1
+    for slot in range(still + 1):
         line = after[slot]
         if not has_slot(neighbors, own, slot, stay_action):
             line[:] = np.inf
             continue
-        mine = own if slot == STILL else neighbors[own, slot]
-        row = values[mine]
-        row_north, row_south = row[:grid], row[2 * width :]
-        row_east, row_west, row_still = row[width + 1 :], row[width - 1 :], row[width:]
-        for spot in range(grid):
-            line[spot] = (
-                north[spot] * row_north[spot]
-                + south[spot] * row_south[spot]
-                + east[spot] * row_east[spot]
-                + west[spot] * row_west[spot]
-                + still[spot] * row_still[spot]
-            )
-        for action in range(4):
-            other = neighbors[own, action]
+        mine = own if slot == still else neighbors[own, slot]
+        if width > 0:
+            mean_in_grid(values[mine], chances[own], width, line)
+        else:
+            mean_in_graph(values[mine], chances[own], neighbors, line)
+        row_still = values[mine, width:]
+        for other in around[own]:
             if other == own:
                 continue
             spot = spots[other]
             line[spot] = 0.0
-            for their_slot in range(5):
-                theirs = other if their_slot == STILL else neighbors[other, their_slot]
+            for their_slot in range(still + 1):
+                theirs = other if their_slot == still else neighbors[other, their_slot]
                 if not ends_duel(duel, own, mine, other, theirs):
                     line[spot] += chances[own, their_slot, spot] * row_still[spots[theirs]]
 
@@ -153,6 +175,7 @@ def respond(
     target: Any,
     chances: Any,
     neighbors: Any,
+    around: Any,
     spots: Any,
     width: int,
     duel: Duel,
@@ -167,17 +190,17 @@ def respond(
     target = step_cost + discount * the least expected value over the own slots. For a maximising
     player the step cost is -1 and all values are negated. Returns the largest change.
     """
-    after = np.empty((5, chances.shape[2]))
+    after = np.empty(chances.shape[1:])
     change = np.zeros(chances.shape[2])
     for own in range(first, last):
-        look_ahead(values, own, chances, neighbors, spots, width, duel, stay_action, after)
-        least, second, third, fourth, fifth = after[0], after[1], after[2], after[3], after[4]
+        look_ahead(values, own, chances, neighbors, around, spots, width, duel, stay_action, after)
+        least = after[0]
+        for slot in range(1, after.shape[0]):
+            line = after[slot]
+            for spot in range(least.shape[0]):
+                least[spot] = least[spot] if least[spot] < line[spot] else line[spot]
         for spot in range(least.shape[0]):
-            best = least[spot] if least[spot] < second[spot] else second[spot]
-            best = best if best < third[spot] else third[spot]
-            best = best if best < fourth[spot] else fourth[spot]
-            best = best if best < fifth[spot] else fifth[spot]
-            least[spot] = step_cost + discount * best
+            least[spot] = step_cost + discount * least[spot]
         finish(values, own, spots, width, least, target, change)
     return largest_of(change)
 
@@ -189,6 +212,7 @@ def evaluate(
     weights: Any,
     chances: Any,
     neighbors: Any,
+    around: Any,
     spots: Any,
     width: int,
     duel: Duel,
@@ -198,13 +222,13 @@ def evaluate(
     last: int,
 ) -> Any:
     """As `respond`, for an own player with the slot probabilities `weights`, at step cost 1."""
-    after = np.empty((5, chances.shape[2]))
+    after = np.empty(chances.shape[1:])
     mean = np.empty(chances.shape[2])
     change = np.zeros(chances.shape[2])
     for own in range(first, last):
-        look_ahead(values, own, chances, neighbors, spots, width, duel, stay_action, after)
+        look_ahead(values, own, chances, neighbors, around, spots, width, duel, stay_action, after)
         mean[:] = 1.0
-        for slot in range(5):
+        for slot in range(after.shape[0]):
             if has_slot(neighbors, own, slot, stay_action):
                 line, weight = after[slot], weights[own, slot]
                 for spot in range(mean.shape[0]):
@@ -218,6 +242,7 @@ def choose(
     values: Any,
     chances: Any,
     neighbors: Any,
+    around: Any,
     spots: Any,
     width: int,
     duel: Duel,
@@ -228,20 +253,20 @@ def choose(
 
     An agent stays by the stay action or, without it, by the first action into a wall.
     """
-    after = np.empty((5, chances.shape[2]))
+    after = np.empty(chances.shape[1:])
     for own in range(spots.shape[0]):
-        still = STILL
+        still = neighbors.shape[1] - 1
         if not stay_action:
-            for action in range(3, -1, -1):
+            for action in range(still - 1, -1, -1):
                 if neighbors[own, action] == own:
                     still = action
-        look_ahead(values, own, chances, neighbors, spots, width, duel, stay_action, after)
+        look_ahead(values, own, chances, neighbors, around, spots, width, duel, stay_action, after)
         for other in range(spots.shape[0]):
             least, chosen = np.inf, still
-            for slot in range(5):
+            for slot in range(after.shape[0]):
                 value = after[slot, spots[other]]
                 if value < least and not value > least - TIE * abs(least):
-                    least, chosen = value, still if slot == STILL else slot
+                    least, chosen = value, still if slot == after.shape[0] - 1 else slot
             actions[own, other] = chosen
 
 
@@ -260,20 +285,20 @@ def spread_capture(
     Only own slots with a positive weight count. One of them suffices; with `for_all` all must.
     `captured` is bool [own cell, other cell] with the diagonal marked.
     """
-    changed = False
+    changed, last = False, neighbors.shape[1] - 1
     for own in range(captured.shape[0]):
         for other in range(captured.shape[0]):
             if captured[own, other]:
                 continue
             result = for_all
-            for slot in range(5):
+            for slot in range(last + 1):
                 if weights[own, slot, spots[other]] <= 0.0:
                     continue
-                mine = own if slot == STILL else neighbors[own, slot]
+                mine = own if slot == last else neighbors[own, slot]
                 leads = False
-                for their_slot in range(5):
+                for their_slot in range(last + 1):
                     if chances[own, their_slot, spots[other]] > 0.0:
-                        theirs = other if their_slot == STILL else neighbors[other, their_slot]
+                        theirs = other if their_slot == last else neighbors[other, their_slot]
                         leads |= captured[mine, theirs]
                         leads |= ends_duel(duel, own, mine, other, theirs)
                 if leads != for_all:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pursuit.mazes.maze import Maze, load_maze
 from pursuit.memory import check_memory
 from pursuit.validation import check_bool, whole
-from scripted_agents.graphs.turn_kernels import extend, join, trap
+from scripted_agents.graphs.turn_kernels import add_captures, extend, join, trap, trap_in_graph
 
 MAX_BYTES = 4 * 10**9
 """Bound on the memory of a solution."""
@@ -74,8 +74,8 @@ def solve_in_turns(
     """
     maze, stay_action = load_maze(maze), check_bool("stay_action", stay_action)
     whole("num_chasers", num_chasers, 1)
-    size, width = maze.num_cells, maze.width
-    words = -(-maze.height * width // 64)
+    size = maze.num_cells
+    words = -(-(maze.height * maze.width if maze.is_grid else size) // 64)
     teams = size**num_chasers
     needed = 3 * 8 * teams * words + teams * size
     check_memory(
@@ -85,13 +85,14 @@ def solve_in_turns(
         MAX_BYTES,
     )
     timed = needed + 2 * teams * size <= MAX_BYTES
-    spots = maze.rows.astype(np.int64) * width + maze.columns
-    own = np.arange(size)
-    neighbors = np.ascontiguousarray(maze.neighbors[:, : 5 if stay_action else 4])
-    moving = neighbors[:, :4] != own[:, None]
-    still = np.ones(size, dtype=bool) if stay_action else ~moving.all(axis=1)
-    chances = np.stack([_as_set(spots[way], words) for way in (*moving.T, still)])
-    offsets = np.array([-width, width, 1, -1, 0], dtype=np.int64)
+    neighbors = np.ascontiguousarray(maze.neighbors[:, : maze.num_moves + stay_action])
+    spots = np.arange(size)
+    if maze.is_grid:
+        spots = maze.rows.astype(np.int64) * maze.width + maze.columns
+        offsets = np.array([-maze.width, maze.width, 1, -1, 0], dtype=np.int64)
+        moving = neighbors[:, :4] != np.arange(size)[:, None]
+        still = np.ones(size, dtype=bool) if stay_action else ~moving.all(axis=1)
+        chances = np.stack([_as_set(spots[way], words) for way in (*moving.T, still)])
     taken = np.stack([_as_set(spots[cell : cell + 1], words) for cell in range(size)])
     useful = distinct_moves(neighbors)
 
@@ -104,7 +105,11 @@ def solve_in_turns(
         times[_members(winning, spots)] = 0
     time = 1
     while True:
-        trap(winning, one, chances, offsets, taken, num_chasers)
+        if maze.is_grid:
+            trap(winning, one, chances, offsets)
+        else:
+            trap_in_graph(winning, one, neighbors)
+        add_captures(one, taken, num_chasers)
         for chaser in range(num_chasers):
             join(one, other, neighbors, useful, size**chaser)
             one, other = other, one
@@ -127,8 +132,8 @@ def cop_number(
 ) -> int | None:
     """The least number of chasers that capture any evader in turns, from starts of their choice.
 
-    None if more than `most` are needed. A maze is a planar graph, so 3 chasers always suffice if it
-    is connected and agents may stay (Aigner and Fromme, 1984).
+    None if more than `most` are needed. In a planar graph, such as a maze, 3 chasers always suffice
+    if it is connected and agents may stay (Aigner and Fromme, 1984).
 
     Raises:
         ValueError: the solution does not fit into memory.

@@ -2,7 +2,7 @@
 
 A *team* is the index of the cells of all chasers, the last chaser varying fastest. Bit
 `row * width + column` of a set [words] uint64 is that position in the grid, so that a move of all
-evaders is a shift.
+evaders is a shift. In a graph it is the number of the cell.
 """
 
 from __future__ import annotations
@@ -15,21 +15,16 @@ from pursuit.compilation.compiled import compiled
 
 
 @compiled
-def trap(
-    winning: Any, trapped: Any, chances: Any, offsets: Any, taken: Any, num_chasers: int
-) -> None:
+def trap(winning: Any, trapped: Any, chances: Any, offsets: Any) -> None:
     """Positions in which the evader is to move and loses: all of its moves lead to `winning`.
 
     Args:
         winning: [teams, words], positions with the chasers to move that they win.
-        trapped: [teams, words], output; with the positions in which the evader is captured.
+        trapped: [teams, words], output.
         chances: [moves, words], the grid positions where each move is possible.
         offsets: [moves] int64, the offset of each move in the grid.
-        taken: [cells, words], the grid position of every cell as a set.
-        num_chasers: cells of a team.
     """
     teams, words = winning.shape
-    size = taken.shape[0]
     for team in range(teams):
         for word in range(words):
             bad = np.uint64(0)
@@ -45,9 +40,30 @@ def trap(
                     bits |= ~winning[team, there] << (np.uint64(64) - part)
                 bad |= bits & chances[move, word]
             trapped[team, word] = ~bad
+
+
+@compiled
+def trap_in_graph(winning: Any, trapped: Any, neighbors: Any) -> None:
+    """`trap` in a graph with `neighbors` [cells, actions]."""
+    for team in range(winning.shape[0]):
+        trapped[team, :] = np.uint64(0)
+        for cell in range(neighbors.shape[0]):
+            lost = True
+            for after in neighbors[cell]:
+                lost &= (winning[team, after >> 6] >> np.uint64(after & 63)) & np.uint64(1) != 0
+            if lost:
+                trapped[team, cell >> 6] |= np.uint64(1) << np.uint64(cell & 63)
+
+
+@compiled
+def add_captures(trapped: Any, taken: Any, num_chasers: int) -> None:
+    """Add the positions in which the evader is in the cell of a chaser; `taken` [cells, words] is
+    the position of every cell as a set."""
+    size = taken.shape[0]
+    for team in range(trapped.shape[0]):
         number = team
         for _ in range(num_chasers):
-            for word in range(words):
+            for word in range(trapped.shape[1]):
                 trapped[team, word] |= taken[number % size, word]
             number //= size
 

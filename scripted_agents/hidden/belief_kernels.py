@@ -93,7 +93,8 @@ def update_beliefs(
                 predict(world, maze, np.int64(before[row]), own, chances, duel, mine, work)
             else:
                 for cell in range(size):
-                    far = table_distance(world, maze, own, cell) >= least
+                    chaser, evader = (own, cell) if own_chases else (cell, own)
+                    far = table_distance(world, maze, chaser, evader) >= least
                     mine[cell] = 1.0 if far else 0.0
             if not remove_visible(world, maze, own, visible, mine):
                 # The opponent deviates from its table: it may be in any cell out of view.

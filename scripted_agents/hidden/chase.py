@@ -155,7 +155,7 @@ def solve_hidden_chase(
         line_of_sight,
         discount,
         move_order,
-        table.shape[2] == 5 if stay_action is None else stay_action,
+        table.shape[2] > maze.num_moves if stay_action is None else stay_action,
         min_start_distance,
     )
     solution = HiddenChaseSolution(

@@ -219,31 +219,32 @@ def hidden_chase(
         ValueError: there is no such pair.
     """
     visible = visible_cells(maze, rules.view_radius, rules.line_of_sight)
-    role, num_actions = rules.role, 4 + rules.stay_action
+    role, num_actions = rules.role, maze.num_moves + rules.stay_action
     size, moves = maze.num_cells, maze.neighbors
     # Chances, targets and intermediate arrays; and a belief for every pair in view.
     check_memory(
         f"{maze.name}, {size} cells,",
-        size * size * (5 * 24 * num_actions) + 16 * size * int(visible.sum()),
+        size * size * (24 * (maze.num_moves + 1) * num_actions) + 16 * size * int(visible.sum()),
         "use a smaller maze, or a narrower view",
     )
     own = moves[:, :num_actions].astype(np.int32)
-    # Actions of the other: four moves, and staying (by the stay action or a wall).
-    still = moves[:, :4] == np.arange(size)[:, None]
+    # Actions of the other: moves, and staying (by the stay action or a wall).
+    still = moves[:, :-1] == np.arange(size)[:, None]
     table = opponent_table / np.where(
         np.eye(size)[..., None] > 0, 1.0, opponent_table.sum(axis=2)[..., None]
     )
-    moving = np.where(still[:, None], 0.0, table[..., :4])
-    staying = np.where(still[:, None], table[..., :4], 0.0).sum(axis=2)
-    staying += table[..., 4:].sum(axis=2)
+    most = maze.num_moves
+    moving = np.where(still[:, None], 0.0, table[..., :most])
+    staying = np.where(still[:, None], table[..., :most], 0.0).sum(axis=2)
+    staying += table[..., most:].sum(axis=2)
     chances = np.concatenate([moving, staying[..., None]], axis=2).transpose(1, 0, 2)
-    targets = np.concatenate([moves[:, :4], np.arange(size)[:, None]], axis=1)
+    targets = np.concatenate([moves[:, :-1], np.arange(size)[:, None]], axis=1)
     x, h = np.arange(size)[:, None, None, None], np.arange(size)[None, None, :, None]
     mine, theirs = own[:, :, None, None], targets[None, None]
     steps = (x, mine), (h, theirs)
     chaser, evader = steps if role == "chaser" else steps[::-1]
     caught = captured(rules.move_order == "chasers_first", *chaser, *evader)
-    shape = (size, num_actions, size, 5)
+    shape = (size, num_actions, size, most + 1)
     apart = np.broadcast_to(x != h, shape)
     chances = np.where(caught | ~apart, 0.0, chances[:, None])
     costs = np.where(apart[..., 0], 1.0 if role == "chaser" else -1.0, 0.0)
@@ -254,15 +255,16 @@ def hidden_chase(
         costs,
         visible,
         rules.discount,
-        *_starts(maze, visible, rules.min_start_distance),
+        *_starts(maze, role, visible, rules.min_start_distance),
     )
 
 
 def _starts(
-    maze: Maze, visible: NDArray[np.bool_], min_start_distance: int
+    maze: Maze, role: str, visible: NDArray[np.bool_], min_start_distance: int
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
     size = maze.num_cells
-    pairs = maze.distances >= max(min_start_distance, 1)
+    apart = maze.distances >= max(min_start_distance, 1)
+    pairs = apart if role == "chaser" else apart.T
     if not pairs.any():
         raise ValueError(
             f"min_start_distance={min_start_distance} is more than the largest distance in "

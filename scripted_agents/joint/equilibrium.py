@@ -19,7 +19,7 @@ from scripted_agents.joint.matrix_games import solve_matrix
 from scripted_agents.joint.shapley_iteration import (
     Mask,
     Report,
-    StochasticGame,
+    game_of_task,
     silent,
     solve_infinite_horizon,
     solve_steps,
@@ -215,7 +215,7 @@ def _solve(
     seats, everybody = (num_chasers, *range(num_chasers)), [1] * (num_chasers + 1)
     payoff = Quantity([0] * (num_chasers + 1), everybody)
     same = None if num_chasers == 1 else twins
-    game = StochasticGame(states, seats, payoff, discount, same, report, allowed)
+    game = game_of_task(states, seats, payoff, discount, same, report, allowed)
     if horizon is None:
         values, sweeps = solve_infinite_horizon(game)
     else:
@@ -270,7 +270,7 @@ def _rename(
 def bytes_to_solve(maze: Maze, num_chasers: int, stay_action: bool) -> int:
     """The memory that `solve_chase` needs, about: what follows each pair of options with its
     chance, a sparse linear system (some 400 bytes a state), policies and values."""
-    actions = 5 if stay_action else 4
+    actions = maze.num_moves + stay_action
     ways = [len(set(row)) for row in maze.neighbors[:, :actions].tolist()]
     pairs = 40 * sum(ways) ** (num_chasers + 1) // math.factorial(num_chasers)
     policies = 8 * (2 * actions**num_chasers + 2 * actions + 8)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pursuit.tasks.task import Task, checked_task
 from pursuit.validation import number
 from scripted_agents.joint.policy import JointTable
-from scripted_agents.joint.shapley_iteration import StochasticGame, solve_infinite_horizon
+from scripted_agents.joint.shapley_iteration import game_of_task, solve_infinite_horizon
 from scripted_agents.joint.states import JointStates, check_joint_states, joint_states_of
 from scripted_agents.joint.sweeps import Quantity
 
@@ -78,7 +78,7 @@ def solve_joint_game(
     # Some 20 pairs of options a state, each with what it pays, where it leads, and its actions.
     check_joint_states(task, most_states, each=20 * 30)
     states = joint_states_of(task)
-    game = StochasticGame(states, (0, 1), Quantity([1, -1], [0, 0]), discount)
+    game = game_of_task(states, (0, 1), Quantity([1, -1], [0, 0]), discount)
     values, _ = solve_infinite_horizon(game)
     policies = {
         name: JointTable(states, (seat,), table)

@@ -12,7 +12,7 @@ from pursuit.rules.layout import Games
 from pursuit.simulator.policy import DistributionPolicy, MemoryPolicy, Policy
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task
-from scripted_agents.agents.scripted import Scripted, number_of_moves, rows_of_moves
+from scripted_agents.agents.scripted import MoveSets, Scripted
 from scripted_agents.agents.table_policy import TablePolicy
 from scripted_agents.joint.policy import JointPlan
 from scripted_agents.joint.states import JointStates
@@ -120,17 +120,19 @@ def lay_out_others(
     for number, seats in enumerate(players):
         policy, width = policies[seats[0]], task.num_actions ** len(seats)
         if isinstance(policy, Scripted):
-            rows.append(rows_of_moves(policy.epsilon, task.num_actions).ravel())
+            known = MoveSets(task.num_moves, task.stay_action)
         for first, games, real in states.chunks():
             some = slice(first, first + len(real))
             if isinstance(policy, Scripted):
                 moves = policy.moves(task, games, seats[0])
-                codes[number, some] = begins + width * number_of_moves(moves)
+                codes[number, some] = begins + width * known.numbers(moves[:, 0], moves[:, 1])
                 continue
             playing = real & (games.active[:, seats] != 0).any(axis=1)
             found = _checked(_drawn_by(policy, task, games, seats), playing, task, seats, policy)
             rows.append(found.ravel())
             codes[number, some] = begins + width * np.arange(first, first + len(real))
+        if isinstance(policy, Scripted):
+            rows.append(known.rows(policy.epsilon).ravel())
         begins = sum(map(len, rows))
     return OtherPolicies(players, codes, np.concatenate(rows))
 

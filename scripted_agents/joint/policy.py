@@ -161,7 +161,7 @@ def random_moves(maze: Maze, num_actions: int) -> NDArray[np.float64]:
     """[cells, actions] float64: uniform over the moves that change the cell, as `RandomAgent`
     plays; an enclosed agent stays, or bumps into the north wall."""
     moves = (maze.neighbors[:, :num_actions] != np.arange(maze.num_cells)[:, None]).astype(float)
-    moves[moves.sum(axis=1) == 0.0, -1 if num_actions == 5 else 0] = 1.0
+    moves[moves.sum(axis=1) == 0.0, -1 if num_actions > maze.num_moves else 0] = 1.0
     return np.asarray(moves / moves.sum(axis=1, keepdims=True))
 
 

@@ -69,10 +69,17 @@ def restricted(store: Store, rows: Mask, columns: Mask) -> Store:
     return Store(pairs, pairs, shape, following, sides, joints)
 
 
-class StochasticGame:
-    """A zero-sum game of all agents, and what both sides play in it so far.
-
-    The row player is one agent, the column player all others, as one; they choose at once.
+def game_of_task(
+    states: JointStates,
+    seats: tuple[int, ...],
+    payoff: Quantity,
+    discount: float,
+    twins: NDArray[np.int64] | None = None,
+    report: Report = silent,
+    allowed: tuple[Mask, Mask] | None = None,
+) -> StochasticGame:
+    """The zero-sum game of all agents of a task: one is the row player, all others as one the
+    column player.
 
     Args:
         states: of the game.
@@ -85,55 +92,73 @@ class StochasticGame:
         allowed: [states, actions] bool of the row player and [states, joint actions] bool of the
             column player: each may use only these. None for all.
 
+    Raises:
+        ValueError: a game that does not fit into memory.
+    """
+    task, count = states.task, states.count
+    no_others = OtherPolicies([], np.zeros((0, count), dtype=np.uint32), np.zeros(0))
+    wanted = np.ones(count, dtype=bool) if twins is None else twins == np.arange(count)
+    problem = Problem(states, seats, no_others, (payoff,), moves_first=False)
+    store = filled_store(problem, wanted)
+    if allowed is not None:
+        store = restricted(store, *allowed)
+    if twins is not None:
+        store.following[:] = np.where(store.following < 0, -1, twins[store.following])
+    by_step = not any(payoff.reward_weights) and not payoff.ending
+    return StochasticGame(
+        store,
+        (task.num_actions, task.num_actions ** (task.num_agents - 1)),
+        discount,
+        float(any(payoff.lasting)) if by_step else None,
+        report=report,
+    )
+
+
+class StochasticGame:
+    """A zero-sum game of a row and a column player who choose at once, and what both play so far.
+
+    Args:
+        store: the transitions; both players decide.
+        options: the numbers of actions of both players.
+        discount: of each step.
+        step_reward: the reward of every step if it is constant, else None.
+        lotteries: [lotteries, states], the probabilities of the next states; `store.following` is
+            then a state, or the number of states plus that of a lottery.
+        report: called with the progress.
+
     Attributes:
         mixed: [states] bool, whether there is no pure saddle point; of the last sweep.
         share: of the work done before the sweep that is going on, and after it, for the reports.
-
-    Raises:
-        ValueError: a game that does not fit into memory.
     """
 
     def __init__(
         self,
-        states: JointStates,
-        seats: tuple[int, ...],
-        payoff: Quantity,
+        store: Store,
+        options: tuple[int, int],
         discount: float,
-        twins: NDArray[np.int64] | None = None,
+        step_reward: float | None = None,
+        lotteries: csr_array | None = None,
         report: Report = silent,
-        allowed: tuple[Mask, Mask] | None = None,
     ) -> None:
-        task, self.count, self.discount = states.task, states.count, discount
+        self.store, self.count, self.discount = store, len(store.shape), discount
         self.report, self.share = report, (0.0, 0.0)
-        no_others = OtherPolicies([], np.zeros((0, self.count), dtype=np.uint32), np.zeros(0))
-        wanted = np.ones(self.count, dtype=bool)
-        if twins is not None:
-            wanted = twins == np.arange(self.count)
-        problem = Problem(states, seats, no_others, (payoff,), moves_first=False)
-        self.store = filled_store(problem, wanted)
-        if allowed is not None:
-            self.store = restricted(self.store, *allowed)
-        following = self.store.following
-        if twins is not None:
-            following[:] = np.where(following < 0, -1, twins[following])
-        self.playing = self.store.shape[:, 0] > 0
+        self.playing = store.shape[:, 0] > 0
         self.mixed = np.zeros(self.count, dtype=bool)
-        self._chances = np.zeros(len(following))
-        self._options = task.num_actions, task.num_actions ** (task.num_agents - 1)
-        # The reward of every step if it is constant, else None.
-        self._step_reward = (
-            None if any(payoff.reward_weights) or payoff.ending else float(any(payoff.lasting))
-        )
+        self._chances = np.zeros(len(store.following))
+        self._options, self._step_reward, self._lotteries = options, step_reward, lotteries
 
     def sweep(self, values: Values) -> tuple[Values, float]:
         """The values one step further back, and the largest change; sets what both play."""
+        later = values
+        if self._lotteries is not None:
+            later = np.concatenate([values, self._lotteries @ values])
         target = np.zeros(self.count)
         least_mixed = max(MIXED, SPACINGS * 10 * float(np.spacing(np.abs(values).max())))
         change = 0.0
         for first in range(0, self.count, STATES_A_REPORT):
             last = min(first + STATES_A_REPORT, self.count)
             found = sweep_games(
-                values, target, self.store, self.discount, least_mixed, self._chances,
+                later, target, self.store, self.discount, least_mixed, self._chances,
                 self.mixed, first, last,
             )  # fmt: skip
             change = max(change, float(found))
@@ -145,8 +170,12 @@ class StochasticGame:
         """The values of what both play as it is, by a sparse linear solve."""
         ends = self.store.following < 0
         columns = np.where(ends, 0, self.store.following)
-        shape, starts = (self.count, self.count), self.store.pairs.astype(np.int32)
+        lotteries = 0 if self._lotteries is None else self._lotteries.shape[0]
+        shape, starts = (self.count, self.count + lotteries), self.store.pairs.astype(np.int32)
         following = csr_array((np.where(ends, 0.0, self._chances), columns, starts), shape)
+        if self._lotteries is not None:
+            after = following[:, self.count :] @ self._lotteries
+            following = csr_array(following[:, : self.count] + after)
         following.eliminate_zeros()
         going, values = self.playing.copy(), np.zeros(self.count)
         if self._step_reward is None:

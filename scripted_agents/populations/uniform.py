@@ -17,5 +17,5 @@ def uniform_table(maze: Maze, discount: float, stay_action: bool) -> NDArray[np.
     """
     if not 0.0 < number("discount", discount) < 1.0:
         raise ValueError(f"discount={discount}; give a number in (0, 1)")
-    actions = 4 + check_bool("stay_action", stay_action)
+    actions = maze.num_moves + check_bool("stay_action", stay_action)
     return np.full((maze.num_cells, maze.num_cells, actions), 1.0 / actions)

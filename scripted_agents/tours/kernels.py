@@ -1,7 +1,6 @@
 """Compiled kernels of `tour`: the Held-Karp algorithm, and sums over all placements.
 
-`between` is an int32 matrix of path distances with the start in row 0 and the goals in rows 1, 2,
-...
+`between[i, j]` int32 is the path distance from i to j; 0 is the start, 1, 2, ... are the goals.
 """
 
 from __future__ import annotations
@@ -36,7 +35,7 @@ def held_karp(between: Any, num_goals: Any, best: Any) -> Any:
                 shortest = np.int32(FAR)
                 for previous in range(num_goals):
                     shortest = min(
-                        shortest, best[before, previous] + between[last + 1, previous + 1]
+                        shortest, best[before, previous] + between[previous + 1, last + 1]
                     )
                 best[mask, last] = shortest
     shortest = np.int32(FAR) if num_goals > 0 else np.int32(0)
@@ -131,6 +130,8 @@ def sum_of_tours(table: Any, num_goals: int) -> int:
 def first_of_tour(between: Any, num_goals: int, best: Any) -> int:
     """The row of `between` (1, 2, ...) of the goal that a shortest tour visits first.
 
+    Here `between[i, j]` is the distance from j to i, as the tour is found from its end.
+
     Ties are broken by the order of goals, so moves towards the result never change it. Overwrites
     row 0.
     """
@@ -185,7 +186,7 @@ def plan_next_goals(
             continue
         for i in range(count + 1):
             for j in range(count + 1):
-                between[i, j] = table_distance(world, maze, cells[i], cells[j])
+                between[i, j] = table_distance(world, maze, cells[j], cells[i])
         next_goal[game] = -1
         if count > 0:
             next_goal[game] = cells[first_of_tour(between, count, best)]

@@ -62,7 +62,7 @@ def tour_objective_gap(
     free = min(MAX_BYTES, free_memory())
     if work > MAX_STEPS_OF_WORK or needed > free or (maze.distances == UNREACHABLE).any():
         return None
-    distances = maze.distances.astype(np.int16)
+    distances = np.ascontiguousarray(maze.distances.T, dtype=np.int16)
     shrinks = discount ** distances.astype(np.float64)
     # The discounted reward of a path to the next goal: steps before the last one, and the goal.
     before = np.maximum(distances - 1, 0)

@@ -77,7 +77,7 @@ def shortest_path(maze: Maze, start: int, goal: int) -> list[int]:
     """
     maze = load_maze(maze)
     start, goal = maze.check_cell(start), maze.check_cell(goal)
-    rest = maze.distances_from(goal)
+    rest = maze.distances_to(goal)
     if rest[start] == UNREACHABLE:
         raise ValueError(
             f"{maze.name}: no path connects the cells {start} and {goal}; choose connected cells, "
@@ -215,8 +215,8 @@ def expected_tour_length(
 
     Start and goals are in different cells, and all placements are equally likely, as in a game with
     random starts. Exact by enumeration for 1 to 3 goals, at most MAX_ENUMERATED_PLACEMENTS
-    placements and at most MAX_TABLE_CELLS cells. Otherwise the mean of `samples` drawn with `seed`,
-    with a 95 % confidence interval (normal approximation).
+    placements and at most MAX_TABLE_CELLS cells, if no edge is directed. Otherwise the mean of
+    `samples` drawn with `seed`, with a 95 % confidence interval (normal approximation).
 
     A sample takes one tour: microseconds up to 8 goals, milliseconds from 14 on. In mazes with more
     than MAX_TABLE_CELLS cells it takes a breadth-first search for each start and goal.
@@ -239,7 +239,7 @@ def expected_tour_length(
         )
     placements = num_placements(maze.num_cells, num_goals)
     fits = placements <= MAX_ENUMERATED_PLACEMENTS and maze.num_cells <= MAX_TABLE_CELLS
-    if num_goals <= 3 and fits:
+    if num_goals <= 3 and fits and not maze.is_directed:
         total = int(sum_of_tours(maze.distances, num_goals))
         return Estimate(total / placements, ci95=0.0, exact=True, samples=placements)
     _check_number(maze, num_goals)

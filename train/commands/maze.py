@@ -11,6 +11,7 @@ import tyro
 from PIL import Image
 
 from pursuit.mazes.generation import generate_maze
+from pursuit.mazes.graph_generation import GRAPHS, generate_graph
 from pursuit.mazes.maze import MAX_TABLE_CELLS, Maze, load_maze
 from pursuit.rendering.rendering import Scene, draw_scene
 from scripted_agents.tours.tour import expected_tour_length
@@ -25,13 +26,15 @@ class MazeCommand:
     """Show, check or generate a maze.
 
     `pursuit maze 7x7` shows a maze of the library, `pursuit maze FILE` checks a file, and
-    `pursuit maze --generate prim --height 9` generates a maze.
+    `pursuit maze --generate prim --height 9` generates a maze, and
+    `pursuit maze --generate roads --height 9` a graph.
     """
 
     maze: Annotated[str | None, tyro.conf.Positional] = None
     """A maze of the library (2x2 ... 9x9, 15x15, also with -tree and -open), or a maze file."""
     generate: str | None = None
-    """Generator: prim, backtracker, wilson (uniform spanning tree) or open."""
+    """Generator: prim, backtracker, wilson (uniform spanning tree) or open; or a graph: eight (a
+    grid with eight neighbors), hexagonal, torus, geometric or roads."""
     height: int = 9
     """Number of rows of the generated maze."""
     width: int | None = None
@@ -57,7 +60,11 @@ def maze(arguments: Sequence[str]) -> None:
         (given.maze is None) != (given.generate is None),
         "give either a maze (a name or a file) or --generate",
     )
-    if given.generate is None:
+    if given.generate in GRAPHS:
+        check_default(given, MazeCommand, ("loops", "no_dead_ends"), "graphs do not have it")
+        width = given.height if given.width is None else given.width
+        made = generate_graph(given.generate, given.height, width, given.seed)
+    elif given.generate is None:
         names = ("height", "width", "loops", "no_dead_ends", "seed")
         check_default(given, MazeCommand, names, "it is an option of --generate")
         made = load_maze(str(given.maze))
@@ -73,7 +80,7 @@ def maze(arguments: Sequence[str]) -> None:
     picture = given.picture
     check(picture is None or picture.suffix[1:] in FORMATS, f"{picture}: give a .png or .svg file")
     check_new_files([given.out, picture], given.overwrite)
-    if max(made.height, made.width) <= 60:
+    if made.num_cells <= 60**2:
         print(made.to_text(), end="")
     print(describe_maze(made))
     if given.out is not None:
@@ -93,12 +100,13 @@ def draw_maze(maze: Maze, path: Path) -> None:
         picture = Image.fromarray(draw_scene(Scene(maze, (), maze.goal_marks, 0, 0)))
         write_atomically(path, lambda beside: picture.save(beside, format="png"))
         return
-    figure, axis = pyplot().subplots(figsize=(0.5 * maze.width + 0.3, 0.5 * maze.height + 0.3))
+    height, width = (0.5 * side + 0.3 for side in maze.picture_size)
+    figure, axis = pyplot().subplots(figsize=(width, height))
     draw_walls(axis, maze)
     start = () if maze.start_mark is None else (maze.start_mark,)
     for marks, color, shape in ((start, BLUE, "o"), (maze.goal_marks, GREEN, "*")):
         cells = list(marks)
-        axis.plot(maze.columns[cells], maze.rows[cells], shape, color=color, ms=11)
+        axis.plot(*maze.picture[cells].T[::-1], shape, color=color, ms=11)
     axis.invert_yaxis()
     axis.set_aspect("equal")
     axis.axis("off")
@@ -109,7 +117,9 @@ def describe_maze(maze: Maze) -> str:
     """The properties of a maze, one per line."""
     parts = maze.num_components
     facts = {
-        "cells": f"{maze.num_cells} of {maze.height} x {maze.width}",
+        "cells": f"{maze.num_cells} of {maze.height} x {maze.width}"
+        if maze.is_grid
+        else f"{maze.num_cells} of a graph with up to {maze.num_moves} neighbors",
         "connected": "yes" if parts == 1 else f"no: {parts} parts",
         "dead ends": str(len(maze.dead_ends)),
         "loops": str(maze.num_loops),

@@ -275,7 +275,7 @@ def default_cells(solution: ChaseSolution) -> tuple[int, int]:
 def draw_solution(path: Path, solution: ChaseSolution, chaser: int, evader: int) -> None:
     """Values as colours and policies as arrows, for a fixed cell of the other side."""
     maze = solution.maze
-    side = min(7.0, 1.5 + 0.45 * max(maze.height, maze.width))
+    side = min(7.0, 1.5 + 0.45 * max(maze.picture_size))
     size = (2 * side + 1.2, side + 0.7)
     figure, axes = pyplot().subplots(1, 2, figsize=size, layout="constrained")
     sides = (
@@ -292,7 +292,7 @@ def draw_solution(path: Path, solution: ChaseSolution, chaser: int, evader: int)
         image = draw_cells(axis, maze, shown, title, **colors)
         _draw_arrows(axis, maze, policy, other)
         color = ORANGE if name == "chaser" else BLUE
-        axis.plot(maze.columns[other], maze.rows[other], "o", ms=11, color=color)
+        axis.plot(*maze.picture[other, ::-1], "o", ms=11, color=color)
     unit = "steps" if solution.horizon is not None else f"steps, discount {solution.discount:g}"
     figure.colorbar(image, ax=axes, shrink=0.8, label=f"value ({unit})")
     figure.suptitle(f"{maze.name}: exact solution, {solution.move_order}", fontsize=11)
@@ -310,8 +310,8 @@ def _draw_arrows(axis: Any, maze: Maze, policy: NDArray[np.float64], other: int)
             if following == cell:
                 still += chance
             elif chance > 0.02:
-                x, y = maze.columns[cell], maze.rows[cell]
-                dx, dy = maze.columns[following] - x, maze.rows[following] - y
+                x, y = maze.picture[cell, ::-1].tolist()
+                dx, dy = (maze.picture[following, ::-1] - (x, y)).tolist()
                 length = 0.12 + 0.3 * chance
                 axis.annotate(
                     "",
@@ -320,4 +320,4 @@ def _draw_arrows(axis: Any, maze: Maze, policy: NDArray[np.float64], other: int)
                     arrowprops={"arrowstyle": "-|>", "color": "white", "lw": 1.4},
                 )
         if still > 0.02:
-            axis.plot(maze.columns[cell], maze.rows[cell], "s", ms=2 + 4 * still, color="white")
+            axis.plot(*maze.picture[cell, ::-1], "s", ms=2 + 4 * still, color="white")

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pursuit.mazes.maze import Maze
 from pursuit.rules import layout
 from pursuit.rules.layout import Games
 from pursuit.simulator.policy import DistributionPolicy, Policy, TabularPolicy
@@ -118,17 +119,17 @@ def pairs_in(task: Task, mazes: list[int], seat: int) -> Games:
     return games
 
 
-def stays(cells: int) -> NDArray[np.float64]:
-    """[cells, cells, 5]: the table of a goal, which never moves."""
-    table = np.zeros((cells, cells, 5))
-    table[..., 4] = 1.0
+def stays(maze: Maze) -> NDArray[np.float64]:
+    """[cells, cells, moves and stay]: the table of a goal, which never moves."""
+    table = np.zeros((maze.num_cells, maze.num_cells, maze.num_moves + 1))
+    table[..., -1] = 1.0
     return table
 
 
 def opponent_tables(opponent: Policy | None, task: Task, seat: int) -> Iterator[NDArray[Any]]:
     """The table of the opponent of a duel, or of the goal, for each maze."""
     if opponent is None:
-        return (stays(maze.num_cells) for maze in task.mazes)
+        return (stays(maze) for maze in task.mazes)
     return tables_of(opponent, task, 1 - seat)
 
 

@@ -12,6 +12,7 @@ from train.runs.opponents import check_fits, is_self_play, policy_in_seat
 from train.runs.saved import load_settings
 from train.runs.tasks import check_one_maze
 from train.runs.worlds import GridWorld
+from train.settings.checks import check
 from train.settings.task import TaskSettings, in_maze
 
 ROLES = ("chaser", "evader")
@@ -31,6 +32,11 @@ def session_of(settings: TaskSettings, beside: str, seed: int) -> Session:
     """
     world = GridWorld(settings)
     check_one_maze(world.task, "a game by hand")
+    check(
+        world.task.mazes[0].is_grid,
+        f"{world.task.mazes[0].name} is a graph, and arrow keys are moves in rows and columns; "
+        "play in a maze",
+    )
     for role, policy in world.opponents.items():
         check_fits(policy, role, world.task, str(world.settings.opponent))
     role = world.agent.split("_")[0]

@@ -72,7 +72,15 @@ def gap_axis(axis: Any, which: str, values: ArrayLike) -> None:
 
 
 def draw_walls(axis: Any, maze: Maze) -> None:
-    """Draw the walls of a maze; cell (row, column) has its centre at x = column, y = row."""
+    """Draw the walls of a maze, or the edges of a graph.
+
+    A cell has its centre at x = column, y = row of `maze.picture`.
+    """
+    if not maze.is_grid:
+        for cell, action in np.argwhere(maze.neighbors != np.arange(maze.num_cells)[:, None]):
+            y, x = maze.picture[[cell, maze.neighbors[cell, action]]].T
+            axis.plot(x, y, color="#b0b4ba", lw=1.5, zorder=0)
+        return
     steps = {0: (0, -0.5), 1: (0, 0.5), 2: (0.5, 0), 3: (-0.5, 0)}
     for cell in range(maze.num_cells):
         x, y = maze.columns[cell], maze.rows[cell]
@@ -94,9 +102,14 @@ def draw_cells(axis: Any, maze: Maze, values: NDArray[np.float64], title: str, *
         title: of the axis.
         **style: as `imshow` takes it.
     """
-    grid = np.full((maze.height, maze.width), np.nan)
-    grid[maze.rows, maze.columns] = values
-    image = axis.imshow(grid, **style)
+    if maze.is_grid:
+        grid = np.full((maze.height, maze.width), np.nan)
+        grid[maze.rows, maze.columns] = values
+        image = axis.imshow(grid, **style)
+    else:
+        y, x = maze.picture.T
+        image = axis.scatter(x, y, c=values, s=60, **style)
+        axis.invert_yaxis()
     draw_walls(axis, maze)
     axis.set_title(title, fontsize=10)
     axis.set_aspect("equal")

@@ -57,6 +57,11 @@ def training_mazes(name: str, given: str | None, task: Task) -> tuple[Maze, ...]
             maze exists.
     """
     final, needed = task.mazes[0], task.num_agents + task.num_goals
+    check(
+        final.is_grid,
+        f"curriculum {name!r} makes easier mazes, and {final.name} is a graph; use another axis, "
+        "such as start-distance",
+    )
     if given is not None:
         mazes = [maze for maze in map(named_maze, names_in(given)) if maze != final]
         for maze in mazes:

@@ -154,11 +154,12 @@ class Builder:
         marks, numbers = [], []
         maze = task.mazes[int(episode.start.get("maze") or 0)]
         for step in range(item["length"] + 1):
-            planes = simulator.observe("planes", seat)[0]
-            planes = np.concatenate([planes[:MOVING], planes[len(PLANES) :]])  # with visible cells
-            marks.append(
-                [[int(p), int(maze.cell_numbers[r, c])] for p, r, c in np.argwhere(planes)]
-            )
+            if maze.is_grid:
+                planes = simulator.observe("planes", seat)[0]
+                planes = np.concatenate([planes[:MOVING], planes[len(PLANES) :]])  # visible cells
+                marks.append(
+                    [[int(p), int(maze.cell_numbers[r, c])] for p, r, c in np.argwhere(planes)]
+                )
             if encoding is not None and encoding != "planes":
                 numbers.append(simulator.observe(encoding, seat)[0].ravel())
             if step < item["length"]:
@@ -185,13 +186,17 @@ class Builder:
 
 def maze_data(maze: Maze, agents: Sequence[str], num_goals: int) -> dict[str, Any]:
     """The world of `maze_board.js`."""
-    return {
+    height, width = maze.picture_size
+    graph: dict[str, Any] = {}
+    if not maze.is_grid:
+        graph = {"neighbors": maze.neighbors.tolist(), "names": list(maze.cell_names)}
+    return graph | {
         "kind": "maze",
         "name": maze.name,
-        "height": maze.height,
-        "width": maze.width,
-        "walls": maze.to_text(),
-        "cells": np.stack([maze.rows, maze.columns], axis=1).tolist(),
+        "height": _plain_number(height),
+        "width": _plain_number(width),
+        "walls": maze.to_text() if maze.is_grid else "",
+        "cells": [[_plain_number(n) for n in place] for place in maze.picture.tolist()],
         "agents": [{"name": name, "role": name.split("_")[0]} for name in agents],
         "num_goals": num_goals,
     }
@@ -214,7 +219,7 @@ def side_data(side: Side) -> dict[str, Any]:
         found["learned"] = _bytes(np.round(255.0 * side.learned).astype(np.uint8))
     if side.optimal is not None:
         bits = (side.optimal << np.arange(side.optimal.shape[2])).sum(axis=2)
-        found["optimal"] = _bytes(bits.astype(np.uint8))
+        found["optimal"] = _bytes(bits.astype("<u4"))
     return found
 
 
@@ -242,7 +247,12 @@ def replay_page(replays: Mapping[str, Any] | Sequence[Any], title: str = "") -> 
 def _plain(numbers: NDArray[Any]) -> list[float]:
     if not np.isfinite(numbers).all():
         raise ValueError("a reward or observation is not finite; viewers show finite numbers")
-    return [int(n) if n == int(n) else round(float(n), 5) for n in numbers.tolist()]
+    return [_plain_number(n) for n in numbers.tolist()]
+
+
+def _plain_number(number: float) -> float:
+    """A number with at most five decimals, an int if it is one."""
+    return int(number) if number == int(number) else round(float(number), 5)
 
 
 def _first(found: NDArray[np.bool_]) -> int | None:

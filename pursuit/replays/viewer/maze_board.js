@@ -1,5 +1,5 @@
-// The board of a maze. A cell is a square of 10 units; the centre of cell (row, column) is at
-// (10 column + 5, 10 row + 5).
+// The board of a maze or a graph. A cell is a square of 10 units; the centre of cell (row, column) is
+// at (10 column + 5, 10 row + 5). A graph has `neighbors`, the cell after each action.
 
 const MOVES = [[0, -1], [0, 1], [1, 0], [-1, 0], [0, 0]]; // x and y: north, south, east, west, stay
 
@@ -14,7 +14,8 @@ class MazeBoard {
     for (const name of ["blocked", "values", "seen", "openings", "walls", "trails", "arrows", "labels", "goals", "agents"]) {
       this.layers[name] = layer(name);
     }
-    this.drawMaze(world);
+    if (world.neighbors) this.drawGraph(world);
+    else this.drawMaze(world);
     this.squares = null;
     this.arrows = null;
     this.goals = Array.from({ length: world.num_goals }, () => token(this.layers.goals, "goal", ""));
@@ -41,6 +42,34 @@ class MazeBoard {
     }
     draw(this.layers.openings, "path", { d: openings.join("") });
     draw(this.layers.walls, "path", { d: walls.join("") });
+  }
+
+  drawGraph(world) {
+    world.neighbors.forEach((row, cell) => row.forEach((there, action) => {
+      if (there === cell) return;
+      const [x, y] = this.middle(cell), [toX, toY] = this.middle(there);
+      draw(this.layers.openings, "path", { class: "edge", d: `M${x} ${y}L${toX} ${toY}` });
+      if (!world.neighbors[there].includes(cell)) {
+        const [dx, dy] = this.direction(cell, action);
+        const tipX = toX - 3.5 * dx, tipY = toY - 3.5 * dy;
+        const points = [[0, 0], [-2.4, 1.2], [-2.4, -1.2]].map(([along, across]) =>
+          `${(tipX + along * dx - across * dy).toFixed(2)},${(tipY + along * dy + across * dx).toFixed(2)}`);
+        draw(this.layers.walls, "polygon", { class: "one-way", points: points.join(" ") });
+      }
+    }));
+    world.cells.forEach((_, cell) => {
+      const [cx, cy] = this.middle(cell);
+      draw(this.layers.openings, "circle", { class: "node", cx, cy, r: 3.5 });
+    });
+  }
+
+  // The direction of an action on the screen, x and y.
+  direction(cell, action) {
+    if (!this.world.neighbors) return MOVES[action];
+    const there = (this.world.neighbors[cell] || [])[action];
+    const [x, y] = this.middle(cell), [toX, toY] = this.middle(there);
+    const length = Math.hypot(toX - x, toY - y);
+    return length > 0 ? [(toX - x) / length, (toY - y) / length] : [0, 0];
   }
 
   middle(cell) {
@@ -124,11 +153,11 @@ class MazeBoard {
       const marks = this.arrows[cell], [x, y] = this.middle(cell);
       const bits = arrows.optimal ? arrows.optimal[cell] : 0;
       const chances = arrows.learned ? arrows.learned[cell] : null;
-      place(marks.optimal, { d: MOVES.map((move, action) => (bits >> action) & 1 ? arrow(x, y, move, 4.2, 1) : "").join("") });
+      place(marks.optimal, { d: [...Array(32).keys()].map((action) => (bits >> action) & 1 ? arrow(x, y, this.direction(cell, action), 4.2, 1) : "").join("") });
       let best = -1;
       if (chances) chances.forEach((chance, action) => { if (best < 0 || chance > chances[best]) best = action; });
       place(marks.learned, {
-        d: best < 0 ? "" : arrow(x, y, MOVES[best], 3.2, -1),
+        d: best < 0 ? "" : arrow(x, y, this.direction(cell, best), 3.2, -1),
         opacity: best < 0 ? 0 : (0.35 + 0.65 * chances[best]).toFixed(2),
       });
       const wrong = best >= 0 && bits > 0 && !((bits >> best) & 1);

@@ -65,7 +65,7 @@ class Overlay {
     Object.assign(this, given);
     this.values = given.values ? new Float32Array(bytes(given.values).buffer) : null;
     this.learned = given.learned ? bytes(given.learned) : null;
-    this.optimal = given.optimal ? bytes(given.optimal) : null;
+    this.optimal = given.optimal ? new Uint32Array(bytes(given.optimal).buffer) : null;
     if (this.values) {
       this.low = this.values.reduce((a, b) => (b > 0 && b < a ? b : a), Infinity);
       this.high = this.values.reduce((a, b) => Math.max(a, b), 0);
@@ -327,7 +327,8 @@ class Player {
 
   words(frame) {
     if (frame.angles) return `step ${frame.step}: target at ${frame.target.map((part) => part.toFixed(2)).join(", ")}`;
-    const where = (cell) => (cell < 0 ? "captured" : `row ${this.episode.world.cells[cell][0] + 1}, column ${this.episode.world.cells[cell][1] + 1}`);
+    const { names, cells } = this.episode.world;
+    const where = (cell) => (cell < 0 ? "captured" : names ? `at ${names[cell]}` : `row ${cells[cell][0] + 1}, column ${cells[cell][1] + 1}`);
     return `step ${frame.step}: ${this.episode.world.agents.map((agent, number) => `${agent.name} ${where(frame.cells[number])}`).join("; ")}`;
   }
 }

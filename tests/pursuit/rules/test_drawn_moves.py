@@ -18,19 +18,20 @@ def test_a_move_is_drawn_from_the_upper_and_the_lower_half_of_one_word() -> None
     shares = [0.2, 1 / 3, 1e-12, *(part / 2**32 for part in scaled)]
     streams = np.zeros(1, dtype=np.uint64)
     random = np.random.default_rng(0)
-    for greedy, every, stay in product(range(32), (0, 1, 6, 15), (False, True)):
+    wide = (32, 0b101_0000, 2**31 - 1, 2**30 + 5, 0b1111_1110_0000)  # of graphs
+    for greedy, every, empty in product((*range(32), *wide), (0, 1, 6, 15, *wide), (0, 4, 31)):
         for epsilon in shares:
             streams[0] = state = random.integers(2**64, dtype=np.uint64)
-            drawn = drawn_action(greedy, every, epsilon, stay, streams)
+            drawn = drawn_action(greedy, every, epsilon, empty, streams)
             word = int(mix((int(state) + GOLDEN) % 2**64))
             mask = every if Fraction(word >> 32, 2**32) < Fraction(epsilon) else greedy
-            moves = [action for action in range(5) if mask >> action & 1] or [4 if stay else 0]
+            moves = [action for action in range(31) if mask >> action & 1] or [empty]
             assert drawn == moves[(word % 2**32) * len(moves) >> 32]
 
 
 @compiled
-def drawn_action(greedy: int, every: int, epsilon: float, stay: bool, streams: Any) -> int:
-    return draw_action(greedy, every, epsilon, stay, streams, 0)
+def drawn_action(greedy: int, every: int, epsilon: float, empty: int, streams: Any) -> int:
+    return draw_action(greedy, every, epsilon, empty, streams, 0)
 
 
 def mix(word: int) -> int:

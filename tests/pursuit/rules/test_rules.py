@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from random_mazes import any_maze, connected_maze, seeds, small_maze
@@ -391,7 +391,7 @@ def step_as_any_task(simulator: Simulator, actions: NDArray[np.int32]) -> None:
     assert done == layout.OK
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.filter_too_much])
 @given(
     any_maze,
     seeds,

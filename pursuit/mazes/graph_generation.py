@@ -1,0 +1,125 @@
+"""Generators of graphs: grids with eight or six neighbors, a torus, random points, and roads."""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from pursuit.mazes.maze import LIBRARY, Maze
+from pursuit.validation import one_of, whole
+
+GRAPHS = ("eight", "hexagonal", "torus", "geometric", "roads")
+_STEPS = {
+    "torus": ((-1, 0), (1, 0), (0, 1), (0, -1)),
+    "eight": ((-1, 0), (1, 0), (0, 1), (0, -1), (-1, 1), (-1, -1), (1, 1), (1, -1)),
+    # Odd rows lie half a cell to the right, so steps between even rows lead one column less far.
+    "hexagonal": ((-1, 0), (1, 0), (0, 1), (0, -1), (-1, 1), (1, 1)),
+}
+ONE_WAY, DIAGONAL, REMOVED = 0.15, 0.1, 0.25
+"""Shares of the streets of `roads`."""
+
+
+def generate_graph(kind: str, height: int = 8, width: int = 8, seed: int = 0) -> Maze:
+    """Generate a graph of height × width cells.
+
+    - "eight": a grid with moves in eight directions;
+    - "hexagonal": hexagons in rows, with six neighbors;
+    - "torus": a grid whose opposite borders are connected;
+    - "geometric": random points in the unit square, connected up to the least distance for which
+      the graph is connected;
+    - "roads": crossings of a grid of streets, of which a quarter is missing and a seventh is
+      one-way, some diagonal streets, and some streets that take two steps (as many cells more).
+
+    Args:
+        kind: one of these.
+        height, width: rows and columns of cells, at least 3.
+        seed: of "geometric" and "roads".
+
+    Raises:
+        ValueError: an unknown kind, or a size below 3.
+    """
+    import networkx  # slow to import
+
+    one_of("kind", kind, GRAPHS)
+    height, width = whole("height", height, 3, 1000), whole("width", width, 3, 1000)
+    name = f"{kind}-{height}x{width}" + (f"-{seed}" if kind in ("geometric", "roads") else "")
+    random = np.random.default_rng(whole("seed", seed, 0, 2**63 - 1))
+    graph: Any = networkx.DiGraph()
+    if kind == "geometric":
+        graph = _points(height * width, random)
+    elif kind == "roads":
+        graph = _roads(height, width, random)
+    else:
+        for r, c in product(range(height), range(width)):
+            shift = 0.5 * (r % 2) if kind == "hexagonal" else 0.0
+            graph.add_node(f"{r},{c}", x=c + shift, y=-float(r))
+        for r, c in product(range(height), range(width)):
+            for action, (down, right) in enumerate(_STEPS[kind]):
+                row, column = r + down, c + right
+                if kind == "hexagonal" and down and r % 2 == 0:
+                    column -= 1
+                if kind == "torus":
+                    row, column = row % height, column % width
+                if 0 <= row < height and 0 <= column < width:
+                    graph.add_edge(f"{r},{c}", f"{row},{column}", action=action)
+    return Maze.from_graph(graph, name=name)
+
+
+def library_graphs() -> dict[str, Maze]:
+    """Generate the included graphs, by name; S and G mark opposite corners."""
+    graph = generate_graph("roads", 8, 8).to_graph()
+    name = "roads-8x8"
+    return {name: Maze.from_graph(graph, start="0,0", goals=["7,7"], name=name)}
+
+
+def _points(count: int, random: np.random.Generator) -> Any:
+    """A random geometric graph (Penrose, 2003) with the least radius that connects it."""
+    import networkx  # slow to import
+
+    places = random.random((count, 2)).round(4)
+    away = np.linalg.norm(places[:, None] - places[None], axis=2)
+    # The least radius is the longest edge of a minimum spanning tree.
+    tree = networkx.minimum_spanning_tree(networkx.from_numpy_array(away + 1e-12))
+    radius = max(data["weight"] for _, _, data in tree.edges(data=True))
+    graph: Any = networkx.Graph()
+    graph.add_nodes_from((str(i), {"x": x, "y": y}) for i, (x, y) in enumerate(places.tolist()))
+    near = np.argwhere(np.triu(away <= radius, 1)).tolist()
+    graph.add_edges_from((str(a), str(b)) for a, b in near)
+    return graph
+
+
+def _roads(height: int, width: int, random: np.random.Generator) -> Any:
+    """Streets between the crossings of a grid; every crossing can be reached from every other."""
+    import networkx  # slow to import
+
+    graph: Any = networkx.DiGraph()
+    cells = list(product(range(height), range(width)))
+    moved = random.uniform(-0.25, 0.25, (len(cells), 2))
+    for (r, c), (x, y) in zip(cells, moved.tolist(), strict=True):
+        graph.add_node(f"{r},{c}", x=c + x, y=y - r)
+    for r, c in cells:
+        for down, right in ((0, 1), (1, 0), (1, 1)):
+            if r + down >= height or c + right >= width:
+                continue
+            a, b = f"{r},{c}", f"{r + down},{c + right}"
+            if down + right < 2 or random.random() < DIAGONAL:
+                steps = 2 if random.random() < DIAGONAL else 1
+                graph.add_edge(a, b, length=steps)
+                graph.add_edge(b, a, length=steps)
+    streets = [edge for edge in graph.edges if edge[0] < edge[1]]
+    for index in random.permutation(len(streets)).tolist():
+        a, b = streets[index]
+        draw = random.random()
+        gone = [(a, b), (b, a)] if draw < REMOVED else [(a, b)] if draw < REMOVED + ONE_WAY else []
+        kept = [(*edge, graph.edges[edge]) for edge in gone]
+        graph.remove_edges_from(gone)
+        if gone and not networkx.is_strongly_connected(graph):
+            graph.add_edges_from(kept)
+    return graph
+
+
+if __name__ == "__main__":
+    for _name, _maze in library_graphs().items():
+        (LIBRARY / f"{_name}.txt").write_text(_maze.to_text())

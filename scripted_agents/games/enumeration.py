@@ -1,0 +1,258 @@
+"""The enumeration of all states of a small game."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import product
+from math import prod
+from sys import getsizeof
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import csr_array
+
+from pursuit.memory import check_memory
+from pursuit.validation import whole
+from scripted_agents.games.game import Game
+
+MOST_STATES = 10**7
+SUM = 1e-9
+"""Largest difference of a sum of probabilities from 1."""
+
+Report = Callable[[int, int], None]
+"""Called with the number of states that were expanded, and of those found so far."""
+Behaviour = Callable[[Any], Mapping[Any, float] | Sequence[float]] | ArrayLike
+"""See `SmallGame.table`."""
+
+
+@dataclass(frozen=True, eq=False)
+class SmallGame:
+    """All states of a game that can be reached, and their transitions.
+
+    A *joint action* is a choice of every player in one state. They are numbered state after state,
+    the last player's action counting fastest.
+
+    Attributes:
+        players: the name of each player.
+        states: all states; the start states first.
+        number: by state, its index in `states`.
+        actions: [player][state] the legal actions.
+        begins: [states + 1] int64, the first joint action of each state.
+        choices: [joint actions, players] int32, the index of each player's action.
+        rewards: [joint actions, players] float64, expected rewards of the step.
+        following: [joint actions, states] sparse, the probability of each next state; rows add up
+            to less than 1 where the game can end.
+        start: [states] float64, the probability of starting in each.
+    """
+
+    players: tuple[str, ...]
+    states: list[Hashable] = field(repr=False)
+    number: dict[Hashable, int] = field(repr=False)
+    actions: list[list[Sequence[Hashable]]] = field(repr=False)
+    begins: NDArray[np.int64] = field(repr=False)
+    choices: NDArray[np.int32] = field(repr=False)
+    rewards: NDArray[np.float64] = field(repr=False)
+    following: csr_array = field(repr=False)
+    start: NDArray[np.float64] = field(repr=False)
+
+    @property
+    def num_states(self) -> int:
+        """The number of states."""
+        return len(self.states)
+
+    def player(self, name: str) -> int:
+        """The index of a player; ValueError if there is none of this name."""
+        if name not in self.players:
+            raise ValueError(f"player {name!r}; the players are {', '.join(self.players)}")
+        return self.players.index(name)
+
+    def offsets(self, player: int) -> NDArray[np.int64]:
+        """[states + 1] int64: where the actions of each state begin in a table of this player."""
+        return np.cumsum([0, *map(len, self.actions[player])], dtype=np.int64)
+
+    def table(self, player: str, policy: Behaviour) -> NDArray[np.float64]:
+        """The probabilities of a policy as a flat array: the legal actions of state after state.
+
+        Args:
+            player: its name.
+            policy: a function of a state that returns the probability of each action, as a mapping
+                or in the order of the legal actions; or such a flat array.
+
+        Raises:
+            ValueError: an unknown action, a wrong number of probabilities, or no distribution.
+        """
+        index = self.player(player)
+        offsets = self.offsets(index)
+        if not callable(policy):
+            table = np.asarray(policy, dtype=np.float64)
+            if table.shape != (offsets[-1],):
+                raise ValueError(
+                    f"the table of {player} has shape {table.shape}; the game has "
+                    f"{offsets[-1]} pairs of a state and an action of this player"
+                )
+        else:
+            table = np.empty(offsets[-1])
+            for number, state in enumerate(self.states):
+                actions = self.actions[index][number]
+                row = _in_order(policy(state), actions, player, state)
+                table[offsets[number] : offsets[number + 1]] = row
+        total = np.add.reduceat(table, offsets[:-1])
+        bad = ~(np.abs(total - 1.0) <= 1e-6) | (np.minimum.reduceat(table, offsets[:-1]) < 0.0)
+        if bad.any():
+            state = int(np.argmax(bad))
+            row = table[offsets[state] : offsets[state + 1]].tolist()
+            raise ValueError(
+                f"the probabilities of {player} in {self.states[state]!r} are {row}; give "
+                "non-negative ones with sum 1"
+            )
+        return table / np.repeat(total, np.diff(offsets))
+
+
+def _in_order(
+    given: Any, actions: Sequence[Hashable], player: str, state: Hashable
+) -> NDArray[np.float64]:
+    if isinstance(given, Mapping):
+        unknown = [action for action in given if action not in actions]
+        if unknown:
+            raise ValueError(
+                f"{player} plays {unknown[0]!r} in {state!r}; the actions are {list(actions)}"
+            )
+        given = [given.get(action, 0.0) for action in actions]
+    row = np.asarray(given, dtype=np.float64)
+    if row.shape != (len(actions),):
+        raise ValueError(
+            f"the policy of {player} returned {given!r} in {state!r}; give {len(actions)} "
+            f"probabilities, one for each of {list(actions)}"
+        )
+    return row
+
+
+def enumerate_game(
+    game: Game, most_states: int = MOST_STATES, report: Report = lambda done, found: None
+) -> SmallGame:
+    """Find all states that can be reached from the starts of a game, and their transitions.
+
+    Takes about ten microseconds for each outcome of a joint action, besides the time of the game's
+    own functions, and some hundred bytes. Memory is checked while states are found.
+
+    Args:
+        game: the game.
+        most_states: above this number of states the game is refused.
+        report: called regularly with the progress.
+
+    Raises:
+        ValueError: a game without players or starts; a state that is not hashable; a player without
+            an action; probabilities that do not add up to 1; rewards that are not one finite
+            number for each player; too many states, or too little memory.
+    """
+    players = tuple(game.players)
+    if not players:
+        raise ValueError("a game without players; give the name of each")
+    whole("most_states", most_states, 1)
+    found = _Found(most_states)
+    starts = [(float(chance), found.add(state, "a start")) for chance, state in game.starts()]
+    _check_sum([chance for chance, _ in starts], "starts()")
+    actions: list[list[Sequence[Hashable]]] = [[] for _ in players]
+    begins, choices, rewards = [0], [], []
+    rows, columns, chances = [], [], []
+    number = 0
+    while number < len(found.states):
+        state = found.states[number]
+        legal = [tuple(game.legal_actions(state, player)) for player in range(len(players))]
+        for player, options in enumerate(legal):
+            if not options:
+                raise ValueError(
+                    f"{players[player]} has no action in {state!r}; give one, such as None"
+                )
+            actions[player].append(options)
+        for joint, chosen in enumerate(product(*map(range, map(len, legal))), begins[-1]):
+            played = tuple(options[i] for options, i in zip(legal, chosen, strict=True))
+            where = f"transitions({state!r}, {played!r})"
+            outcomes = list(game.transitions(state, played))
+            _check_sum([outcome[0] for outcome in outcomes], where)
+            mean = np.zeros(len(players))
+            for chance, after, given, ended in outcomes:
+                mean += chance * _rewards(given, players, where)
+                if not ended and chance > 0.0:
+                    rows.append(joint)
+                    columns.append(found.add(after, where))
+                    chances.append(chance)
+            choices.append(chosen)
+            rewards.append(mean)
+        begins.append(begins[-1] + prod(map(len, legal)))
+        number += 1
+        if number & (number - 1) == 0 or number % 10_000 == 0:
+            found.check(len(choices) / number, len(rows) / number, len(players))
+            report(number, len(found.states))
+    report(number, number)
+    shape = (len(choices), number)
+    following = csr_array((chances, (rows, columns)), shape=shape)  # adds equal entries
+    start = np.zeros(number)
+    for chance, state_number in starts:
+        start[state_number] += chance
+    return SmallGame(
+        players,
+        found.states,
+        found.number,
+        actions,
+        np.array(begins, dtype=np.int64),
+        np.array(choices, dtype=np.int32),
+        np.array(rewards),
+        following,
+        start,
+    )
+
+
+class _Found:
+    """The states found so far."""
+
+    def __init__(self, most: int) -> None:
+        self.most = most
+        self.states: list[Hashable] = []
+        self.number: dict[Hashable, int] = {}
+
+    def add(self, state: Hashable, where: str) -> int:
+        """The index of a state, which is added if it is new."""
+        try:
+            known = self.number.setdefault(state, len(self.states))
+        except TypeError:
+            raise ValueError(
+                f"{where}: the state {state!r} is not hashable; give a tuple, a string or a number"
+            ) from None
+        if known == len(self.states):
+            self.states.append(state)
+            if len(self.states) > self.most:
+                raise ValueError(
+                    f"more than {self.most:,} states, such as {state!r}; give a smaller game, or a "
+                    "larger most_states"
+                )
+        return known
+
+    def check(self, joints: float, outcomes: float, players: int) -> None:
+        """ValueError if the states found so far do not fit into memory."""
+        each = 150 + getsizeof(self.states[-1]) + joints * (100 + 40 * players) + 100 * outcomes
+        check_memory(
+            f"{len(self.states):,} states found so far", int(each * len(self.states)),
+            "give a smaller game",
+        )  # fmt: skip
+
+
+def _check_sum(chances: Sequence[float], where: str) -> None:
+    if not chances:
+        raise ValueError(f"{where} is empty; give at least one state with probability 1")
+    if not abs(sum(chances) - 1.0) <= SUM or min(chances) < 0.0:
+        raise ValueError(
+            f"{where}: the probabilities {list(chances)} add up to {sum(chances):g}; give "
+            "non-negative ones with sum 1"
+        )
+
+
+def _rewards(given: Any, players: tuple[str, ...], where: str) -> NDArray[np.float64]:
+    rewards = np.asarray(given, dtype=np.float64)
+    if rewards.shape != (len(players),) or not np.isfinite(rewards).all():
+        raise ValueError(
+            f"{where}: rewards {given!r}; give one finite number for each of {', '.join(players)}"
+        )
+    return rewards

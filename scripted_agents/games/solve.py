@@ -1,0 +1,252 @@
+"""Exact values, best responses and equilibria of enumerated games."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+from pursuit.validation import number, whole
+from scripted_agents.games.enumeration import Behaviour, SmallGame
+from scripted_agents.joint.layout import Store
+from scripted_agents.joint.nash_conv import JointNashConv
+from scripted_agents.joint.shapley_iteration import (
+    StochasticGame,
+    solve_infinite_horizon,
+    solve_steps,
+)
+
+TOLERANCE = 1e-11
+"""Error of values without a horizon, relative to the largest."""
+ZERO_SUM = 1e-9
+TIE = 1e-12
+
+Policies = Mapping[str, Behaviour]
+Values = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class SmallResponse:
+    """The result of `respond`.
+
+    Attributes:
+        players: the responding players, which act as one.
+        values: [states] float64, the expected discounted sum of their rewards from each state on.
+        mean: the mean of `values` over the starts.
+        tables: by player, its policy as in `SmallGame.table`; with a horizon that of the first
+            step.
+    """
+
+    players: tuple[str, ...]
+    values: Values = field(repr=False)
+    mean: float
+    tables: dict[str, Values] = field(repr=False)
+
+
+@dataclass(frozen=True, eq=False)
+class SmallEquilibrium:
+    """The result of `equilibrium`.
+
+    Attributes:
+        values: [states] float64, the value of each state for the first player.
+        mean: the mean of `values` over the starts.
+        tables: by player, an optimal policy as in `SmallGame.table`; with a horizon that of the
+            first step.
+        mixed: [states] bool, whether no pure strategies are optimal.
+    """
+
+    values: Values = field(repr=False)
+    mean: float
+    tables: dict[str, Values] = field(repr=False)
+    mixed: NDArray[np.bool_] = field(repr=False)
+
+
+def returns_of(
+    game: SmallGame, policies: Policies, discount: float = 0.95, horizon: int | None = None
+) -> Values:
+    """[states, players] float64: the expected discounted returns when all play these policies.
+
+    Args:
+        game: the game.
+        policies: by player; see `SmallGame.table`.
+        discount: of each step, above 0 and at most 1; below 1 without a horizon.
+        horizon: number of steps, or None for infinitely many.
+
+    Raises:
+        ValueError: an invalid argument, or a policy that is missing or no distribution.
+    """
+    _check(discount, horizon)
+    chances = _chances(game, policies, game.players)
+    state = np.repeat(np.arange(game.num_states), np.diff(game.begins))
+    weights = csr_array((chances, (state, np.arange(len(chances)))))
+    step, rewards = weights @ game.following, np.asarray(weights @ game.rewards)
+    return _iterate(lambda values: rewards + discount * (step @ values), rewards, discount, horizon)
+
+
+def respond(
+    game: SmallGame,
+    players: str | Sequence[str],
+    policies: Policies,
+    discount: float = 0.95,
+    horizon: int | None = None,
+) -> SmallResponse:
+    """The best response of a player, or of several as one with the sum of their rewards.
+
+    Backward induction or value iteration (Bellman, 1957; Puterman, 1994). Arguments and errors are
+    those of `returns_of`; `policies` are those of all other players.
+    """
+    _check(discount, horizon)
+    team = (players,) if isinstance(players, str) else tuple(players)
+    indices = [game.player(name) for name in team]
+    others = [name for name in game.players if name not in team]
+    chances = _chances(game, policies, others)
+    # The options of a state are the choices of the team, the last player's counting fastest.
+    sizes = np.array([[len(a) for a in game.actions[index]] for index in indices]).T
+    options = np.concatenate([[0], np.cumsum(sizes.prod(axis=1))])
+    state = np.repeat(np.arange(game.num_states), np.diff(game.begins))
+    option = np.zeros(len(state), dtype=np.int64)
+    for place, index in enumerate(indices):
+        option = option * sizes[state, place] + game.choices[:, index]
+    option += options[state]
+    weights = csr_array((chances, (option, np.arange(len(state)))), shape=(options[-1], len(state)))
+    step, rewards = weights @ game.following, weights @ game.rewards[:, indices].sum(axis=1)
+
+    def back_up(values: Values) -> Values:
+        return np.maximum.reduceat(rewards + discount * (step @ values), options[:-1])
+
+    values = _iterate(back_up, np.zeros(game.num_states), discount, horizon)
+    later = values
+    if horizon is not None:
+        later = _iterate(back_up, np.zeros(game.num_states), discount, horizon - 1)
+    worth = rewards + discount * (step @ later)
+    best = np.maximum.reduceat(worth, options[:-1])
+    slack = TIE * np.maximum(1.0, np.abs(best))
+    good = worth >= np.repeat(best - slack, np.diff(options))
+    chosen = np.flatnonzero(good)
+    first = chosen[np.searchsorted(chosen, options[:-1])] - options[:-1]
+    tables = {}
+    for place in range(len(team) - 1, -1, -1):
+        offsets = game.offsets(indices[place])
+        table = np.zeros(offsets[-1])
+        table[offsets[:-1] + first % sizes[:, place]] = 1.0
+        tables[team[place]], first = table, first // sizes[:, place]
+    return SmallResponse(team, values, float(game.start @ values), tables)
+
+
+def nash_conv(
+    game: SmallGame, policies: Policies, discount: float = 0.95, horizon: int | None = None
+) -> JointNashConv:
+    """What every player's best response gains against the policies of all others, over the starts.
+
+    NashConv is the sum of the gains (Lanctot et al., 2017). Arguments and errors are those of
+    `returns_of`.
+    """
+    returns = game.start @ returns_of(game, policies, discount, horizon)
+    best = {
+        player: respond(game, player, policies, discount, horizon).mean for player in game.players
+    }
+    return JointNashConv(dict(zip(game.players, returns.tolist(), strict=True)), best)
+
+
+def equilibrium(
+    game: SmallGame, discount: float = 0.95, horizon: int | None = None
+) -> SmallEquilibrium:
+    """The value and an equilibrium of a zero-sum game of two players.
+
+    Shapley (1953): value iteration in which every state is a matrix game, with steps of policy
+    evaluation in between where they help (Pollatschek and Avi-Itzhak, 1969).
+
+    Args:
+        game: of two players whose rewards add up to 0.
+        discount: of each step, above 0 and at most 1; below 1 without a horizon.
+        horizon: number of steps, or None for infinitely many.
+
+    Raises:
+        ValueError: another number of players, rewards that do not add up to 0, or an invalid
+            discount or horizon.
+    """
+    _check(discount, horizon)
+    if len(game.players) != 2:
+        raise ValueError(
+            f"{len(game.players)} players; equilibria are computed for two with opposite rewards. "
+            "nash_conv is defined for any number"
+        )
+    odd = np.abs(game.rewards.sum(axis=1)) > ZERO_SUM * np.maximum(1.0, np.abs(game.rewards[:, 0]))
+    if odd.any():
+        joint = int(np.argmax(odd))
+        state = game.states[int(np.searchsorted(game.begins, joint, side="right")) - 1]
+        raise ValueError(
+            f"in {state!r} the rewards are {game.rewards[joint].tolist()}; equilibria are computed "
+            "for two players with opposite rewards"
+        )
+    many = [max(map(len, actions)) for actions in game.actions]
+    store, lotteries = _store(game, many[1])
+    played = StochasticGame(store, (many[0], many[1]), discount, lotteries=lotteries)
+    if horizon is None:
+        values, _ = solve_infinite_horizon(played)
+    else:
+        values, _ = solve_steps(played, horizon)
+    tables = {}
+    for player, (name, dense) in enumerate(zip(game.players, played.strategies(), strict=True)):
+        sizes = np.diff(game.offsets(player))
+        tables[name] = dense[np.arange(many[player]) < sizes[:, None]]
+    return SmallEquilibrium(values, float(game.start @ values), tables, played.mixed)
+
+
+def _check(discount: float, horizon: int | None) -> None:
+    if horizon is not None:
+        whole("horizon", horizon, 1)
+    if not 0.0 < number("discount", discount) <= 1.0 or (horizon is None and discount == 1.0):
+        raise ValueError(
+            f"discount={discount}, horizon={horizon}; give a discount above 0 and below 1, or a "
+            "horizon with a discount of at most 1"
+        )
+
+
+def _chances(game: SmallGame, policies: Policies, players: Sequence[str]) -> Values:
+    """[joint actions] float64: the probability of the choices of these players."""
+    chances = np.ones(len(game.choices))
+    state = np.repeat(np.arange(game.num_states), np.diff(game.begins))
+    for name in players:
+        if name not in policies:
+            raise ValueError(f"player {name} has no policy; add policies[{name!r}]")
+        index = game.player(name)
+        table = game.table(name, policies[name])
+        chances *= table[game.offsets(index)[state] + game.choices[:, index]]
+    return chances
+
+
+def _store(game: SmallGame, columns: int) -> tuple[Store, csr_array]:
+    """The transitions as `StochasticGame` takes them, for the payoff of the first player."""
+    following, states = game.following, game.num_states
+    counts = np.diff(following.indptr)
+    certain = counts == 1
+    certain[certain] = following.data[following.indptr[:-1][certain]] == 1.0
+    drawn = np.flatnonzero(~certain & (counts > 0))
+    after = np.full(len(game.choices), -1, dtype=np.int32)
+    after[certain] = following.indices[following.indptr[:-1][certain]]
+    after[drawn] = states + np.arange(len(drawn))
+    sizes = np.array([len(actions) for actions in game.actions[0]])
+    shape = np.stack([np.diff(game.begins), np.ones(states), sizes], axis=1).astype(np.int32)
+    joints = game.choices[:, 0].astype(np.int64) * columns + game.choices[:, 1]
+    small = np.int16 if joints.max() <= np.iinfo(np.int16).max else np.int32
+    rewards = np.ascontiguousarray(game.rewards[:, 0])
+    store = Store(game.begins, game.begins, shape, after, rewards, joints.astype(small))
+    return store, csr_array(following[drawn])
+
+
+def _iterate(
+    back_up: Callable[[Values], Values], start: Values, discount: float, horizon: int | None
+) -> Values:
+    """Backward induction from values of 0, or value iteration until they are exact."""
+    values, steps = np.zeros_like(start), 0
+    while horizon is None or steps < horizon:
+        before, values, steps = values, back_up(values), steps + 1
+        change = np.abs(values - before).max(initial=0.0)
+        largest = max(1.0, float(np.abs(values).max(initial=0.0)))
+        if change <= (TOLERANCE * (1.0 - discount) if horizon is None else 0.0) * largest:
+            break
+    return values

@@ -1,0 +1,103 @@
+"""Tasks as small games: the states and transitions of the joint solver, state by state."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+from pursuit.rules.layout import Games
+from pursuit.tasks.task import Task, checked_task
+from scripted_agents.games.enumeration import SmallGame
+from scripted_agents.joint.opponents import OtherPolicies
+from scripted_agents.joint.states import check_joint_states, joint_states_of
+from scripted_agents.joint.sweeps import Problem, Quantity, filled_store
+
+MAX_TASK_STATES = 200_000
+"""Each state takes some hundred bytes, and some microseconds."""
+CAPTURED = -1
+"""The cell of a captured evader in a state."""
+
+
+def states_of_games(games: Games) -> list[tuple[tuple[int, ...], tuple[int, ...]]]:
+    """The states of `game_of_task` that games are in: the cell of every agent, -1 for captured
+    evaders, and the cells of the goals that are left, in order."""
+    cells = np.where(games.active != 0, games.position, CAPTURED).tolist()
+    goals = [tuple(sorted(cell for cell in row if cell >= 0)) for row in games.goal.tolist()]
+    return [(tuple(row), left) for row, left in zip(cells, goals, strict=True)]
+
+
+def game_of_task(task: Task, most_states: int = MAX_TASK_STATES) -> SmallGame:
+    """A task in one maze as a small game without a limit on steps; every agent is a player.
+
+    A state is (cells of the agents, cells of the goals); see `states_of_games`. Of actions that
+    lead to the same cell only the first is listed.
+
+    Raises:
+        ValueError: several mazes, user-defined rewards, too many states, or too little memory.
+    """
+    task = checked_task(task)
+    if task.reward_function is not None:
+        raise ValueError(
+            f"task {task.name!r} has a custom reward function; give rewards by coefficients"
+        )
+    check_joint_states(task, most_states, each=1000)
+    joint = joint_states_of(task)
+    agents, nothing = task.num_agents, [0] * task.num_agents
+    no_others = OtherPolicies([], np.zeros((0, joint.count), dtype=np.uint32), np.zeros(0))
+    rewards = [Quantity(row, nothing) for row in np.eye(agents, dtype=np.int64).tolist()]
+    problem = Problem(joint, tuple(range(agents)), no_others, tuple(rewards), moves_first=False)
+    store = filled_store(problem)
+    counts = store.shape[:, 0].astype(np.int64)
+    kept = np.flatnonzero(counts)
+    state = np.repeat(kept, counts[kept])
+    begins = np.concatenate([[0], np.cumsum(counts[kept])])
+    within = np.arange(begins[-1]) - np.repeat(begins[:-1], counts[kept])
+    played = store.joints[store.edges[state] + within].astype(np.int64)
+    given = store.edges[state] + within * agents
+    after = store.following[store.pairs[state] + within]
+    renumbered = np.full(joint.count, -1)
+    renumbered[kept] = np.arange(len(kept))
+    goes_on = np.flatnonzero(after >= 0)
+    following = csr_array(
+        (np.ones(len(goes_on)), (goes_on, renumbered[after[goes_on]])),
+        shape=(len(state), len(kept)),
+    )
+    names: list[Any] = []
+    for _, games, real in joint.chunks():
+        names += [
+            name for name, is_real in zip(states_of_games(games), real, strict=True) if is_real
+        ]
+    actions, choices = _actions(task, played, begins)
+    start = np.zeros(joint.count)
+    for numbers in joint.starts():
+        start[numbers] = 1.0
+    return SmallGame(
+        task.agent_names,
+        names,
+        {name: number for number, name in enumerate(names)},
+        actions,
+        begins,
+        choices,
+        np.stack([store.sides[given + agent] for agent in range(agents)], axis=1),
+        following,
+        start[kept] / start.sum(),
+    )
+
+
+def _actions(
+    task: Task, played: NDArray[np.int64], begins: NDArray[np.int64]
+) -> tuple[list[list[Any]], NDArray[np.int32]]:
+    """The legal actions of every player and state, and the index of each player's action."""
+    agents, number = task.num_agents, task.num_actions
+    single = np.stack([played // number ** (agents - 1 - at) % number for at in range(agents)], 1)
+    actions: list[list[Any]] = [[] for _ in range(agents)]
+    choices = np.empty_like(single, dtype=np.int32)
+    for first, last in zip(begins[:-1].tolist(), begins[1:].tolist(), strict=True):
+        for agent in range(agents):
+            legal, index = np.unique(single[first:last, agent], return_inverse=True)
+            actions[agent].append(tuple(legal.tolist()))
+            choices[first:last, agent] = index
+    return actions, choices

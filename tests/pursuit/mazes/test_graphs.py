@@ -1,0 +1,183 @@
+"""Graphs as mazes, against networkx: cells, distances, text, files, errors, and games on them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import networkx
+import numpy as np
+import pytest
+
+import pursuit
+from pursuit import chase_v0
+from pursuit.environments.conformance import check_parallel_env
+from pursuit.mazes.graph_generation import GRAPHS
+from pursuit.mazes.maze import MAX_TABLE_CELLS, Maze
+from pursuit.rendering.rendering import AgentMark, Scene
+from pursuit.tasks.task import Task, make_task
+
+
+@pytest.mark.parametrize("name", ["2x2", "5x5", "7x7-tree", "9x9-open"])
+def test_a_maze_and_its_graph_have_equal_moves(name: str) -> None:
+    maze = pursuit.load_maze(name)
+    graph = Maze.from_graph(maze.to_graph(), name=name)
+    np.testing.assert_array_equal(graph.neighbors, maze.neighbors)
+    np.testing.assert_array_equal(graph.distances, maze.distances)
+    assert graph.num_loops == maze.num_loops and not graph.is_directed
+
+
+@pytest.mark.parametrize("kind", GRAPHS)
+def test_distances_are_those_of_networkx(kind: str) -> None:
+    maze = pursuit.generate_graph(kind, 5, 6, seed=3)
+    graph = maze.to_graph()
+    known = dict(networkx.all_pairs_shortest_path_length(graph))
+    for a, one in enumerate(maze.cell_names):
+        row = [known[one][other] for other in maze.cell_names]
+        np.testing.assert_array_equal(maze.distances[a], row)
+        np.testing.assert_array_equal(maze.distances_to(a), maze.distances[:, a])
+    degrees = {"torus": 4, "eight": 8, "hexagonal": 6}
+    assert maze.num_moves == degrees.get(kind, maze.degrees.max())
+    assert Maze.from_text(maze.to_text()) == maze
+
+
+def test_lengths_are_steps_and_opposite_edges_share_their_cells() -> None:
+    graph = networkx.DiGraph()
+    graph.add_edge("a", "b", length=3)
+    graph.add_edge("b", "a", length=3)
+    graph.add_edge("b", "c")
+    graph.add_edge("c", "a", length=2)
+    maze = Maze.from_graph(graph)
+    assert maze.cell_names == ("a", "b", "c", "a-b:1", "a-b:2", "c-a")
+    assert maze.is_directed
+    assert maze.distances[:3, :3].tolist() == [[0, 3, 4], [3, 0, 1], [2, 5, 0]]
+    middle = maze.cell_names.index("a-b:1")
+    assert sorted(maze.neighbors[middle, :-1].tolist()) == [0, 4]  # an agent can turn
+
+
+def test_files_of_other_programs_are_read(tmp_path: Path) -> None:
+    edges = tmp_path / "small.edgelist"
+    edges.write_text("# a comment\na b\nb c 2\n")
+    assert pursuit.load_maze(edges).distances.max() == 3
+    for wrong in ("a b 1 2\n", "a\n", "a b far\n"):
+        edges.write_text(wrong)
+        with pytest.raises(ValueError, match=r"small.edgelist: not a valid .edgelist file"):
+            pursuit.load_maze(edges)
+    graph = networkx.petersen_graph()
+    networkx.write_graphml(graph, tmp_path / "petersen.graphml")
+    assert pursuit.load_maze(tmp_path / "petersen.graphml").num_cells == 10
+    saved = tmp_path / "graph.txt"
+    saved.write_text(Maze.from_graph(graph, start=0, goals=[3, 4]).to_text())
+    maze = pursuit.load_maze(saved)
+    assert (maze.start_mark, maze.goal_marks) == (0, (3, 4))
+    assert pursuit.load_maze("roads-8x8").is_directed
+
+
+def loop() -> Any:
+    return networkx.Graph([("a", "a"), ("a", "b")])
+
+
+@pytest.mark.parametrize(
+    ("graph", "settings", "problem"),
+    [
+        (networkx.Graph(), {}, "without nodes"),
+        (networkx.Graph([(0, 1), (2, 3)]), {}, "no path from '0' to '2'"),
+        (networkx.DiGraph([(0, 1), (1, 2)]), {}, "no path from '1' to '0'"),
+        (loop(), {}, "an edge from 'a' to itself; remove it"),
+        (networkx.Graph([(1, "1")]), {}, "two nodes are named '1'"),
+        (networkx.star_graph(32), {}, "32 neighbors; at most 31"),
+        (networkx.path_graph(3), {"num_moves": 1}, "num_moves=1; a node has 2"),
+        (networkx.Graph([(0, 1, {"length": 1.5})]), {}, "length=1.5; a length is a whole number"),
+        (networkx.Graph([(0, 1, {"length": 0})]), {}, "length=0"),
+        (networkx.path_graph(3), {"positions": {0: (0, 0)}}, "no entry for the node 1"),
+        (networkx.path_graph(2), {"positions": {0: 1, 1: 2}}, "pairs of finite numbers"),
+        (networkx.path_graph(3), {"start": 7}, "the mark 7 is no node"),
+        (networkx.path_graph(3), {"start": 1, "goals": [1]}, "at one node"),
+        ("edges", {}, "give a networkx graph"),
+        (networkx.DiGraph(networkx.cycle_graph(MAX_TABLE_CELLS + 1)), {}, None),
+    ],
+)
+def test_impossible_graphs_are_refused(
+    graph: Any, settings: dict[str, Any], problem: str | None
+) -> None:
+    if problem is None:
+        one_way = networkx.DiGraph([(a, b) for a, b in graph.edges if b == (a + 1) % len(graph)])
+        with pytest.raises(ValueError, match="a directed graph of 4097 cells"):
+            Maze.from_graph(one_way)
+        return
+    with pytest.raises(ValueError, match=problem):
+        Maze.from_graph(graph, **settings)
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("graph of 0 cells and 2 moves\n", "without cells"),
+        ('graph of 2 cells and 1 moves\n0 "a" 0 0: 1\n1 "b" x 0: 0\n', "line 3: .*numbers"),
+        ('graph of 2 cells and 1 moves\n0 "a" 0 0: 1\n7 "b" 0 0: 0\n', "line 3"),
+        ('graph of 2 cells and 1 moves\n0 "a" 0 0: 1\n1 "b" 0 0: 5\n', "line 3: neighbors"),
+        ('graph of 2 cells and 2 moves\n0 "a" 0 0: 1 0\n1 "b" 0 0: 0\n', "same number of moves"),
+    ],
+)
+def test_damaged_texts_are_refused(text: str, problem: str) -> None:
+    with pytest.raises(ValueError, match=problem):
+        Maze.from_text(text)
+
+
+def test_what_needs_rows_and_columns_is_refused() -> None:
+    maze = Maze.from_graph(networkx.petersen_graph(), name="petersen")
+    with pytest.raises(ValueError, match="petersen: a graph has no height"):
+        _ = maze.height
+    for encoding in ("planes", "window", "walls"):
+        with pytest.raises(ValueError, match="shows rows and columns, and petersen is a graph"):
+            chase_v0.parallel_env(maze=maze, observation=encoding)
+    with pytest.raises(ValueError, match="line_of_sight: petersen is a graph"):
+        make_task("chase", maze=maze, line_of_sight=True)
+    with pytest.raises(ValueError, match="Manhattan distance"):
+        make_task("chase", maze=maze, rewards="distance")
+    with pytest.raises(ValueError, match="all mazes of a task need the same number"):
+        make_task("chase", maze=[maze, pursuit.load_maze("3x3")])
+    same = Maze.from_graph(networkx.petersen_graph(), num_moves=4)
+    assert make_task("chase", maze=[same, pursuit.load_maze("3x3")]).num_actions == 4
+
+
+@pytest.mark.parametrize("observation", ["index", "one_hot", "positions", "cells"])
+@pytest.mark.parametrize("stay", [False, True])
+def test_environments_on_graphs_conform(observation: str, stay: bool) -> None:
+    maze = pursuit.generate_graph("eight", 4, 4)
+    env = chase_v0.parallel_env(
+        maze=maze, observation=observation, stay_action=stay, num_chasers=2, view_radius=2
+    )
+    check_parallel_env(env)
+    assert env.action_space("chaser_0").n == 8 + stay
+
+
+def test_a_step_follows_the_edges() -> None:
+    maze = pursuit.generate_graph("hexagonal", 4, 5)
+    task = Task(maze=maze, num_chasers=1, num_evaders=1, stay_action=True)
+    sim = pursuit.Simulator(task, num_games=512, seed=0)
+    sim.reset()
+    random = np.random.default_rng(0)
+    for _ in range(20):
+        before, actions = sim.positions.copy(), random.integers(7, size=(512, 2))
+        sim.step(actions)
+        playing = ~sim.terminated & ~sim.truncated
+        after = maze.neighbors[before, actions]
+        np.testing.assert_array_equal(sim.positions[playing], after[playing])
+        met = after[:, 0] == after[:, 1]
+        swapped = (after[:, 0] == before[:, 1]) & (after[:, 1] == before[:, 0])
+        np.testing.assert_array_equal(sim.terminated, met | swapped)
+
+
+def test_pictures_show_nodes_and_names() -> None:
+    maze = pursuit.load_maze("roads-8x8")
+    scene = Scene(maze, (AgentMark("chaser_0", 3), AgentMark("evader_0", 9, False)), (5,), 2, 9)
+    names = maze.cell_names
+    assert scene.text().splitlines() == [
+        f"chaser_0 at {names[3]}",
+        f"evader_0 at {names[9]} (captured)",
+        f"goal at {names[5]}",
+        "step 2 / 9",
+    ]
+    image = scene.draw(size=300)
+    assert max(image.shape[:2]) <= 300 + 40 and len(np.unique(image.reshape(-1, 3), axis=0)) > 20
