@@ -9,8 +9,8 @@ from .environments.single_agent import SingleAgentEnv as SingleAgentEnv
 from .environments.single_agent import SingleAgentVectorEnv as SingleAgentVectorEnv
 from .evaluation import Evaluation as Evaluation
 from .evaluation import evaluate as evaluate
+from .mazes.generation import generate_graph as generate_graph
 from .mazes.generation import generate_maze as generate_maze
-from .mazes.graph_generation import generate_graph as generate_graph
 from .mazes.maze import Maze as Maze
 from .mazes.maze import library_names as library_names
 from .mazes.maze import load_maze as load_maze

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from pursuit.compilation.compiled import allocating, compiled
+from pursuit.mazes.graph_generation import graph_drawing
 from pursuit.mazes.maze import LIBRARY, Maze
 from pursuit.memory import check_memory
 from pursuit.rules import EAST, NORTH, SOUTH, next_below
@@ -293,8 +294,31 @@ LIBRARY_SEEDS = {
 }
 
 
+def generate_graph(kind: str, height: int = 8, width: int = 8, seed: int = 0) -> Maze:
+    """Generate a graph of height × width cells.
+
+    - "eight": a grid with moves in eight directions;
+    - "hexagonal": hexagons in rows, with six neighbors;
+    - "torus": a grid whose opposite borders are connected;
+    - "geometric": random points in the unit square, connected up to the least distance for which
+      the graph is connected;
+    - "roads": crossings of a grid of streets, of which a quarter is missing and a seventh is
+      one-way, some diagonal streets, and some streets that take two steps (as many cells more).
+
+    Args:
+        kind: one of these.
+        height, width: rows and columns of cells, at least 3.
+        seed: of "geometric" and "roads".
+
+    Raises:
+        ValueError: an unknown kind, or a size below 3.
+    """
+    name = f"{kind}-{height}x{width}" + (f"-{seed}" if kind in ("geometric", "roads") else "")
+    return Maze.from_drawing(graph_drawing(kind, height, width, seed, name), name)
+
+
 def library_mazes() -> dict[str, Maze]:
-    """Generate the included mazes, by name.
+    """Generate the included mazes and graphs, by name.
 
     S and G mark opposite corners. `"5x5"` has no dead ends, `"5x5-tree"` no loops, `"5x5-open"` no
     inner walls.
@@ -305,7 +329,11 @@ def library_mazes() -> dict[str, Maze]:
         mazes[name] = generate_maze("prim", size, loops=0.05, no_dead_ends=True, seed=seed)
         mazes[f"{name}-tree"] = generate_maze("prim", size, seed=tree_seed)
         mazes[f"{name}-open"] = generate_maze("open", size)
-    return {name: with_corner_marks(maze, name) for name, maze in mazes.items()}
+    found = {name: with_corner_marks(maze, name) for name, maze in mazes.items()}
+    name = "roads-8x8"
+    marks = {"start": "0,0", "goals": ["7,7"]}
+    found[name] = Maze.from_drawing(graph_drawing("roads", 8, 8, 0, name, **marks), name)
+    return found
 
 
 def with_corner_marks(maze: Maze, name: str) -> Maze:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from pursuit.mazes.maze import LIBRARY, Maze
+from pursuit.mazes.graphs import GraphDrawing, read_graph
 from pursuit.validation import one_of, whole
 
 GRAPHS = ("eight", "hexagonal", "torus", "geometric", "roads")
@@ -21,30 +21,15 @@ ONE_WAY, DIAGONAL, REMOVED = 0.15, 0.1, 0.25
 """Shares of the streets of `roads`."""
 
 
-def generate_graph(kind: str, height: int = 8, width: int = 8, seed: int = 0) -> Maze:
-    """Generate a graph of height × width cells.
-
-    - "eight": a grid with moves in eight directions;
-    - "hexagonal": hexagons in rows, with six neighbors;
-    - "torus": a grid whose opposite borders are connected;
-    - "geometric": random points in the unit square, connected up to the least distance for which
-      the graph is connected;
-    - "roads": crossings of a grid of streets, of which a quarter is missing and a seventh is
-      one-way, some diagonal streets, and some streets that take two steps (as many cells more).
-
-    Args:
-        kind: one of these.
-        height, width: rows and columns of cells, at least 3.
-        seed: of "geometric" and "roads".
-
-    Raises:
-        ValueError: an unknown kind, or a size below 3.
-    """
+def graph_drawing(
+    kind: str, height: int, width: int, seed: int, name: str, **marks: Any
+) -> GraphDrawing:
+    """The content of a graph, with arguments and errors as of `pursuit.generate_graph`; `marks` are
+    `start`, `goals` and `num_moves` of `Maze.from_graph`."""
     import networkx  # slow to import
 
     one_of("kind", kind, GRAPHS)
     height, width = whole("height", height, 3, 1000), whole("width", width, 3, 1000)
-    name = f"{kind}-{height}x{width}" + (f"-{seed}" if kind in ("geometric", "roads") else "")
     random = np.random.default_rng(whole("seed", seed, 0, 2**63 - 1))
     graph: Any = networkx.DiGraph()
     if kind == "geometric":
@@ -64,14 +49,7 @@ def generate_graph(kind: str, height: int = 8, width: int = 8, seed: int = 0) ->
                     row, column = row % height, column % width
                 if 0 <= row < height and 0 <= column < width:
                     graph.add_edge(f"{r},{c}", f"{row},{column}", action=action)
-    return Maze.from_graph(graph, name=name)
-
-
-def library_graphs() -> dict[str, Maze]:
-    """Generate the included graphs, by name; S and G mark opposite corners."""
-    graph = generate_graph("roads", 8, 8).to_graph()
-    name = "roads-8x8"
-    return {name: Maze.from_graph(graph, start="0,0", goals=["7,7"], name=name)}
+    return read_graph(graph, name, **marks)
 
 
 def _points(count: int, random: np.random.Generator) -> Any:
@@ -118,8 +96,3 @@ def _roads(height: int, width: int, random: np.random.Generator) -> Any:
         if gone and not networkx.is_strongly_connected(graph):
             graph.add_edges_from(kept)
     return graph
-
-
-if __name__ == "__main__":
-    for _name, _maze in library_graphs().items():
-        (LIBRARY / f"{_name}.txt").write_text(_maze.to_text())

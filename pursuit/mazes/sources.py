@@ -13,7 +13,7 @@ from pursuit.mazes.graphs import (
     read_graph_file,
     read_graph_text,
 )
-from pursuit.mazes.suite_files import grids_of_row, is_suite, rows_of
+from pursuit.mazes.suite_files import drawing_of_row, is_suite, rows_of
 from pursuit.memory import check_memory
 from pursuit.validation import unknown
 
@@ -49,7 +49,7 @@ def drawing_of(maze: str | Path) -> tuple[Drawing | GraphDrawing, str]:
                 f"maze {maze!r} is {len(rows)} mazes, but one is needed; give one of them, such "
                 f"as suite:{rows[0].name}"
             )
-        return Drawing(*grids_of_row(rows[0])), rows[0].name
+        return drawing_of_row(rows[0]), rows[0].name
     names = library_names()
     path = LIBRARY / f"{maze}.txt" if isinstance(maze, str) and maze in names else Path(maze)
     if "\n" in str(maze):

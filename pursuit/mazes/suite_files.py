@@ -17,15 +17,22 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pursuit.mazes.formats import Drawing
+from pursuit.mazes.graph_generation import graph_drawing
+from pursuit.mazes.graphs import GraphDrawing
 from pursuit.validation import unknown
 
 SUITES = Path(__file__).parent / "files" / "suites"
 SUMS = "SHA256SUMS"
 SIZES = (5, 7, 9, 15)
+GRAPH_SIZES = (5, 7)
+"""Of the suites of graphs, `roads-5x5-train` and so on: generated from their seeds when loaded."""
+ROADS, ROAD_MOVES = "roads", 6
 SPLITS = {"train": 1000, "validation": 100, "test": 200}
 """Number of mazes of each split: for training, model selection, and reported results."""
+FIRST_SEEDS = {"train": 0, "validation": 10**6, "test": 2 * 10**6}
+"""First seed of each split. Seeds that give a maze of an earlier split or row are skipped."""
 
 PREFIX = "suite:"
 _PART = re.compile(r"(?:suite:)?([^/]+)(?:/(\d+)(?:-(\d+))?)?")
@@ -37,7 +44,7 @@ class Row(NamedTuple):
     Attributes:
         name: for example `"7x7-test/017"`.
         generator, loops, no_dead_ends, seed: arguments of `generate_maze`.
-        openings: the open walls in hexadecimal.
+        openings: the open walls in hexadecimal; empty for a graph.
     """
 
     name: str
@@ -50,14 +57,18 @@ class Row(NamedTuple):
     @property
     def kind(self) -> str:
         """The generator and its loop setting, for tables."""
+        if self.generator == ROADS:
+            return ROADS
         if self.no_dead_ends:
             return f"{self.generator}, no dead ends"
         return f"{self.generator}, loops {self.loops:g}"
 
 
 def suite_names() -> list[str]:
-    """The names of the suites, smallest mazes first: `"5x5-train"`, ..., `"15x15-test"`."""
-    return [f"{size}x{size}-{split}" for size in SIZES for split in SPLITS]
+    """The names of the suites, smallest mazes first: `"5x5-train"`, ..., `"15x15-test"`; then those
+    of graphs, `"roads-5x5-train"`, ..."""
+    mazes = [f"{size}x{size}-{split}" for size in SIZES for split in SPLITS]
+    return mazes + [f"{ROADS}-{size}x{size}-{split}" for size in GRAPH_SIZES for split in SPLITS]
 
 
 def maze_name(suite: str, number: int) -> str:
@@ -100,6 +111,12 @@ def rows_of(given: str) -> tuple[Row, ...]:
 @cache
 def read_rows(suite: str) -> tuple[Row, ...]:
     """All rows of a suite."""
+    if suite.startswith(ROADS):
+        split = suite.rpartition("-")[2]
+        return tuple(
+            Row(maze_name(suite, number), ROADS, 0.0, False, FIRST_SEEDS[split] + number, "")
+            for number in range(SPLITS[split])
+        )
     return tuple(
         Row(
             maze_name(suite, int(row["number"])),
@@ -113,15 +130,15 @@ def read_rows(suite: str) -> tuple[Row, ...]:
     )
 
 
-def grids_of_row(
-    row: Row,
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
-    """The arguments `walkable`, `open_south` and `open_east` of `Maze`."""
-    height, width = (int(side) for side in row.name.split("-")[0].split("x"))
+def drawing_of_row(row: Row) -> Drawing | GraphDrawing:
+    """The content of a maze or graph of a suite."""
+    height, width = (int(side) for side in row.name.split("-")[-2].split("x"))
+    if row.generator == ROADS:
+        return graph_drawing(ROADS, height, width, row.seed, row.name, num_moves=ROAD_MOVES)
     num_south = (height - 1) * width
     digits = np.frombuffer(bytes.fromhex(row.openings), dtype=np.uint8)
     bits = np.unpackbits(digits, count=num_south + height * (width - 1)).astype(bool)
-    return (
+    return Drawing(
         np.ones((height, width), dtype=bool),
         bits[:num_south].reshape(height - 1, width),
         bits[num_south:].reshape(height, width - 1),

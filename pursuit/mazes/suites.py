@@ -19,11 +19,12 @@ import numpy as np
 from pursuit.mazes.generation import generate_maze
 from pursuit.mazes.maze import Maze, load_maze
 from pursuit.mazes.suite_files import (
+    FIRST_SEEDS,
     SIZES,
     SPLITS,
     SUITES,
     SUMS,
-    grids_of_row,
+    drawing_of_row,
     is_suite,
     rows_of,
     sums_text,
@@ -37,9 +38,6 @@ KINDS = tuple(
 )
 """Maze number i of a suite is of kind i modulo 12: (generator, (loops, no_dead_ends))."""
 
-FIRST_SEEDS = {"train": 0, "validation": 10**6, "test": 2 * 10**6}
-"""First seed of each split. Seeds that give a maze of an earlier split or row are skipped."""
-
 
 @lru_cache(maxsize=64)
 def load_suite(name: str) -> tuple[Maze, ...]:
@@ -47,14 +45,15 @@ def load_suite(name: str) -> tuple[Maze, ...]:
 
     Args:
         name: `"7x7-train"`, `"7x7-validation"`, `"7x7-test"`, or another size of 5, 9 and 15;
-            `"7x7-train/0-99"` is its first hundred mazes, which include all kinds.
+            `"7x7-train/0-99"` is its first hundred mazes, which include all kinds. Of graphs:
+            `"roads-5x5-train"`, and 7x7, all with six moves.
 
     Raises:
         ValueError: an unknown suite.
     """
     if not isinstance(name, str):
         raise ValueError(f"suite={name!r}; give the name of a suite: {', '.join(suite_names())}")
-    return tuple(Maze(*grids_of_row(row), name=row.name) for row in rows_of(name))
+    return tuple(Maze.from_drawing(drawing_of_row(row), row.name) for row in rows_of(name))
 
 
 def load_mazes(given: str | Path | Maze | Sequence[str | Path | Maze]) -> tuple[Maze, ...]:

@@ -10,8 +10,8 @@ from typing import Annotated
 import tyro
 from PIL import Image
 
-from pursuit.mazes.generation import generate_maze
-from pursuit.mazes.graph_generation import GRAPHS, generate_graph
+from pursuit.mazes.generation import generate_graph, generate_maze
+from pursuit.mazes.graph_generation import GRAPHS
 from pursuit.mazes.maze import MAX_TABLE_CELLS, Maze, load_maze
 from pursuit.rendering.rendering import Scene, draw_scene
 from scripted_agents.tours.tour import expected_tour_length

@@ -181,3 +181,14 @@ def test_pictures_show_nodes_and_names() -> None:
     ]
     image = scene.draw(size=300)
     assert max(image.shape[:2]) <= 300 + 40 and len(np.unique(image.reshape(-1, 3), axis=0)) > 20
+
+
+def test_suites_of_graphs_are_generated_from_their_seeds() -> None:
+    test = pursuit.load_suite("roads-5x5-test")
+    assert len(test) == 200 and {maze.num_moves for maze in test} == {6}
+    assert test[17] == pursuit.load_maze("suite:roads-5x5-test/017")
+    assert test[17].name == "roads-5x5-test/017"
+    splits = [set(pursuit.load_suite(f"roads-5x5-{split}")) for split in ("train", "test")]
+    assert len(splits[0]) == 1000 and not splits[0] & splits[1]
+    task = make_task("chase", maze="suite:roads-5x5-test/0-9")
+    assert len(task.mazes) == 10 and task.num_actions == 6

@@ -12,7 +12,6 @@ from hypothesis.extra.numpy import arrays
 from scipy.stats import chisquare
 
 from pursuit.mazes.generation import generate_maze, library_mazes
-from pursuit.mazes.graph_generation import library_graphs
 from pursuit.mazes.maze import LIBRARY, MAX_TABLE_CELLS, Maze, library_names, load_maze
 from pursuit.rules import EAST, NORTH, SOUTH, STAY, UNREACHABLE, WEST
 
@@ -351,7 +350,7 @@ def test_invalid_arguments_are_refused(arguments: dict[str, object], remedy: str
 
 
 def test_the_shipped_files_are_what_the_generator_makes() -> None:
-    made = library_mazes() | library_graphs()
+    made = library_mazes()
     assert sorted(made) == sorted(library_names())
     for name, maze in made.items():
         assert (LIBRARY / f"{name}.txt").read_text() == maze.to_text()

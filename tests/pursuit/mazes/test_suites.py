@@ -67,7 +67,7 @@ def test_the_files_match_the_shipped_checksums() -> None:
 
 def test_suite_names_are_accepted_as_mazes() -> None:
     suite = pursuit.load_suite("5x5-test")
-    assert pursuit.suite_names() == suite_names() and len(suite_names()) == 12
+    assert pursuit.suite_names() == suite_names() and len(suite_names()) == 18
     assert load_maze("suite:5x5-test/017") == suite[17] and suite[17].name == "5x5-test/017"
     assert load_suite("suite:5x5-test/3-5") == suite[3:6] == load_mazes("suite:5x5-test/3-5")
     assert load_mazes(["3x3", "suite:5x5-test/3-5"]) == (load_maze("3x3"), *suite[3:6])
