@@ -21,6 +21,7 @@ from .reacher.simulator import ReacherSimulator as ReacherSimulator
 from .reacher.single_agent import ReacherEnv as ReacherEnv
 from .reacher.single_agent import ReacherVectorEnv as ReacherVectorEnv
 from .reacher.task import ReacherTask as ReacherTask
+from .replays.datasets import export_minari as export_minari
 from .replays.recorder import Recorder as Recorder
 from .replays.replay import Replay as Replay
 from .simulator.policy import GameView as GameView

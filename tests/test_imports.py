@@ -22,6 +22,7 @@ OPTIONAL = {
     "ray",
     "stable_baselines3",
     "supersuit",
+    "minari",
     "pyspiel",
 }
 SLOW = {"matplotlib", "polars", "networkx", "tyro"}

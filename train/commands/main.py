@@ -44,6 +44,8 @@ Train and evaluate an agent:
               pursuit view runs/first
   render    a replay of a run or of scripted agents as GIF or MP4
               pursuit render runs/first --out first.gif
+  export    the network of a run as ONNX or as a program of torch.export
+              pursuit export runs/first --out first.onnx
 
 Self-play:
   self-play train both roles against each other, with exact exploitability
