@@ -6,6 +6,7 @@ Write a `Game` (or take a PettingZoo environment as a `ParallelGame`), list its 
 
 from scripted_agents.games.enumeration import SmallGame as SmallGame
 from scripted_agents.games.enumeration import enumerate_game as enumerate_game
+from scripted_agents.games.env import SmallGameEnv as SmallGameEnv
 from scripted_agents.games.game import Game as Game
 from scripted_agents.games.game import ParallelGame as ParallelGame
 from scripted_agents.games.solve import SmallEquilibrium as SmallEquilibrium

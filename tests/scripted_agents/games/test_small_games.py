@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from gymnasium.utils.env_checker import check_env
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 
@@ -17,6 +18,7 @@ from pursuit.tasks.task import Task
 from scripted_agents import AStarEvader, best_response, solve_chase, solve_joint
 from scripted_agents.games import (
     ParallelGame,
+    SmallGameEnv,
     enumerate_game,
     equilibrium,
     nash_conv,
@@ -335,3 +337,30 @@ def test_invalid_questions_are_refused() -> None:
         equilibrium(enumerate_game(Broken("general")))
     with pytest.raises(ValueError, match="3 players; equilibria are computed for two"):
         equilibrium(enumerate_game(RandomGame(3, 4, 0)))
+
+
+def test_a_player_as_a_gymnasium_environment_has_the_exact_return() -> None:
+    game = RandomGame(2, 6, 3)
+    small, random = enumerate_game(game), np.random.default_rng(0)
+    rows = [random.dirichlet(np.ones(sizes[1])).tolist() for sizes in game.sizes]
+    env = SmallGameEnv(small, "p0", {"p1": rows.__getitem__}, max_steps=60)
+    check_env(SmallGameEnv(enumerate_game(Chase(pursuit.load_maze("2x2"))), "chaser",
+                           {"evader": lambda state: [0.25] * 4}))  # fmt: skip
+    first = [[1.0, *[0.0] * (sizes[0] - 1)] for sizes in game.sizes]
+    policies = {"p0": first.__getitem__, "p1": rows.__getitem__}
+    known = float((small.start @ returns_of(small, policies, 0.8))[0])
+    totals = []
+    for episode in range(3000):
+        env.reset(seed=episode)
+        total, discount, over = 0.0, 1.0, False
+        while not over:
+            assert env.action_masks().sum() == game.sizes[int(str(small.states[env.state]))][0]
+            _, reward, ended, truncated, _ = env.step(0)
+            total, discount, over = total + discount * reward, 0.8 * discount, ended or truncated
+        totals.append(total)
+    assert abs(np.mean(totals) - known) < 4 * np.std(totals) / len(totals) ** 0.5
+    assert env.observations().shape == (6, 6)
+    with pytest.raises(ValueError, match=r"has \d actions"):
+        env.step(7)
+    with pytest.raises(ValueError, match="player p1 has no policy"):
+        SmallGameEnv(small, "p0", {})
