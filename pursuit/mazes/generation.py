@@ -299,7 +299,7 @@ def generate_graph(kind: str, height: int = 8, width: int = 8, seed: int = 0) ->
 
     - "eight": a grid with moves in eight directions;
     - "hexagonal": hexagons in rows, with six neighbors;
-    - "torus": a grid whose opposite borders are connected;
+    - "torus": a grid with connected opposite borders;
     - "geometric": random points in the unit square, connected up to the least distance for which
       the graph is connected;
     - "roads": crossings of a grid of streets, of which a quarter is missing and a seventh is

@@ -182,7 +182,7 @@ class Maze:
         goals: Iterable[Hashable] = (),
         name: str = "graph",
     ) -> Maze:
-        """A maze whose cells are the nodes of a networkx graph, directed or not.
+        """A maze with the nodes of a networkx graph, directed or not, as cells.
 
         Action i leads to the i-th neighbor, in the order of the edges; with fewer neighbors the
         agent keeps its place. Edges may have an attribute `action`, the action that takes them. Of

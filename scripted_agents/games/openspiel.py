@@ -213,7 +213,7 @@ class OpenSpielGame:
         ]
 
     def legal_actions(self, state: Any, player: int) -> list[Any]:
-        """The legal actions; None for a player whose turn it is not."""
+        """The legal actions; None for a player that is not to move."""
         position = self._positions[state]
         turn = position.current_player()
         if turn != pyspiel.PlayerId.SIMULTANEOUS and turn != player:

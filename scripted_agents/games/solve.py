@@ -160,7 +160,7 @@ def equilibrium(
     evaluation in between where they help (Pollatschek and Avi-Itzhak, 1969).
 
     Args:
-        game: of two players whose rewards add up to 0.
+        game: of two players with rewards that add up to 0.
         discount: of each step, above 0 and at most 1; below 1 without a horizon.
         horizon: number of steps, or None for infinitely many.
 
