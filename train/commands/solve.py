@@ -301,6 +301,7 @@ def draw_solution(path: Path, solution: ChaseSolution, chaser: int, evader: int)
 
 def _draw_arrows(axis: Any, maze: Maze, policy: NDArray[np.float64], other: int) -> None:
     """Arrows for actions, with lengths by their probability; a square for staying."""
+    color = "white" if maze.is_grid else "black"  # on coloured squares, or on paper
     for cell in range(maze.num_cells):
         if cell == other:
             continue
@@ -317,7 +318,7 @@ def _draw_arrows(axis: Any, maze: Maze, policy: NDArray[np.float64], other: int)
                     "",
                     (x + dx * length, y + dy * length),
                     (x, y),
-                    arrowprops={"arrowstyle": "-|>", "color": "white", "lw": 1.4},
+                    arrowprops={"arrowstyle": "-|>", "color": color, "lw": 1.4},
                 )
         if still > 0.02:
-            axis.plot(*maze.picture[cell, ::-1], "s", ms=2 + 4 * still, color="white")
+            axis.plot(*maze.picture[cell, ::-1], "s", ms=2 + 4 * still, color=color)
