@@ -57,6 +57,7 @@ def take(
     epsilon: float,
     default: float,
     empty: int,
+    few: bool,
     streams: Any,
     seat: Any,
 ) -> None:
@@ -64,4 +65,4 @@ def take(
     share = default if np.isnan(epsilon) else epsilon
     greedy = every if mask == 0 else mask
     stream = np.uint64(stream_of(seat))
-    actions[game, column] = draw_action(greedy, every, share, empty, streams[game], stream)
+    actions[game, column] = draw_action(greedy, every, share, empty, few, streams[game], stream)

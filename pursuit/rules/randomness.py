@@ -63,11 +63,12 @@ def next_uniform(streams: Any, stream: int) -> float:
 
 @inlined
 def draw_action(
-    greedy: int, every: int, epsilon: float, empty: int, streams: Any, stream: int
+    greedy: int, every: int, epsilon: float, empty: int, few: bool, streams: Any, stream: int
 ) -> int:
     """A uniformly random action of the mask `greedy`, or, with probability `epsilon`, of `every`.
 
-    One random word is used for both draws. The action is `empty` if the mask is empty.
+    One random word is used for both draws. The action is `empty` if the mask is empty. `few`, a
+    constant, promises that no mask has more than PACKED_BITS bits, which is faster.
     """
     # No branch, as it could not be predicted. `at_random` is all ones if the first 32 bits are
     # below epsilon * 2**32, else 0; signed, as the processor does not convert unsigned words.
@@ -75,7 +76,7 @@ def draw_action(
     at_random = (np.int64(word >> np.uint64(32)) - np.int64(ceil(epsilon * 2.0**32))) >> 63
     mask = greedy ^ ((greedy ^ every) & at_random)
     low = word & np.uint64(0xFFFFFFFF)
-    if mask >> PACKED_BITS:
+    if not few and mask >> PACKED_BITS:
         return draw_bit(mask, low)
     packed = PACKED_MASKS[np.uint64(mask)]
     chosen = (low * (packed >> np.uint64(56))) >> np.uint64(32)

@@ -254,6 +254,7 @@ def draw_moves(
             every,
             default if np.isnan(epsilon) else epsilon,
             empty,
+            False,
             streams[game],
             stream_of(seat),
         )
@@ -324,7 +325,7 @@ def entry_for(kind: int) -> Any:
                     mask = moves_down(world, maze, field, own)
                 every = legal_moves(world, maze, own)
                 column, share = np.uint64(columns[np.uint64(i)]), epsilon_of[row, seat]
-                take(actions, row, column, mask, every, share, default, empty, streams, seat)
+                take(actions, row, column, mask, every, share, default, empty, False, streams, seat)
             forget(field, tail)
 
     return choose_actions

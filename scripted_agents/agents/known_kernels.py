@@ -36,7 +36,8 @@ def team_entry_for(kind: int, num_seats: int, num_targets: int) -> Any:
     """The kernel of `num_seats` agents with consecutive indices and a constant number of targets.
 
     `kind` is CHASER, EVADER or RUNNER. Arguments and results are those of `kernels.entry_for`. All
-    mazes must have tables, `columns` must be consecutive, and arrays must be `in_rows`.
+    mazes must have tables and at most four moves, `columns` must be consecutive, and arrays must be
+    `in_rows`.
     """
     padded = kind == EVADER or (kind == CHASER and num_targets <= MOST_PADDED)
 
@@ -100,6 +101,6 @@ def team_entry_for(kind: int, num_seats: int, num_targets: int) -> Any:
                 every = legal_moves(world, maze, own)
                 share = epsilon_of[row, seat]
                 into = column + np.uint64(i)
-                take(actions, row, into, mask, every, share, default, empty, streams, seat)
+                take(actions, row, into, mask, every, share, default, empty, True, streams, seat)
 
     return choose_actions

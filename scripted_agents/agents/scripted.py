@@ -15,6 +15,7 @@ from pursuit.mazes.maze import MAX_TABLE_CELLS, Maze, load_maze
 from pursuit.mazes.maze_arrays import MazeArrays, lay_out
 from pursuit.rules import layout
 from pursuit.rules.layout import Games
+from pursuit.rules.randomness import PACKED_BITS
 from pursuit.simulator.policy import GameView
 from pursuit.tasks.task import Task
 from pursuit.validation import check_bool, check_probability, whole
@@ -204,13 +205,15 @@ def num_targets(kind: int, task: Task) -> int:
 def is_known_team(kind: int, view: GameView, seats: tuple[int, ...]) -> bool:
     """Whether these agents use a kernel that is compiled for their number.
 
-    That is for few agents with consecutive indices and few targets, if all mazes have tables. For
+    That is for few agents with consecutive indices, targets and moves, in mazes with tables. For
     one agent with one target the general kernel is as fast.
     """
     first, targets = seats[0], num_targets(kind, view.task)
     if len(seats) * targets <= 1 or seats != tuple(range(first, first + len(seats))):
         return False
     if max(len(seats), targets) > known_kernels.MOST_KNOWN or not all_have_tables(view.mazes):
+        return False
+    if view.mazes.neighbors.shape[1] > PACKED_BITS:
         return False
     in_rows = layout.named(
         known_kernels.in_rows, view.games.position, view.games.active, view.epsilon

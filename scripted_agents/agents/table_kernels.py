@@ -47,7 +47,7 @@ def sample_table(
             epsilon = default
         if epsilon > 0.0 and next_uniform(streams[game], stream) < epsilon:
             every = legal_moves(world, maze, own)
-            actions[game] = draw_action(every, every, 0.0, empty, streams[game], stream)
+            actions[game] = draw_action(every, every, 0.0, empty, False, streams[game], stream)
             continue
         pair = table_offsets[maze] + own * world.num_cells[maze] + other
         draw = next_uniform(streams[game], stream) * cumulative[pair, num_actions - 1]

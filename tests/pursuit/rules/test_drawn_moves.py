@@ -31,7 +31,7 @@ def test_a_move_is_drawn_from_the_upper_and_the_lower_half_of_one_word() -> None
 
 @compiled
 def drawn_action(greedy: int, every: int, epsilon: float, empty: int, streams: Any) -> int:
-    return draw_action(greedy, every, epsilon, empty, streams, 0)
+    return draw_action(greedy, every, epsilon, empty, False, streams, 0)
 
 
 def mix(word: int) -> int:
