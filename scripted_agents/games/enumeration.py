@@ -38,7 +38,7 @@ class SmallGame:
         players: the name of each player.
         states: all states; the start states first.
         number: by state, its index in `states`.
-        actions: [player][state] the legal actions.
+        actions: by player and state, the legal actions.
         begins: [states + 1] int64, the first joint action of each state.
         choices: [joint actions, players] int32, the index of each player's action.
         rewards: [joint actions, players] float64, expected rewards of the step.
