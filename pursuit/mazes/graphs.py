@@ -65,9 +65,7 @@ def read_graph(
     names = [str(node) for node in nodes]
     if not nodes:
         raise ValueError(f"{name}: a graph without nodes; give at least one")
-    if len(set(names)) < len(names):
-        twice = next(each for each in names if names.count(each) > 1)
-        raise ValueError(f"{name}: two nodes are named {twice!r} as text; rename one of them")
+    _check_names(names, name)
     number = {node: index for index, node in enumerate(nodes)}
     places = list(_positions_of(graph, nodes, name, positions))
     moves: list[list[tuple[int, int]]] = [[] for _ in nodes]  # (action or -1, neighbor)
@@ -83,9 +81,13 @@ def read_graph(
         for way, action in zip((path, path[::-1]), actions, strict=False):
             for here, there in pairwise(way):
                 moves[here].append((action if here == way[0] else -1, there))
+    _check_names(names, name)  # a node may have the name of a cell within an edge
     most = _most_moves(moves, names, name, num_moves)
     neighbors = np.repeat(np.arange(len(names), dtype=np.int32)[:, None], most + 1, axis=1)
     for cell, found in enumerate(moves):
+        given = [action for action, _ in found if action >= 0]
+        if len(set(given)) < len(given):
+            raise ValueError(f"{name}: two edges from {names[cell]!r} have one action; change one")
         _assign(neighbors[cell], cell, found)
     _check_connected(neighbors, names, name)
     marks = [_marked(mark, number, name) for mark in goals]
@@ -96,6 +98,13 @@ def read_graph(
         None if start is None else _marked(start, number, name),
         tuple(marks),
     )
+
+
+def _check_names(names: list[str], name: str) -> None:
+    """ValueError if two cells have one name."""
+    if len(set(names)) < len(names):
+        twice = next(each for each in names if names.count(each) > 1)
+        raise ValueError(f"{name}: two nodes are named {twice!r} as text; rename one of them")
 
 
 def _streets(
@@ -116,9 +125,15 @@ def _streets(
                 f"{name}: the edge {a!r}, {b!r} has {length}={steps!r}; a length is a whole number "
                 "of steps, at least 1: round it, or give length=None for edges of one step"
             )
+        action = data.get("action", -1)
+        if not is_int(action) or not -1 <= action < MAX_MOVES:
+            raise ValueError(
+                f"{name}: the edge {a!r}, {b!r} has action={action!r}; an action is a number from "
+                f"0 to {MAX_MOVES - 1}"
+            )
         pair = (a, b) if graph.is_directed() or (b, a) not in shortest else (b, a)
         if pair not in shortest or steps < shortest[pair][0]:
-            shortest[pair] = int(steps), int(data.get("action", -1))
+            shortest[pair] = int(steps), int(action)
     done = set()
     for (a, b), (steps, action) in shortest.items():
         back = shortest.get((b, a)) if graph.is_directed() else (steps, -1)
@@ -275,6 +290,7 @@ def read_graph_text(text: str, name: str) -> GraphDrawing:
     if len(set(widths)) > 1:
         _fail(name, widths.index(min(widths)), "all cells need the same number of moves")
     neighbors = np.array(rows, dtype=np.int32)
+    _check_names(names, name)
     _check_connected(neighbors, names, name)
     return GraphDrawing(tuple(names), np.array(places), neighbors, start, tuple(goals))
 

@@ -223,7 +223,7 @@ class OpenSpielGame:
     def transitions(self, state: Any, actions: tuple[Any, ...]) -> list[Any]:
         """The positions after these actions and the moves of chance, with the gained returns."""
         position = self._positions[state].clone()
-        before = np.array(position.returns() if position.is_terminal() else _gains(position))
+        before = np.array(position.returns())
         if position.is_simultaneous_node():
             position.apply_actions(list(actions))
         else:
@@ -232,7 +232,7 @@ class OpenSpielGame:
         outcomes = []
         for chance, after in _resolved(position):
             over = after.is_terminal() or (self.horizon is not None and step >= self.horizon)
-            gained = np.array(_gains(after)) - before
+            gained = np.array(after.returns()) - before
             outcomes.append((chance, self._name(after, step), gained.tolist(), over))
         return outcomes
 
@@ -240,11 +240,6 @@ class OpenSpielGame:
         name = (str(position), step if self.horizon is not None else 0)
         self._positions.setdefault(name, position)
         return name
-
-
-def _gains(position: Any) -> list[float]:
-    """The returns so far: 0 before the end where a game rewards only its end."""
-    return list(position.returns())
 
 
 def _resolved(position: Any) -> list[tuple[float, Any]]:
@@ -264,16 +259,15 @@ class OpenSpielPolicy:
     Args:
         game: the task as a small game, from `game_of_task`.
         spiel: the same game from `to_openspiel`; its horizon is the `max_steps` of the task.
-        policy: with `action_probabilities(state, player)`, as OpenSpiel's `Policy`; for the game
-            itself, or for `pyspiel.convert_to_turn_based` of it if `turns`.
-        turns: the turn-based game that the policy is for, or None.
+        policy: with `action_probabilities(state, player)`, as OpenSpiel's `Policy`, for this game;
+            one for `pyspiel.convert_to_turn_based` of it is not supported.
 
     Raises:
         ValueError: from `act` and `distribution`, if the games are not those of the task.
     """
 
-    def __init__(self, game: SmallGame, spiel: Any, policy: Any, turns: Any = None) -> None:
-        self.game, self.spiel, self.policy, self.turns = game, spiel, policy, turns
+    def __init__(self, game: SmallGame, spiel: Any, policy: Any) -> None:
+        self.game, self.spiel, self.policy = game, spiel, policy
 
     def __repr__(self) -> str:
         return f"OpenSpielPolicy({type(self.policy).__name__})"

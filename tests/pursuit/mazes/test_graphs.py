@@ -91,6 +91,23 @@ def loop() -> Any:
         (networkx.Graph([(0, 1, {"length": 0})]), {}, "length=0"),
         (networkx.path_graph(3), {"positions": {0: (0, 0)}}, "no entry for the node 1"),
         (networkx.path_graph(2), {"positions": {0: 1, 1: 2}}, "pairs of finite numbers"),
+        (
+            networkx.Graph([("a", "b", {"length": 2}), ("b", "a-b")]),
+            {},
+            "two nodes are named 'a-b'",
+        ),
+        (
+            networkx.DiGraph(
+                [("a", "b", {"action": 0}), ("a", "c", {"action": 0}), ("b", "a"), ("c", "a")]
+            ),
+            {},
+            "two edges from 'a' have one action",
+        ),
+        (
+            networkx.Graph([(0, 1, {"action": "north"})]),
+            {},
+            "action='north'; an action is a number",
+        ),
         (networkx.path_graph(3), {"start": 7}, "the mark 7 is no node"),
         (networkx.path_graph(3), {"start": 1, "goals": [1]}, "at one node"),
         ("edges", {}, "give a networkx graph"),
@@ -116,6 +133,7 @@ def test_impossible_graphs_are_refused(
         ('graph of 2 cells and 1 moves\n0 "a" 0 0: 1\n1 "b" x 0: 0\n', "line 3: .*numbers"),
         ('graph of 2 cells and 1 moves\n0 "a" 0 0: 1\n7 "b" 0 0: 0\n', "line 3"),
         ('graph of 2 cells and 1 moves\n0 "a" 0 0: 1\n1 "b" 0 0: 5\n', "line 3: neighbors"),
+        ('graph of 2 cells and 1 moves\n0 "a" 0 0: 1\n1 "a" 0 0: 0\n', "two nodes are named 'a'"),
         ('graph of 2 cells and 2 moves\n0 "a" 0 0: 1 0\n1 "b" 0 0: 0\n', "same number of moves"),
     ],
 )
