@@ -161,28 +161,17 @@ def named_policy(
     return scripted_policy(name, role, epsilon, order, discount)
 
 
-def default_policies(
-    task: Task, epsilon: float = 0.0, opponent: Policy | None = None, own: str | None = None
-) -> dict[str, Policy]:
-    """A policy for every role of `task`, by default the scripted ones with `epsilon`.
-
-    Args:
-        task: the game.
-        epsilon: probability of random moves of the scripted agents.
-        opponent: the policy of all roles except that of `own`, instead of scripted ones.
-        own: your agent, by name or role.
-    """
-    own_role = "" if own is None else own.split("_")[0]
-    return {
-        role: opponent if opponent is not None and role != own_role else DEFAULTS[role](epsilon)
-        for role in dict.fromkeys(task.seat_roles)
-    }
+def default_policies(task: Task, epsilon: float = 0.0) -> dict[str, Policy]:
+    """The scripted policy of every role of `task`, with this probability of random moves."""
+    return {role: DEFAULTS[role](epsilon) for role in dict.fromkeys(task.seat_roles)}
 
 
 def chosen_policies(
     task: Task, agent: str, opponent: Policy | str | Path | None, epsilon: float
 ) -> dict[str, Policy]:
     """A policy for every role of `task`; `opponent` in all roles but that of your agent.
+
+    If all agents have one role, as in a race, `opponent` is the policy of all others.
 
     Args:
         task: the game.
@@ -193,23 +182,27 @@ def chosen_policies(
     Raises:
         ValueError: an unknown policy, or one that does not play a role of another agent.
     """
-    if not isinstance(opponent, str | Path):
-        return default_policies(task, epsilon, opponent, agent)
-    name = str(opponent)
-    if not is_agent(name) and (Path(name).is_dir() or Path(name).suffix == ".zip"):
-        saved: dict[str, Policy] = from_train("train.runs.opponents:opponents_of")(
-            task, agent, name, epsilon
-        )
-        return saved
-    own_role = agent.split("_")[0]
-    roles = set(task.seat_roles) - {own_role}
-    if not roles and (name in AGENTS or task.num_agents == 1):
+    policies = default_policies(task, epsilon)
+    if opponent is None:
+        return policies
+    if isinstance(opponent, str | Path):
+        name = str(opponent)
+        if not is_agent(name) and (Path(name).is_dir() or Path(name).suffix == ".zip"):
+            saved: dict[str, Policy] = from_train("train.runs.opponents:opponents_of")(
+                task, agent, name, epsilon
+            )
+            return saved
+    if task.num_agents == 1:
         raise ValueError(
-            f"opponent={name!r}, but task {task.name!r} has no other role; leave it out"
+            f"opponent={opponent!r}, but task {task.name!r} has no other role; leave it out"
         )
-    policies = default_policies(task, epsilon, own=agent)
-    for role in roles or {own_role}:
-        policies[role] = named_policy(name, task, role, epsilon)
+    own_role = agent.split("_")[0]
+    for role in set(task.seat_roles) - {own_role} or {own_role}:
+        policies[role] = (
+            named_policy(str(opponent), task, role, epsilon)
+            if isinstance(opponent, str | Path)
+            else opponent
+        )
     return policies
 
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import sys
+from array import array
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import product
-from math import prod
-from sys import getsizeof
+from math import isfinite, prod
+from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -21,8 +23,9 @@ MOST_STATES = 10**7
 SUM = 1e-9
 """Largest difference of a sum of probabilities from 1."""
 
-Report = Callable[[int, int], None]
-"""Called with the number of states that were expanded, and of those found so far."""
+Where = tuple[Any, ...]
+START: Where = ()
+"""The place of an error: the start, or a state and the actions that are played in it."""
 Behaviour = Callable[[Any], Mapping[Any, float] | Sequence[float]] | ArrayLike
 """See `SmallGame.table`."""
 
@@ -130,17 +133,17 @@ def _in_order(
 
 
 def enumerate_game(
-    game: Game, most_states: int = MOST_STATES, report: Report = lambda done, found: None
+    game: Game, most_states: int = MOST_STATES, progress: bool | None = None
 ) -> SmallGame:
     """Find all states that can be reached from the starts of a game, and their transitions.
 
-    Takes about ten microseconds for each outcome of a joint action, besides the time of the game's
-    own functions, and some hundred bytes. Memory is checked while states are found.
+    Memory is checked while states are found, as their number is not known before.
 
     Args:
         game: the game.
         most_states: above this number of states the game is refused.
-        report: called regularly with the progress.
+        progress: whether a line on stderr shows the states and the memory so far; None for
+            yes in a terminal.
 
     Raises:
         ValueError: a game without players or starts; a state that is not hashable; a player without
@@ -151,12 +154,13 @@ def enumerate_game(
     if not players:
         raise ValueError("a game without players; give the name of each")
     whole("most_states", most_states, 1)
-    found = _Found(most_states)
-    starts = [(float(chance), found.add(state, "a start")) for chance, state in game.starts()]
-    _check_sum([chance for chance, _ in starts], "starts()")
+    found = _Found(most_states, progress)
+    starts = [(float(chance), found.add(state, START)) for chance, state in game.starts()]
+    _check_sum([chance for chance, _ in starts], START)
     actions: list[list[Sequence[Hashable]]] = [[] for _ in players]
-    begins, choices, rewards = [0], [], []
-    rows, columns, chances = [], [], []
+    same: dict[Sequence[Hashable], Sequence[Hashable]] = {}  # equal actions are stored once
+    begins, choices, rewards = array("q", [0]), array("i"), array("d")
+    rows, columns, chances = array("q"), array("q"), array("d")
     number = 0
     while number < len(found.states):
         state = found.states[number]
@@ -166,29 +170,30 @@ def enumerate_game(
                 raise ValueError(
                     f"{players[player]} has no action in {state!r}; give one, such as None"
                 )
-            actions[player].append(options)
+            actions[player].append(same.setdefault(options, options))
         for joint, chosen in enumerate(product(*map(range, map(len, legal))), begins[-1]):
             played = tuple(options[i] for options, i in zip(legal, chosen, strict=True))
-            where = f"transitions({state!r}, {played!r})"
+            where = state, played
             outcomes = list(game.transitions(state, played))
             _check_sum([outcome[0] for outcome in outcomes], where)
-            mean = np.zeros(len(players))
+            mean = [0.0] * len(players)
             for chance, after, given, ended in outcomes:
-                mean += chance * _rewards(given, players, where)
+                for player, reward in enumerate(_rewards(given, players, where)):
+                    mean[player] += chance * reward
                 if not ended and chance > 0.0:
                     rows.append(joint)
                     columns.append(found.add(after, where))
                     chances.append(chance)
-            choices.append(chosen)
-            rewards.append(mean)
+            choices.extend(chosen)
+            rewards.extend(mean)
         begins.append(begins[-1] + prod(map(len, legal)))
         number += 1
         if number & (number - 1) == 0 or number % 10_000 == 0:
-            found.check(len(choices) / number, len(rows) / number, len(players))
-            report(number, len(found.states))
-    report(number, number)
-    shape = (len(choices), number)
-    following = csr_array((chances, (rows, columns)), shape=shape)  # adds equal entries
+            found.check(number, begins[-1], len(rows), len(players))
+    joints = begins[-1]
+    following = csr_array(  # adds equal entries
+        (np.frombuffer(chances), (_integers(rows), _integers(columns))), shape=(joints, number)
+    )
     start = np.zeros(number)
     for chance, state_number in starts:
         start[state_number] += chance
@@ -197,29 +202,36 @@ def enumerate_game(
         found.states,
         found.number,
         actions,
-        np.array(begins, dtype=np.int64),
-        np.array(choices, dtype=np.int32),
-        np.array(rewards),
+        _integers(begins),
+        np.array(choices, dtype=np.int32).reshape(joints, len(players)),
+        np.array(rewards).reshape(joints, len(players)),
         following,
         start,
     )
 
 
+def _integers(values: array[int]) -> NDArray[np.int64]:
+    return np.array(values, dtype=np.int64)
+
+
 class _Found:
     """The states found so far."""
 
-    def __init__(self, most: int) -> None:
+    def __init__(self, most: int, progress: bool | None) -> None:
         self.most = most
+        self.shown = sys.stderr.isatty() if progress is None else progress
+        self.began = self.reported = perf_counter()
         self.states: list[Hashable] = []
         self.number: dict[Hashable, int] = {}
 
-    def add(self, state: Hashable, where: str) -> int:
+    def add(self, state: Hashable, where: Where) -> int:
         """The index of a state, which is added if it is new."""
         try:
             known = self.number.setdefault(state, len(self.states))
         except TypeError:
             raise ValueError(
-                f"{where}: the state {state!r} is not hashable; give a tuple, a string or a number"
+                f"{_name(where)}: the state {state!r} is not hashable; give a tuple, a string or "
+                "a number"
             ) from None
         if known == len(self.states):
             self.states.append(state)
@@ -230,29 +242,46 @@ class _Found:
                 )
         return known
 
-    def check(self, joints: float, outcomes: float, players: int) -> None:
-        """ValueError if the states found so far do not fit into memory."""
-        each = 150 + getsizeof(self.states[-1]) + joints * (100 + 40 * players) + 100 * outcomes
-        check_memory(
-            f"{len(self.states):,} states found so far", int(each * len(self.states)),
-            "give a smaller game",
-        )  # fmt: skip
+    def check(self, done: int, joints: int, outcomes: int, players: int) -> None:
+        """Show the progress; ValueError if the states found so far do not fit into memory."""
+        # In bytes; twice what is stored, as the arrays are copied at the end.
+        each = 200 + sys.getsizeof(self.states[-1]) + (16 + 24 * players) * joints / done
+        total = int((each + 60 * outcomes / done) * len(self.states))
+        check_memory(f"{len(self.states):,} states found so far", total, "give a smaller game")
+        now, live = perf_counter(), sys.stderr.isatty()
+        if self.shown and now - self.reported >= (0.5 if live else 10.0):
+            self.reported = now
+            line = (
+                f"{done:,} of {len(self.states):,} states found so far, {total / 1e9:.2f} GB, "
+                f"{now - self.began:.0f} s"
+            )
+            print(
+                f"\r{line}" if live else line, end="" if live else "\n", file=sys.stderr, flush=True
+            )
 
 
-def _check_sum(chances: Sequence[float], where: str) -> None:
+def _name(where: Where) -> str:
+    return f"transitions({where[0]!r}, {where[1]!r})" if where else "starts()"
+
+
+def _check_sum(chances: Sequence[float], where: Where) -> None:
     if not chances:
-        raise ValueError(f"{where} is empty; give at least one state with probability 1")
+        raise ValueError(f"{_name(where)} is empty; give at least one state with probability 1")
     if not abs(sum(chances) - 1.0) <= SUM or min(chances) < 0.0:
         raise ValueError(
-            f"{where}: the probabilities {list(chances)} add up to {sum(chances):g}; give "
+            f"{_name(where)}: the probabilities {list(chances)} add up to {sum(chances):g}; give "
             "non-negative ones with sum 1"
         )
 
 
-def _rewards(given: Any, players: tuple[str, ...], where: str) -> NDArray[np.float64]:
-    rewards = np.asarray(given, dtype=np.float64)
-    if rewards.shape != (len(players),) or not np.isfinite(rewards).all():
+def _rewards(given: Any, players: tuple[str, ...], where: Where) -> list[float]:
+    try:
+        rewards = [float(reward) for reward in given]
+    except (TypeError, ValueError):
+        rewards = []
+    if len(rewards) != len(players) or not all(map(isfinite, rewards)):
         raise ValueError(
-            f"{where}: rewards {given!r}; give one finite number for each of {', '.join(players)}"
+            f"{_name(where)}: rewards {given!r}; give one finite number for each of "
+            f"{', '.join(players)}"
         )
     return rewards

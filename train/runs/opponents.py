@@ -118,7 +118,7 @@ def opponents_of(
         f"opponent={opponent!r} is a policy for {role!r}; give one for another agent of task "
         f"{task.name!r}: {', '.join(others) or 'none'}",
     )
-    return {**default_policies(task, epsilon, own=agent), role: policy}
+    return {**default_policies(task, epsilon), role: policy}
 
 
 def policy_in_seat(

@@ -110,9 +110,7 @@ def test_gymnasiums_own_vectorisation_works_too() -> None:
 
 def twin(task: pursuit.Task, agent: str, game: int, observation: str) -> SingleAgentEnv:
     """The single environment that belongs to row `game` of a vector environment."""
-    env = SingleAgentEnv(
-        task, agent, default_policies(task, 0.3, own=agent), observation, mask_bumps=True
-    )
+    env = SingleAgentEnv(task, agent, default_policies(task, 0.3), observation, mask_bumps=True)
     env.simulator = Simulator(task, first_game=game, auto_restart=False)
     return env
 
@@ -132,7 +130,7 @@ def test_a_row_of_the_batch_is_a_single_environment(
     settings: tuple[str, dict[str, Any]], agent: str, observation: str
 ) -> None:
     task = make_task(settings[0], **{"maze": "4x4", "max_steps": 25, **settings[1]})
-    policies = default_policies(task, 0.3, own=agent)
+    policies = default_policies(task, 0.3)
     how: dict[str, Any] = {"mask_bumps": True, "autoreset_mode": "SAME_STEP"}
     envs = SingleAgentVectorEnv(task, agent, policies, 4, observation, **how)
     singles = [twin(task, agent, game, observation) for game in range(4)]
@@ -278,6 +276,13 @@ def test_an_opponent_may_use_any_observation() -> None:
     envs.step(np.zeros(3, dtype=int))
     assert opponent.seen[0].shape == (3, 1, 5)
     assert (opponent.seen[0] == 1).sum() == 3  # the evader sees itself, as code 1
+
+
+@pytest.mark.parametrize("given", ["random", RandomAgent()])
+def test_an_opponent_plays_the_other_runners_of_a_race(given: Any) -> None:
+    env: Any = make_env("race", "runner_0", maze="3x3", num_goals=2, opponent=given)
+    assert env.unwrapped.policies[0] is None
+    assert isinstance(env.unwrapped.policies[1], RandomAgent)
 
 
 @pytest.mark.parametrize("opponent", [AStarEvader(), AStarEvader(0.5), RandomAgent()])

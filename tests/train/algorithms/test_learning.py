@@ -231,7 +231,7 @@ def learn(
 @pytest.mark.parametrize("shared", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_a_chaser_learns_to_be_nearly_optimal_on_3x3(shared: bool) -> None:
     task = make_task("chase", maze="3x3")
-    contest = GameContest(task, "chaser", default_policies(task, 0.2, own="chaser"), 100)
+    contest = GameContest(task, "chaser", default_policies(task, 0.2), 100)
     policy = learn(task, "chaser", 150_000, shared=shared)
     learned, random = contest.score("learned", policy), contest.score("random", RandomAgent())
     optimum = contest.optimal()
@@ -243,7 +243,7 @@ def test_a_chaser_learns_to_be_nearly_optimal_on_3x3(shared: bool) -> None:
 @pytest.mark.slow
 def test_an_evader_learns_to_survive_longer_than_a_random_one() -> None:
     task = make_task("chase", maze="4x4")
-    contest = GameContest(task, "evader", default_policies(task, 0.2, own="evader"), 100)
+    contest = GameContest(task, "evader", default_policies(task, 0.2), 100)
     policy = learn(task, "evader", 200_000)
     learned, random = contest.score("learned", policy), contest.score("random", RandomAgent())
     assert learned.mean_steps > 3 * random.mean_steps

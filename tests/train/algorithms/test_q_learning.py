@@ -181,7 +181,7 @@ def test_optimistic_values_fall_and_never_below_the_optimal_values() -> None:
 @pytest.mark.parametrize(("agent", "evaders"), [("chaser_0", 1), ("evader_0", 2)])
 def test_episodes_end_as_those_of_the_environment_do(agent: str, evaders: int) -> None:
     task = make_task("chase", maze="3x3", num_evaders=evaders, max_steps=12)
-    seat, policies = fill_seats(task, agent, default_policies(task, 0.2, own=agent))
+    seat, policies = fill_seats(task, agent, default_policies(task, 0.2))
     own, other = (
         SimulatorEnv(Simulator(task, 32, 5, auto_restart=False), Seat(task, agent), policies)
         for _ in range(2)
@@ -262,7 +262,7 @@ def test_exploration_is_independent_of_the_starts() -> None:
     task = make_task("chase", maze="3x3")
     simulator = Simulator(task, 64, 7, auto_restart=False)
     simulator.seed(7)
-    _, policies = fill_seats(task, "chaser_0", default_policies(task, 0.2, own="chaser_0"))
+    _, policies = fill_seats(task, "chaser_0", default_policies(task, 0.2))
     env = SimulatorEnv(simulator, Seat(task, "chaser_0"), policies)
     streams = QLearning(QLearningSettings(num_games=64), env, 7)._streams
     assert streams.shape == (64, 1) and len(np.unique(streams)) == 64
