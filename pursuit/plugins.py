@@ -323,7 +323,7 @@ class Registry(Generic[Part]):
             reason = " ".join(f"{type(error).__name__}: {error}".split())
             raise ValueError(
                 f"{self.kind} {name!r}: module {module_name} cannot be imported ({reason}); fix "
-                "it, or add its folder to PYTHONPATH"
+                "it, or add its folder to PYTHONPATH. A file my_file.py is named my_file:Name"
             ) from error
         if not hasattr(module, attribute):
             public = [known for known in dir(module) if not known.startswith("_")]

@@ -1,13 +1,14 @@
 """Graphs as mazes: reading networkx graphs, GraphML and edge lists, and the text format of graphs.
 
-A cell is a node. Action i of a cell leads to its i-th neighbor; in a cell with fewer neighbors than
-the graph has moves, the other actions keep the place, as at a wall. An edge of length n takes n
-steps: it has n - 1 cells of its own, on which agents are seen, meet and can turn round. Opposite
-directed edges of one length share them.
+A cell is a node. Action i of a cell leads to its i-th neighbor (successor, if edges are directed);
+in a cell with fewer neighbors than the graph has moves, the others keep the place, as at a wall.
+An edge of length n takes n steps: it has n - 1 cells of its own, on which agents are seen, meet and
+can turn round. Opposite directed edges of one length share them.
 """
 
 from __future__ import annotations
 
+import ast
 import json
 import re
 from collections.abc import Hashable, Iterable, Mapping
@@ -27,6 +28,10 @@ MAX_MOVES = 31
 HEADER = "graph"
 """The first word of the text format."""
 SUFFIXES = (".graphml", ".edgelist", ".edges")
+MAX_GRAPH_CELLS = 200_000
+"""Limit of the cells of a graph with those within edges; a wrong unit of lengths can need many."""
+MAX_LAYOUT_NODES = 500
+"""Larger graphs without positions are drawn on a circle, as other layouts take long."""
 
 _LINE = re.compile(r'(\d+) ("(?:[^"\\]|\\.)*") (\S+) (\S+)((?: [SG])?): ([\d ]*)')
 
@@ -67,29 +72,41 @@ def read_graph(
         raise ValueError(f"{name}: a graph without nodes; give at least one")
     _check_names(names, name)
     number = {node: index for index, node in enumerate(nodes)}
+    streets = list(_streets(graph, name, length))
+    cells = len(nodes) + sum(steps - 1 for _, _, steps, _ in streets)
+    if cells > MAX_GRAPH_CELLS:
+        raise ValueError(
+            f"{name}: {len(nodes)} nodes and lengths that add up to {cells:,} cells; at most "
+            f"{MAX_GRAPH_CELLS:,} are possible. Divide the lengths, or take a smaller part"
+        )
     places = list(_positions_of(graph, nodes, name, positions))
-    moves: list[list[tuple[int, int]]] = [[] for _ in nodes]  # (action or -1, neighbor)
-    for a, b, steps, actions in _streets(graph, name, length):
+    rank = {node: {there: i for i, there in enumerate(graph.adj[node])} for node in nodes}
+    # (action or -1, place among the neighbors, neighbor)
+    moves: list[list[tuple[int, int, int]]] = [[] for _ in range(cells)]
+    for a, b, steps, actions in streets:
         path = [number[a]]
         for between in range(1, steps):
             names.append(f"{a}-{b}:{between}" if steps > 2 else f"{a}-{b}")
             share = between / steps
             places.append((1 - share) * places[number[a]] + share * places[number[b]])
-            moves.append([])
             path.append(len(names) - 1)
         path.append(number[b])
-        for way, action in zip((path, path[::-1]), actions, strict=False):
+        ends = (path, rank[a].get(b, 0)), (path[::-1], rank[b].get(a, 0))
+        for (way, order), action in zip(ends, actions, strict=False):
             for here, there in pairwise(way):
-                moves[here].append((action if here == way[0] else -1, there))
+                first = here == way[0]
+                moves[here].append((action if first else -1, order if first else 0, there))
     _check_names(names, name)  # a node may have the name of a cell within an edge
     most = _most_moves(moves, names, name, num_moves)
     neighbors = np.repeat(np.arange(len(names), dtype=np.int32)[:, None], most + 1, axis=1)
     for cell, found in enumerate(moves):
-        given = [action for action, _ in found if action >= 0]
+        given = [action for action, _, _ in found if action >= 0]
         if len(set(given)) < len(given):
             raise ValueError(f"{name}: two edges from {names[cell]!r} have one action; change one")
         _assign(neighbors[cell], cell, found)
     _check_connected(neighbors, names, name)
+    if isinstance(goals, str) or not isinstance(goals, Iterable):
+        raise ValueError(f"{name}: goals={goals!r}; give a list of nodes")
     marks = [_marked(mark, number, name) for mark in goals]
     return GraphDrawing(
         tuple(names),
@@ -120,20 +137,22 @@ def _streets(
                 "stay_action=True to let agents stay"
             )
         steps = data.get(length, 1) if length is not None else 1
-        if not (is_int(steps) or (isinstance(steps, float) and steps.is_integer())) or steps < 1:
+        whole_float = isinstance(steps, float | np.floating) and steps.is_integer()
+        if not (is_int(steps) or whole_float) or steps < 1:
             raise ValueError(
                 f"{name}: the edge {a!r}, {b!r} has {length}={steps!r}; a length is a whole number "
-                "of steps, at least 1: round it, or give length=None for edges of one step"
+                "of steps, at least 1: round it, or use Maze.from_graph(graph, length=None) for "
+                "edges of one step"
             )
-        action = data.get("action", -1)
-        if not is_int(action) or not -1 <= action < MAX_MOVES:
+        action = data.get("action")
+        if action is not None and not (is_int(action) and 0 <= action < MAX_MOVES):
             raise ValueError(
                 f"{name}: the edge {a!r}, {b!r} has action={action!r}; an action is a number from "
                 f"0 to {MAX_MOVES - 1}"
             )
         pair = (a, b) if graph.is_directed() or (b, a) not in shortest else (b, a)
         if pair not in shortest or steps < shortest[pair][0]:
-            shortest[pair] = int(steps), int(action)
+            shortest[pair] = int(steps), -1 if action is None else int(action)
     done = set()
     for (a, b), (steps, action) in shortest.items():
         back = shortest.get((b, a)) if graph.is_directed() else (steps, -1)
@@ -145,11 +164,11 @@ def _streets(
 
 
 def _most_moves(
-    moves: list[list[tuple[int, int]]], names: list[str], name: str, num_moves: int | None
+    moves: list[list[tuple[int, int, int]]], names: list[str], name: str, num_moves: int | None
 ) -> int:
     """The number of moves: the largest degree, unless more are wanted."""
     degrees = [len(found) for found in moves]
-    needed = max(max(degrees), 1 + max((a for found in moves for a, _ in found), default=-1), 1)
+    needed = max(max(degrees), 1 + max((a for found in moves for a, _, _ in found), default=-1), 1)
     if needed > MAX_MOVES:
         node = names[int(np.argmax(degrees))]
         raise ValueError(
@@ -162,13 +181,14 @@ def _most_moves(
     return num_moves
 
 
-def _assign(row: NDArray[np.int32], cell: int, found: list[tuple[int, int]]) -> None:
+def _assign(row: NDArray[np.int32], cell: int, found: list[tuple[int, int, int]]) -> None:
     """Write the neighbors of a cell: those with an action there, the others in order."""
-    for action, there in found:
+    for action, _, there in found:
         if action >= 0:
             row[action] = there
     free = [action for action in range(len(row) - 1) if row[action] == cell]
-    for (_, there), action in zip((each for each in found if each[0] < 0), free, strict=False):
+    others = sorted((each for each in found if each[0] < 0), key=lambda each: each[1])
+    for (_, _, there), action in zip(others, free, strict=False):
         row[action] = there
 
 
@@ -217,8 +237,12 @@ def _positions_of(
     else:
         import networkx  # slow to import
 
-        placed = networkx.spring_layout(networkx.Graph(graph.edges), seed=0)
-        found = [placed.get(node, (0.0, 0.0)) for node in nodes]
+        links: networkx.Graph[Any] = networkx.Graph()
+        links.add_nodes_from(nodes)
+        links.add_edges_from((a, b) for a, b, *_ in graph.edges)
+        few = len(nodes) <= MAX_LAYOUT_NODES
+        placed = networkx.spring_layout(links, seed=0) if few else networkx.circular_layout(links)
+        found = [placed[node] for node in nodes]
     try:
         array = np.array(found, dtype=np.float64)
     except (TypeError, ValueError):
@@ -300,24 +324,41 @@ def _fail(name: str, cell: int, problem: str) -> NoReturn:
 
 
 def read_graph_file(text: str, suffix: str, name: str) -> GraphDrawing:
-    """Read GraphML, or an edge list: lines of two nodes, and the length of the edge if not 1.
+    """Read GraphML, or an edge list as networkx writes them, without directions.
 
     Raises:
         ValueError: invalid text, or a graph that `Maze.from_graph` refuses.
     """
     import networkx  # slow to import
 
+    if suffix != ".graphml":
+        return read_graph(_edges_of(text, name), name)
     try:
-        graph: Any
-        if suffix == ".graphml":
-            graph = networkx.parse_graphml(text)
-        else:
-            lines = text.splitlines()
-            columns = {len(line.split("#")[0].split()) for line in lines} - {0}
-            data = [("length", int)] if columns and max(columns) > 2 else False
-            if not columns <= {2, 3}:
-                raise ValueError("a line of an edge list is: node node, or: node node length")
-            graph = networkx.parse_edgelist(lines, data=data)
-    except Exception as error:  # the readers of networkx raise many kinds
+        graph = networkx.parse_graphml(text)
+    except Exception as error:  # its reader raises many kinds
         raise ValueError(f"{name}: not a valid {suffix} file ({error})") from None
     return read_graph(graph, name)
+
+
+def _edges_of(text: str, name: str) -> Any:
+    """The edges of lines `node node`, `node node length` or `node node {'length': 2}`."""
+    import networkx  # slow to import
+
+    graph: Any = networkx.MultiGraph()
+    for number, line in enumerate(text.splitlines(), start=1):
+        words = line.split("#")[0].split(maxsplit=2)
+        if not words:
+            continue
+        try:
+            data = ast.literal_eval(words[2]) if len(words) == 3 else {}
+        except (ValueError, SyntaxError):
+            data = None
+        if isinstance(data, int | float):
+            data = {"length": data}
+        if len(words) == 1 or not isinstance(data, dict):
+            raise ValueError(
+                f"{name}: line {number}: {line!r}; a line of an edge list is `node node`, or "
+                "`node node length` with a number of steps. The names of nodes have no blanks"
+            )
+        graph.add_edge(*words[:2], **{str(key): value for key, value in data.items()})
+    return graph

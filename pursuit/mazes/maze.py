@@ -184,14 +184,14 @@ class Maze:
     ) -> Maze:
         """A maze with the nodes of a networkx graph, directed or not, as cells.
 
-        Action i leads to the i-th neighbor, in the order of the edges; with fewer neighbors the
-        agent keeps its place. Edges may have an attribute `action`, the action that takes them. Of
-        parallel edges only the shortest counts.
+        Action i leads along the edge to the i-th of `graph.neighbors(node)` (directed graphs:
+        `graph.successors(node)`); with fewer neighbors the agent keeps its place. Edges may have an
+        attribute `action`, the action that takes them. Of parallel edges only the shortest counts.
 
         Args:
             graph: connected (directed graphs: strongly), without edges from a node to itself.
             positions: (x, y) of each node for pictures; by default the attributes `pos` or `x` and
-                `y` of the nodes, or a spring layout.
+                `y` of the nodes, or a layout by springs (on a circle above 500 nodes).
             length: the attribute of edges with their length in steps, 1 if it is missing; None for
                 1. An edge of length n gets n - 1 cells, on which agents are seen and, if it is not
                 one-way, can turn. Opposite directed edges of one length share them.
@@ -203,7 +203,7 @@ class Maze:
         Raises:
             ValueError: an empty or unconnected graph, an edge from a node to itself, two nodes with
                 the same name as text, more than 31 neighbors, or a length that is no whole number;
-                a directed graph of more than MAX_TABLE_CELLS cells.
+                a graph of more than 200,000 cells, or MAX_TABLE_CELLS if it is directed.
         """
         drawing = read_graph(graph, name, positions, length, num_moves, start, goals)
         return cls.from_drawing(drawing, name)
@@ -475,7 +475,8 @@ def load_maze(maze: str | Path | Maze) -> Maze:
     see `pursuit.load_suite`. Files with the suffix `.map` are read as MovingAI maps (Sturtevant,
     2012): passable squares (`.`, `G`, and swamp `S`) are cells connected to their neighbours; all
     others are blocked. Files with the suffix `.graphml` are read as GraphML, and with `.edgelist`
-    or `.edges` as lines of two nodes and, if it is not 1, the length of the edge in steps.
+    or `.edges` as lines of two nodes and, if it is not 1, the length of the edge in steps; these
+    edges have no direction.
 
     Raises:
         ValueError: an unknown name, a missing file, a directory, or an invalid file. The message

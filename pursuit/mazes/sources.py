@@ -18,8 +18,7 @@ from pursuit.memory import check_memory
 from pursuit.validation import unknown
 
 LIBRARY = Path(__file__).with_name("files")
-
-
+OTHER_GRAPHS = (".gml", ".adjlist", ".gexf", ".pickle", ".gpickle", ".net")
 BYTES_PER_CHARACTER = 26
 """Memory per character to read the text of a maze, measured with 1000x1000 cells."""
 
@@ -54,6 +53,11 @@ def drawing_of(maze: str | Path) -> tuple[Drawing | GraphDrawing, str]:
     path = LIBRARY / f"{maze}.txt" if isinstance(maze, str) and maze in names else Path(maze)
     if "\n" in str(maze):
         raise ValueError("this is the text of a maze, not a name or path; use Maze.from_text")
+    if path.suffix.lower() in OTHER_GRAPHS and path.is_file():
+        raise ValueError(
+            f"{path}: graphs are read from {', '.join(SUFFIXES)}; convert it with "
+            "networkx.write_graphml"
+        )
     text = read_text(path)
     name = path.stem if path.parent == LIBRARY else str(path)
     suffix = path.suffix.lower()
@@ -72,6 +76,8 @@ def read_text(path: Path) -> str:
     """
     try:
         if not path.exists():
+            if path.suffix or path.name != str(path):
+                raise ValueError(f"{path}: no such file; give the path to a maze file")
             raise ValueError(
                 unknown("maze", str(path), library_names(), "shipped mazes:")
                 + "; or give a path to a maze file"
@@ -84,7 +90,7 @@ def read_text(path: Path) -> str:
     except UnicodeDecodeError as error:
         raise ValueError(
             f"{path}: line {path.read_bytes()[: error.start].count(10) + 1}: not a text file "
-            "(UTF-8); a maze is drawn with '+', '-', '|', blanks, 'S', 'G' and '#'"
+            "(UTF-8); give the text of a maze or of a graph"
         ) from None
     except OSError as error:
         raise ValueError(f"{path}: cannot be read ({error.strerror})") from None

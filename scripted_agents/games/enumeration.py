@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
 from array import array
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import product
 from math import isfinite, prod
 from time import perf_counter
@@ -23,6 +25,7 @@ MOST_STATES = 10**7
 SUM = 1e-9
 """Largest difference of a sum of probabilities from 1."""
 
+OUTCOME = "(probability, next state, rewards, ended)"
 Where = tuple[Any, ...]
 START: Where = ()
 """The place of an error: the start, or a state and the actions that are played in it."""
@@ -89,6 +92,10 @@ class SmallGame:
         index = self.player(player)
         offsets = self.offsets(index)
         if not callable(policy):
+            if isinstance(policy, str | Mapping):
+                raise ValueError(
+                    f"the policy of {player} is {policy!r}; give a function of a state, or a table"
+                )
             table = np.asarray(policy, dtype=np.float64)
             if table.shape != (offsets[-1],):
                 raise ValueError(
@@ -150,12 +157,16 @@ def enumerate_game(
             an action; probabilities that do not add up to 1; rewards that are not one finite
             number for each player; too many states, or too little memory.
     """
+    if isinstance(game, type) or not isinstance(game, Game):
+        raise ValueError(f"{game!r}; give an object with players and the three methods of Game")
     players = tuple(game.players)
-    if not players:
-        raise ValueError("a game without players; give the name of each")
+    if not players or len(set(players)) < len(players):
+        raise ValueError(f"players={game.players!r}; give the name of each player, all different")
     whole("most_states", most_states, 1)
     found = _Found(most_states, progress)
-    starts = [(float(chance), found.add(state, START)) for chance, state in game.starts()]
+    starts = []
+    for given in _listed(game.starts, START, "(probability, state)", 2):
+        starts.append((given[0], found.add(given[1], START)))
     _check_sum([chance for chance, _ in starts], START)
     actions: list[list[Sequence[Hashable]]] = [[] for _ in players]
     same: dict[Sequence[Hashable], Sequence[Hashable]] = {}  # equal actions are stored once
@@ -164,22 +175,19 @@ def enumerate_game(
     number = 0
     while number < len(found.states):
         state = found.states[number]
-        legal = [tuple(game.legal_actions(state, player)) for player in range(len(players))]
+        legal = [_legal(game, state, player) for player in range(len(players))]
         for player, options in enumerate(legal):
-            if not options:
-                raise ValueError(
-                    f"{players[player]} has no action in {state!r}; give one, such as None"
-                )
             actions[player].append(same.setdefault(options, options))
         for joint, chosen in enumerate(product(*map(range, map(len, legal))), begins[-1]):
-            played = tuple(options[i] for options, i in zip(legal, chosen, strict=True))
-            where = state, played
-            outcomes = list(game.transitions(state, played))
+            where = state, tuple(options[i] for options, i in zip(legal, chosen, strict=True))
+            outcomes = _listed(partial(game.transitions, *where), where, OUTCOME, 4)
             _check_sum([outcome[0] for outcome in outcomes], where)
             mean = [0.0] * len(players)
             for chance, after, given, ended in outcomes:
                 for player, reward in enumerate(_rewards(given, players, where)):
                     mean[player] += chance * reward
+                if ended is not True and ended is not False and not isinstance(ended, np.bool_):
+                    raise ValueError(f"{_name(where)}: ended={ended!r}; give True or False")
                 if not ended and chance > 0.0:
                     rows.append(joint)
                     columns.append(found.add(after, where))
@@ -264,7 +272,45 @@ def _name(where: Where) -> str:
     return f"transitions({where[0]!r}, {where[1]!r})" if where else "starts()"
 
 
-def _check_sum(chances: Sequence[float], where: Where) -> None:
+def _listed(call: Callable[[], Any], where: Where, form: str, size: int) -> list[Any]:
+    """What a function of the game returns, checked to be a list of tuples."""
+    try:
+        found = call()
+    except Exception as error:
+        error.add_note(f"in {_name(where)} of the game")
+        raise
+    try:
+        found = list(found)
+        if all(len(each) == size for each in found):
+            return found
+    except TypeError:
+        pass
+    raise ValueError(f"{_name(where)} returned {found!r}; give a list of {form}")
+
+
+def _legal(game: Game, state: Any, player: int) -> tuple[Hashable, ...]:
+    """The legal actions of a player, checked."""
+    name = game.players[player]
+    given = game.legal_actions(state, player)
+    try:
+        actions = tuple(given)
+        different = len(set(actions)) == len(actions)
+    except TypeError:
+        raise ValueError(
+            f"legal_actions({state!r}, {player}) returned {given!r}; give a list of hashable "
+            f"actions of {name}"
+        ) from None
+    if not actions or not different:
+        what = "no action" if not actions else f"the actions {list(actions)}"
+        raise ValueError(
+            f"{name} has {what} in {state!r}; give at least one, such as None, all different"
+        )
+    return actions
+
+
+def _check_sum(chances: Sequence[Any], where: Where) -> None:
+    if not all(isinstance(chance, int | float | np.number) for chance in chances):
+        raise ValueError(f"{_name(where)}: the probabilities {list(chances)} are not numbers")
     if not chances:
         raise ValueError(f"{_name(where)} is empty; give at least one state with probability 1")
     if not abs(sum(chances) - 1.0) <= SUM or min(chances) < 0.0:
@@ -275,10 +321,10 @@ def _check_sum(chances: Sequence[float], where: Where) -> None:
 
 
 def _rewards(given: Any, players: tuple[str, ...], where: Where) -> list[float]:
-    try:
-        rewards = [float(reward) for reward in given]
-    except (TypeError, ValueError):
-        rewards = []
+    rewards: list[float] = []
+    if not isinstance(given, str | Mapping):
+        with contextlib.suppress(TypeError, ValueError):
+            rewards = [float(reward) for reward in given]
     if len(rewards) != len(players) or not all(map(isfinite, rewards)):
         raise ValueError(
             f"{_name(where)}: rewards {given!r}; give one finite number for each of "

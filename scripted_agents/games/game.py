@@ -6,6 +6,7 @@ from collections.abc import Callable, Hashable, Iterable, Sequence
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
+from pettingzoo import ParallelEnv
 
 Outcome = tuple[float, Hashable, Sequence[float], bool]
 """Probability, next state, the reward of each player, and whether the game has ended."""
@@ -62,10 +63,12 @@ class ParallelGame:
         seeds: Iterable[int] = (0,),
     ) -> None:
         self.env, self._save, self._restore = env, save, restore
+        if not isinstance(env, ParallelEnv):
+            raise ValueError(f"{env!r}; give a parallel environment of PettingZoo")
         self.players: tuple[str, ...] = tuple(env.possible_agents)
-        self._seeds = tuple(seeds)
+        self._seeds = tuple(seeds) if isinstance(seeds, Iterable) else ()
         if not self._seeds:
-            raise ValueError("seeds is empty; give at least one seed of reset")
+            raise ValueError(f"seeds={seeds!r}; give a list of seeds of reset")
         for agent in self.players:
             if not hasattr(env.action_space(agent), "n"):
                 space = env.action_space(agent)
@@ -97,6 +100,10 @@ class ParallelGame:
 
     def _step(self, state: Any, actions: tuple[int, ...]) -> Outcome:
         self._restore(self.env, state[0])
+        if not self.env.agents:
+            raise ValueError(
+                f"after restore(env, {state[0]!r}) env.agents is empty; restore must set it"
+            )
         chosen = dict(zip(self.players, actions, strict=True))
         playing = {agent: chosen[agent] for agent in self.env.agents}
         observations, rewards, terminations, truncations, infos = self.env.step(playing)

@@ -198,7 +198,8 @@ class OpenSpielGame:
     def __init__(self, game: Any, horizon: int | None = None) -> None:
         self.spiel = pyspiel.load_game(game) if isinstance(game, str) else game
         kind = self.spiel.get_type()
-        if kind.information != pyspiel.GameType.Information.PERFECT_INFORMATION:
+        known = pyspiel.GameType.Information
+        if kind.information not in (known.PERFECT_INFORMATION, known.ONE_SHOT):
             raise ValueError(
                 f"{kind.short_name} has hidden information; small games have perfect information"
             )

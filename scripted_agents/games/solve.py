@@ -79,6 +79,7 @@ def returns_of(
         ValueError: an invalid argument, or a policy that is missing or no distribution.
     """
     _check(discount, horizon)
+    _check_game(game)
     chances = _chances(game, policies, game.players)
     state = np.repeat(np.arange(game.num_states), np.diff(game.begins))
     weights = csr_array((chances, (state, np.arange(len(chances)))))
@@ -100,7 +101,10 @@ def respond(
     """
     _check(discount, horizon)
     team = (players,) if isinstance(players, str) else tuple(players)
+    _check_game(game)
     indices = [game.player(name) for name in team]
+    if not team or len(set(team)) < len(team):
+        raise ValueError(f"players={players!r}; give one player, or several different ones")
     others = [name for name in game.players if name not in team]
     chances = _chances(game, policies, others)
     # The options of a state are the choices of the team, the last player's counting fastest.
@@ -169,6 +173,7 @@ def equilibrium(
             discount or horizon.
     """
     _check(discount, horizon)
+    _check_game(game)
     if len(game.players) != 2:
         raise ValueError(
             f"{len(game.players)} players; equilibria are computed for two with opposite rewards. "
@@ -206,8 +211,15 @@ def _check(discount: float, horizon: int | None) -> None:
         )
 
 
+def _check_game(game: SmallGame) -> None:
+    if not isinstance(game, SmallGame):
+        raise ValueError(f"{game!r} is not enumerated; give enumerate_game(game)")
+
+
 def _chances(game: SmallGame, policies: Policies, players: Sequence[str]) -> Values:
     """[joint actions] float64: the probability of the choices of these players."""
+    for name in policies:
+        game.player(name)
     chances = np.ones(len(game.choices))
     state = np.repeat(np.arange(game.num_states), np.diff(game.begins))
     for name in players:

@@ -12,6 +12,7 @@ from PIL import Image
 
 from pursuit.mazes.generation import generate_graph, generate_maze
 from pursuit.mazes.graph_generation import GRAPHS
+from pursuit.mazes.graphs import SUFFIXES
 from pursuit.mazes.maze import MAX_TABLE_CELLS, Maze, load_maze
 from pursuit.rendering.rendering import Scene, draw_scene
 from scripted_agents.tours.tour import expected_tour_length
@@ -79,6 +80,11 @@ def maze(arguments: Sequence[str]) -> None:
         )
     picture = given.picture
     check(picture is None or picture.suffix[1:] in FORMATS, f"{picture}: give a .png or .svg file")
+    check(
+        given.out is None or given.out.suffix.lower() not in SUFFIXES,
+        f"{given.out}: --out writes the text format of Pursuit; give a .txt file. GraphML is "
+        "written in Python by networkx.write_graphml(maze.to_graph(), path)",
+    )
     check_new_files([given.out, picture], given.overwrite)
     if made.num_cells <= 60**2:
         print(made.to_text(), end="")
@@ -121,9 +127,9 @@ def describe_maze(maze: Maze) -> str:
         if maze.is_grid
         else f"{maze.num_cells} of a graph with up to {maze.num_moves} neighbors",
         "connected": "yes" if parts == 1 else f"no: {parts} parts",
-        "dead ends": str(len(maze.dead_ends)),
-        "loops": str(maze.num_loops),
     }
+    if not maze.is_directed:
+        facts |= {"dead ends": str(len(maze.dead_ends)), "loops": str(maze.num_loops)}
     if maze.num_cells <= MAX_TABLE_CELLS:
         facts["longest shortest path"] = str(maze.longest_distance)
     if parts == 1 and maze.num_cells <= MAX_TABLE_CELLS:

@@ -191,7 +191,7 @@ class Own(nn.Module):
             made = factory(features, width)
             with torch.no_grad():  # also initialises lazy layers
                 found = tuple(made.eval()(example).shape) if isinstance(made, nn.Module) else ()
-        except (AttributeError, IndexError, RuntimeError, TypeError) as error:
+        except Exception as error:  # of the user's code
             remedy = "; convolutions need --observation planes, dense layers one_hot"
             raise ValueError(
                 f"network {features.network!r} failed for {self.form} of shape "

@@ -272,7 +272,8 @@ class LearnedPolicy(NetworkPolicy):
                 f"this policy is for the {self.seat.role} of task {self.task.name!r}, observations "
                 f"{self._shape} and mazes of {self.task.max_cells} cells; the {role} of task "
                 f"{task.name!r} observes {encoder.shape} in {task.max_cells} cells; train with "
-                "observation window:R to play in mazes of any size"
+                "observation window:R to play in mazes of any size (on graphs, an observation "
+                "of your own)"
             )
         return self._in_parts(encoder, task, games, seat)
 

@@ -49,8 +49,8 @@ def export_policy(policy: Any, path: Path | str) -> Path:
     check(path.suffix in SUFFIXES, f"{path}: give a file that ends in .onnx or .pt2")
     check(
         isinstance(policy, NetworkPolicy),
-        f"{policy!r} has no network without memory in a maze; export a run of PPO, A2C, DQN, "
-        "REINFORCE or the cross-entropy method without --recurrent",
+        f"a {type(policy).__name__} has no network without memory in a maze; export a run of PPO, "
+        "A2C, DQN, REINFORCE or the cross-entropy method without --recurrent",
     )
     features = policy.seat.features
     form = torch.from_numpy(features.high[None]).dtype

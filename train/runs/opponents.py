@@ -172,7 +172,7 @@ def check_fits(policy: Policy, role: str, task: Task, name: str) -> None:
     check(
         set(task.mazes) <= set(own.mazes) or all(plays_in(maze) for maze in task.mazes),
         f"{name}: was trained in maze {own.mazes[0].name}, not in {task.mazes[0].name}; use that "
-        "maze, or train with observation window:R",
+        "maze, or train with observation window:R (on graphs, an observation of your own)",
     )
     for what in ("num_chasers", "num_evaders", "num_goals", "stay_action", "move_order"):
         mine, theirs = getattr(own, what), getattr(task, what)

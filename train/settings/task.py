@@ -74,7 +74,7 @@ class TaskSettings(Settings):
     max_steps: Steps = 200
     """Steps after which an episode is truncated, at most 100,000."""
     stay_action: bool = False
-    """Add a fifth action: stay."""
+    """Add an action, the last one: stay."""
     move_order: str = "simultaneous"
     """Order of moves: simultaneous, or chasers_first."""
     min_start_distance: int = 1

@@ -61,9 +61,15 @@ def test_files_of_other_programs_are_read(tmp_path: Path) -> None:
     assert pursuit.load_maze(edges).distances.max() == 3
     for wrong in ("a b 1 2\n", "a\n", "a b far\n"):
         edges.write_text(wrong)
-        with pytest.raises(ValueError, match=r"small.edgelist: not a valid .edgelist file"):
+        with pytest.raises(ValueError, match=r"small.edgelist: line 1: .*`node node length`"):
             pursuit.load_maze(edges)
+    edges.write_text("a b 2\nb a 5\nb c {'length': 3.0}\nc a {}\n")  # the shortest counts
+    assert pursuit.load_maze(edges).distances[:3, :3].tolist() == [[0, 2, 1], [2, 0, 3], [1, 3, 0]]
     graph = networkx.petersen_graph()
+    for missing, problem in (("no.graphml", "no such file"), ("a.gml", "graphs are read from")):
+        (tmp_path / "a.gml").write_text("graph []")
+        with pytest.raises(ValueError, match=problem):
+            pursuit.load_maze(tmp_path / missing)
     networkx.write_graphml(graph, tmp_path / "petersen.graphml")
     assert pursuit.load_maze(tmp_path / "petersen.graphml").num_cells == 10
     saved = tmp_path / "graph.txt"
@@ -71,6 +77,24 @@ def test_files_of_other_programs_are_read(tmp_path: Path) -> None:
     maze = pursuit.load_maze(saved)
     assert (maze.start_mark, maze.goal_marks) == (0, (3, 4))
     assert pursuit.load_maze("roads-8x8").is_directed
+
+
+def test_actions_are_in_the_order_of_the_neighbors() -> None:
+    rng = np.random.default_rng(0)
+    for case in range(40):
+        kind: Any = (networkx.Graph, networkx.DiGraph, networkx.MultiGraph)[case % 3]
+        graph = kind(networkx.cycle_graph(8))
+        for a, b in rng.integers(8, size=(12, 2)).tolist():
+            if a != b:
+                graph.add_edge(a, b, length=int(rng.integers(1, 3)))
+        maze = Maze.from_graph(graph)
+        for node in range(8):
+            for action, there in enumerate(graph.adj[node]):
+                cell = maze.neighbors[node, action]  # of a long edge its first cell
+                assert cell == there or maze.cell_names[cell] in (
+                    f"{node}-{there}",
+                    f"{there}-{node}",
+                )
 
 
 def loop() -> Any:
@@ -108,6 +132,9 @@ def loop() -> Any:
             {},
             "action='north'; an action is a number",
         ),
+        (networkx.Graph([(0, 1, {"action": -1})]), {}, "action=-1; an action is a number"),
+        (networkx.Graph([(0, 1, {"length": 10**9})]), {}, "1,000,000,001 cells; at most 200,000"),
+        (networkx.path_graph(3), {"goals": 1}, "goals=1; give a list of nodes"),
         (networkx.path_graph(3), {"start": 7}, "the mark 7 is no node"),
         (networkx.path_graph(3), {"start": 1, "goals": [1]}, "at one node"),
         ("edges", {}, "give a networkx graph"),

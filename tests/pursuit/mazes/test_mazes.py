@@ -184,7 +184,10 @@ def test_errors_of_missing_files_name_the_remedy(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="a directory or device; give a maze file"):
         load_maze(tmp_path)
     for missing in ("5x6", str(tmp_path / "missing.txt"), ""):
-        with pytest.raises(ValueError, match=r"directory|shipped mazes: 2x2, .*; or give a path"):
+        with pytest.raises(
+            ValueError,
+            match=r"directory|; or give a path|no such file; give",
+        ):
             load_maze(missing)
     with pytest.raises(ValueError, match="cannot be read"):
         load_maze("x" * 1000)

@@ -268,14 +268,21 @@ class Broken(Chase):
         self.fault = fault
         if fault == "players":
             self.players = ()  # type: ignore[assignment]
+        if fault == "same players":
+            self.players = ("a", "a")
 
     def starts(self) -> list[Any]:
         if self.fault == "starts":
             return [(0.5, (0, 1))]
+        if self.fault == "bare starts":
+            return [(0, 1)]
+        if self.fault == "number":
+            return [7]
         return [] if self.fault == "no starts" else super().starts()
 
     def legal_actions(self, state: Any, player: int) -> Sequence[int]:
-        return [] if self.fault == "actions" else super().legal_actions(state, player)
+        wrong: dict[str, Any] = {"actions": [], "same actions": [1, 1], "odd": [[1]], "None": None}
+        return wrong.get(self.fault, [0, 1, 2, 3])  # type: ignore[no-any-return]
 
     def transitions(self, state: Any, actions: Any) -> list[Any]:
         if self.fault == "endless":
@@ -289,6 +296,16 @@ class Broken(Chase):
             return [(chance, list(after), rewards, ended)]
         if self.fault == "rewards":
             return [(chance, after, (1.0,), ended)]
+        if self.fault == "three":
+            return [(chance, after, rewards)]
+        if self.fault == "no list":
+            return None  # type: ignore[return-value]
+        if self.fault == "text":
+            return [("1", after, rewards, ended)]
+        if self.fault == "ended":
+            return [(chance, after, rewards, "no")]
+        if self.fault == "dict":
+            return [(chance, after, {"chaser": 1.0, "evader": 0.0}, ended)]
         if self.fault == "nan":
             return [(chance, after, (float("nan"), 0.0), ended)]
         return [(chance, after, (1.0, 1.0), ended)]
@@ -297,7 +314,18 @@ class Broken(Chase):
 @pytest.mark.parametrize(
     ("fault", "problem"),
     [
-        ("players", "without players"),
+        ("players", r"players=\(\); give the name of each"),
+        ("same players", "all different"),
+        ("bare starts", "add up to 0"),
+        ("number", r"starts\(\) returned \[7\]; give a list of \(probability, state\)"),
+        ("same actions", r"chaser has the actions \[1, 1\] in"),
+        ("None", "returned None; give a list of hashable actions of chaser"),
+        ("odd", "give a list of hashable actions of chaser"),
+        ("three", r"give a list of \(probability, next state, rewards, ended\)"),
+        ("no list", "returned None; give a list"),
+        ("text", r"the probabilities \['1'\] are not numbers"),
+        ("ended", "ended='no'; give True or False"),
+        ("dict", "one finite number for each of chaser, evader"),
         ("starts", r"starts\(\): the probabilities .* add up to 3|add up to 0.5"),
         ("no starts", "is empty"),
         ("actions", "chaser has no action in"),
@@ -322,6 +350,14 @@ def test_invalid_questions_are_refused() -> None:
             returns_of(small, even, discount, horizon)
     with pytest.raises(ValueError, match="player evader has no policy"):
         respond(small, "chaser", {})
+    with pytest.raises(ValueError, match="several different ones"):
+        respond(small, ["chaser", "chaser"], even)
+    with pytest.raises(ValueError, match="player 'thief'; the players are"):
+        returns_of(small, {**even, "thief": even["chaser"]})
+    with pytest.raises(ValueError, match="give enumerate_game"):
+        equilibrium(Chase(pursuit.load_maze("2x2")))  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="give an object with players"):
+        enumerate_game(Chase)  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="player 'runner'; the players are chaser, evader"):
         respond(small, "runner", even)
     for wrong, problem in (
@@ -330,6 +366,7 @@ def test_invalid_questions_are_refused() -> None:
         (lambda state: [1.0, 1.0, 0.0, 0.0], "non-negative ones with sum 1"),
         (lambda state: [float("nan")] * 4, "non-negative ones with sum 1"),
         (np.ones(3), "has shape"),
+        ({(0, 1): [1.0]}, "give a function of a state"),
     ):
         with pytest.raises(ValueError, match=problem):
             returns_of(small, {**even, "chaser": wrong})
