@@ -27,9 +27,9 @@ FRAMES = 2_000_000
 GAMES = 4000
 MEMORIES: dict[str, dict[str, Any]] = {
     "none": {},
-    "none, 8 times the frames": {"frames": 8 * FRAMES},
-    "4 observations": {"frame_stack": 4},
     "GRU": {"recurrent": "gru"},
+    "4 observations": {"frame_stack": 4},
+    "none, 8 times the frames": {"frames": 8 * FRAMES},
 }
 AGAINST = {"chaser": ("optimal", "astar", "searching"), "evader": ("optimal", "searching")}
 """The scripted opponents of each role."""
@@ -85,9 +85,9 @@ def main() -> None:
     given = parser.parse_args()
     jobs = [
         (given.out, views, memory, seed)
+        for memory in MEMORIES
         for seed in range(given.seeds)
         for views in ("chaser=2", "2")
-        for memory in MEMORIES
     ]
     with ProcessPoolExecutor(given.processes, get_context("spawn")) as executor:
         for found in executor.map(scores, jobs):
