@@ -221,10 +221,10 @@ def single_agent_arguments(
         agent: your agent, by name or role.
         maze: as in `pursuit.Task`.
         opponent_epsilon: probability of random moves of the scripted opponents.
-        opponent: the policy of all other roles: a `Policy`, a name ("astar", "random", "optimal",
-            "searching", "sweeping" or "belief"), "package.module:Name" of a user-defined policy, or
-            the folder of a run. None for A* (runners: nearest goal). Teammates play A*, unless the
-            run is one of their role.
+        opponent: the policy of all other roles (in a race, of the other runners): a `Policy`, a
+            name ("astar", "random", "optimal", "searching", "sweeping" or "belief"),
+            "package.module:Name" of a user-defined policy, or the folder of a run. None for A*
+            (runners: nearest goal). Teammates play A*, unless the run is one of their role.
         **settings: those of `pursuit.Task`.
     """
     task = make_task(task_name, maze=maze, **settings)

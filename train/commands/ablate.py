@@ -43,7 +43,7 @@ def ablate(arguments: Sequence[str]) -> None:
         for name in shipped(ABLATIONS):
             plan = load_ablation(name)
             variants = len({run.label["variant"] for run in plan.runs})
-            print(f"{name:<22}{variants} variants  {plan.title}")
+            print(f"{name:<26}{variants} variants  {plan.title}")
         return
     plan = load_ablation(str(given.file), given.version)
     carry_out(plan, given, f"pursuit ablate {shlex.join(arguments)}", "ablations")

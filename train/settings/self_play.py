@@ -98,10 +98,11 @@ class SelfPlaySettings(RunSettings):
     evader: str | LearningSide = field(default_factory=LearningSide)
     """The evaders, as `chaser`."""
     sampling: Annotated[str, passes(SAMPLING_PARTS.check)] = "latest"
-    """Distribution over opponents: latest, window (the latest snapshots), uniform (all snapshots:
-    fictitious self-play), pfsp (prioritised by difficulty), double-oracle (a Nash mixture of all
-    snapshots; learners continue from their weights), psro (likewise, but learners start from new
-    weights after every snapshot), or package.module:Name of a user-defined rule."""
+    """Distribution over opponents: latest, window (the latest policy and snapshots, and the
+    members), uniform (the whole pool: fictitious self-play), pfsp (prioritised by difficulty),
+    double-oracle (a Nash mixture of snapshots and members; learners continue from their weights),
+    psro (likewise, but learners start from new weights after every snapshot), or
+    package.module:Name of a user-defined rule."""
     window: Annotated[int, at_least(1)] = 5
     """Number of latest snapshots that the rule window draws from."""
     pfsp_power: NotNegative = 2.0
