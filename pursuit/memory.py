@@ -15,6 +15,9 @@ LIMITS = (
 USED = ("memory.current", "memory.usage_in_bytes")
 """Files in the same folders with the memory in use, in bytes."""
 
+SMALL = 2**26
+"""Fewer bytes are always tried: containers can report for a moment that no memory is free."""
+
 
 def check_memory(what: str, needed: int, remedy: str, most: int | None = None) -> None:
     """Raise ValueError if more memory is needed than is available.
@@ -33,7 +36,7 @@ def check_memory(what: str, needed: int, remedy: str, most: int | None = None) -
             f"{what} needs {needed:,} bytes of memory; the limit is {most:,}; {remedy}"
         )
     free = free_memory()
-    if needed > free:
+    if needed > max(free, SMALL):
         raise ValueError(
             f"{what} needs {needed:,} bytes of memory, and {free:,} are free here; {remedy}"
         )

@@ -72,6 +72,7 @@ def test_the_free_memory_is_the_least_that_is_known(
     assert memory.free_memory() == 2048 * 1024
     (tmp_path / "most").write_text("1000000\n")
     assert memory.free_memory() == 1_000_000
+    monkeypatch.setattr(memory, "SMALL", 0)
     with pytest.raises(ValueError, match="a cake needs 1,000,001 bytes of memory, and 1,000,000"):
         memory.check_memory("a cake", 1_000_001, "bake a smaller one")
     memory.check_memory("a cake", 1_000_000, "bake a smaller one")

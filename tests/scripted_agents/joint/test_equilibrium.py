@@ -300,6 +300,8 @@ def test_sizes_beyond_memory_are_refused_with_their_bytes(monkeypatch: pytest.Mo
     with pytest.raises(ValueError, match=r"needs 15,[0-9,]+ bytes .* limit is"):
         solve_chase(maze, num_chasers=2)
     monkeypatch.setattr(memory, "free_memory", lambda: 1000)
+    solve_chase(maze)  # a small size is tried whatever is reported
+    monkeypatch.setattr(memory, "SMALL", 0)
     for call in (
         lambda: solve_chase(maze),
         lambda: solve_in_turns(maze),
