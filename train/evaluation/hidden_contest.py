@@ -115,7 +115,7 @@ def best_response_interval(
     (agent,) = (task.agent_names[seat] for seat, own in enumerate(task.seat_roles) if own == role)
     if task.hides_from(agent):
         proven = solution_of(task, agent, table)
-        return None if proven is None else (proven.lower, proven.upper)
+        return None if proven is None else (float(proven.lower), float(proven.upper))
     best = best_reply(task, role, table, None, DISCOUNT)
     mean = mean_over_starts(best.values, task.mazes[0], task.min_start_distance)
     return mean, mean
