@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from pursuit.mazes.graphs import GraphDrawing, read_graph
+from pursuit.mazes.graphs import GraphDrawing, check_cells, read_graph
+from pursuit.memory import check_memory
 from pursuit.validation import one_of, whole
 
 GRAPHS = ("eight", "hexagonal", "torus", "geometric", "roads")
@@ -30,6 +31,7 @@ def graph_drawing(
 
     one_of("kind", kind, GRAPHS)
     height, width = whole("height", height, 3, 1000), whole("width", width, 3, 1000)
+    check_cells(height * width, name)
     random = np.random.default_rng(whole("seed", seed, 0, 2**63 - 1))
     graph: Any = networkx.DiGraph()
     if kind == "geometric":
@@ -56,11 +58,13 @@ def _points(count: int, random: np.random.Generator) -> Any:
     """A random geometric graph (Penrose, 2003) with the least radius that connects it."""
     import networkx  # slow to import
 
+    check_memory(f"a table of {count:,} x {count:,} distances", 40 * count**2, "take fewer points")
+    from scipy.sparse.csgraph import minimum_spanning_tree
+
     places = random.random((count, 2)).round(4)
     away = np.linalg.norm(places[:, None] - places[None], axis=2)
     # The least radius is the longest edge of a minimum spanning tree.
-    tree = networkx.minimum_spanning_tree(networkx.from_numpy_array(away + 1e-12))
-    radius = max(data["weight"] for _, _, data in tree.edges(data=True))
+    radius = minimum_spanning_tree(away + 1e-12).max()
     graph: Any = networkx.Graph()
     graph.add_nodes_from((str(i), {"x": x, "y": y}) for i, (x, y) in enumerate(places.tolist()))
     near = np.argwhere(np.triu(away <= radius, 1)).tolist()

@@ -66,6 +66,8 @@ def read_graph(
     """A networkx graph as cells; arguments and errors as of `Maze.from_graph`."""
     if not all(hasattr(graph, needed) for needed in ("nodes", "edges", "is_directed")):
         raise ValueError(f"{name}: {graph!r}; give a networkx graph, such as networkx.Graph")
+    if isinstance(goals, str) or not isinstance(goals, Iterable):
+        raise ValueError(f"{name}: goals={goals!r}; give a list of nodes")
     nodes = list(graph.nodes)
     names = [str(node) for node in nodes]
     if not nodes:
@@ -74,11 +76,7 @@ def read_graph(
     number = {node: index for index, node in enumerate(nodes)}
     streets = list(_streets(graph, name, length))
     cells = len(nodes) + sum(steps - 1 for _, _, steps, _ in streets)
-    if cells > MAX_GRAPH_CELLS:
-        raise ValueError(
-            f"{name}: {len(nodes)} nodes and lengths that add up to {cells:,} cells; at most "
-            f"{MAX_GRAPH_CELLS:,} are possible. Divide the lengths, or take a smaller part"
-        )
+    check_cells(cells, name)
     places = list(_positions_of(graph, nodes, name, positions))
     rank = {node: {there: i for i, there in enumerate(graph.adj[node])} for node in nodes}
     # (action or -1, place among the neighbors, neighbor)
@@ -105,8 +103,6 @@ def read_graph(
             raise ValueError(f"{name}: two edges from {names[cell]!r} have one action; change one")
         _assign(neighbors[cell], cell, found)
     _check_connected(neighbors, names, name)
-    if isinstance(goals, str) or not isinstance(goals, Iterable):
-        raise ValueError(f"{name}: goals={goals!r}; give a list of nodes")
     marks = [_marked(mark, number, name) for mark in goals]
     return GraphDrawing(
         tuple(names),
@@ -115,6 +111,15 @@ def read_graph(
         None if start is None else _marked(start, number, name),
         tuple(marks),
     )
+
+
+def check_cells(cells: int, name: str) -> None:
+    """ValueError for more cells than are possible."""
+    if cells > MAX_GRAPH_CELLS:
+        raise ValueError(
+            f"{name}: {cells:,} cells, with those within edges; at most {MAX_GRAPH_CELLS:,} are "
+            "possible. Take a smaller graph, or divide the lengths"
+        )
 
 
 def _check_names(names: list[str], name: str) -> None:

@@ -5,9 +5,8 @@ from __future__ import annotations
 import contextlib
 import sys
 from array import array
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence, Sized
 from dataclasses import dataclass, field
-from functools import partial
 from itertools import product
 from math import isfinite, prod
 from time import perf_counter
@@ -25,10 +24,15 @@ MOST_STATES = 10**7
 SUM = 1e-9
 """Largest difference of a sum of probabilities from 1."""
 
-OUTCOME = "(probability, next state, rewards, ended)"
-Where = tuple[Any, ...]
-START: Where = ()
-"""The place of an error: the start, or a state and the actions that are played in it."""
+FORMS = {
+    "starts": (2, "(probability, state)"),
+    "legal_actions": (None, "hashable actions, at least one (such as None), all different"),
+    "transitions": (4, "(probability, next state, rewards, ended)"),
+}
+"""What the functions of a game return a list of, and the length of each."""
+Call = tuple[Any, ...]
+"""A call of a function of the game: its name and its arguments."""
+START: Call = ("starts",)
 Behaviour = Callable[[Any], Mapping[Any, float] | Sequence[float]] | ArrayLike
 """See `SmallGame.table`."""
 
@@ -164,9 +168,7 @@ def enumerate_game(
         raise ValueError(f"players={game.players!r}; give the name of each player, all different")
     whole("most_states", most_states, 1)
     found = _Found(most_states, progress)
-    starts = []
-    for given in _listed(game.starts, START, "(probability, state)", 2):
-        starts.append((given[0], found.add(given[1], START)))
+    starts = [(chance, found.add(state, START)) for chance, state in _listed(game, START)]
     _check_sum([chance for chance, _ in starts], START)
     actions: list[list[Sequence[Hashable]]] = [[] for _ in players]
     same: dict[Sequence[Hashable], Sequence[Hashable]] = {}  # equal actions are stored once
@@ -179,18 +181,19 @@ def enumerate_game(
         for player, options in enumerate(legal):
             actions[player].append(same.setdefault(options, options))
         for joint, chosen in enumerate(product(*map(range, map(len, legal))), begins[-1]):
-            where = state, tuple(options[i] for options, i in zip(legal, chosen, strict=True))
-            outcomes = _listed(partial(game.transitions, *where), where, OUTCOME, 4)
-            _check_sum([outcome[0] for outcome in outcomes], where)
+            played = tuple(options[i] for options, i in zip(legal, chosen, strict=True))
+            call = "transitions", state, played
+            outcomes = _listed(game, call)
+            _check_sum([outcome[0] for outcome in outcomes], call)
             mean = [0.0] * len(players)
             for chance, after, given, ended in outcomes:
-                for player, reward in enumerate(_rewards(given, players, where)):
+                for player, reward in enumerate(_rewards(given, players, call)):
                     mean[player] += chance * reward
                 if ended is not True and ended is not False and not isinstance(ended, np.bool_):
-                    raise ValueError(f"{_name(where)}: ended={ended!r}; give True or False")
+                    raise ValueError(f"{_name(call)}: ended={ended!r}; give True or False")
                 if not ended and chance > 0.0:
                     rows.append(joint)
-                    columns.append(found.add(after, where))
+                    columns.append(found.add(after, call))
                     chances.append(chance)
             choices.extend(chosen)
             rewards.extend(mean)
@@ -198,6 +201,7 @@ def enumerate_game(
         number += 1
         if number & (number - 1) == 0 or number % 10_000 == 0:
             found.check(number, begins[-1], len(rows), len(players))
+    found.end_line()
     joints = begins[-1]
     following = csr_array(  # adds equal entries
         (np.frombuffer(chances), (_integers(rows), _integers(columns))), shape=(joints, number)
@@ -232,13 +236,13 @@ class _Found:
         self.states: list[Hashable] = []
         self.number: dict[Hashable, int] = {}
 
-    def add(self, state: Hashable, where: Where) -> int:
+    def add(self, state: Hashable, call: Call) -> int:
         """The index of a state, which is added if it is new."""
         try:
             known = self.number.setdefault(state, len(self.states))
         except TypeError:
             raise ValueError(
-                f"{_name(where)}: the state {state!r} is not hashable; give a tuple, a string or "
+                f"{_name(call)}: the state {state!r} is not hashable; give a tuple, a string or "
                 "a number"
             ) from None
         if known == len(self.states):
@@ -263,71 +267,70 @@ class _Found:
                 f"{done:,} of {len(self.states):,} states found so far, {total / 1e9:.2f} GB, "
                 f"{now - self.began:.0f} s"
             )
-            print(
-                f"\r{line}" if live else line, end="" if live else "\n", file=sys.stderr, flush=True
-            )
+            print(line, end="\r" if live else "\n", file=sys.stderr, flush=True)
+
+    def end_line(self) -> None:
+        """Keep the last line of a terminal."""
+        if self.reported > self.began and sys.stderr.isatty():
+            print(file=sys.stderr)
 
 
-def _name(where: Where) -> str:
-    return f"transitions({where[0]!r}, {where[1]!r})" if where else "starts()"
+def _name(call: Call) -> str:
+    return f"{call[0]}({', '.join(map(repr, call[1:]))})"
 
 
-def _listed(call: Callable[[], Any], where: Where, form: str, size: int) -> list[Any]:
-    """What a function of the game returns, checked to be a list of tuples."""
+def _listed(game: Game, call: Call) -> list[Any]:
+    """What a function of the game returns, as a list of the right form."""
+    size, form = FORMS[call[0]]
     try:
-        found = call()
+        found = getattr(game, call[0])(*call[1:])
+        listed = list(found) if isinstance(found, Iterable) else None
     except Exception as error:
-        error.add_note(f"in {_name(where)} of the game")
+        error.add_note(f"in {_name(call)} of the game")
         raise
-    try:
-        found = list(found)
-        if all(len(each) == size for each in found):
-            return found
-    except TypeError:
-        pass
-    raise ValueError(f"{_name(where)} returned {found!r}; give a list of {form}")
+    if listed is None or (
+        size is not None and not all(isinstance(x, Sized) and len(x) == size for x in listed)
+    ):
+        raise ValueError(f"{_name(call)} returned {found!r}; give a list of {form}")
+    return listed
 
 
 def _legal(game: Game, state: Any, player: int) -> tuple[Hashable, ...]:
     """The legal actions of a player, checked."""
-    name = game.players[player]
-    given = game.legal_actions(state, player)
+    call = "legal_actions", state, player
+    actions = tuple(_listed(game, call))
     try:
-        actions = tuple(given)
-        different = len(set(actions)) == len(actions)
+        fits = 0 < len(actions) == len(set(actions))
     except TypeError:
+        fits = False
+    if not fits:
         raise ValueError(
-            f"legal_actions({state!r}, {player}) returned {given!r}; give a list of hashable "
-            f"actions of {name}"
-        ) from None
-    if not actions or not different:
-        what = "no action" if not actions else f"the actions {list(actions)}"
-        raise ValueError(
-            f"{name} has {what} in {state!r}; give at least one, such as None, all different"
+            f"{_name(call)} returned {list(actions)}; give {game.players[player]} a list of "
+            f"{FORMS[call[0]][1]}"
         )
     return actions
 
 
-def _check_sum(chances: Sequence[Any], where: Where) -> None:
+def _check_sum(chances: Sequence[Any], call: Call) -> None:
     if not all(isinstance(chance, int | float | np.number) for chance in chances):
-        raise ValueError(f"{_name(where)}: the probabilities {list(chances)} are not numbers")
+        raise ValueError(f"{_name(call)}: the probabilities {list(chances)} are not numbers")
     if not chances:
-        raise ValueError(f"{_name(where)} is empty; give at least one state with probability 1")
+        raise ValueError(f"{_name(call)} is empty; give at least one state with probability 1")
     if not abs(sum(chances) - 1.0) <= SUM or min(chances) < 0.0:
         raise ValueError(
-            f"{_name(where)}: the probabilities {list(chances)} add up to {sum(chances):g}; give "
+            f"{_name(call)}: the probabilities {list(chances)} add up to {sum(chances):g}; give "
             "non-negative ones with sum 1"
         )
 
 
-def _rewards(given: Any, players: tuple[str, ...], where: Where) -> list[float]:
+def _rewards(given: Any, players: tuple[str, ...], call: Call) -> list[float]:
     rewards: list[float] = []
     if not isinstance(given, str | Mapping):
         with contextlib.suppress(TypeError, ValueError):
             rewards = [float(reward) for reward in given]
     if len(rewards) != len(players) or not all(map(isfinite, rewards)):
         raise ValueError(
-            f"{_name(where)}: rewards {given!r}; give one finite number for each of "
+            f"{_name(call)}: rewards {given!r}; give one finite number for each of "
             f"{', '.join(players)}"
         )
     return rewards

@@ -19,6 +19,7 @@ from pursuit.simulator.policy import Policy
 from scripted_agents.environments import scripted_policy
 from train.evaluation.matchups import discounted_steps
 from train.experiments.kinds import open_run
+from train.files import write_text
 from train.runs.tasks import task_of
 from train.self_play.parts import self_play_settings_of
 from train.settings.self_play import ROLES
@@ -67,7 +68,7 @@ def scores(job: tuple[Path, str, str, int]) -> dict[str, Any]:
         for name in names:
             scripted = scripted_policy(name, other, 0.2 if name == "astar" else 0.0)
             found[f"{role} against {name}"] = value(task, {role: pair[role], other: scripted})
-    path.write_text(json.dumps(found))
+    write_text(path, json.dumps(found))
     return found
 
 

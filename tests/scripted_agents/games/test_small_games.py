@@ -318,9 +318,9 @@ class Broken(Chase):
         ("same players", "all different"),
         ("bare starts", "add up to 0"),
         ("number", r"starts\(\) returned \[7\]; give a list of \(probability, state\)"),
-        ("same actions", r"chaser has the actions \[1, 1\] in"),
-        ("None", "returned None; give a list of hashable actions of chaser"),
-        ("odd", "give a list of hashable actions of chaser"),
+        ("same actions", r"returned \[1, 1\]; give chaser a list of hashable actions"),
+        ("None", r"legal_actions\(\(0, 1\), 0\) returned None; give a list of hashable actions"),
+        ("odd", r"returned \[\[1\]\]; give chaser a list of hashable actions"),
         ("three", r"give a list of \(probability, next state, rewards, ended\)"),
         ("no list", "returned None; give a list"),
         ("text", r"the probabilities \['1'\] are not numbers"),
@@ -328,7 +328,7 @@ class Broken(Chase):
         ("dict", "one finite number for each of chaser, evader"),
         ("starts", r"starts\(\): the probabilities .* add up to 3|add up to 0.5"),
         ("no starts", "is empty"),
-        ("actions", "chaser has no action in"),
+        ("actions", r"returned \[\]; give chaser a list of .* at least one"),
         ("sum", r"transitions\(\(0, 1\), \(0, 0\)\): the probabilities \[0.7\] add up to 0.7"),
         ("negative", "non-negative"),
         ("list", r"the state \[.*\] is not hashable; give a tuple"),
@@ -340,6 +340,23 @@ class Broken(Chase):
 def test_faulty_games_are_refused(fault: str, problem: str) -> None:
     with pytest.raises(ValueError, match=problem):
         enumerate_game(Broken(fault), most_states=1000)
+
+
+def test_an_error_of_the_game_names_the_call_and_one_step_can_end_it() -> None:
+    class Once(Chase):
+        def transitions(self, state: Any, actions: Any) -> Any:
+            yield 1.0, None, (int(actions[0]), -int(actions[0])), True
+
+        def legal_actions(self, state: Any, player: int) -> Sequence[Any]:
+            return (0, 1) if player else (2, self.best)
+
+    game = Once(pursuit.load_maze("2x2"))
+    game.best = 5
+    assert equilibrium(enumerate_game(game)).mean == 5.0
+    game.best = "high"
+    with pytest.raises(ValueError, match="invalid literal") as raised:
+        enumerate_game(game)
+    assert raised.value.__notes__ == ["in transitions((0, 1), ('high', 0)) of the game"]
 
 
 def test_invalid_questions_are_refused() -> None:
