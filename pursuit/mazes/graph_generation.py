@@ -6,6 +6,7 @@ from itertools import product
 from typing import Any
 
 import numpy as np
+from scipy.sparse.csgraph import minimum_spanning_tree
 
 from pursuit.mazes.graphs import GraphDrawing, check_cells, read_graph
 from pursuit.memory import check_memory
@@ -59,8 +60,6 @@ def _points(count: int, random: np.random.Generator) -> Any:
     import networkx  # slow to import
 
     check_memory(f"a table of {count:,} x {count:,} distances", 40 * count**2, "take fewer points")
-    from scipy.sparse.csgraph import minimum_spanning_tree
-
     places = random.random((count, 2)).round(4)
     away = np.linalg.norm(places[:, None] - places[None], axis=2)
     # The least radius is the longest edge of a minimum spanning tree.

@@ -29,7 +29,7 @@ def print_objective_gap(evaluation: Mapping[str, Any], discount: float) -> None:
     if gap is not None and missing is None:
         print(f"{best} has a gap of {100 * gap:+.2f} % (exact, over all starts)")
     if missing is not None:
-        print(f"{best} misses {missing:.4f} of the return (exact, over all starts)")
+        print(f"{best} misses {missing:z.4f} of the return (exact, over all starts)")
 
 
 def print_reference(held: Mapping[str, Any], contest: Any) -> None:
