@@ -462,7 +462,7 @@ def test_a_replication_from_the_search_to_the_page(tmp_path: Path) -> None:
     sweep = tmp_path / "tiny.toml"
     sweep.write_text(
         '[settings]\ntask = "maze"\nnum_goals = 1\nalgorithm = "q_learning"\nmaze = "2x2"\n'
-        "[short]\nseeds = [0, 1, 2, 3, 4, 5]\nsettings = { seconds = 1 }\n"
+        "[short]\nseeds = [0, 1, 2, 3, 4, 5]\nsettings = { frames = 30000 }\n"
         "[full]\nseeds = [0, 1, 2, 3, 4, 5]\n"
     )
     file = tmp_path / "studies.toml"

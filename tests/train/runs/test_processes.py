@@ -292,7 +292,7 @@ def test_signals_end_both_processes_of_the_command(number: int, tmp_path: Path) 
     """Started anew for the one, for the other forked where libraries have no threads; SIGINT goes
     to both, as Ctrl-C does."""
     folder, before, killed = tmp_path / "run", memory_files(), number == signal.SIGKILL
-    command = "train --task maze --maze 3x3 --num-goals 2 --processes 2 --seconds 40 --out"
+    command = "train --task maze --maze 3x3 --num-goals 2 --processes 2 --frames 20000000 --out"
     process = subprocess.Popen(
         [sys.executable, "-m", "train.commands.main", *command.split(), str(folder)],
         stdout=subprocess.PIPE,
