@@ -118,7 +118,8 @@ def solve_joint(
         horizon: number of steps of the game, or None for infinitely many.
         discount: of each step, above 0 and at most 1.
         objective: "return" maximises the sum of the returns of `agents`, "lead" that sum minus the
-            returns of all others. "steps" minimises the steps until the game is over; for evaders
+            returns of all others; rewards are float64 here, and rounded to float32 in games.
+            "steps" minimises the steps until the game is over; for evaders
             it maximises the steps until none of them is free.
         most_states: maximum number of states.
 
