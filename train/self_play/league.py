@@ -140,7 +140,7 @@ def _folders_of(name: str) -> list[Path]:
 def _task_of(runs: Sequence[tuple[str, Path]], maze: str | None) -> Task:
     """The task of the first run; without runs, a chase in this maze (None: 5x5)."""
     if not runs:
-        return task_of(TaskSettings(maze=maze or "5x5"))
+        return task_of(TaskSettings(maze="5x5" if maze is None else maze))
     name, folder = runs[0]
     check(maze is None, f"maze={maze!r}, but {name} has its own maze; leave maze out")
     task = task_of(in_maze(load_settings(folder).task, name))

@@ -78,7 +78,7 @@ class TaskSettings(Settings):
     move_order: str = "simultaneous"
     """Order of moves: simultaneous, or chasers_first."""
     min_start_distance: int = 1
-    """Minimum distance in steps between chasers and evaders at the start."""
+    """Minimum distance in steps between chasers and evaders at the start, in tasks with both."""
     rewards: Annotated[str, Rule(kept_text_of_rewards, other_types=True)] = "default"
     """default, goal, completion, distance or zero_sum; or coefficients such as
     step=-0.1,capture=2 or chaser.step=-0.1,evader.capture=-2 (of step, capture, goal, distance,

@@ -12,6 +12,7 @@ import torch
 from numpy.typing import NDArray
 
 from curricula import Change, Curriculum, Outcomes, Progress
+from pursuit.validation import as_array
 from train.environments.hooks import EpisodeHook
 from train.files import write_csv
 from train.settings.checks import check
@@ -89,7 +90,10 @@ class Teacher(EpisodeHook):
 
     def before_restart(self, games: NDArray[np.intp]) -> None:
         """Set the value of the next episode of each of `games`."""
-        values = self.curriculum.sample(len(games), self.rng)
+        rule = f"sampled by the curriculum; return {len(games)} finite numbers, one for each game"
+        values = as_array("values", self.curriculum.sample(len(games), self.rng), "biuf", rule)
+        if values.shape != games.shape or not np.isfinite(values).all():
+            raise ValueError(f"values={values.tolist()}; {rule}")
         if self.axis is None:
             self.simulator.seed_starts(games, values.astype(np.int64))
         else:
