@@ -264,7 +264,7 @@ class SelfPlay:
             evaluation["played_nash_conv"] = evaluation["nash_conv"]
             if settings.sampling in MIXED:
                 shares = self.mixtures if settings.sampling in NASH_SAMPLING else None
-                least = settings.min_probability
+                least = next(iter(self.parts.sides.values())).min_probability
                 found = mixture_nash_conv(self.task, discount, kept, shares, least)
                 if found is not None:
                     content["mixture_nash_conv"], evaluation["played_nash_conv"] = found, found[0]

@@ -12,7 +12,7 @@ from pursuit.plugins import Registry
 from scripted_agents.environments import AGENTS, is_custom_policy
 from train.settings.algorithms import Hyperparameters, PPOSettings, hyperparameter_form
 from train.settings.checks import NotNegative, at_least, check, passes, threads_from
-from train.settings.common import MinProbability, RunSettings
+from train.settings.common import RunSettings
 from train.settings.task import TaskSettings
 
 ROLES = ("chaser", "evader")
@@ -118,9 +118,6 @@ class SelfPlaySettings(RunSettings):
     members: tuple[str, ...] = ()
     """Scripted agents in the pools from the start: astar, random, optimal, searching (or sweeping,
     belief), or package.module:Name of a user-defined policy."""
-    min_probability: MinProbability = 0.05
-    """Actions of lower probability are not played when a policy is evaluated or loaded (Perolat et
-    al., 2022); training is unaffected."""
     observation: Annotated[str, passes(check_observation)] = "index"
     """Observation of the networks: index, one_hot, positions, cells, walls, planes, or
     package.module:Name of a user-defined one."""
