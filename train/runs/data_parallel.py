@@ -229,7 +229,7 @@ def serve_messages(replica: Replica, settings: TrainSettings[Any]) -> None:
         message = replica.receive()
         if message is None:
             if teacher is not None:
-                teacher.figures()  # clears values that only the first process logs
+                teacher.forget_episodes()  # which only the first process logs
             own = {**training_state(env, teacher, learner), "torch_rng": torch.get_rng_state()}
             del own["learner"]
             replica.send((own, digest_of(learner)))

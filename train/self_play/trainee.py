@@ -203,9 +203,6 @@ class SelfPlay:
         Exploitability is in discounted steps, lengths are in steps: exact in a duel, and of a team
         up to the size `most` (`match`).
         """
-        for side in self.sides.values():
-            side.env.finished_returns.clear()
-            side.env.finished_lengths.clear()
         chaser, evader = (self.policy(role) for role in ROLES)
         row = exploited(self.task, chaser, evader, self.parts.discount)
         row["steps"] = match(self.task, chaser, evader, episodes, most=most).steps
@@ -215,6 +212,12 @@ class SelfPlay:
                 one, two = (chaser, other) if role == "chaser" else (other, evader)
                 row[f"{role}_vs_{name}"] = match(self.task, one, two, episodes, most=most).steps
         return row
+
+    def forget_episodes(self) -> None:
+        """As `Trainee`; self-play logs no means over training games."""
+        for side in self.sides.values():
+            side.env.finished_returns.clear()
+            side.env.finished_lengths.clear()
 
     def log_fields(self, row: dict[str, float]) -> list[str]:
         """As `format_row`."""

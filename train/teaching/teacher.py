@@ -182,17 +182,21 @@ class Teacher(EpisodeHook):
             self.rows.append(row_of(change, progress))
 
     def figures(self) -> dict[str, float]:
-        """Means over the episodes since the last call, for `metrics.csv`."""
+        """Means over the episodes since `forget_episodes`, for `metrics.csv`."""
         self._collect()
         if not self._played:
             return {}
         (values, lengths), won = np.hstack(self._played), np.concatenate(self._won)
-        self._played, self._won = [], []
         figures = {"training_success": float(won.mean())}
         if self.axis is None or not self.axis.ordered:
             return figures
         hardest = float(np.average(np.isclose(values, self.axis.hardest), weights=lengths))
         return {"stage": float(values.mean()), "on_hardest": hardest, **figures}
+
+    def forget_episodes(self) -> None:
+        """Start new means for `figures`."""
+        self._collect()
+        self._played, self._won = [], []
 
     def state_dict(self) -> dict[str, Any]:
         """Tensors and plain values: everything needed to resume exactly."""
