@@ -8,9 +8,10 @@ from typing import Any
 
 from gymnasium.vector import AutoresetMode
 
+from pursuit.environments.parallel import RENDER_FPS
 from pursuit.environments.single_agent import SingleAgentEnv, SingleAgentVectorEnv
-from pursuit.environments.vector import limited
 from pursuit.plugins import Registry, from_train, is_reference
+from pursuit.rendering.windows import metadata_of
 from pursuit.simulator.policy import Policy
 from pursuit.tasks.task import ROLES, Task, make_task
 from pursuit.validation import one_of, unknown
@@ -264,6 +265,10 @@ def make_env(
     )
 
 
+# `gymnasium.make` reads there which render modes need a wrapper of its own.
+make_env.metadata = metadata_of(RENDER_FPS)  # type: ignore[attr-defined]
+
+
 def make_vector_env(
     task: str,
     agent: str,
@@ -280,11 +285,10 @@ def make_vector_env(
     """`make_env` for `num_envs` games in lockstep.
 
     Args:
-        max_episode_steps: truncates episodes earlier than the task, as Gymnasium's TimeLimit.
+        max_episode_steps: truncates earlier than the task, as Gymnasium's TimeLimit; -1 for no limit.
     """
     arguments = single_agent_arguments(task, agent, **settings)
-    arguments["task"] = limited(arguments["task"], max_episode_steps)
-    return SingleAgentVectorEnv(
+    envs = SingleAgentVectorEnv(
         **arguments,
         num_envs=num_envs,
         observation=observation,
@@ -294,3 +298,5 @@ def make_vector_env(
         autoreset_mode=autoreset_mode,
         mask_in_observation=mask_in_observation,
     )
+    envs.limit_episodes(max_episode_steps)
+    return envs

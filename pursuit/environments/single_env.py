@@ -6,8 +6,10 @@ methods of `GamesOfWorld`, which mazes and arms implement.
 
 from __future__ import annotations
 
+import json
+import sys
 from abc import ABC, abstractmethod
-from dataclasses import replace
+from dataclasses import fields
 from typing import Any
 
 import gymnasium
@@ -19,16 +21,44 @@ from pursuit.rendering.rendering import Drawable
 from pursuit.rendering.windows import Rendered
 from pursuit.validation import as_array, checked_seed, some_seed
 
+MAKERS = (gymnasium.make.__code__, gymnasium.make_vec.__code__)
 
-class StepLimitInSpec:
-    """`spec.max_episode_steps` is the `max_steps` of the task, which truncates episodes itself.
 
-    The ids are registered without a limit, as `gymnasium.make` would add a `TimeLimit` that ignores
-    `max_steps`. The limit is set when Gymnasium sets the spec.
+class TaskSpec(EnvSpec):
+    """A spec whose `max_episode_steps` is the `max_steps` of a task, which truncates by itself.
+
+    Wrappers and other libraries read the limit there. `gymnasium.make` and `make_vec` would repeat
+    it as a TimeLimit and so keep it where another `max_steps` is given: they read None, and so does
+    JSON, unless a TimeLimit was asked for.
     """
 
+    task_limit: int | None = None
+    _time_limit: int | None
+
+    @property
+    def max_episode_steps(self) -> int | None:  # type: ignore[override]
+        """The limit of a TimeLimit, or else of the task."""
+        made = sys._getframe(1).f_code in MAKERS
+        return self.task_limit if self._time_limit is None and not made else self._time_limit
+
+    @max_episode_steps.setter
+    def max_episode_steps(self, limit: int | None) -> None:
+        self._time_limit = limit
+
+    def to_json(self) -> str:
+        """As `EnvSpec.to_json`, without the limit of the task."""
+        return json.dumps({**json.loads(super().to_json()), "max_episode_steps": self._time_limit})
+
+
+class SpecWithLimit:
+    """Environments whose `spec` is a `TaskSpec`, when Gymnasium has set one."""
+
     task: Any
-    _spec: EnvSpec | None = None
+    _spec: TaskSpec | None = None
+
+    def _max_steps(self) -> int:
+        """The longest episode."""
+        return int(self.task.max_steps)
 
     @property
     def spec(self) -> EnvSpec | None:
@@ -37,8 +67,12 @@ class StepLimitInSpec:
 
     @spec.setter
     def spec(self, spec: EnvSpec | None) -> None:
-        limit = self.task.max_steps
-        self._spec = None if spec is None else replace(spec, max_episode_steps=limit)
+        self._spec = None
+        if spec is not None:
+            given = {each.name: getattr(spec, each.name) for each in fields(spec) if each.init}
+            limit = spec._time_limit if isinstance(spec, TaskSpec) else spec.max_episode_steps
+            self._spec = TaskSpec(**{**given, "max_episode_steps": limit})
+            self._spec.task_limit = self._max_steps()
 
 
 def checked_actions(
@@ -110,7 +144,7 @@ class GamesOfWorld(ABC):
         """The scene of one game."""
 
 
-class SingleEnv(GamesOfWorld, StepLimitInSpec, Rendered, gymnasium.Env[Any, Any]):
+class SingleEnv(GamesOfWorld, SpecWithLimit, Rendered, gymnasium.Env[Any, Any]):
     """One game of a simulator. The info of the last step has the return and length of the episode.
 
     Args:

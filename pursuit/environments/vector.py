@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 import gymnasium
@@ -12,7 +11,7 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from pursuit.environments.single_env import GamesOfWorld, StepLimitInSpec, row_of
+from pursuit.environments.single_env import GamesOfWorld, SpecWithLimit, row_of
 from pursuit.validation import checked_seed, is_int, some_seed, whole
 
 RESET_MASK = "reset_mask"
@@ -28,18 +27,6 @@ def checked_autoreset(mode: str | AutoresetMode) -> AutoresetMode:
     raise ValueError(f"autoreset_mode={mode!r}; one of {names}, as gymnasium.vector.AutoresetMode")
 
 
-def limited(task: Any, max_episode_steps: int | None) -> Any:
-    """The task with `max_steps` lowered to `max_episode_steps`.
-
-    Like Gymnasium's TimeLimit this only shortens episodes; `max_steps` can lengthen them.
-    """
-    if max_episode_steps is None or whole("max_episode_steps", max_episode_steps, 1) >= (
-        task.max_steps
-    ):
-        return task
-    return replace(task, max_steps=int(max_episode_steps))
-
-
 def masked_infos(infos: dict[str, NDArray[Any]], games: NDArray[np.bool_]) -> dict[str, Any]:
     """Infos of the games of a mask in Gymnasium's form: 0 for other games, the mask as "_key"."""
     masked: dict[str, Any] = {}
@@ -50,7 +37,7 @@ def masked_infos(infos: dict[str, NDArray[Any]], games: NDArray[np.bool_]) -> di
     return masked
 
 
-class LockstepVectorEnv(GamesOfWorld, StepLimitInSpec, gymnasium.vector.VectorEnv[Any, Any, Any]):
+class LockstepVectorEnv(GamesOfWorld, SpecWithLimit, gymnasium.vector.VectorEnv[Any, Any, Any]):
     """A batch of games of a simulator, with Gymnasium's modes of automatic resets.
 
     `autoreset_mode` determines when a game restarts:
@@ -106,6 +93,22 @@ class LockstepVectorEnv(GamesOfWorld, StepLimitInSpec, gymnasium.vector.VectorEn
         self._first_seed = None if seed is None else checked_seed(seed)
         self._seeded = False
         self._over = np.zeros(self.num_envs, dtype=bool)
+        self._limit: int | None = None
+
+    def limit_episodes(self, max_episode_steps: int | None) -> None:
+        """Truncate as Gymnasium's TimeLimit does, also an episode that terminates in that step.
+
+        Args:
+            max_episode_steps: None and -1 set no limit.
+
+        Raises:
+            ValueError: another number below 1, or no whole number.
+        """
+        none = max_episode_steps is None or max_episode_steps == -1
+        self._limit = None if none else whole("max_episode_steps", max_episode_steps, 1)
+
+    def _max_steps(self) -> int:
+        return min(super()._max_steps(), self._limit or super()._max_steps())
 
     def reset(
         self,
@@ -189,7 +192,8 @@ class LockstepVectorEnv(GamesOfWorld, StepLimitInSpec, gymnasium.vector.VectorEn
 
         Raises:
             ValueError: a step before the first reset, a wrong shape or dtype, an action out of
-                range, or a game that is over with autoreset DISABLED. Nothing is changed then.
+                range in a game that does not restart, or a game that is over with autoreset
+                DISABLED. Nothing is changed then.
         """
         if not self._seeded:
             raise ValueError("step before reset; call reset() first")
@@ -200,10 +204,12 @@ class LockstepVectorEnv(GamesOfWorld, StepLimitInSpec, gymnasium.vector.VectorEn
                 "reset(options={'reset_mask': terminations | truncations}) first"
             )
         if self.autoreset_mode is AutoresetMode.NEXT_STEP and waiting.any():
-            results = self._advance_others(self._checked(actions), waiting)
+            results = self._advance_others(self._checked(self._filled(actions, waiting)), waiting)
         else:
             results = [array.copy() for array in self._advance(self._checked(actions))]
         rewards, terminations, truncations = results
+        if self._limit is not None:
+            truncations |= simulator.steps >= self._limit
         ended = terminations | truncations
         infos: dict[str, Any] = {}
         if ended.any():
@@ -227,6 +233,16 @@ class LockstepVectorEnv(GamesOfWorld, StepLimitInSpec, gymnasium.vector.VectorEn
             self._over = ended
         infos |= masked_infos(self._infos(), np.ones(self.num_envs, dtype=bool))
         return self._observe(), rewards, terminations, truncations, infos
+
+    def _filled(self, actions: Any, waiting: NDArray[np.bool_]) -> Any:
+        """The actions, with 0 for the games of the mask `waiting`, which ignore theirs."""
+        try:
+            filled = np.array(actions)
+            if len(filled) == self.num_envs:
+                filled[waiting] = 0
+        except (TypeError, ValueError):  # `_checked` says what is wrong
+            return actions
+        return filled
 
     def _final_observations(self, ended: NDArray[np.bool_]) -> NDArray[np.object_]:
         """[num_envs] object: observations of the games of the mask, None for the others."""

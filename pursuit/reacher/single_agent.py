@@ -11,11 +11,12 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from pursuit.environments.single_env import SingleEnv, checked_actions
-from pursuit.environments.vector import LockstepVectorEnv, limited
+from pursuit.environments.vector import LockstepVectorEnv
 from pursuit.reacher.observations import ENCODINGS, space_of
 from pursuit.reacher.rendering import ArmScene, scene_of
 from pursuit.reacher.simulator import ReacherSimulator
 from pursuit.reacher.task import ReacherTask, make_reacher_task
+from pursuit.rendering.windows import metadata_of
 from pursuit.validation import one_of, reset_options, whole
 
 RENDER_FPS = 20
@@ -160,6 +161,10 @@ def reacher_env(
     return ReacherEnv(make_reacher_task(**settings), observation, render_mode)
 
 
+# `gymnasium.make` reads there which render modes need a wrapper of its own.
+reacher_env.metadata = metadata_of(RENDER_FPS)  # type: ignore[attr-defined]
+
+
 def reacher_vector_env(
     num_envs: int = 1,
     observation: str = "positions",
@@ -172,7 +177,9 @@ def reacher_vector_env(
     """`pursuit/Reacher-v0`, vectorised over the `ReacherSimulator`.
 
     Args:
-        max_episode_steps: truncates episodes earlier than the task, as Gymnasium's TimeLimit.
+        max_episode_steps: truncates earlier than the task, as Gymnasium's TimeLimit; -1 for no limit.
     """
-    task = limited(make_reacher_task(**settings), max_episode_steps)
-    return ReacherVectorEnv(task, num_envs, observation, render_mode, seed, autoreset_mode)
+    task = make_reacher_task(**settings)
+    envs = ReacherVectorEnv(task, num_envs, observation, render_mode, seed, autoreset_mode)
+    envs.limit_episodes(max_episode_steps)
+    return envs

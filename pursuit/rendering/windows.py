@@ -17,6 +17,11 @@ from pursuit.validation import unknown
 RENDER_MODES = ("ansi", "rgb_array", "human")
 
 
+def metadata_of(fps: int, **more: Any) -> dict[str, Any]:
+    """The `metadata` of environments of one game, and of the functions that make them."""
+    return {"render_modes": list(RENDER_MODES), "render_fps": fps, **more}
+
+
 class Rendered(ABC):
     """Implements `render` and `close` for environments of one game; subclasses define `_scene`."""
 
@@ -29,7 +34,7 @@ class Rendered(ABC):
         if render_mode is not None and render_mode not in RENDER_MODES:
             raise ValueError(unknown("render_mode", render_mode, RENDER_MODES, "None or one of"))
         self.render_mode = render_mode
-        self.metadata = {"render_modes": list(RENDER_MODES), "render_fps": fps, **metadata}
+        self.metadata = metadata_of(fps, **metadata)
 
     @abstractmethod
     def _scene(self) -> Drawable:

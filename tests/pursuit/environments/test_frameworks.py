@@ -6,6 +6,8 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
+from gymnasium.vector import AutoresetMode
+from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
 pytest.importorskip("stable_baselines3")
 pytest.importorskip("supersuit")
@@ -13,7 +15,8 @@ import supersuit
 from stable_baselines3 import PPO
 from stable_baselines3.common.env_checker import check_env
 from stable_baselines3.common.evaluation import evaluate_policy
-from stable_baselines3.common.vec_env import VecMonitor
+from stable_baselines3.common.monitor import Monitor
+from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
 
 from pursuit import chase_v0, make_task, race_v0
 from pursuit.environments.conformance import ConformanceError, check_parallel_env
@@ -81,7 +84,7 @@ def test_ends_of_episodes() -> None:
         assert (rewards == expected_rewards).all()
         assert (dones == (terminations | truncations)).all()
         for game, info in enumerate(infos):
-            assert bool(info) == dones[game]
+            assert ("episode" in info) == dones[game]
             if dones[game]:
                 assert info["TimeLimit.truncated"] == truncations[game]
                 final = expected["final_info"]
@@ -96,15 +99,99 @@ def test_ends_of_episodes() -> None:
             assert infos[1]["TimeLimit.truncated"] and infos[2]["TimeLimit.truncated"]
 
 
-def test_seeds_reach_the_next_reset() -> None:
+FORMS: dict[str, tuple[str, dict[str, Any], dict[str, Any]]] = {
+    "chase": ("Chaser", {"maze": "3x3"}, {"positions": [0, 8]}),
+    "masks": ("Maze", {"maze": "3x3", "num_goals": 1}, {"positions": [0], "goals": [4]}),
+    "observed masks": (
+        "Race",
+        {"mask_in_observation": True},
+        {"positions": [0, 3], "goals": [7, 8, 9]},
+    ),
+    "caught": ("Evader", {"maze": "3x3", "num_evaders": 2}, {"positions": [0, 2, 8]}),
+    "arm": ("Reacher", {"tolerance": 0.7}, {"angles": [0.5, 1.0], "target": [1.0, 0.5]}),
+}
+MASKED = {"mask_bumps": True, "stay_action": True}
+
+
+def same(one: Any, other: Any) -> None:
+    """Arrays, infos and lists of them: equal, except for the wall clock of episodes."""
+    if isinstance(other, dict):
+        assert one.keys() == other.keys()
+        for key in other.keys() - {"t"}:
+            same(one[key], other[key])
+    elif isinstance(other, list):
+        assert len(one) == len(other)
+        for mine, wanted in zip(one, other, strict=True):
+            same(mine, wanted)
+    else:
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_every_call_does_what_the_vec_env_of_stable_baselines_does(form: str) -> None:
+    name, settings, start = FORMS[form]
+    name, settings = f"pursuit/{name}-v0", {"max_steps": 9, **settings}
+    settings |= MASKED if form == "masks" else {}
+    envs = gymnasium.make_vec(name, num_envs=3, render_mode="rgb_array", **settings)
+    ours = StableBaselinesVecEnv(envs.unwrapped)
+    theirs = DummyVecEnv(
+        [lambda: Monitor(gymnasium.make(name, render_mode="rgb_array", **settings))] * 3
+    )
+    both = (ours, theirs)
+    assert envs.metadata["autoreset_mode"] is ours.metadata["autoreset_mode"]
+    assert ours.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
+    assert ours.metadata["render_fps"] == theirs.metadata["render_fps"]
+    for options in (None, start, [{}, start, {}], [start, dict(start), {}]):
+        assert ours.seed(7) == theirs.seed(7)
+        for each in both:
+            each.set_options(options)
+        ours.action_space.seed(1)
+        # The second reset continues, without the seeds and options of the first one.
+        for _ in range(2):
+            same(*(each.reset() for each in both))
+            same(ours.reset_infos, theirs.reset_infos)
+            for _ in range(12):
+                actions = np.array([ours.action_space.sample() for _ in range(3)])
+                (seen, *results, infos), (wanted, *expected, hints) = (
+                    each.step(actions) for each in both
+                )
+                same(seen, wanted)
+                same(results, expected)
+                same(infos, hints)
+                same(ours.reset_infos, theirs.reset_infos)
+    same(*([*each.get_images()] for each in both))
+    same(*(each.env_method("render", indices=[2]) for each in both))
+    for indices in (None, 1, [0, 2]):
+        for kind in (Monitor, gymnasium.Wrapper, VecMonitor):
+            assert ours.env_is_wrapped(kind, indices) == theirs.env_is_wrapped(kind, indices)
+        for attribute in ("observation_space", "action_space", "render_mode"):
+            assert ours.get_attr(attribute, indices) == theirs.get_attr(attribute, indices)
+        if form != "arm":
+            same(*(each.env_method("action_masks", indices=indices) for each in both))
+    ours.close()
+    assert envs.unwrapped.closed
+
+
+def test_seeds_reach_the_next_reset_only() -> None:
     env, other = vec_env(), vec_env()
-    assert env.seed(5) == [5] * 4
+    assert env.seed(5) == [5, 6, 7, 8]
     other.seed(5)
     first = env.reset()
     assert (first == other.reset()).all()
     assert (first != env.reset()).any()
     env.seed(5)
     assert (env.reset() == first).all()
+
+
+def test_what_a_batch_cannot_do_is_refused() -> None:
+    env = vec_env(2)
+    with pytest.raises(ValueError, match="all games share one environment"):
+        env.set_attr("label", "mine", indices=[0])
+    wrapped = RecordEpisodeStatistics(make_vector_env("chase", "chaser", 2))
+    with pytest.raises(ValueError, match=r"envs\.unwrapped"):
+        StableBaselinesVecEnv(wrapped)  # type: ignore[arg-type]
+    with pytest.warns(UserWarning, match="no images: render_mode is 'ansi'"):
+        assert vec_env(2, render_mode="ansi").get_images() == [None, None]
 
 
 def test_the_rest_of_the_vec_env() -> None:
@@ -116,13 +203,13 @@ def test_the_rest_of_the_vec_env() -> None:
     assert env.env_is_wrapped(VecMonitor) == [False, False]
     assert [picture.ndim for picture in env.get_images() if picture is not None] == [3, 3]
     assert env.env_method("render", indices=0)[0][0].dtype == np.uint8
-    assert vec_env(2).get_images() == [None, None]
     assert isinstance(env.render(), np.ndarray)
     env.close()
 
 
 def test_wrappers_of_stable_baselines() -> None:
-    env = VecMonitor(vec_env(4, maze="3x3", max_steps=5))
+    with pytest.warns(UserWarning, match="already wrapped with a `Monitor`"):
+        env = VecMonitor(vec_env(4, maze="3x3", max_steps=5))
     env.reset()
     for _ in range(5):
         *_, dones, infos = env.step(np.zeros(4, dtype=int))

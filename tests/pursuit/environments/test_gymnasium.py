@@ -338,7 +338,6 @@ def test_invalid_agents_and_policies(kind: Any, agent: Any, policies: Any, messa
     ("settings", "message"),
     [
         ({"observation": "pixels"}, "unknown observation 'pixels'"),
-        ({"render_mode": "3d"}, "render_mode '3d'"),
         ({"maze": "5x6"}, "unknown maze '5x6'"),
         ({"opponent_epsilon": 1.5}, "epsilon=1.5"),
         ({"max_steps": 2.5}, "max_steps=2.5"),
@@ -348,6 +347,17 @@ def test_wrong_settings(settings: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         gymnasium.make(IDS[0], **settings)
     with pytest.raises(ValueError, match=message):
+        gymnasium.make_vec(IDS[0], num_envs=2, **settings)
+
+
+def test_an_unknown_render_mode() -> None:
+    settings: dict[str, Any] = {"render_mode": "3d"}
+    with (  # Gymnasium warns, too
+        pytest.warns(UserWarning, match="render_mode='3d'"),
+        pytest.raises(ValueError, match="unknown render_mode '3d'"),
+    ):
+        gymnasium.make(IDS[0], **settings)
+    with pytest.raises(ValueError, match="render_mode '3d'"):
         gymnasium.make_vec(IDS[0], num_envs=2, **settings)
 
 

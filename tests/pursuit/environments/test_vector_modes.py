@@ -8,13 +8,21 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers import vector as vector_wrappers
+from numpy.typing import NDArray
 
-from pursuit import ReacherEnv, ReacherTask, ReacherVectorEnv, SingleAgentEnv, SingleAgentVectorEnv
+from pursuit import (
+    GameView,
+    ReacherEnv,
+    ReacherTask,
+    ReacherVectorEnv,
+    SingleAgentEnv,
+    SingleAgentVectorEnv,
+)
 from pursuit.mazes.maze import Maze
 from scripted_agents.environments import make_env, make_vector_env
 
 CORRIDOR = Maze.from_text("+-+-+-+-+-+\n|         |\n+-+-+-+-+-+")
-NORTH, EAST = 0, 2
+NORTH, EAST, STAY = 0, 2, 4
 GAMES = 4
 GRIDS: dict[str, tuple[str, str, dict[str, Any]]] = {
     "chase": ("chase", "chaser", {}),
@@ -28,6 +36,14 @@ ARMS: dict[str, dict[str, Any]] = {
     "random": {"tolerance": 0.7, "start": "random", "joints": 3},
     "discrete": {"tolerance": 0.7, "discrete_actions": True},
 }
+
+
+class Still:
+    """A policy that always stays."""
+
+    def act(self, view: GameView) -> NDArray[np.int32]:
+        return np.full(view.num_games, STAY, dtype=np.int32)
+
 
 pytestmark = pytest.mark.filterwarnings("error::UserWarning", "ignore:mask_bumps=True")
 
@@ -177,11 +193,37 @@ def test_an_invalid_action_moves_no_agent_while_games_wait() -> None:
     for each in (envs, untouched):
         each.reset(seed=0, options={"positions": [[3, 4], [0, 4]]})
         assert each.step(np.array([EAST, NORTH]))[2].tolist() == [True, False]
-    with pytest.raises(ValueError, match="integers from 0 to 3"):
-        envs.step(np.array([9, 0]))
+    for wrong in (np.array([0, 9]), np.array([0.0, 1.0]), np.array([0]), 0, ["a", "b"]):
+        with pytest.raises(ValueError, match="integers"):
+            envs.step(wrong)
     for _ in range(10):
         actions = np.zeros(2, dtype=int)
         np.testing.assert_equal(envs.step(actions), untouched.step(actions))
+
+
+@pytest.mark.parametrize(
+    ("form", "ignored"),
+    [("chase", 9), ("chase", -1), ("discrete", 7), ("kept", 5.0), ("kept", np.nan)],
+)
+def test_a_game_that_restarts_ignores_any_action(form: str, ignored: float) -> None:
+    ours, theirs = pair(form, AutoresetMode.NEXT_STEP)
+    for envs in (ours, theirs):
+        envs.reset(seed=[1, 2, 3, 4])
+    ours.action_space.seed(0)
+    restarts, waiting = 0, np.zeros(GAMES, dtype=bool)
+    for _ in range(80):
+        actions = ours.action_space.sample()
+        actions[waiting] = ignored
+        given = actions.copy()
+        (observed, *results, _), (expected, *others, _) = (
+            envs.step(actions) for envs in (ours, theirs)
+        )
+        check_equal(observed, expected)
+        np.testing.assert_allclose(results, others)
+        np.testing.assert_array_equal(actions, given)
+        restarts += waiting.sum()
+        waiting = results[1] | results[2]
+    assert restarts > 5
 
 
 def test_unknown_modes_and_early_masks() -> None:
@@ -206,9 +248,39 @@ def test_max_episode_steps_cuts_off_as_the_time_limit_of_gymnasium_does(name: st
             (bool(env.step(stay)[3]), bool(envs.step(np.array([stay]))[3][0])) for _ in range(7)
         ]
         assert ends.index((True, True)) == length - 1
-    for wrong in (0, 1.5, "3"):
+    for limit in (np.int64(3), -1, None):
+        gymnasium.make_vec(name, 2, max_episode_steps=limit)
+    for wrong in (0, -2, 1.5, "3", True):
         with pytest.raises(ValueError, match="max_episode_steps"):
             gymnasium.make_vec(name, 2, max_episode_steps=wrong)
+
+
+@pytest.mark.parametrize("limit", [1, 2, 3, 4])
+@pytest.mark.parametrize("mode", AutoresetMode)
+def test_an_end_in_the_step_of_a_limit_is_the_same_in_one_game_and_in_many(
+    mode: AutoresetMode, limit: int
+) -> None:
+    """A capture after 2 steps: the task's own limit of 3 gives way to it, a TimeLimit does not."""
+    settings: dict[str, Any] = {"maze": CORRIDOR, "max_steps": 3, "max_episode_steps": limit}
+    settings |= {"opponent": Still(), "stay_action": True}
+    env, start = gymnasium.make("pursuit/Chaser-v0", **settings), {"positions": [0, 2]}
+    envs = gymnasium.make_vec("pursuit/Chaser-v0", 2, autoreset_mode=mode, **settings)
+    assert envs.unwrapped.task == env.unwrapped.task  # type: ignore[attr-defined]
+    for each in (env, envs):
+        each.reset(seed=0, options=start)
+    for step in range(1, 3):
+        observed, reward, *ends, _ = env.step(EAST)
+        seen, rewards, *flags, infos = envs.step(np.array([EAST, EAST]))
+        assert [*zip(*flags, strict=True)] == [tuple(ends)] * 2
+        assert ends == [step == 2, step == limit]
+        assert rewards.tolist() == [np.float32(reward)] * 2
+        if any(ends):
+            same_step = mode is AutoresetMode.SAME_STEP
+            final = infos["final_info"] if same_step else infos
+            assert final["episode_length"].tolist() == [step, step]
+            last = infos["final_obs"][1] if same_step else seen[1]
+            np.testing.assert_array_equal(last, observed)
+            return
 
 
 @pytest.mark.parametrize("name", ["Chaser", "Evader", "Maze", "Race", "HeistEvader", "Reacher"])
