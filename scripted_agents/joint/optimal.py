@@ -273,8 +273,8 @@ def check_optimal(task: Task, role: str) -> None:
     reason = why_not_optimal(task, role)
     if reason is not None:
         raise ValueError(
-            f"optimal {role} of task {task.name!r}: not known: {reason}. Take astar, or a smaller "
-            "game"
+            f"{'optimal' if role == 'runner' else 'equilibrium'} {role} of task {task.name!r}: not "
+            f"known: {reason}. Take astar, or a smaller game"
         )
 
 
