@@ -103,7 +103,7 @@ def test_messages_are_one_short_line() -> None:
 @pytest.mark.parametrize(
     "rewards",
     [(1e308,), (-1e300,), (10**400,), ("1",), (1j,), (None,), (float("inf"),), "1", 1.0, b"1"],
-    ids=repr,
+    ids=lambda given: repr(given)[:12],
 )
 def test_rewards_whose_sums_are_no_numbers_are_refused(rewards: Any) -> None:
     with pytest.raises(ValueError, match="give one finite number for each of player"):
@@ -117,7 +117,11 @@ def test_the_largest_rewards_have_finite_values() -> None:
     assert respond(small, "player", {}, 0.999999).mean == pytest.approx(1e106)
 
 
-@pytest.mark.parametrize("chance", ["1", 1 + 0j, None, 10**400, -(10**400), float("nan"), [1.0]])
+@pytest.mark.parametrize(
+    "chance",
+    ["1", 1 + 0j, np.complex128(1), None, 10**400, -(10**400), float("nan"), [1.0]],
+    ids=lambda given: repr(given)[:12],
+)
 def test_probabilities_are_numbers_with_sum_one(chance: Any) -> None:
     for returned in ({"starts": [(chance, 0)]}, {"transitions": [(chance, 0, (0.0,), False)]}):
         with pytest.raises(ValueError, match=r"the probabilities .*(are not numbers|with sum 1)"):
