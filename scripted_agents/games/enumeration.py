@@ -355,7 +355,7 @@ def _legal(game: Game, state: Any, player: int) -> tuple[Hashable, ...]:
 
 def _chances(outcomes: Sequence[Any], call: Call) -> list[float]:
     """The probabilities of outcomes, with sum 1."""
-    chances = [outcome[0] for outcome in outcomes]
+    chances = [chance for chance, *_ in outcomes]
     if chances == [1.0] and type(chances[0]) is float:  # most often, so without the checks
         return chances
     if not all(isinstance(chance, int | float | np.integer | np.floating) for chance in chances):

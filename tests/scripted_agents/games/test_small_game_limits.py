@@ -123,7 +123,8 @@ def test_the_largest_rewards_have_finite_values() -> None:
     ids=lambda given: repr(given)[:12],
 )
 def test_probabilities_are_numbers_with_sum_one(chance: Any) -> None:
-    for returned in ({"starts": [(chance, 0)]}, {"transitions": [(chance, 0, (0.0,), False)]}):
+    outcome = dict.fromkeys([chance, 0]) if isinstance(chance, str) else (chance, 0)
+    for returned in ({"starts": [outcome]}, {"transitions": [(chance, 0, (0.0,), False)]}):
         with pytest.raises(ValueError, match=r"the probabilities .*(are not numbers|with sum 1)"):
             enumerate_game(Table(**returned))
 
