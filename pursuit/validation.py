@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 Key = TypeVar("Key")
 Value = TypeVar("Value")
 Check = Callable[[str, Any], Any]
+MOST_SHOWN = 200
 
 
 def declared(check: Check, default: Any) -> Any:
@@ -132,11 +133,18 @@ def check_bool(name: str, value: Any) -> bool:
     return bool(value)
 
 
+def shown(value: Any) -> str:
+    """`repr(value)` in one line of at most `MOST_SHOWN` characters, for messages."""
+    text = repr(value)
+    text = " ".join(text.split()) if "\n" in text else text  # arrays have several lines
+    return text if len(text) <= MOST_SHOWN else f"{text[:MOST_SHOWN]}..."
+
+
 def whole_numbers(name: str, value: Any, least: int, most: int) -> NDArray[Any]:
     """`value` as an array of whole numbers from `least` to `most`; ValueError otherwise."""
     array = as_array(name, value, "iu", f"whole numbers from {least} to {most}")
     if array.size and not least <= array.min() <= array.max() <= most:
-        raise ValueError(f"{name}={value!r}; whole numbers from {least} to {most}")
+        raise ValueError(f"{name}={shown(value)}; whole numbers from {least} to {most}")
     return array
 
 
@@ -145,9 +153,9 @@ def as_array(name: str, value: Any, kinds: str, rule: str) -> NDArray[Any]:
     try:
         array = np.asarray(value)
     except (TypeError, ValueError, OverflowError):
-        raise ValueError(f"{name}={value!r}; {rule}") from None
+        raise ValueError(f"{name}={shown(value)}; {rule}") from None
     if array.size and array.dtype.kind not in kinds:
-        raise ValueError(f"{name}={value!r}; {rule}")
+        raise ValueError(f"{name}={shown(value)}; {rule}")
     return array
 
 

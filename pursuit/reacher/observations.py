@@ -17,7 +17,6 @@ from pursuit.validation import one_of
 ENCODINGS = ("positions", "positions_angles")
 
 
-@lru_cache
 def space_of(task: ReacherTask, encoding: str) -> gymnasium.spaces.Box:
     """The space of an encoding (the same object at every call).
 
@@ -28,7 +27,11 @@ def space_of(task: ReacherTask, encoding: str) -> gymnasium.spaces.Box:
     Raises:
         ValueError: an unknown encoding.
     """
-    one_of("observation", encoding, ENCODINGS)
+    return _space_of(task, one_of("observation", encoding, ENCODINGS))
+
+
+@lru_cache
+def _space_of(task: ReacherTask, encoding: str) -> gymnasium.spaces.Box:
     joints = task.joints
     # A target is at most `tolerance` outside the rim.
     most = [1.0] + [2.0 * joints + task.tolerance] * (2 * joints + 2)

@@ -73,7 +73,7 @@ class ReacherTask:
     tolerance: float = declared(_from(LEAST_TOLERANCE), default=0.2)
     max_steps: int = count(1, default=400)
     max_turn: float = declared(_from(LEAST_TURN, math.pi), default=0.1)
-    effort: float = declared(_from(0.0), default=0.01)
+    effort: float = declared(_from(0.0, 1e30), default=0.01)  # rewards are float32
     discrete_actions: bool = flag(False)
 
     def __post_init__(self) -> None:

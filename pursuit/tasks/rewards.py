@@ -10,7 +10,7 @@ from typing import Any
 from pursuit.plugins import Registry
 from pursuit.tasks.moments import ROLES as ROLES
 from pursuit.tasks.moments import After, Before
-from pursuit.validation import FrozenDict, check_fields, finite, flag
+from pursuit.validation import FrozenDict, check_fields, declared, flag, number
 
 RewardFunction = Callable[[Before, Any, After], Any]
 """`f(before, actions, after)` -> [games, agents], the reward of every agent for the step.
@@ -19,6 +19,17 @@ RewardFunction = Callable[[Before, Any, After], Any]
 can be compiled by Numba; they are copies, which it may keep or change. Agents that had left the
 game before the step always get a reward of 0.
 """
+
+
+MOST_REWARD = 1e30
+"""Rewards are float32: larger ones, times distances or summed up, could be infinite."""
+
+
+def _coefficient(name: str, value: Any) -> float:
+    found = number(name, value)
+    if abs(found) > MOST_REWARD:
+        raise ValueError(f"{name}={value}; rewards are float32: give at most {MOST_REWARD:g}")
+    return found
 
 
 @dataclass(frozen=True)
@@ -40,14 +51,14 @@ class Rewards:
             distance=0 and on_completion=False.
 
     Raises:
-        ValueError: a value that is not a finite number; `per_evader` with a distance or
-            `on_completion`.
+        ValueError: a value that is not a number, or above `MOST_REWARD`; `per_evader` with a
+            distance or `on_completion`.
     """
 
-    step: float = finite(0.0)
-    capture: float = finite(0.0)
-    goal: float = finite(0.0)
-    distance: float = finite(0.0)
+    step: float = declared(_coefficient, 0.0)
+    capture: float = declared(_coefficient, 0.0)
+    goal: float = declared(_coefficient, 0.0)
+    distance: float = declared(_coefficient, 0.0)
     on_completion: bool = flag(False)
     per_evader: bool = flag(False)
 

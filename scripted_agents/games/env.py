@@ -80,8 +80,8 @@ class SmallGameEnv(gymnasium.Env[Any, Any]):
         self.state = int(self.np_random.choice(self.game.num_states, p=self.game.start))
         self.steps = 0
         if self.simulator is not None:
-            cells, goals = self.game.states[self.state]
-            self.simulator.place(cells, goals or None, seed=seed)
+            start: Any = self.game.states[self.state]
+            self.simulator.place(start[0], start[1] or None, seed=seed)
         return self._observe(self.state), {}
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:

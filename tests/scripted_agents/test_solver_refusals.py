@@ -15,6 +15,7 @@ from scripted_agents import (
     AStarChaser,
     AStarEvader,
     BeliefChaser,
+    BeliefOptimalChaser,
     NearestGoalRunner,
     RandomAgent,
     SearchingChaser,
@@ -131,6 +132,9 @@ def calls() -> Iterator[Call]:
             **order,
         },
     )
+    solved = solve_hidden_chase(**hidden)
+    given = {"solution": solved}
+    yield BeliefOptimalChaser, given, {"solution": (None, 5, hidden), "epsilon": (*NUMBER, 2)}
     often = {"iterations": (*WHOLE, 0)}
     discounts = {"discount": (*NUMBER, 0, 1, 2), "stay_action": FLAG}
     yield (

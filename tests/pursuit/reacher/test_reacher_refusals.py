@@ -28,7 +28,7 @@ ID = "pursuit/Reacher-v0"
         ({"max_steps": 0}, "max_steps=0"),
         ({"start": "straight"}, "unknown start 'straight'; one of kept, random, fixed"),
         *(({"max_turn": value}, "max_turn=") for value in (0.0, -1.0, 1e-300, 3.15, math.nan)),
-        *(({"effort": value}, "effort=") for value in (-0.1, math.inf, "much")),
+        *(({"effort": value}, "effort=") for value in (-0.1, math.inf, 1e31, "much")),
         ({"discrete_actions": 1}, "discrete_actions=1; it is True or False"),
     ],
 )

@@ -172,3 +172,18 @@ def test_a_task_can_be_a_dict_key() -> None:
     simulators = {make_task(name): Simulator(make_task(name)) for name in TASK_NAMES}
     for name in TASK_NAMES:
         assert simulators[make_task(name)].task.name == name
+
+
+@pytest.mark.parametrize("field", ["step", "capture", "goal", "distance"])
+def test_rewards_are_finite_in_float32(field: str) -> None:
+    for value in (1e31, -1e308, 10**40):
+        with pytest.raises(
+            ValueError, match=rf"{field}=.*rewards are float32: give at most 1e\+30"
+        ):
+            Rewards(**{field: value})
+    largest = {role: Rewards(**{field: -1e30}) for role in ("chaser", "evader", "runner")}
+    task = Task(maze="9x9", num_chasers=2, num_evaders=2, num_goals=2, rewards=largest)
+    simulator = Simulator(task, 50, seed=0)
+    for _ in range(20):
+        simulator.step(np.random.default_rng(0).integers(0, 4, (50, 4)))
+        assert np.isfinite(simulator.rewards).all()
