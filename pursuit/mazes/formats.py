@@ -17,7 +17,7 @@ PASSABLE, IMPASSABLE = ".GS", "@OTW"
 """Terrain of MovingAI: ground and swamp; out of bounds, trees and water. Water cannot be entered
 from land, so it counts as impassable."""
 
-_HEADER = re.compile(r"type\s+(\S+)\s+height\s+(\d+)\s+width\s+(\d+)\s+map\s*")
+_HEADER = re.compile(r"type\s+(\S+)\s+height\s+(\d{1,9})\s+width\s+(\d{1,9})\s+map\s*")
 
 
 class Drawing(NamedTuple):

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.sparse.csgraph import minimum_spanning_tree
 
-from pursuit.mazes.graphs import GraphDrawing, check_cells, read_graph
+from pursuit.mazes.graphs import MAX_TABLE_CELLS, GraphDrawing, check_cells, read_graph
 from pursuit.memory import check_memory
 from pursuit.validation import one_of, whole
 
@@ -33,6 +33,11 @@ def graph_drawing(
     one_of("kind", kind, GRAPHS)
     height, width = whole("height", height, 3, 1000), whole("width", width, 3, 1000)
     check_cells(height * width, name)
+    if kind == "roads" and height * width > MAX_TABLE_CELLS:
+        raise ValueError(
+            f"{name}: a directed graph of at least {height * width:,} cells; at most "
+            f"{MAX_TABLE_CELLS} are possible. Give a smaller height or width"
+        )
     random = np.random.default_rng(whole("seed", seed, 0, 2**63 - 1))
     graph: Any = networkx.DiGraph()
     if kind == "geometric":
@@ -52,7 +57,7 @@ def graph_drawing(
                     row, column = row % height, column % width
                 if 0 <= row < height and 0 <= column < width:
                     graph.add_edge(f"{r},{c}", f"{row},{column}", action=action)
-    return read_graph(graph, name, **marks)
+    return read_graph(graph, name, decimals=4, **marks)
 
 
 def _points(count: int, random: np.random.Generator) -> Any:
@@ -96,6 +101,6 @@ def _roads(height: int, width: int, random: np.random.Generator) -> Any:
         gone = [(a, b), (b, a)] if draw < REMOVED else [(a, b)] if draw < REMOVED + ONE_WAY else []
         kept = [(*edge, graph.edges[edge]) for edge in gone]
         graph.remove_edges_from(gone)
-        if gone and not networkx.is_strongly_connected(graph):
+        if not all(networkx.has_path(graph, *edge) for edge in gone):  # a short search
             graph.add_edges_from(kept)
     return graph

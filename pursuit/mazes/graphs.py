@@ -1,4 +1,4 @@
-"""Graphs as mazes: reading networkx graphs, GraphML and edge lists, and the text format of graphs.
+"""Graphs as mazes: reading networkx graphs.
 
 A cell is a node. Action i of a cell leads to its i-th neighbor (successor, if edges are directed);
 in a cell with fewer neighbors than the graph has moves, the others keep the place, as at a wall.
@@ -8,12 +8,12 @@ can turn round. Opposite directed edges of one length share them.
 
 from __future__ import annotations
 
-import ast
-import json
-import re
+import contextlib
+import math
+from collections import Counter
 from collections.abc import Hashable, Iterable, Mapping
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,15 +25,16 @@ if TYPE_CHECKING:
 
 MAX_MOVES = 31
 """Sets of moves, and stay, are bit masks of 32 bits."""
-HEADER = "graph"
-"""The first word of the text format."""
-SUFFIXES = (".graphml", ".edgelist", ".edges")
+MAX_TABLE_CELLS = 4096
+"""Larger mazes get no table of all distances, as its size is quadratic in the cells."""
 MAX_GRAPH_CELLS = 200_000
 """Limit of the cells of a graph with those within edges; a wrong unit of lengths can need many."""
+DIGITS = 10
+"""Of positions, relative to the extent of the graph."""
+MAX_SHOWN = 80
+"""Characters of a line or value in a message."""
 MAX_LAYOUT_NODES = 500
 """Larger graphs without positions are drawn on a circle, as other layouts take long."""
-
-_LINE = re.compile(r'(\d+) ("(?:[^"\\]|\\.)*") (\S+) (\S+)((?: [SG])?): ([\d ]*)')
 
 
 class GraphDrawing(NamedTuple):
@@ -62,17 +63,26 @@ def read_graph(
     num_moves: int | None = None,
     start: Hashable | None = None,
     goals: Iterable[Hashable] = (),
+    decimals: int | None = None,
 ) -> GraphDrawing:
-    """A networkx graph as cells; arguments and errors as of `Maze.from_graph`."""
-    if not all(hasattr(graph, needed) for needed in ("nodes", "edges", "is_directed")):
+    """A networkx graph as cells; arguments and errors as of `Maze.from_graph`.
+
+    Positions are rounded to `decimals`; by default relative to the extent of the graph.
+    """
+    needed = ("nodes", "edges", "adj", "is_directed")
+    if isinstance(graph, type) or not all(hasattr(graph, each) for each in needed):
         raise ValueError(f"{name}: {graph!r}; give a networkx graph, such as networkx.Graph")
+    if length is not None and not isinstance(length, str):
+        raise ValueError(f"{name}: length={length!r}; give the name of an attribute, or None")
+    if not (positions is None or isinstance(positions, Mapping)):
+        raise ValueError(f"{name}: positions={positions!r}; give a dict from nodes to (x, y)")
     if isinstance(goals, str) or not isinstance(goals, Iterable):
         raise ValueError(f"{name}: goals={goals!r}; give a list of nodes")
     nodes = list(graph.nodes)
     names = [str(node) for node in nodes]
     if not nodes:
         raise ValueError(f"{name}: a graph without nodes; give at least one")
-    _check_names(names, name)
+    check_names(names, name)
     number = {node: index for index, node in enumerate(nodes)}
     streets = list(_streets(graph, name, length))
     cells = len(nodes) + sum(steps - 1 for _, _, steps, _ in streets)
@@ -94,7 +104,7 @@ def read_graph(
             for here, there in pairwise(way):
                 first = here == way[0]
                 moves[here].append((action if first else -1, order if first else 0, there))
-    _check_names(names, name)  # a node may have the name of a cell within an edge
+    check_names(names, name)  # a node may have the name of a cell within an edge
     most = _most_moves(moves, names, name, num_moves)
     neighbors = np.repeat(np.arange(len(names), dtype=np.int32)[:, None], most + 1, axis=1)
     for cell, found in enumerate(moves):
@@ -102,11 +112,11 @@ def read_graph(
         if len(set(given)) < len(given):
             raise ValueError(f"{name}: two edges from {names[cell]!r} have one action; change one")
         _assign(neighbors[cell], cell, found)
-    _check_connected(neighbors, names, name)
+    check_connected(neighbors, names, name)
     marks = [_marked(mark, number, name) for mark in goals]
     return GraphDrawing(
         tuple(names),
-        np.asarray(np.round(places, 4), dtype=np.float64),
+        _rounded(places, name, decimals),
         neighbors,
         None if start is None else _marked(start, number, name),
         tuple(marks),
@@ -122,10 +132,10 @@ def check_cells(cells: int, name: str) -> None:
         )
 
 
-def _check_names(names: list[str], name: str) -> None:
+def check_names(names: list[str], name: str) -> None:
     """ValueError if two cells have one name."""
     if len(set(names)) < len(names):
-        twice = next(each for each in names if names.count(each) > 1)
+        ((twice, _),) = Counter(names).most_common(1)
         raise ValueError(f"{name}: two nodes are named {twice!r} as text; rename one of them")
 
 
@@ -141,19 +151,19 @@ def _streets(
                 f"{name}: an edge from {a!r} to itself; remove it, and give the task "
                 "stay_action=True to let agents stay"
             )
-        steps = data.get(length, 1) if length is not None else 1
+        steps = _number_of(data.get(length, 1)) if length is not None else 1
         whole_float = isinstance(steps, float | np.floating) and steps.is_integer()
         if not (is_int(steps) or whole_float) or steps < 1:
             raise ValueError(
-                f"{name}: the edge {a!r}, {b!r} has {length}={steps!r}; a length is a whole number "
-                "of steps, at least 1: round it, or use Maze.from_graph(graph, length=None) for "
-                "edges of one step"
+                f"{name}: the edge {a!r}, {b!r} has {length}={short(steps)}; a length is a whole "
+                "number of steps, at least 1: round it, or use Maze.from_graph(graph, length=None) "
+                "for edges of one step"
             )
-        action = data.get("action")
+        action = _number_of(data.get("action"))
         if action is not None and not (is_int(action) and 0 <= action < MAX_MOVES):
             raise ValueError(
-                f"{name}: the edge {a!r}, {b!r} has action={action!r}; an action is a number from "
-                f"0 to {MAX_MOVES - 1}"
+                f"{name}: the edge {a!r}, {b!r} has action={short(action)}; an action is a number "
+                f"from 0 to {MAX_MOVES - 1}"
             )
         pair = (a, b) if graph.is_directed() or (b, a) not in shortest else (b, a)
         if pair not in shortest or steps < shortest[pair][0]:
@@ -166,6 +176,21 @@ def _streets(
         elif (a, b) not in done:
             done.add((b, a))
             yield a, b, steps, (action, back[1])
+
+
+def _number_of(value: Any) -> Any:
+    """The number of a text, as programs write them to GraphML; anything else as it is."""
+    if isinstance(value, str):
+        for kind in (int, float):
+            with contextlib.suppress(ValueError):
+                return kind(value)
+    return value
+
+
+def short(value: Any) -> str:
+    """What was given, for a message of one line."""
+    text = ascii(value)
+    return text if len(text) <= MAX_SHOWN else f"{text[:MAX_SHOWN]}..."
 
 
 def _most_moves(
@@ -197,7 +222,7 @@ def _assign(row: NDArray[np.int32], cell: int, found: list[tuple[int, int, int]]
         row[action] = there
 
 
-def _check_connected(neighbors: NDArray[np.int32], names: list[str], name: str) -> None:
+def check_connected(neighbors: NDArray[np.int32], names: list[str], name: str) -> None:
     """ValueError unless every cell can be reached from every other."""
     forth: list[list[int]] = neighbors.tolist()
     back: list[list[int]] = [[] for _ in forth]
@@ -220,7 +245,7 @@ def _check_connected(neighbors: NDArray[np.int32], names: list[str], name: str) 
 
 
 def _marked(mark: Hashable, number: Mapping[Any, int], name: str) -> int:
-    if mark not in number:
+    if not isinstance(mark, Hashable) or mark not in number:
         raise ValueError(f"{name}: the mark {mark!r} is no node; give one of the graph")
     return number[mark]
 
@@ -247,14 +272,30 @@ def _positions_of(
         links.add_edges_from((a, b) for a, b, *_ in graph.edges)
         few = len(nodes) <= MAX_LAYOUT_NODES
         placed = networkx.spring_layout(links, seed=0) if few else networkx.circular_layout(links)
-        found = [placed[node] for node in nodes]
+        found = [placed[node].round(4) for node in nodes]
     try:
         array = np.array(found, dtype=np.float64)
     except (TypeError, ValueError):
         array = np.empty(0)
-    if array.shape != (len(nodes), 2) or not np.isfinite(array).all():
-        raise ValueError(f"{name}: positions are pairs of finite numbers (x, y), one for each node")
+    if array.shape != (len(nodes), 2):
+        raise ValueError(f"{name}: positions are pairs of numbers (x, y), one for each node")
     return array
+
+
+def _rounded(places: Any, name: str, decimals: int | None) -> NDArray[np.float64]:
+    """[cells, 2] float64: positions without the rounding errors of cells within edges.
+
+    Raises:
+        ValueError: positions that are not finite, or so far apart that their distance is not.
+    """
+    array = np.asarray(places, dtype=np.float64)
+    with np.errstate(over="ignore", invalid="ignore"):
+        extent = float(np.ptp(array, axis=0).max())
+    if not np.isfinite(extent):
+        raise ValueError(f"{name}: positions are finite numbers (x, y), with finite distances")
+    if decimals is None:
+        decimals = DIGITS - 1 - math.floor(math.log10(max(extent, 1e-290)))
+    return np.round(array, decimals) if abs(decimals) < 290 else array
 
 
 def to_networkx(maze: Any) -> networkx.DiGraph[str]:
@@ -267,103 +308,4 @@ def to_networkx(maze: Any) -> networkx.DiGraph[str]:
     for cell, action in np.argwhere(maze.neighbors != np.arange(maze.num_cells)[:, None]).tolist():
         there = maze.cell_names[maze.neighbors[cell, action]]
         graph.add_edge(maze.cell_names[cell], there, action=action)
-    return graph
-
-
-# -- text ------------------------------------------------------------------------------------------
-
-
-def text_of(maze: Any) -> str:
-    """A graph in the text format: a line for each cell with its number, name, position, mark, and
-    the cell after each move."""
-    lines = [f"{HEADER} of {maze.num_cells} cells and {maze.num_moves} moves"]
-    for cell, name in enumerate(maze.cell_names):
-        x, y = maze.positions[cell].tolist()
-        mark = " S" if cell == maze.start_mark else " G" if cell in maze.goal_marks else ""
-        moves = " ".join(map(str, maze.neighbors[cell, :-1].tolist()))
-        lines.append(f"{cell} {json.dumps(name)} {x:g} {y:g}{mark}: {moves}")
-    return "\n".join(lines) + "\n"
-
-
-def is_graph_text(text: Any) -> bool:
-    """Whether this is the text of a graph."""
-    return isinstance(text, str) and text.lstrip().startswith(f"{HEADER} of ")
-
-
-def read_graph_text(text: str, name: str) -> GraphDrawing:
-    """Read the text format of graphs.
-
-    Raises:
-        ValueError: invalid text; the message names the line and the remedy.
-    """
-    lines = text.strip().splitlines()[1:]
-    if not lines:
-        raise ValueError(f"{name}: a graph without cells; give a line for each")
-    names, places, rows, start, goals = [], [], [], None, []
-    for cell, line in enumerate(lines):
-        found = _LINE.fullmatch(line.strip())
-        if not found or int(found[1]) != cell:
-            _fail(name, cell, f'{line!r}; line {cell + 2} is: {cell} "name" x y: neighbors')
-        try:
-            places.append((float(found[3]), float(found[4])))
-            names.append(json.loads(found[2]))
-        except ValueError:
-            _fail(name, cell, f"{line!r}; a name is in quotes, x and y are numbers")
-        row = [int(word) for word in found[6].split()]
-        if any(there >= len(lines) for there in row) or len(row) > MAX_MOVES:
-            _fail(name, cell, f"neighbors {row}; at most {MAX_MOVES}, each below {len(lines)}")
-        rows.append([*row, cell])
-        start = cell if found[5] == " S" else start
-        goals += [cell] if found[5] == " G" else []
-    widths = [len(row) for row in rows]
-    if len(set(widths)) > 1:
-        _fail(name, widths.index(min(widths)), "all cells need the same number of moves")
-    neighbors = np.array(rows, dtype=np.int32)
-    _check_names(names, name)
-    _check_connected(neighbors, names, name)
-    return GraphDrawing(tuple(names), np.array(places), neighbors, start, tuple(goals))
-
-
-def _fail(name: str, cell: int, problem: str) -> NoReturn:
-    raise ValueError(f"{name}: line {cell + 2}: {problem}")
-
-
-def read_graph_file(text: str, suffix: str, name: str) -> GraphDrawing:
-    """Read GraphML, or an edge list as networkx writes them, without directions.
-
-    Raises:
-        ValueError: invalid text, or a graph that `Maze.from_graph` refuses.
-    """
-    import networkx  # slow to import
-
-    if suffix != ".graphml":
-        return read_graph(_edges_of(text, name), name)
-    try:
-        graph = networkx.parse_graphml(text)
-    except Exception as error:  # its reader raises many kinds
-        raise ValueError(f"{name}: not a valid {suffix} file ({error})") from None
-    return read_graph(graph, name)
-
-
-def _edges_of(text: str, name: str) -> Any:
-    """The edges of lines `node node`, `node node length` or `node node {'length': 2}`."""
-    import networkx  # slow to import
-
-    graph: Any = networkx.MultiGraph()
-    for number, line in enumerate(text.splitlines(), start=1):
-        words = line.split("#")[0].split(maxsplit=2)
-        if not words:
-            continue
-        try:
-            data = ast.literal_eval(words[2]) if len(words) == 3 else {}
-        except (ValueError, SyntaxError):
-            data = None
-        if isinstance(data, int | float):
-            data = {"length": data}
-        if len(words) == 1 or not isinstance(data, dict):
-            raise ValueError(
-                f"{name}: line {number}: {line!r}; a line of an edge list is `node node`, or "
-                "`node node length` with a number of steps. The names of nodes have no blanks"
-            )
-        graph.add_edge(*words[:2], **{str(key): value for key, value in data.items()})
     return graph

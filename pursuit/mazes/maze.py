@@ -12,14 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.mazes.formats import Drawing, read_walls
-from pursuit.mazes.graphs import (
-    GraphDrawing,
-    is_graph_text,
-    read_graph,
-    read_graph_text,
-    text_of,
-    to_networkx,
-)
+from pursuit.mazes.graph_files import is_graph_text, read_graph_text, text_of
+from pursuit.mazes.graphs import MAX_TABLE_CELLS as MAX_TABLE_CELLS
+from pursuit.mazes.graphs import GraphDrawing, read_graph, to_networkx
 from pursuit.mazes.sources import LIBRARY as LIBRARY
 from pursuit.mazes.sources import drawing_of
 from pursuit.mazes.sources import library_names as library_names
@@ -41,8 +36,6 @@ if TYPE_CHECKING:
 
 BYTES_PER_CELL = 70
 """Memory per cell to create a maze, measured with 1000x1000 cells."""
-MAX_TABLE_CELLS = 4096
-"""Larger mazes get no table of all distances, as its size is quadratic in the cells."""
 GRID_ONLY = ("height", "width", "cell_numbers", "rows", "columns", "open_south", "open_east")
 
 
@@ -258,7 +251,8 @@ class Maze:
         places = np.stack([y.max() - y, x - x.min()], axis=1)
         a, b = np.nonzero(self.neighbors != np.arange(self.num_cells)[:, None])
         away = np.linalg.norm(places[a] - places[self.neighbors[a, b]], axis=1)
-        return np.asarray(places * (1.5 / max(np.median(away), 1e-9) if len(away) else 1.0))
+        away = away[away > 0.0]
+        return np.asarray(places * (1.5 / np.median(away) if len(away) else 1.0))
 
     @property
     def picture_size(self) -> tuple[float, float]:

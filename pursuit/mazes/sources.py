@@ -6,18 +6,14 @@ import re
 from pathlib import Path
 
 from pursuit.mazes.formats import Drawing, read_movingai, read_walls
-from pursuit.mazes.graphs import (
-    SUFFIXES,
-    GraphDrawing,
-    is_graph_text,
-    read_graph_file,
-    read_graph_text,
-)
+from pursuit.mazes.graph_files import SUFFIXES, is_graph_text, read_graph_file, read_graph_text
+from pursuit.mazes.graphs import GraphDrawing
 from pursuit.mazes.suite_files import drawing_of_row, is_suite, rows_of
 from pursuit.memory import check_memory
 from pursuit.validation import unknown
 
 LIBRARY = Path(__file__).with_name("files")
+MOVINGAI = ".map"
 OTHER_GRAPHS = (".gml", ".adjlist", ".gexf", ".pickle", ".gpickle", ".net")
 BYTES_PER_CHARACTER = 26
 """Memory per character to read the text of a maze, measured with 1000x1000 cells."""
@@ -65,7 +61,13 @@ def drawing_of(maze: str | Path) -> tuple[Drawing | GraphDrawing, str]:
         return read_graph_file(text, suffix, name), name
     if is_graph_text(text):
         return read_graph_text(text, name), name
-    return (read_movingai if suffix == ".map" else read_walls)(text, name), name
+    return (read_movingai if suffix == MOVINGAI else read_walls)(text, name), name
+
+
+def reads_as_text(path: Path) -> bool:
+    """Whether `load_maze(str(path))` reads the file as Pursuit's own text format."""
+    other = path.suffix.lower() in (*SUFFIXES, *OTHER_GRAPHS, MOVINGAI)
+    return not (other or is_suite(str(path)) or str(path) in library_names() or "\n" in str(path))
 
 
 def read_text(path: Path) -> str:

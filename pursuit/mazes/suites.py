@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import lru_cache
 from itertools import count, product
 from pathlib import Path
@@ -39,7 +39,6 @@ KINDS = tuple(
 """Maze number i of a suite is of kind i modulo 12: (generator, (loops, no_dead_ends))."""
 
 
-@lru_cache(maxsize=64)
 def load_suite(name: str) -> tuple[Maze, ...]:
     """The mazes of a suite, in order. The name of a maze is NAME/NUMBER, as in `"7x7-test/017"`.
 
@@ -53,6 +52,11 @@ def load_suite(name: str) -> tuple[Maze, ...]:
     """
     if not isinstance(name, str):
         raise ValueError(f"suite={name!r}; give the name of a suite: {', '.join(suite_names())}")
+    return _suite(name)
+
+
+@lru_cache(maxsize=64)
+def _suite(name: str) -> tuple[Maze, ...]:
     return tuple(Maze.from_drawing(drawing_of_row(row), row.name) for row in rows_of(name))
 
 
@@ -66,6 +70,8 @@ def load_mazes(given: str | Path | Maze | Sequence[str | Path | Maze]) -> tuple[
         return load_suite(given)
     if isinstance(given, (str, Path, Maze)):
         return (load_maze(given),)
+    if not isinstance(given, Iterable):
+        raise ValueError(f"maze={given!r}; give the name of a maze, a path, a Maze, or a list")
     return tuple(maze for each in given for maze in load_mazes(each))
 
 

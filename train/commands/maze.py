@@ -12,8 +12,8 @@ from PIL import Image
 
 from pursuit.mazes.generation import generate_graph, generate_maze
 from pursuit.mazes.graph_generation import GRAPHS
-from pursuit.mazes.graphs import SUFFIXES
 from pursuit.mazes.maze import MAX_TABLE_CELLS, Maze, load_maze
+from pursuit.mazes.sources import reads_as_text
 from pursuit.rendering.rendering import Scene, draw_scene
 from scripted_agents.tours.tour import expected_tour_length
 from train.commands.parse import parse
@@ -42,8 +42,8 @@ class MazeCommand:
     """Number of columns. None: as many as rows."""
     loops: float = 0.0
     """Fraction of the remaining inner walls that is removed, in [0, 1]."""
-    no_dead_ends: bool = False
-    """Remove walls until there are no dead ends."""
+    dead_ends: bool = True
+    """Keep dead ends, or remove walls until there are none."""
     seed: int = 0
     """Seed of the generator."""
     out: Path | None = None
@@ -62,11 +62,11 @@ def maze(arguments: Sequence[str]) -> None:
         "give either a maze (a name or a file) or --generate",
     )
     if given.generate in GRAPHS:
-        check_default(given, MazeCommand, ("loops", "no_dead_ends"), "graphs do not have it")
+        check_default(given, MazeCommand, ("loops", "dead_ends"), "graphs do not have it")
         width = given.height if given.width is None else given.width
         made = generate_graph(given.generate, given.height, width, given.seed)
     elif given.generate is None:
-        names = ("height", "width", "loops", "no_dead_ends", "seed")
+        names = ("height", "width", "loops", "dead_ends", "seed")
         check_default(given, MazeCommand, names, "it is an option of --generate")
         made = load_maze(str(given.maze))
     else:
@@ -75,15 +75,16 @@ def maze(arguments: Sequence[str]) -> None:
             given.height,
             given.width,
             loops=given.loops,
-            no_dead_ends=given.no_dead_ends,
+            no_dead_ends=not given.dead_ends,
             seed=given.seed,
         )
     picture = given.picture
     check(picture is None or picture.suffix[1:] in FORMATS, f"{picture}: give a .png or .svg file")
     check(
-        given.out is None or given.out.suffix.lower() not in SUFFIXES,
-        f"{given.out}: --out writes the text format of Pursuit; give a .txt file. GraphML is "
-        "written in Python by networkx.write_graphml(maze.to_graph(), path)",
+        given.out is None or reads_as_text(given.out),
+        f"{given.out}: --out writes the text format of Pursuit, which is not read from this path; "
+        "give a .txt file. GraphML is written in Python by "
+        "networkx.write_graphml(maze.to_graph(), path)",
     )
     check_new_files([given.out, picture], given.overwrite)
     if made.num_cells <= 60**2:

@@ -47,8 +47,8 @@ class PlayCommand(Settings):
     """Your name in these replays."""
     port: Annotated[int, PORT] = 0
     """Port of the page; any free port by default."""
-    no_browser: bool = False
-    """Only print the address of the page."""
+    browser: bool = True
+    """Open a browser, or only print the address of the page."""
 
 
 def play(arguments: Sequence[str]) -> None:
@@ -65,7 +65,7 @@ def play(arguments: Sequence[str]) -> None:
     session = session_for(given, task)
     keeper = None if given.out is None else ReplayFolder(given.out, given.name)
     print(session.title())
-    on_page(session, given.port, not given.no_browser, keeper)
+    on_page(session, given.port, given.browser, keeper)
     if keeper is not None and keeper.added:
         print(f"replays: {keeper.folder}")
     line = total_line(session.outcomes)

@@ -41,8 +41,8 @@ class ViewCommand(Settings):
     """Episodes of each run, if several runs or replays are shown."""
     overwrite: bool = False
     """Replace --out if it exists."""
-    no_open: bool = False
-    """Only write the page, without opening a browser."""
+    open: bool = True
+    """Open the page in a browser, or only write it."""
 
 
 def view(arguments: Sequence[str]) -> None:
@@ -57,7 +57,7 @@ def view(arguments: Sequence[str]) -> None:
         alone = alone and read_config(given.paths[0])[0] != SIDE
         page = report_again(given.paths[0], given.out) if alone else together(given)
     print(f"page: {page}")
-    if not given.no_open:
+    if given.open:
         open_page(page.resolve().as_uri())
 
 

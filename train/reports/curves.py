@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from train.reports.figures import (
     BLUE,
     gap_axis,
+    in_legend,
     log_axis,
     pyplot,
     save,
@@ -157,7 +158,7 @@ def _draw_panel(axis: Any, panel: Panel, log: bool, gaps: Sequence[NDArray[Any]]
     for series in panel.series:
         _draw_series(axis, series, log)
     for value, label, color, style in panel.levels:
-        axis.axhline(value, color=color, lw=1.3, ls=style, label=label)
+        axis.axhline(value, color=color, lw=1.3, ls=style, label=in_legend(label))
     for place, color in panel.marks:
         axis.axvline(place, color=color, lw=0.8, ls=":", alpha=0.6)
     if panel.note:
@@ -179,7 +180,7 @@ def _draw_panel(axis: Any, panel: Panel, log: bool, gaps: Sequence[NDArray[Any]]
 def _draw_series(axis: Any, series: Series, log: bool) -> None:
     """Draw the middle of the runs, and every run, or a band for at least `BAND_FROM` runs."""
     style: dict[str, Any] = {"ls": series.style, "color": series.color}
-    thick = {**style, "lw": series.width, "label": series.label}
+    thick = {**style, "lw": series.width, "label": in_legend(series.label)}
     if len(series.curves) == 1:
         few = len(series.curves[0][0]) <= GRID
         axis.plot(*series.curves[0], marker="o" if few else None, ms=3, **thick)

@@ -117,6 +117,11 @@ def draw_cells(axis: Any, maze: Maze, values: NDArray[np.float64], title: str, *
     return image
 
 
+def in_legend(label: str | None) -> str | None:
+    """A label with a blank before `_`, with which Matplotlib would leave it out of legends."""
+    return f" {label}" if label is not None and label.startswith("_") else label
+
+
 def time_scale(unit: str) -> float:
     """The factor from seconds or frames to the unit of the axis."""
     return 1e-6 if unit == "frames" else 1.0
@@ -130,18 +135,23 @@ def time_head(unit: str) -> str:
 def save(figure: Any, path: Path, also_svg: bool = False, dpi: int = 130) -> None:
     """Write a figure atomically, in the format of its suffix and as .svg, and close it.
 
-    Equal figures give equal bytes: files contain no date, and .svg contains text as text.
+    Equal figures give equal bytes: files contain no date, and .svg contains text as text. Names
+    are drawn as they are: a dollar sign begins no formula.
 
     Raises:
         ValueError: the suffix is not in `FORMATS`.
     """
     import matplotlib
+    from matplotlib.text import Text
 
     one_of("format of a figure", path.suffix.lstrip("."), FORMATS)
     for form in dict.fromkeys([path.suffix.lstrip("."), *["svg"] * also_svg]):
+        for text in figure.findobj(Text):
+            text.set_parse_math(False)
         undated: Any = {"Date": None} if form == "svg" else None
         write = partial(figure.savefig, dpi=dpi, format=form, metadata=undated)
-        with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "pursuit"}):
+        settings = {"svg.fonttype": "none", "svg.hashsalt": "pursuit", "text.parse_math": False}
+        with matplotlib.rc_context(settings):
             write_atomically(path.with_suffix(f".{form}"), write)
     pyplot().close(figure)
 
@@ -203,7 +213,7 @@ def draw_intervals(
             style = {"color": each.color}
             axis.plot([each.low, each.high], [at, at], lw=5, alpha=0.35, **style)
             axis.plot(each.points, [at] * len(each.points), "|", ms=9, **style)
-            axis.plot(each.value, at, "o", ms=6, label=each.group, **style)
+            axis.plot(each.value, at, "o", ms=6, label=in_legend(each.group), **style)
         if scale == "gap":
             gap_axis(axis, "x", [point for each in estimates for point in each.points])
         elif scale == "log":
@@ -258,7 +268,19 @@ def draw_matrix(
     axis.set_xticks(range(across), names[1], rotation=30, ha="right")
     axis.set_ylabel(rows[0])
     axis.set_xlabel(columns[0])
-    ticks = np.geomspace(values.min(), values.max(), 5)
-    figure.colorbar(image, label=label, ticks=ticks, format="%.3g").ax.minorticks_off()
+    ticks = round_numbers(float(values.min()), float(values.max()))
+    figure.colorbar(image, label=label, ticks=ticks, format="%g").ax.minorticks_off()
     axis.set_title(title, fontsize=11)
     save(figure, path, also_svg=True)
+
+
+def round_numbers(low: float, high: float) -> list[float]:
+    """Some numbers of one or two digits from `low` to `high`, for a logarithmic scale."""
+    from matplotlib.ticker import LogLocator, MaxNLocator
+
+    if high > 5.0 * low:
+        subs = (1.0, 2.0, 5.0) if high < 1e3 * low else (1.0,)
+        locator: Any = LogLocator(subs=subs, numticks=7)
+    else:
+        locator = MaxNLocator(5, steps=[1, 2, 5, 10])
+    return [tick for tick in locator.tick_values(low, high).tolist() if low <= tick <= high]

@@ -11,7 +11,10 @@ class MazeBoard {
     draw(element, "rect", { class: "floor", width, height });
     const layer = (name) => draw(element, "g", { class: name });
     this.layers = {};
-    for (const name of ["blocked", "values", "seen", "openings", "walls", "trails", "arrows", "labels", "goals", "agents"]) {
+    // The nodes of a graph are filled, so their values are drawn above them.
+    const cells = world.neighbors ? ["seen", "openings", "values"] : ["values", "seen", "openings"];
+    this.radii = world.neighbors ? radiiOf(world.cells) : null;
+    for (const name of ["blocked", ...cells, "walls", "trails", "arrows", "labels", "goals", "agents"]) {
       this.layers[name] = layer(name);
     }
     if (world.neighbors) this.drawGraph(world);
@@ -51,7 +54,7 @@ class MazeBoard {
       draw(this.layers.openings, "path", { class: "edge", d: `M${x} ${y}L${toX} ${toY}` });
       if (!world.neighbors[there].includes(cell)) {
         const [dx, dy] = this.direction(cell, action);
-        const tipX = toX - 3.5 * dx, tipY = toY - 3.5 * dy;
+        const tipX = toX - this.radii[there] * dx, tipY = toY - this.radii[there] * dy;
         const points = [[0, 0], [-2.4, 1.2], [-2.4, -1.2]].map(([along, across]) =>
           `${(tipX + along * dx - across * dy).toFixed(2)},${(tipY + along * dy + across * dx).toFixed(2)}`);
         draw(this.layers.walls, "polygon", { class: "one-way", points: points.join(" ") });
@@ -59,7 +62,7 @@ class MazeBoard {
     }));
     world.cells.forEach((_, cell) => {
       const [cx, cy] = this.middle(cell);
-      draw(this.layers.openings, "circle", { class: "node", cx, cy, r: 3.5 });
+      draw(this.layers.openings, "circle", { class: "node", cx, cy, r: this.radii[cell] });
     });
   }
 
@@ -122,6 +125,12 @@ class MazeBoard {
     if (!this.squares) {
       this.squares = this.world.cells.map((_, cell) => {
         const [x, y] = this.middle(cell);
+        if (this.radii) {
+          const r = this.radii[cell], circle = draw(this.layers.values, "circle", { cx: x, cy: y, r });
+          const text = draw(this.layers.labels, "text", { class: "inside", x, y });
+          text.style.fontSize = `${0.65 * r}px`; // as an attribute it would be blocked
+          return [circle, text];
+        }
         const square = draw(this.layers.values, "rect", { x: x - 5, y: y - 5, width: 10, height: 10 });
         return [square, draw(this.layers.labels, "text", { x: x - 4.3, y: y - 2.2 })];
       });
@@ -173,6 +182,28 @@ class MazeBoard {
       draw(this.layers.seen, "rect", { class: `plane plane-${plane === 5 ? "view" : plane % 4}`, x: x - 4.6, y: y - 4.6, width: 9.2, height: 9.2 });
     }
   }
+}
+
+// The radius of every node, so that no two circles overlap (unless nodes are at almost one place).
+function radiiOf(cells) {
+  const nearby = new Map(); // the nodes in each square of 0.7 cells, which is the largest diameter
+  const square = (row, column) => `${row},${column}`;
+  const at = ([row, column]) => [Math.floor(row / 0.7), Math.floor(column / 0.7)];
+  cells.forEach((cell, number) => {
+    const key = square(...at(cell));
+    nearby.set(key, [...(nearby.get(key) || []), number]);
+  });
+  return cells.map((cell, number) => {
+    const [row, column] = at(cell);
+    let radius = 0.35;
+    for (const down of [-1, 0, 1]) for (const right of [-1, 0, 1]) {
+      for (const other of nearby.get(square(row + down, column + right)) || []) {
+        const away = Math.hypot(cell[0] - cells[other][0], cell[1] - cells[other][1]);
+        if (other !== number) radius = Math.min(radius, 0.48 * away);
+      }
+    }
+    return Math.max(10 * radius, 0.3);
+  });
 }
 
 // An arrow from the centre of a cell; optimal and learned arrows are drawn on opposite sides.

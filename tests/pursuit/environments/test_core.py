@@ -23,8 +23,15 @@ BLOCKED = (
     "pandas",
     "rich",
     "filelock",
+    "pyspiel",
 )
-"""Packages of the default installation that are not in `requirements-core.txt`."""
+"""Packages that are not in `requirements-core.txt`: of the default installation and of extras."""
+EXTRAS = (
+    "pursuit.environments.stable_baselines",
+    "scripted_agents.games.openspiel",
+    "scripted_agents.games.openspiel_games",
+)
+"""Modules for those who have the package of an extra."""
 
 USE = """
 import sys
@@ -36,7 +43,7 @@ import numpy as np
 import curricula, pursuit, scripted_agents
 for package in (pursuit, scripted_agents, curricula):
     for module in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
-        if module.name != "pursuit.environments.stable_baselines":  # imports SB3
+        if module.name not in {extras!r}:
             importlib.import_module(module.name)
 for name in pursuit.__all__:
     getattr(pursuit, name)
@@ -88,7 +95,7 @@ def requirements(lines: list[str]) -> dict[str, str]:
 
 def test_it_is_used_with_all_of_training_blocked() -> None:
     process = subprocess.run(
-        [sys.executable, "-c", USE.format(blocked=BLOCKED)],
+        [sys.executable, "-c", USE.format(blocked=BLOCKED, extras=EXTRAS)],
         capture_output=True,
         text=True,
         cwd=ROOT,

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium
+import networkx
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -332,3 +333,38 @@ def test_the_report_of_a_sweep_is_one_page(browser: Any, tmp_path: Path) -> None
     widths = tab.evaluate("[...document.images].map((image) => image.naturalWidth)")
     assert widths == [4]  # the figure is inside, and nothing from elsewhere
     tab.close()
+
+
+@pytest.mark.parametrize("places", ["springs", "one"])
+def test_values_of_a_graph_do_not_overlap(browser: Any, tmp_path: Path, places: str) -> None:
+    graph = networkx.connected_watts_strogatz_graph(60, 4, 0.2, seed=1)
+    positions = {node: (node // 30, node % 30) for node in graph} if places == "one" else None
+    written(path := tmp_path / "graph.txt", pursuit.Maze.from_graph(graph, positions).to_text())
+    contest: Any = contest_of(TaskSettings(maze=str(path), role="chaser"), 2)
+    simulator, play = contest.game(policy := AStarChaser(0.0), 0)
+    recorder = Recorder(simulator)
+    for _ in play:
+        pass
+    builder = Builder()
+    builder.add(recorder.stop(), Extras(sides=sides_of(contest, policy)))
+    write_page(tmp_path / "graph.html", "graph", [PLAYER_ELEMENT], builder.data(""))
+    sheet = Sheet(browser, tmp_path / "graph.html")
+    sheet.press("v")
+    circles = sheet.tab.evaluate(
+        "[...document.querySelectorAll('.values circle')]"
+        ".map(c => ['cx', 'cy', 'r'].map(name => Number(c.getAttribute(name))))"
+    )
+    assert len(circles) == 60
+    x, y, r = np.array(circles).T
+    away = np.hypot(x[:, None] - x, y[:, None] - y)
+    np.fill_diagonal(away, np.inf)
+    assert (away >= r[:, None] + r).all() and np.median(r) > 2.0
+    boxes = sheet.tab.evaluate(
+        "[...document.querySelectorAll('.labels text')].filter(t => t.textContent)"
+        ".map(t => t.getBBox()).map(b => [b.x, b.y, b.x + b.width, b.y + b.height])"
+    )
+    left, top, right, bottom = np.array(boxes).T
+    overlap = (left[:, None] < right) & (left < right[:, None])
+    overlap &= (top[:, None] < bottom) & (top < bottom[:, None])
+    assert len(boxes) == 59 and overlap.sum() == 59  # each with itself
+    sheet.close()
