@@ -192,7 +192,7 @@ class Own(nn.Module):
         example = torch.zeros(2, *self.shape, dtype=self.form)
         try:
             made = factory(features, width)
-            found = ()
+            found: tuple[int, ...] = ()
             if isinstance(made, nn.Module):
                 with torch.no_grad(), evaluation_mode(made):  # also initialises lazy layers
                     found = tuple(made(example).shape)
