@@ -20,7 +20,7 @@ from train.algorithms.continuous_losses import (
     soft_actor_loss,
     temperature_loss,
 )
-from train.algorithms.learner import Build, clip_gradients, step_adam
+from train.algorithms.learner import Build, backward, clip_gradients, step_adam
 from train.algorithms.off_policy import OffPolicyLearner
 from train.algorithms.replay import Batch
 from train.networks.continuous import Critics, DeterministicActor, GaussianActor, polyak_update
@@ -141,7 +141,7 @@ class ContinuousLearner(OffPolicyLearner, Generic[Actor]):
     def step(self, optimizer: torch.optim.Adam, loss: torch.Tensor) -> None:
         """One step of Adam, with the gradient clipped to the norm `max_grad_norm`."""
         optimizer.zero_grad(set_to_none=True)
-        torch.autograd.backward(loss)
+        backward(loss)
         clip_gradients(optimizer.param_groups[0]["params"], self.chosen.max_grad_norm)
         step_adam(optimizer)
 

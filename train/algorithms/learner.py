@@ -12,7 +12,7 @@ from curricula import linear
 from pursuit.observations.masks import ACTION_MASK
 from pursuit.simulator.policy import Policy
 from train.environments.hooks import EpisodeHook
-from train.networks.layers import Hidden
+from train.networks.layers import Hidden, raised
 from train.networks.policy import Network, Player
 from train.settings.algorithms import NetworkSettings
 
@@ -141,6 +141,14 @@ def network_loader(
     return load
 
 
+def backward(loss: torch.Tensor) -> None:
+    """The gradients of a loss, in `grad`; ValueError if a network raises an exception."""
+    try:
+        torch.autograd.backward(loss)
+    except Exception as error:  # of a user-defined network, such as changes in place
+        raise ValueError(f"the gradients of the network raised {raised(error)}; mend it") from error
+
+
 def clip_gradients(parameters: list[torch.nn.Parameter], most: float) -> None:
     """Clip gradients to the norm `most`: torch's `clip_grad_norm_`, in three operations.
 
@@ -231,7 +239,7 @@ class NetworkLearner:
         weights = self.optimizer.param_groups[0]["params"]
         for weight in weights:
             weight.grad = None
-        torch.autograd.backward(loss)
+        backward(loss)
         self.descend_by_gradients()
 
     def descend_by_gradients(self) -> None:

@@ -9,7 +9,7 @@ import torch
 from pursuit.observations.masks import ACTION_MASK
 from train.algorithms.collector import Columns
 from train.algorithms.dqn import DQN, network_of
-from train.algorithms.learner import Build, VecEnv, clip_gradients, step_adam
+from train.algorithms.learner import Build, VecEnv, backward, clip_gradients, step_adam
 from train.algorithms.replay import Batch, Replay
 from train.networks.distributions import Categorical
 from train.networks.q_network import QNetwork
@@ -103,7 +103,7 @@ class NFSP(DQN):
         loss = -Categorical(logits, batch.get(ACTION_MASK)).log_prob(batch["action"]).mean()
         weights = self.average_optimizer.param_groups[0]["params"]
         self.average_optimizer.zero_grad()
-        torch.autograd.backward(loss)
+        backward(loss)
         clip_gradients(weights, self.settings.max_grad_norm)
         step_adam(self.average_optimizer)
         torch.autograd.graph.increment_version(weights)  # as in `NetworkLearner`

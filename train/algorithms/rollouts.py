@@ -12,7 +12,7 @@ from pursuit.observations.masks import ACTION_MASK
 from train.algorithms.advantages import advantages
 from train.algorithms.collector import Collector, Columns
 from train.algorithms.fused_rollouts import Frames, FusedUpdate, fused_update
-from train.algorithms.learner import Build, NetworkLearner, VecEnv
+from train.algorithms.learner import Build, NetworkLearner, VecEnv, backward
 from train.networks.actor_critic import ActorCritic
 from train.networks.distributions import DISTRIBUTION
 from train.networks.fused_actor_critic import LossCoefficients
@@ -118,7 +118,7 @@ class TorchUpdate:
         for weight in self._weights:
             weight.grad = None
         loss, figures = self.loss(minibatch, coefficients)
-        torch.autograd.backward(loss)
+        backward(loss)
         return figures
 
 

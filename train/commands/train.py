@@ -66,6 +66,10 @@ class _First:
     curriculum: str | None = None
     recurrent: str | None = None
     gamma: float | None = None
+    frames: int | None = None
+    num_games: int | None = None
+    rollout_steps: int | None = None
+    minibatch_size: int | None = None
 
 
 def train(arguments: Sequence[str]) -> None:

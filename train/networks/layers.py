@@ -8,7 +8,7 @@ selects the faster one.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -183,7 +183,7 @@ class Own(nn.Module):
 
     def __init__(self, features: Features, width: int) -> None:
         super().__init__()
-        self.shape, self.form = features.shape, torch.float32
+        self.shape, self.form, self.name = features.shape, torch.float32, features.network
         high = torch.as_tensor(features.high, dtype=torch.float32)
         self.register_buffer("scale", 1.0 / high.clamp(min=1.0), False)
         if features.kind == "index":
@@ -192,7 +192,7 @@ class Own(nn.Module):
         example = torch.zeros(2, *self.shape, dtype=self.form)
         try:
             made = factory(features, width)
-            found = ()
+            found: tuple[int, ...] = ()
             if isinstance(made, nn.Module):
                 with torch.no_grad(), evaluation_mode(made):  # also initialises lazy layers
                     found = tuple(made(example).shape)
@@ -216,15 +216,15 @@ class Own(nn.Module):
         return observation.to(self.form) * self.scale
 
     def forward(self, prepared: torch.Tensor) -> torch.Tensor:
-        """[..., width] from [..., *shape]."""
-        given = prepared.reshape(-1, *self.shape)
-        hidden: torch.Tensor
-        if torch.is_grad_enabled():
-            hidden = self.network(given)
-        else:
-            with evaluation_mode(self.network):
-                hidden = self.network(given)
-        return hidden.reshape(*prepared.shape[: prepared.dim() - len(self.shape)], -1)
+        """[..., width] from [..., *shape]; ValueError if the network raises an exception."""
+        given, before = prepared.reshape(-1, *self.shape), prepared.dim() - len(self.shape)
+        mode = nullcontext() if torch.is_grad_enabled() else evaluation_mode(self.network)
+        try:
+            with mode:
+                hidden: torch.Tensor = self.network(given)
+            return hidden.reshape(*prepared.shape[:before], -1)
+        except Exception as error:  # of the user's code
+            raise ValueError(f"network {self.name!r} raised {raised(error)}; mend it") from error
 
 
 class Trunk(nn.Module):
@@ -274,6 +274,11 @@ class Trunk(nn.Module):
         with torch.autocast(prepared.device.type, torch.bfloat16, enabled=self.autocast_bfloat16):
             hidden: torch.Tensor = self.rest(self.first(prepared))
         return hidden.float()
+
+
+def raised(error: Exception) -> str:
+    """The kind and the message of an exception on one line."""
+    return f"{type(error).__name__}: {' '.join(str(error).split())}"
 
 
 @contextmanager

@@ -27,8 +27,8 @@ from train.settings.task import AnyTask, in_maze
 from train.teaching.plan import Plan, plan_curriculum
 from train.teaching.teacher import Teacher
 
-FEWEST_ITERATIONS = 10
-"""A budget for fewer iterations of the learner is warned of."""
+FEWEST_ITERATIONS, FEWEST_EPISODES = 10, 3
+"""A budget for fewer iterations of the learner, or episodes of full length, is warned of."""
 
 
 @dataclass(frozen=True)
@@ -86,14 +86,17 @@ def parts_of(settings: TrainSettings[Any], rank: int = 0) -> Parts:
                 "first gradient step; use more frames, or a lower learning_starts",
                 stacklevel=2,
             )
-    batch = hyper.num_games * getattr(hyper, "rollout_steps", 1)
-    if settings.frames is not None and settings.frames < FEWEST_ITERATIONS * batch:
-        warnings.warn(
-            f"frames={settings.frames} with {batch} frames an iteration (num_games × "
-            f"rollout_steps): fewer than {FEWEST_ITERATIONS} iterations of the learner; give "
-            f"frames={FEWEST_ITERATIONS * batch} or more, or a lower num_games",
-            stacklevel=2,
-        )
+    if settings.frames is not None:
+        games, steps = hyper.num_games, seat.task.max_steps
+        iterations = settings.frames / (games * getattr(hyper, "rollout_steps", 1))
+        episodes = settings.frames / (games * steps)
+        if iterations < FEWEST_ITERATIONS or episodes < FEWEST_EPISODES:
+            warnings.warn(
+                f"frames={settings.frames} with num_games={games}: {iterations:.3g} iterations of "
+                f"the learner, and {episodes:.3g} episodes of max_steps={steps} in each game; give "
+                f"{FEWEST_ITERATIONS} and {FEWEST_EPISODES} by more frames or a lower num_games",
+                stacklevel=2,
+            )
     world = world_of(settings.task)
     mazes = len(getattr(world.task, "mazes", ()))
     if mazes > 1 and settings.observation in NO_WALLS:

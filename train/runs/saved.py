@@ -14,11 +14,11 @@ from train.networks.policy import Seat
 from train.runs.folder import CONFIG, RUN, SIDE, read_config
 from train.runs.forms import RESTORE
 from train.runs.provenance import check_sources
-from train.runs.tasks import agent_of, default_settings, task_of
+from train.runs.tasks import DEFAULTS_BY, agent_of, default_settings, task_of
 from train.settings.checks import check
 from train.settings.common import with_memory
 from train.settings.curricula import curriculum_form
-from train.settings.presets import TUNED
+from train.settings.presets import SIZES, TUNED
 from train.settings.reading import check_names, names_of, picked, read_from, typed, whole
 from train.settings.run import TrainSettings
 from train.settings.task import ReacherSettings, task_form
@@ -33,7 +33,7 @@ def unchecked_settings(**flat: Any) -> TrainSettings[Any]:
     """
     flat = with_memory(flat)
     form = task_form(flat.get("task"))
-    chosen = {n: flat.get(n) for n in ("algorithm", "curriculum", "recurrent", "gamma")}
+    chosen = {n: flat.get(n) for n in (*DEFAULTS_BY, *SIZES)}
     preset = flat.get("preset", TUNED)
     default = default_settings(picked(form, flat, {}), preset=preset, **chosen)
     hyper, own = default["hyper"], default["curriculum_settings"]

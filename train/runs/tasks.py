@@ -13,11 +13,16 @@ from train.settings.presets import (
     TUNED,
     TaskProfile,
     curriculum_for,
+    for_budget,
+    for_episodes,
     hyperparameters,
     preset_algorithm,
 )
 from train.settings.task import AnyTask, ReacherSettings, TaskSettings
 from train.teaching.mazes import named_maze
+
+DEFAULTS_BY = ("algorithm", "curriculum", "recurrent", "gamma", "frames")
+"""Settings of a run that the defaults of others depend on, besides `SIZES`."""
 
 
 def task_of(settings: TaskSettings) -> Task:
@@ -116,6 +121,8 @@ def default_settings(
     curriculum: str | None = None,
     recurrent: str | None = None,
     gamma: float | None = None,
+    frames: int | None = None,
+    **sizes: int | None,
 ) -> dict[str, Any]:
     """The default settings of a run: task, hyper, curriculum_settings, algorithm and curriculum.
 
@@ -124,6 +131,8 @@ def default_settings(
         algorithm, curriculum: by name; by default those of the preset.
         preset: by name.
         recurrent, gamma: the user's values, which the defaults depend on.
+        frames: the budget, which tuned defaults in one maze depend on; None for one in seconds.
+        **sizes: the user's values of `SIZES`; if there is one, the budget changes nothing.
 
     Raises:
         ValueError: an unknown name, settings that the task does not allow, or a preset of another
@@ -131,10 +140,18 @@ def default_settings(
     """
     algorithm = algorithm or preset_algorithm(preset) or "ppo"
     setting = replace(profile_of(task), recurrent=recurrent is not None)
+    hyper = hyperparameters(algorithm, setting, preset, gamma is not None)
+    of_preset = curriculum is None
     curriculum, curriculum_settings = curriculum_for(algorithm, setting, preset, curriculum)
+    one_maze = preset == TUNED and not setting.many_mazes and not isinstance(task, ReacherSettings)
+    if one_maze and isinstance(frames, int) and frames > 0 and not any(sizes.values()):
+        usual, hyper = hyper, for_budget(hyper, frames)
+        if hyper != usual and of_preset:
+            episodes = frames / (hyper.num_games * task.max_steps)
+            curriculum_settings = for_episodes(curriculum_settings, episodes)
     return {
         "task": task,
-        "hyper": hyperparameters(algorithm, setting, preset, gamma is not None),
+        "hyper": hyper,
         "curriculum_settings": curriculum_settings,
         "algorithm": algorithm,
         "curriculum": curriculum,

@@ -55,6 +55,8 @@ from train.settings.self_play import (
 
 MOST_CELLS = 49
 """Maximum number of cells for mixtures and diversity of snapshots: they take long above."""
+RESPONSE_FRAMES = 100_000
+"""Frames for each of the `best_response_seconds`, where the run has a budget in frames."""
 MIXED = ("uniform", *NASH_SAMPLING)
 """Sampling rules that converge in a mixture of snapshots: all equally likely, or the Nash mixture;
 with others the last policies converge."""
@@ -285,6 +287,9 @@ class SelfPlay:
         A bound on the value of a best response: {"against_evader": steps, ...}.
         """
         found = {}
+        seconds, frames = self.settings.best_response_seconds or None, None
+        if self.settings.frames is not None:  # equal settings have equal results
+            seconds, frames = None, max(round(RESPONSE_FRAMES * (seconds or 0.0)), 1)
         for role in self.sides:
             other = other_role(role)
             by_ppo = [side.parts.hyper for side in self.sides.values()
@@ -298,8 +303,8 @@ class SelfPlay:
                 **roles,
                 sampling="latest",
                 members=(),
-                seconds=self.settings.best_response_seconds,
-                frames=None,
+                seconds=seconds,
+                frames=frames,
                 best_response_seconds=0.0,
             )
             with TemporaryDirectory() as folder:

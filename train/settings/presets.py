@@ -26,6 +26,13 @@ from train.settings.checks import check, check_choice
 from train.settings.curricula import CurriculumSettings, ScheduleSettings, curriculum_form
 
 TUNED = "tuned"
+SIZES = ("num_games", "rollout_steps", "minibatch_size")
+"""The budget does not change the defaults where the user gives one of these."""
+ITERATIONS, FEWEST_GAMES = 90, 64
+"""PPO has half as many games as usual, a quarter and so on, down to about the second number, for
+this many iterations in a budget in frames (measured: docs/results/hyperparameters.md)."""
+CURRICULUM_EPISODES, LONGEST = 3.0, 0.5
+"""The curriculum of the preset then lasts at least so many episodes or this share of the budget."""
 
 
 @dataclass(frozen=True)
@@ -331,6 +338,26 @@ def tuned(algorithm: str, setting: TaskProfile) -> Hyperparameters:
                 changed[name] = towards(near, far, share, discount)
             hyper = replace(hyper, **changed)
     return hyper
+
+
+def for_budget(hyper: Hyperparameters, frames: int) -> Hyperparameters:
+    """PPO's hyperparameters for a budget in frames: with fewer games, and minibatches of the same
+    share of a rollout, where few iterations fit in it."""
+    if not isinstance(hyper, PPOSettings):
+        return hyper
+    games = hyper.num_games
+    while games >= 2 * FEWEST_GAMES and games * hyper.rollout_steps * ITERATIONS > frames:
+        games //= 2
+    minibatch = hyper.minibatch_size * games // hyper.num_games
+    return replace(hyper, num_games=games, minibatch_size=minibatch)
+
+
+def for_episodes(own: CurriculumSettings, episodes: float) -> CurriculumSettings:
+    """A scheduled curriculum for a budget of so many episodes of `max_steps` in every game: games
+    take new values at the start of an episode only."""
+    least = min(CURRICULUM_EPISODES / episodes, LONGEST)
+    length = max(getattr(own, "schedule_length", 0.0), least)
+    return replace(own, schedule_length=length) if isinstance(own, ScheduleSettings) else own
 
 
 def tuned_for_arms(hyper: ActorCriticSettings, joints: int) -> ActorCriticSettings:

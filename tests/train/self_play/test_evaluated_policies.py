@@ -14,6 +14,7 @@ from self_play_runs import make_run
 from train.networks.recurrent_policy import probabilities_of, without_improbable
 from train.runs.opponents import load_policy
 from train.runs.parts import settings_of
+from train.self_play import trainee
 from train.self_play.side import DECAY
 from train.settings.self_play import ROLES, self_play_ppo
 
@@ -124,3 +125,25 @@ def test_training_episodes_are_short_and_evaluations_are_not(tmp_path: Path) -> 
     goals = {"task": "heist", "maze": "3x3", "max_steps": 60}
     heist = make_run(tmp_path / "heist", task=goals)
     assert {side.simulator.task.max_steps for side in heist.trainee.sides.values()} == {60}
+
+
+@pytest.mark.parametrize("budget", [{"frames": 2000}, {"frames": None, "seconds": 0.05}])
+def test_best_responses_have_a_budget_of_the_unit_of_the_run(
+    tmp_path: Path, budget: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    budgets = []
+
+    def noted(settings: Any, folder: Path) -> Any:
+        budgets.append((settings.seconds, settings.frames))
+        return make(settings, folder)
+
+    make = trainee.make_self_play
+    monkeypatch.setattr(trainee, "make_self_play", noted)
+    task = {"task": "heist", "maze": "2x2", "num_goals": 2, "max_steps": 10}
+    run = make_run(tmp_path / "run", task=task, best_response_seconds=0.03, **budget)
+    run.train()
+    results = [run.trainee.approximate_best_responses(20) for _ in range(2)]
+    if budget["frames"] is None:
+        assert set(budgets) == {(0.03, None)}
+    else:
+        assert set(budgets) == {(None, 3000)} and results[0] == results[1]

@@ -109,14 +109,66 @@ def test_names_and_files_are_read_with_the_same_messages(given: dict[str, Any], 
 def test_a_budget_for_few_iterations_is_warned_of() -> None:
     given: dict[str, Any] = {"task": "maze", "maze": "3x3", "num_games": 8, "rollout_steps": 4}
     given["minibatch_size"] = 32
-    with pytest.warns(UserWarning, match=r"frames=319 with 32 frames an iteration.*frames=320"):
-        settings_of(frames=319, **given)
+    for max_steps, frames, told in (
+        (5, 319, "9.97 iterations of the learner, and 7.97 episodes of max_steps=5 in each game"),
+        (50, 1199, "37.5 iterations of the learner, and 3 episodes of max_steps=50 in each game"),
+    ):
+        with pytest.warns(UserWarning, match=f"frames={frames} with num_games=8: {told}"):
+            settings_of(frames=frames, max_steps=max_steps, **given)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            settings_of(frames=frames + 1, max_steps=max_steps, **given)
+
+
+@pytest.mark.parametrize("task", [{}, {"task": "maze"}, {"task": "maze", "num_goals": 1}])
+@pytest.mark.parametrize("maze", ["3x3", "7x7", "9x9"])
+def test_small_budgets_have_fewer_games_and_longer_curricula(
+    maze: str, task: dict[str, Any]
+) -> None:
+    usual = settings_of(maze=maze, **task, seconds=60)
+    large = usual.hyper.num_games * usual.hyper.rollout_steps * 90
+    for frames in (large, 10 * large):
+        found = settings_of(maze=maze, **task, frames=frames)
+        assert found.hyper == usual.hyper
+        assert found.curriculum_settings == usual.curriculum_settings
+    for share in (0.9, 0.2, 0.001):
+        frames = int(large * share)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            found = settings_of(maze=maze, **task, frames=frames)
+            fixed = settings_of(maze=maze, **task, frames=frames, num_games=usual.hyper.num_games)
+        hyper = found.hyper
+        iterations = frames / hyper.num_games / hyper.rollout_steps
+        assert iterations >= 90 or 64 <= hyper.num_games < 128
+        assert frames / (2 * hyper.num_games) / hyper.rollout_steps < 90
+        assert hyper.minibatch_size * usual.hyper.num_games == pytest.approx(
+            usual.hyper.minibatch_size * hyper.num_games
+        )
+        assert fixed == replace(usual, seconds=None, frames=frames)
+        assert found.curriculum == usual.curriculum
+        if found.curriculum != "none":
+            length = found.curriculum_settings.schedule_length
+            episodes = length * frames / (hyper.num_games * 200)
+            assert length == 0.5 or episodes >= 3.0 - 1e-9
+            assert length >= usual.curriculum_settings.schedule_length
+
+
+def test_the_budget_changes_tuned_ppo_in_one_maze_only() -> None:
     with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        settings_of(frames=320, **given)
+        warnings.simplefilter("ignore")
+        for given in (
+            {"task": "reacher"},
+            {"preset": "thesis-ppo", "maze": "5x5"},
+            {"algorithm": "a2c", "maze": "9x9"},
+            {"maze": "suite:5x5-train/0-1", "observation": "planes", "task": "maze"},
+        ):
+            small, usual = settings_of(**given, frames=20_000), settings_of(**given, seconds=60)
+            assert small == replace(usual, seconds=None, frames=20_000)
+        own = settings_of(maze="9x9", curriculum="start-distance", frames=20_000)
+        assert own.curriculum_settings.schedule_length == 0.5  # as without a budget
 
 
-@pytest.mark.filterwarnings("ignore:.*(the run ends before|fewer than 10 iterations)")
+@pytest.mark.filterwarnings("ignore:.*(the run ends before|iterations of the learner)")
 def test_what_is_saved_is_read_back() -> None:
     curriculum_settings = {
         "curriculum": "level-replay",
