@@ -78,8 +78,8 @@ def load_opponent(path: Path | str, played: str = "sampled", **trained: Any) -> 
         return load_policy(path, played == "greedy" or not sampled)
     check(
         path.suffix == ".zip",
-        f"{shortened(str(path))}: not a policy; give one of {', '.join(AGENTS)} (or learn, in self-play), "
-        "package.module:Name, a run folder, or a saved Stable-Baselines3 model (.zip)",
+        f"{shortened(str(path))}: not a policy; give one of {', '.join(AGENTS)} (or learn, in "
+        "self-play), package.module:Name, a run folder, or a saved Stable-Baselines3 model (.zip)",
     )
     return load_stable_baselines(path, None if played == "sampled" else True, **trained)
 

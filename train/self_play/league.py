@@ -128,8 +128,8 @@ def _folders_of(name: str) -> list[Path]:
     folder = Path(name)
     check(
         os.path.isdir(folder),
-        f"{shortened(name)}: neither a folder of a run nor a scripted agent ({', '.join(AGENTS)}, or "
-        "package.module:Name)",
+        f"{shortened(name)}: neither a folder of a run nor a scripted agent ({', '.join(AGENTS)}, "
+        "or package.module:Name)",
     )
     check((folder / CONFIG).exists(), f"{name}: no run here ({CONFIG} is missing); give a run")
     if not is_self_play(folder):

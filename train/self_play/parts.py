@@ -13,9 +13,9 @@ from scripted_agents.environments import (
     AGENTS,
     SEARCHERS,
     check_agent,
-    plays,
     custom_policy,
     custom_roles,
+    plays,
     scripted_policy,
 )
 from train.algorithms.registry import entry
