@@ -91,9 +91,9 @@ def evaluate(arguments: Sequence[str]) -> None:
 
 def carry_out(given: Any, replays: Path | None) -> None:
     """Evaluate, print the scores and write the output files."""
-    from train.runs.loop import machine, versions  # torch is slow to import
     from train.runs.parts import contest_of, suite_contest_of
     from train.runs.single import evaluation_of
+    from train.runs.versions import machine, versions  # torch is slow to import
 
     is_model = isinstance(given, EvaluateModelCommand)
     loaded = load_model(given) if is_model else load_run(given)
