@@ -116,7 +116,7 @@ def carry_out(given: Any, replays: Path | None) -> None:
     else:
         check(given.table is None, "--table needs a suite of mazes; give --maze suite:7x7-test")
         scores = [*contest.baselines(), *(contest.score(*each) for each in policies.items())]
-        print_scores(scores, certificate_of(contest), contest.measure)
+        print_scores(scores, contest, certificate_of(contest))
     if isinstance(contest, ArmContest):
         print_bounds(contest)
     gap = UNKNOWN if loaded.gamma is None else objective_gap(contest, loaded.gamma)

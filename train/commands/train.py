@@ -167,7 +167,7 @@ def show(run: Run, content: dict[str, Any]) -> None:
     trainee: SingleAgent = run.trainee
     print()
     scores = [Score(**score) for score in content["scores"]]
-    print_scores(scores, certificate_of(trainee.contest), trainee.contest.measure)
+    print_scores(scores, trainee.contest, certificate_of(trainee.contest))
     if isinstance(trainee.contest, ArmContest):
         print_bounds(trainee.contest)
     evaluation, settings = content["evaluation"], load_settings(run.folder)
@@ -175,7 +175,7 @@ def show(run: Run, content: dict[str, Any]) -> None:
     if evaluation["optimality_gap"] is not None and column == "mean_steps":
         how = "exactly" if evaluation["exact"] else "on the same starts"
         print(
-            f"\nlearned {evaluation['mean_steps']:.3f} steps, optimum "
+            f"\nlearned{trainee.contest.beside} {evaluation['mean_steps']:.3f} steps, optimum "
             f"{evaluation['optimal_steps']:.3f} ({how}): gap "
             f"{100 * evaluation['optimality_gap']:+.2f} %{of_solved(evaluation)}"
         )
