@@ -186,7 +186,7 @@ def present(
     from train.self_play.report import draw_self_play, write_self_play_report
 
     title = f"Self-play on {trainee.task.mazes[0].name} ({trainee.settings.sampling})"
-    draw_self_play(folder / CURVE, rows, title)
+    draw_self_play(folder / CURVE, rows, title, trainee.settings.budget_unit)
     write_self_play_report(folder, trainee, title, content)
     matches_table(content["matches"]).write(folder)
     write_text(folder / METHODS, methods([folder]))

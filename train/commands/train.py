@@ -141,7 +141,7 @@ def present(
     from train.experiments.methods import METHODS, methods  # torch is slow to import
     from train.runs.saved import load_settings
 
-    contest, teacher = trainee.contest, trainee.teacher
+    contest, teacher, settings = trainee.contest, trainee.teacher, load_settings(folder)
     title = f"{contest.line().split(', at most')[0]}; {content['algorithm'].upper()}"
     if teacher is not None:
         title += f"; {teacher.name}"
@@ -153,11 +153,12 @@ def present(
         teacher.rows if teacher is not None else None,
         teacher.describes if teacher is not None else "",
         content["objective"]["column"],
+        settings.budget_unit,
     )
     write_text(folder / METHODS, methods([folder]))
     save_replay(folder / REPLAY, contest, trainee.policy)
     final = trainee.final_contest(content["evaluation"]["episodes"])
-    write_report(folder, load_settings(folder), final, trainee.policy, content)
+    write_report(folder, settings, final, trainee.policy, content)
 
 
 def show(run: Run, content: dict[str, Any]) -> None:

@@ -68,7 +68,7 @@ def write_report(
         in_markdown(summary(results)),
         PLAYER_ELEMENT,
         *section("Scores", table.markdown()),
-        *section("Learning", picture(folder / CURVE, "mean steps, gap and curriculum over frames")),
+        *section("Learning", picture(folder / CURVE, "steps, gap and curriculum over training")),
         *section("Settings and command", *provenance_parts(folder, settings, results)),
     ]
     path = path or folder / REPORT

@@ -106,6 +106,7 @@ class SingleAgent:
         if lengths:
             row["episode_return"] = float(np.concatenate(returns).mean())
             row["episode_length"] = float(np.concatenate(lengths).mean())
+        row["episodes"] = float(sum(map(len, lengths)))
         return row if self.teacher is None else row | self.teacher.figures()
 
     def forget_episodes(self) -> None:
@@ -116,8 +117,9 @@ class SingleAgent:
             self.teacher.forget_episodes()
 
     def log_fields(self, row: dict[str, float]) -> list[str]:
-        """Return, length and stage of the training games, steps and gap of the evaluation."""
-        parts = []
+        """Number, return and length of the training episodes that ended since the last evaluation
+        (early in a run only short ones have), their stage; steps and gap of the evaluation."""
+        parts = [f"{row['episodes']:7,.0f} episodes"]
         if "episode_return" in row:
             parts.append(f"return {row['episode_return']:7.2f}")
             parts.append(f"length {row['episode_length']:6.2f}")
