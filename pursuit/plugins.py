@@ -251,13 +251,15 @@ class Registry(Generic[Part]):
         """The names of built-in and registered parts and of those in installed packages."""
         return tuple(dict.fromkeys([*self._ours, *self._parts, *installed(self.group)]))
 
-    def get(self, name: str) -> Part:
+    def get(self, name: object) -> Part:
         """The part with this name; custom parts are imported.
 
         Raises:
             ValueError: an unknown name, a module that cannot be imported, or an object of another
                 kind.
         """
+        if not isinstance(name, str):
+            raise ValueError(self.unknown(name))
         if name in self._parts:
             return self._parts[name]
         if is_reference(name):
@@ -282,9 +284,7 @@ class Registry(Generic[Part]):
         if callable(name):
             own = getattr(name, "__name__", "Name")
             raise ValueError(f"{self.kind}={own}; give its name, 'package.module:{own}'")
-        if not isinstance(name, str):
-            raise ValueError(self.unknown(name))
-        if name not in self._ours:
+        if not isinstance(name, str) or name not in self._ours:
             self.get(name)
 
     def origin(self, name: str) -> str | None:

@@ -65,7 +65,15 @@ def one_of(what: str, value: Any, choices: Sequence[str]) -> Any:
 def unknown(what: str, name: object, known: Iterable[str], listed: str = "one of") -> str:
     """The message for an unknown name: the closest known one, then all of them."""
     names = list(known)
-    return f"unknown {what} {name!r}{did_you_mean(name, names)}; {listed} {', '.join(names)}"
+    return (
+        f"unknown {what} {shortened(name)}{did_you_mean(name, names)}; {listed} {', '.join(names)}"
+    )
+
+
+def shortened(value: object) -> str:
+    """A value as it is shown in messages."""
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 def did_you_mean(name: object, known: Iterable[str]) -> str:

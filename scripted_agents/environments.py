@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -150,6 +151,15 @@ def check_agent(name: str, task: Task, role: str) -> None:
         check_duel(task, "belief")
 
 
+def plays(name: str, task: Task, role: str) -> bool:
+    """Whether `check_agent` accepts a scripted agent."""
+    try:
+        check_agent(name, task, role)
+    except ValueError:
+        return False
+    return True
+
+
 def is_agent(name: str) -> bool:
     """Whether a name is that of a scripted agent or of a user-defined policy."""
     return agent_name(name) in AGENTS or is_custom_policy(name)
@@ -197,7 +207,7 @@ def chosen_policies(
         return policies
     if isinstance(opponent, str | Path):
         name = str(opponent)
-        if not is_agent(name) and (Path(name).is_dir() or Path(name).suffix == ".zip"):
+        if not is_agent(name) and (os.path.isdir(name) or Path(name).suffix == ".zip"):
             saved: dict[str, Policy] = from_train("train.runs.opponents:opponents_of")(
                 task, agent, name, epsilon
             )
@@ -294,7 +304,7 @@ def make_vector_env(
     """`make_env` for `num_envs` games in lockstep.
 
     Args:
-        max_episode_steps: truncates earlier than the task, as Gymnasium's TimeLimit; -1 for no limit.
+        max_episode_steps: truncates earlier than the task, as a TimeLimit; -1 for no limit.
     """
     arguments = single_agent_arguments(task, agent, **settings)
     envs = SingleAgentVectorEnv(

@@ -50,7 +50,7 @@ def baseline(arguments: Sequence[str]) -> None:
         contest = replace(contest, most_work=MAX_EVALUATED_WORK)
     print(contest.line())
     scores = contest.baselines()
-    print_scores(scores, certificate_of(contest), contest.measure)
+    print_scores(scores, contest, certificate_of(contest))
     if isinstance(contest, ArmContest):
         print_bounds(contest)
         return

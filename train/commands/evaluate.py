@@ -91,9 +91,9 @@ def evaluate(arguments: Sequence[str]) -> None:
 
 def carry_out(given: Any, replays: Path | None) -> None:
     """Evaluate, print the scores and write the output files."""
-    from train.runs.loop import machine, versions  # torch is slow to import
     from train.runs.parts import contest_of, suite_contest_of
     from train.runs.single import evaluation_of
+    from train.runs.versions import machine, versions  # torch is slow to import
 
     is_model = isinstance(given, EvaluateModelCommand)
     loaded = load_model(given) if is_model else load_run(given)
@@ -116,7 +116,7 @@ def carry_out(given: Any, replays: Path | None) -> None:
     else:
         check(given.table is None, "--table needs a suite of mazes; give --maze suite:7x7-test")
         scores = [*contest.baselines(), *(contest.score(*each) for each in policies.items())]
-        print_scores(scores, certificate_of(contest), contest.measure)
+        print_scores(scores, contest, certificate_of(contest))
     if isinstance(contest, ArmContest):
         print_bounds(contest)
     gap = UNKNOWN if loaded.gamma is None else objective_gap(contest, loaded.gamma)

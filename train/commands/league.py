@@ -68,7 +68,7 @@ def league(arguments: Sequence[str]) -> None:
     names, out = [agent_name(name) for name in given.entries], given.out
     check_output_folder(out, lambda folder: (folder / LEAGUE).exists(), given.overwrite)
     from train.experiments.methods import METHODS, league_methods  # torch is slow to import
-    from train.runs.loop import machine, versions
+    from train.runs.versions import machine, versions
     from train.self_play.league import enter, is_model, play_league, rate
     from train.self_play.payoffs import draw_league, league_table, legend_of, ratings_table
 

@@ -13,8 +13,6 @@ from train.evaluation.contest import GameContest
 from train.evaluation.hidden_contest import Certificate
 from train.evaluation.joint_contest import MAX_EVALUATED_WORK, MAX_WORK, joint_work
 from train.evaluation.scores import (
-    BY_STEPS,
-    Measure,
     Reference,
     Score,
     score_table,
@@ -100,10 +98,11 @@ def certificate_of(contest: Any) -> Certificate | None:
 
 
 def print_scores(
-    scores: Sequence[Score], certificate: Certificate | None = None, measure: Measure = BY_STEPS
+    scores: Sequence[Score], contest: Any, certificate: Certificate | None = None
 ) -> None:
     """Print a table of scores (`score_table`), and the proven interval of the optimum."""
-    print_table(score_table(scores, certificate, measure), width=100)
+    table = score_table(scores, certificate, contest.measure, contest.beside)
+    print_table(table, width=100 + len(contest.beside))
     if certificate is not None:
         print(
             certificate.line() + "; gaps above are to its pessimistic end. Scripted references "

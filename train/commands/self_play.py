@@ -84,21 +84,17 @@ def self_play(arguments: Sequence[str]) -> None:
     given, settings = parsed(arguments)
     name = f"self-play-{Path(settings.task.maze).stem}"
     run, final = start_or_resume(SELF_PLAY, settings, given, name)
-    from train.self_play.report import (  # torch is slow to import
-        draw_self_play,
-        write_self_play_report,
-    )
-
     task, sampling = run.trainee.task, run.trainee.settings.sampling
     print(
         f"self-play: {task.name} on maze {task.mazes[0].name}, {task.num_chasers} chaser(s), "
         f"{task.num_evaders} evader(s); opponents: {sampling}"
     )
     run.trainee.tell = ProgressLine()
+    if not given.no_report:
+        run.present = present
     content = finish_run(run, final.episodes, "pursuit self-play")
-    title = f"Self-play on {task.mazes[0].name} ({sampling})"
-    draw_self_play(run.folder / CURVE, run.metrics.rows, title)
-    write_self_play_report(run.folder, run.trainee, title, content)
+    if run.present is not None:
+        present(run.trainee, run.folder, run.metrics.rows, content)
     show(run, content)
     exit_after_signal(run)
 
@@ -181,23 +177,35 @@ def other_options(side: LearningSide, hyper: Hyperparameters) -> Any:
     return make_dataclass("Others", options, frozen=True)()
 
 
+def present(
+    trainee: Any, folder: Path, rows: list[dict[str, float]], content: dict[str, Any]
+) -> None:
+    """Write the figures, the tables and the report; as `Run.present`."""
+    from train.experiments.methods import METHODS, methods  # torch is slow to import
+    from train.self_play.payoffs import matches_table
+    from train.self_play.report import draw_self_play, write_self_play_report
+
+    title = f"Self-play on {trainee.task.mazes[0].name} ({trainee.settings.sampling})"
+    draw_self_play(folder / CURVE, rows, title, trainee.settings.budget_unit)
+    write_self_play_report(folder, trainee, title, content)
+    matches_table(content["matches"]).write(folder)
+    write_text(folder / METHODS, methods([folder]))
+
+
 def show(run: Run, content: dict[str, Any]) -> None:
     """Print the results."""
-    from train.experiments.methods import METHODS, methods  # torch is slow to import
     from train.self_play.payoffs import legend_of, matches_table
     from train.self_play.report import describe_exploitability
 
     matches = content["matches"]
-    table = matches_table(matches)
-    table.write(run.folder)
-    write_text(run.folder / METHODS, methods([run.folder]))
     exact = not any(row["games"] for row in matches)
     print(
         f"\nsteps until capture, at most {run.trainee.task.max_steps} "
         f"({'exact' if exact else '± is the 95 % interval'}); rows: chasers, columns: evaders"
     )
-    print_table(table, 100)
+    print_table(matches_table(matches), 100)
     players = {row[role] for row in matches for role in ROLES}
     print(legend_of(players, run.trainee.settings.task.opponent_epsilon))
     print("", *describe_exploitability(content), sep="\n")
-    print(f"results, curve, table, methods, pool and {REPORT}: {run.folder}")
+    drawn = "" if run.present is None else f", curve, table, methods and {REPORT}"
+    print(f"results{drawn}, pool: {run.folder}")

@@ -38,7 +38,7 @@ def evaluate_in_mazes(
     """
     own = [contest.in_mazes(name, policy) for name, policy in policies.items()]
     found = [*contest.references(), *own]
-    print_scores([each.score(contest.episodes) for each in found], measure=contest.measure)
+    print_scores([each.score(contest.episodes) for each in found], contest)
     text = [each for each in found if each is not contest.best]
     rows = maze_rows(contest, text)
     if rows[0]["kind"]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from train.commands.parse import (
@@ -88,12 +89,16 @@ def train(arguments: Sequence[str]) -> None:
         print(f"update: {form}")
     if trainee.teacher is not None:
         print(f"curriculum: {trainee.teacher.name}, over {trainee.teacher.describes}")
+    if not given.no_report:
+        run.present = present
     content = finish_run(
         run,
         final.episodes,
         "pursuit train",
         lambda: announce_solution(trainee.contest, run.stopped),
     )
+    if run.present is not None:
+        present(trainee, run.folder, run.metrics.rows, content)
     show(run, content)
     exit_after_signal(run)
 
@@ -133,40 +138,49 @@ def _defaults(arguments: Sequence[str]) -> TrainCommand[Any]:
     return TrainCommand(settings, first.preset)
 
 
-def show(run: Run, content: dict[str, Any]) -> None:
-    """Print the results of a run, and write its figures, report and replay."""
+def present(
+    trainee: Any, folder: Path, rows: list[dict[str, float]], content: dict[str, Any]
+) -> None:
+    """Write the figures, the report and the replay of a run; as `Run.present`."""
     from train.experiments.methods import METHODS, methods  # torch is slow to import
     from train.runs.saved import load_settings
 
-    trainee: SingleAgent = run.trainee
-    print()
-    scores = [Score(**score) for score in content["scores"]]
-    print_scores(scores, certificate_of(trainee.contest), trainee.contest.measure)
-    if isinstance(trainee.contest, ArmContest):
-        print_bounds(trainee.contest)
-    contest, teacher = trainee.contest, trainee.teacher
+    contest, teacher, settings = trainee.contest, trainee.teacher, load_settings(folder)
     title = f"{contest.line().split(', at most')[0]}; {content['algorithm'].upper()}"
     if teacher is not None:
         title += f"; {teacher.name}"
     draw_learning_curve(
-        run.folder / CURVE,
-        run.metrics.rows,
+        folder / CURVE,
+        rows,
         content["scores"],
         title,
         teacher.rows if teacher is not None else None,
         teacher.describes if teacher is not None else "",
         content["objective"]["column"],
+        settings.budget_unit,
     )
-    write_text(run.folder / METHODS, methods([run.folder]))
-    save_replay(run.folder / REPLAY, contest, trainee.policy)
-    evaluation = content["evaluation"]
-    final, settings = trainee.final_contest(evaluation["episodes"]), load_settings(run.folder)
-    write_report(run.folder, settings, final, trainee.policy, content)
+    write_text(folder / METHODS, methods([folder]))
+    save_replay(folder / REPLAY, contest, trainee.policy)
+    final = trainee.final_contest(content["evaluation"]["episodes"])
+    write_report(folder, settings, final, trainee.policy, content)
+
+
+def show(run: Run, content: dict[str, Any]) -> None:
+    """Print the results of a run."""
+    from train.runs.saved import load_settings  # torch is slow to import
+
+    trainee: SingleAgent = run.trainee
+    print()
+    scores = [Score(**score) for score in content["scores"]]
+    print_scores(scores, trainee.contest, certificate_of(trainee.contest))
+    if isinstance(trainee.contest, ArmContest):
+        print_bounds(trainee.contest)
+    evaluation, settings = content["evaluation"], load_settings(run.folder)
     column = content["objective"]["column"]
     if evaluation["optimality_gap"] is not None and column == "mean_steps":
         how = "exactly" if evaluation["exact"] else "on the same starts"
         print(
-            f"\nlearned {evaluation['mean_steps']:.3f} steps, optimum "
+            f"\nlearned{trainee.contest.beside} {evaluation['mean_steps']:.3f} steps, optimum "
             f"{evaluation['optimal_steps']:.3f} ({how}): gap "
             f"{100 * evaluation['optimality_gap']:+.2f} %{of_solved(evaluation)}"
         )
@@ -175,6 +189,7 @@ def show(run: Run, content: dict[str, Any]) -> None:
         print(advice)
     if column != "mean_steps":
         print(f"\n{headline(content)}")
-    print_reference(content.get("reference", {}), final)
+    print_reference(content.get("reference", {}), trainee.final_contest(evaluation["episodes"]))
     print_objective_gap(evaluation, trainee.parts.hyper.last_gamma)
-    print(f"results, curve, replay, methods and {REPORT}: {run.folder}")
+    files = "results" if run.present is None else f"results, curve, replay, methods and {REPORT}"
+    print(f"{files}: {run.folder}")

@@ -43,6 +43,7 @@ from train.evaluation.games import (
     values_between,
 )
 from train.evaluation.hidden_contest import (
+    SECONDS,
     Certificate,
     discounted,
     solution_of,
@@ -67,11 +68,12 @@ class GameContest(MazeContest):
 
     The optimum may use all actions. With `mask_bumps` the optimum without moves into walls is
     included. Whole games (teams, races, heists) are solved up to the size `most_work`
-    (`joint_work`).
+    (`joint_work`). The search for a certificate takes at most `search_seconds`.
     """
 
     mask_bumps: bool = False
     most_work: int = MAX_WORK
+    search_seconds: float = SECONDS
 
     @property
     def is_exact(self) -> bool:
@@ -144,7 +146,7 @@ class GameContest(MazeContest):
         """The proven bounds of the optimum under a limited view; None if there are none."""
         if not self.is_limited or not self.is_exact:
             return None
-        return solution_of(self.task, self.agent, self.opponent_table())
+        return solution_of(self.task, self.agent, self.opponent_table(), self.search_seconds)
 
     def certificate(self) -> Certificate | None:
         """The proven interval of the optimum; None if there is none."""

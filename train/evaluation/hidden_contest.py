@@ -68,20 +68,22 @@ class Certificate:
         )
 
 
-def solution_of(task: Task, agent: str, table: NDArray[np.float64]) -> HiddenChaseSolution | None:
+def solution_of(
+    task: Task, agent: str, table: NDArray[np.float64], seconds: float = SECONDS
+) -> HiddenChaseSolution | None:
     """The bounds of a duel in one maze against a table, cached; None if the maze is too large."""
     if task.max_cells > MAX_CELLS:
         return None
     limit = task.sight.limits[task.seat(agent)]
     rules = (limit.view_radius, limit.line_of_sight, task.seat_roles[task.seat(agent)])
     rest = (task.stay_action, task.move_order, task.min_start_distance)
-    return _solution(task.mazes[0], table.tobytes(), table.shape, *rules, *rest)
+    return _solution(task.mazes[0], table.tobytes(), table.shape, seconds, *rules, *rest)
 
 
 @lru_cache(maxsize=16)
 def _solution(
-    maze: Maze, table: bytes, shape: tuple[int, ...], radius: int | None, in_line: bool, role: Any,
-    stay_action: bool, move_order: Any, min_start_distance: int,
+    maze: Maze, table: bytes, shape: tuple[int, ...], seconds: float, radius: int | None,
+    in_line: bool, role: Any, stay_action: bool, move_order: Any, min_start_distance: int,
 ) -> HiddenChaseSolution:  # fmt: skip
     return solve_hidden_chase(
         maze,
@@ -89,7 +91,7 @@ def _solution(
         radius,
         in_line,
         DISCOUNT,
-        SECONDS,
+        seconds,
         WIDTH,
         role,
         stay_action,
@@ -99,7 +101,7 @@ def _solution(
 
 
 def best_response_interval(
-    task: Task, role: str, table: NDArray[np.float64]
+    task: Task, role: str, table: NDArray[np.float64], seconds: float = SECONDS
 ) -> tuple[float, float] | None:
     """Bounds of the best response of a role, with its view, to the table of its opponent.
 
@@ -107,6 +109,7 @@ def best_response_interval(
         task: a duel in one maze.
         role: of the best response.
         table: [own cell, other cell, action] of its opponent.
+        seconds: of the search for an interval.
 
     Returns:
         The mean over the starts in discounted steps: a proven interval with a limited view, twice
@@ -114,7 +117,7 @@ def best_response_interval(
     """
     (agent,) = (task.agent_names[seat] for seat, own in enumerate(task.seat_roles) if own == role)
     if task.hides_from(agent):
-        proven = solution_of(task, agent, table)
+        proven = solution_of(task, agent, table, seconds)
         return None if proven is None else (float(proven.lower), float(proven.upper))
     best = best_reply(task, role, table, None, DISCOUNT)
     mean = mean_over_starts(best.values, task.mazes[0], task.min_start_distance)

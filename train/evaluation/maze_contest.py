@@ -26,6 +26,7 @@ from train.evaluation.scores import (
     Measure,
     Reference,
     Score,
+    beside_of,
     label_of,
     measure_of,
     reference_of,
@@ -81,9 +82,26 @@ class MazeContest(Contest):
         """The scripted agents with the same limited view."""
         return limited_references(self.task, self.agent, self.opponents)
 
+    @property
+    def teammates(self) -> dict[str, str]:
+        """The labels of the policies of the other agents of a team, by agent."""
+        task = self.task
+        return {
+            name: label_of(self.opponents.get(name, self.opponents[role]))
+            for seat, (name, role) in enumerate(zip(task.agent_names, task.seat_roles, strict=True))
+            if seat != self.seat and role == self.role != "runner"
+        }
+
+    @property
+    def beside(self) -> str:
+        """As `Contest`."""
+        return beside_of(self.teammates)
+
     def describe(self) -> dict[str, Any]:
-        """The names of the task, the role and the (first) maze."""
-        return {"task": self.task.name, "role": self.role, "maze": self.task.mazes[0].name}
+        """The names of the task, the role and the (first) maze; the policies of teammates."""
+        mates = {"teammates": self.teammates} if self.teammates else {}
+        maze = self.task.mazes[0].name
+        return {"task": self.task.name, "role": self.role, "maze": maze, **mates}
 
     def line(self) -> str:
         """As `Contest`."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal, Protocol
 
@@ -186,12 +187,15 @@ def _reference(kind: str, best: Score, learned: Score, measure: Measure) -> Refe
 
 
 def score_table(
-    scores: Sequence[Score], certificate: Certificate | None = None, measure: Measure = BY_STEPS
+    scores: Sequence[Score],
+    certificate: Certificate | None = None,
+    measure: Measure = BY_STEPS,
+    beside: str = "",
 ) -> ResultTable:
     """Scores with the gap to the optimum, or to its proven interval.
 
     A measure other than steps is the first column, followed by the difference to the optimum if
-    that is known.
+    that is known. Names end with `beside`, the teammates.
     """
     by_steps = measure.name == "steps"
     optimum = next((score for score in scores if score.name == "optimal"), None)
@@ -209,6 +213,7 @@ def score_table(
             row["name"] = "optimal steps"
         if certificate is not None and score.discounted_steps is not None:
             row["certified_gap"] = certificate.gap(score.discounted_steps)
+        row["name"] += beside
         if score.success_rate == 1.0:
             row["solved_gap"] = None
         rows.append(row)
@@ -240,6 +245,12 @@ def label_of(policy: Policy) -> str:
     return type(policy).__name__ if plain else repr(policy)
 
 
+def beside_of(teammates: Mapping[str, str]) -> str:
+    """The labels of teammates as a suffix: " + AStarChaser(epsilon=0.2)", equal ones counted."""
+    counts = Counter(teammates.values())
+    return "".join(f" + {n} × {name}" if n > 1 else f" + {name}" for name, n in counts.items())
+
+
 class Contest(Protocol):
     """Evaluation of one agent; the base of all contests.
 
@@ -249,6 +260,11 @@ class Contest(Protocol):
 
     @property
     def measure(self) -> Measure: ...  # noqa: D102 -- see the class
+
+    @property
+    def beside(self) -> str:
+        """The policies of teammates, as a suffix of every policy that plays with them."""
+        return ""
 
     def describe(self) -> dict[str, Any]:
         """The evaluation as plain values: "task", "role", "maze" and others."""

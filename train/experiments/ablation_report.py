@@ -27,13 +27,17 @@ from train.experiments.statistics import (
     probability_of_improvement,
 )
 from train.experiments.tables import FinishedStudy
-from train.reports.curves import Panel, Series, draw_panels
+from train.reports.curves import SINGLE_RUNS, Panel, Series, draw_panels
 from train.reports.figures import GREY, PALETTE, Estimate, draw_intervals
 from train.reports.tables import Column, ResultTable, Row, in_markdown
 
 LEVEL = 0.05
 SPENT = 0.8
 """Variants with a smaller share of frames on the hardest stage are marked."""
+LINES = (
+    f"{SINGLE_RUNS.format('mean')}, or a band, their interval. Grey: the control. Dotted: the "
+    "optimum (horizontal), and for each run the start of its last stage (vertical)"
+)
 COLORS = tuple(color for color in PALETTE if color != GREY)
 
 
@@ -62,7 +66,7 @@ def ablation_report(
         title = hints.title + (f" ({task})" if task else "")
         shown = {variant: curves for variant, curves in here.items() if curves}
         grid = panels_of(shown, str(hints.control), unit)
-        draw_panels(folder / name, grid, unit, title, beside=True, log=log)
+        draw_panels(folder / name, grid, unit, title, beside=True, log=log, note=LINES)
         figures.append(name)
     table = table_of(rows, hints)
     return table, [*same_results(variants), *sentences(study, hints)], figures

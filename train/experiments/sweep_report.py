@@ -18,7 +18,7 @@ from train.experiments.statistics import (
     mean_interval,
 )
 from train.experiments.tables import FinishedStudy
-from train.reports.curves import Panel, Series, draw_panels
+from train.reports.curves import SINGLE_RUNS, Panel, Series, draw_panels
 from train.reports.figures import PALETTE, Estimate, draw_intervals, time_scale
 from train.reports.tables import Column, ResultTable, Row, numeric
 from train.runs.folder import RUN
@@ -148,7 +148,8 @@ def draw_curves(
         first = measure.label if not len(panels) % COLUMNS else ""
         panels.append(Panel(series, first, title, measure.scale))
     grid = [panels[first : first + COLUMNS] for first in range(0, len(panels), COLUMNS)]
-    draw_panels(path, grid, unit, study.hints.title, beside=True, log=log)
+    note = f"{SINGLE_RUNS.format('mean')}, or a band, their interval"
+    draw_panels(path, grid, unit, study.hints.title, beside=True, log=log, note=note)
 
 
 def draw_final(path: Path, study: FinishedStudy, colors: Mapping[str, str]) -> None:

@@ -91,7 +91,7 @@ def run(recipe: Recipe) -> None:
     print(contest.line())
     print(f"Stable-Baselines3 {recipe.algorithm}: {model.num_timesteps:,} frames")
     scores = [*contest.baselines(), contest.score("learned", policy)]
-    print_scores(scores, measure=contest.measure)
+    print_scores(scores, contest)
 
 
 main = main_of(Recipe, run)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from textwrap import fill
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,6 +24,9 @@ from train.reports.figures import (
 
 Curve = tuple[NDArray[Any], NDArray[Any]]
 """Points on the axis, and values."""
+
+SINGLE_RUNS = "Thick: {} of the runs; thin: single runs"
+"""What the lines of several runs are, for `draw_panels`."""
 
 GRID = 60
 """Number of points of a mean curve."""
@@ -108,6 +112,7 @@ def draw_panels(
     title: str = "",
     beside: bool = False,
     log: bool = False,
+    note: str = "",
 ) -> None:
     """Curves over training time.
 
@@ -116,15 +121,16 @@ def draw_panels(
         grid: the panels by row; the last row may be shorter.
         unit: of the times in the curves: frames (in millions) or seconds.
         title: of the whole figure.
-        beside: draw one legend next to the panels instead of one in each.
+        beside: draw one legend next to all panels instead of one next to each.
         log: whether the axis of training time is logarithmic.
+        note: text below the figure: what its lines are.
     """
     lines, columns = len(grid), max(map(len, grid))
     heights = [line[0].height for line in grid]
     figure, axes = pyplot().subplots(
         lines,
         columns,
-        figsize=(7.0 if columns == 1 else 3.4 * columns + 1.2, 0.7 + 1.1 * sum(heights)),
+        figsize=(9.0 if columns == 1 else 3.4 * columns + 1.2, 0.7 + 1.1 * sum(heights)),
         sharex="col" if len(grid[-1]) == columns else False,
         squeeze=False,
         height_ratios=heights,
@@ -139,10 +145,12 @@ def draw_panels(
                 continue
             _draw_panel(axis, line[place], log, gaps)
             if not beside and axis.get_legend_handles_labels()[1]:
-                axis.legend(frameon=False, fontsize=9)
+                # next to the axes, where it covers no curve
+                axis.legend(frameon=False, fontsize=9, loc="upper left", bbox_to_anchor=(1.0, 1.0))
     for axis in axes[-1]:
         axis.set_xlabel(time_head(unit))
     figure.suptitle(title, fontsize=11, wrap=True)
+    figure.supxlabel(fill(note, int(13 * figure.get_figwidth())), fontsize=8)
     if beside:
         labels: dict[str, Any] = {}
         for axis in axes.flat:

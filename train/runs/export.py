@@ -13,6 +13,7 @@ from torch import Tensor, nn
 from train.files import write_atomically
 from train.networks.layers import float32_inference
 from train.networks.policy import NetworkPolicy
+from train.networks.recurrent_policy import RecurrentPolicy
 from train.settings.checks import check
 
 SUFFIXES = (".onnx", ".pt2")
@@ -47,10 +48,17 @@ def export_policy(policy: Any, path: Path | str) -> Path:
     """
     path = Path(path)
     check(path.suffix in SUFFIXES, f"{path}: give a file that ends in .onnx or .pt2")
+    if isinstance(policy, RecurrentPolicy):
+        stacked = policy.seat.frame_stack
+        what = f"frame_stack={stacked}" if stacked > 1 else "a recurrent network"
+        raise ValueError(
+            f"a policy with {what} remembers earlier observations, which an exported network does "
+            f"not; export a run without {'--frame-stack' if stacked > 1 else '--recurrent'}"
+        )
     check(
         isinstance(policy, NetworkPolicy),
         f"a {type(policy).__name__} has no network without memory in a maze; export a run of PPO, "
-        "A2C, DQN, REINFORCE or the cross-entropy method without --recurrent",
+        "A2C, DQN, REINFORCE or the cross-entropy method",
     )
     features = policy.seat.features
     form = torch.from_numpy(features.high[None]).dtype

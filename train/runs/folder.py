@@ -6,6 +6,7 @@ It contains `config.json`, `metrics.csv`, `results.json`, `checkpoint.pt`, `lear
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -93,7 +94,7 @@ def load_config(folder: Path | str) -> tuple[str, dict[str, Any]]:
 def read_config(folder: Path) -> tuple[str, dict[str, Any]]:
     """As `load_config`, but without checking user-defined parts, which the caller must not load."""
     path = folder / CONFIG
-    if not path.exists():
+    if not os.path.exists(path):  # unlike Path.exists() also for names that are too long
         raise ValueError(f"{folder}: no run here ({CONFIG} is missing); give the folder of a run")
     plain = read_json(path)
     check(isinstance(plain, dict), f"{path}: damaged, not settings of a run; {forms.RESTORE}")

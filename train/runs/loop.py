@@ -4,23 +4,23 @@ from __future__ import annotations
 
 import contextlib
 import os
-import platform
+import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from time import perf_counter, process_time
 from typing import Any, ClassVar, Protocol
 
 import torch
 from torchrl.record.loggers import TensorboardLogger
 
-import pursuit
-from train.files import cannot_write, write_json
-from train.machine import commit, processor
+from train.files import cannot_write, write_csv, write_json
 from train.runs.folder import (
     CHECKPOINT,
     CONFIG,
     CURVE,
+    METRICS,
     REPLAY,
     RESULTS,
     MetricsFile,
@@ -29,7 +29,11 @@ from train.runs.folder import (
 from train.runs.interruption import Diverged, Interruption
 from train.runs.provenance import recorded_parts
 from train.runs.threads import ThreadChoice, random_states, set_random_states
+from train.runs.versions import machine, versions
 from train.tensors import first_not_finite
+
+BRIEF_EPISODES, BRIEF_STEPS = 2, 2
+"""Episodes and their steps in a rehearsal of the results."""
 
 EVALUATIONS = 20
 """Number of evaluations, each with a checkpoint, over the budget."""
@@ -89,6 +93,10 @@ class Trainee(Protocol):
     def results(self, interrupted: bool, episodes: int) -> dict[str, Any]:
         """The final evaluation as plain values: "task", "maze", "algorithm", "evaluation" ..."""
 
+    def brief(self) -> Any:
+        """A copy for a rehearsal: its `results` are of a few steps of a few episodes, and nothing
+        large is solved. It shares the learners."""
+
     def state_dict(self) -> dict[str, Any]:
         """Tensors and plain values from which a resumed run continues exactly."""
 
@@ -139,6 +147,7 @@ class Budget:
 
 
 Report = Callable[["Run", dict[str, float]], None]
+Present = Callable[[Any, Path, list[dict[str, float]], dict[str, Any]], None]
 
 
 class Run:
@@ -157,6 +166,8 @@ class Run:
         stopped: whether it was interrupted before the end of its budget.
         exit_status: 0, or the exit status for the signal that interrupted it.
         lock: the lock of the folder, if any.
+        present: (trainee, folder, rows of `metrics.csv`, results) writes the figures and the report
+            of a finished run; None if there are none. It is rehearsed before training.
     """
 
     def __init__(
@@ -166,6 +177,7 @@ class Run:
         self.trainee, self.folder, self.budget, self.stopped = trainee, folder, budget, False
         self.seconds, self.evaluations, self.exit_status = 0.0, 0, 0
         self.lock: Any = None
+        self.present: Present | None = None
         self._saved_frames = 0
         if state is not None:
             self.seconds, self.evaluations = state["seconds"], state["evaluations"]
@@ -210,6 +222,7 @@ class Run:
         ):
             if trainee.evaluates_first and not self.metrics.rows:
                 self._record({}, board, report)
+            self.rehearse()
             while self.progress < 1.0 and not self.stopped:
                 if choice is not None:
                     choice.choose()
@@ -230,6 +243,28 @@ class Run:
                     self._record(figures, board, report)
                 elif self.stopped:
                     self._record(figures, board, report, due=False)
+
+    def rehearse(self) -> None:
+        """Build the results once, with tiny sizes, and draw them into a temporary folder.
+
+        So what cannot be evaluated or drawn is an error before training. The run does not depend on
+        it.
+        """
+        states, threads = random_states(), torch.get_num_threads()
+        small = self.trainee.brief()
+        content = self._content(small.results(False, BRIEF_EPISODES))
+        if self.present is not None:
+            evaluation = {k: float(v or 0.0) for k, v in content["evaluation"].items()}
+            rows = self.metrics.rows or [{"frames": 0.0, "seconds": 0.0, **evaluation}]
+            with TemporaryDirectory() as temporary:
+                folder = Path(temporary) / self.folder.name
+                folder.mkdir()
+                shutil.copy(self.folder / CONFIG, folder / CONFIG)
+                write_csv(folder / METRICS, rows)
+                write_json(folder / RESULTS, content)
+                self.present(small, folder, rows, content)
+        torch.set_num_threads(threads)
+        set_random_states(states)
 
     def _record(
         self, figures: dict[str, float], board: Any, report: Report, due: bool = True
@@ -325,13 +360,21 @@ class Run:
 
         Figures of earlier results are deleted, so that commands draw new ones.
         """
-        objective, trainee = self.trainee.objective, self.trainee
         if (self.folder / CHECKPOINT).exists():  # the last save may have been interrupted
-            trainee.save_beside(self.folder)
+            self.trainee.save_beside(self.folder)
+        content = self._content(self.trainee.results(self.stopped, episodes))
+        for name in (CURVE, REPLAY):
+            (self.folder / name).unlink(missing_ok=True)
+        write_json(self.folder / RESULTS, content)
+        return content
+
+    def _content(self, evaluated: dict[str, Any]) -> dict[str, Any]:
+        """The content of `results.json`, with the results of the trainee."""
+        trainee = self.trainee
         content = {
             "kind": trainee.kind,
-            **trainee.results(self.stopped, episodes),
-            "objective": asdict(objective),
+            **evaluated,
+            "objective": asdict(trainee.objective),
             "frames": trainee.frames,
             "seconds": round(self.seconds, 3),
             "clock": self.budget.clock,
@@ -343,26 +386,4 @@ class Run:
         }
         if trainee.evaluates_first and self.metrics.rows:
             content["at_start"] = self.metrics.rows[0]
-        for name in (CURVE, REPLAY):
-            (self.folder / name).unlink(missing_ok=True)
-        write_json(self.folder / RESULTS, content)
         return content
-
-
-def versions() -> dict[str, Any]:
-    """The versions of the software."""
-    return {
-        "pursuit": pursuit.__version__,
-        "torch": torch.__version__,
-        "python": platform.python_version(),
-        "commit": commit(),
-    }
-
-
-def machine() -> dict[str, Any]:
-    """The machine and its threads."""
-    return {
-        "processor": processor(),
-        "cores": os.cpu_count(),
-        "threads": torch.get_num_threads(),
-    }

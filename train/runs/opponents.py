@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
 from pursuit.simulator.policy import Policy
 from pursuit.tasks.task import Task
-from pursuit.validation import check_bool
+from pursuit.validation import check_bool, shortened
 from scripted_agents.environments import (
     AGENTS,
     chosen_policies,
@@ -70,15 +71,15 @@ def load_opponent(path: Path | str, played: str = "sampled", **trained: Any) -> 
         ValueError: neither of them, or damaged.
     """
     path = Path(path)
-    if path.is_dir():
+    if os.path.isdir(path):  # unlike Path.is_dir() also for names that are too long
         settings = load_settings(path)
         in_maze(settings.task, str(path))
         sampled = entry(settings.algorithm).learns_distribution
         return load_policy(path, played == "greedy" or not sampled)
     check(
         path.suffix == ".zip",
-        f"{path}: not a policy; give one of {', '.join(AGENTS)} (or learn, in self-play), "
-        "package.module:Name, a run folder, or a saved Stable-Baselines3 model (.zip)",
+        f"{shortened(str(path))}: not a policy; give one of {', '.join(AGENTS)} (or learn, in "
+        "self-play), package.module:Name, a run folder, or a saved Stable-Baselines3 model (.zip)",
     )
     return load_stable_baselines(path, None if played == "sampled" else True, **trained)
 
@@ -152,7 +153,7 @@ def policy_in_seat(
 
 def is_self_play(folder: Path) -> bool:
     """Whether a folder contains a run of self-play."""
-    return (folder / CONFIG).exists() and read_config(folder)[0] == SELF_PLAY
+    return os.path.exists(folder / CONFIG) and read_config(folder)[0] == SELF_PLAY
 
 
 def role_of(policy: Any) -> str:

@@ -27,8 +27,9 @@ def draw_learning_curve(
     stages: list[dict[str, Any]] | None = None,
     taught: str = "",
     column: str = "mean_steps",
+    unit: str = "frames",
 ) -> None:
-    """The objective over frames with references as lines; gap and curriculum below.
+    """The objective over training time with references as lines; gap and curriculum below.
 
     Args:
         path: of the figure, written atomically.
@@ -38,8 +39,9 @@ def draw_learning_curve(
         stages: rows of `curriculum.csv`; None without a curriculum.
         taught: the label of their values.
         column: of the objective in `rows` and `scores`.
+        unit: of the axis: that of the budget, frames or seconds.
     """
-    times = np.array([row["frames"] for row in rows]) * time_scale("frames")
+    times = np.array([row[unit] for row in rows]) * time_scale(unit)
     levels, others = [], itertools.cycle(OTHERS)
     for score in scores:
         name, value = score["name"], score.get(column)
@@ -55,19 +57,23 @@ def draw_learning_curve(
         gap = 100 * np.array([row.get("optimality_gap", np.nan) for row in rows])
         panels.append(Panel([Series([(times, gap)])], "gap to the\noptimum (%)", scale="gap"))
     if stages:
-        panels.append(curriculum_panel(stages, float(times[-1]), taught))
-    draw_panels(path, [[panel] for panel in panels], "frames", title)
+        panels.append(curriculum_panel(stages, float(times[-1]), taught, unit))
+    draw_panels(path, [[panel] for panel in panels], unit, title)
 
 
-def curriculum_panel(stages: list[dict[str, Any]], end: float, taught: str) -> Panel:
+def curriculum_panel(stages: list[dict[str, Any]], end: float, taught: str, unit: str) -> Panel:
     """The values of the curriculum as steps: the mean, and the range if there is one; up to `end`
-    in millions of frames."""
-    places = np.array([*(row["frames"] * time_scale("frames") for row in stages), end])
+    on an axis of `unit`."""
+    places = np.array([*(row[unit] * time_scale(unit) for row in stages), end])
     values = {name: np.repeat([row[name] for row in stages], 2) for name in ("mean", "low", "high")}
     ranged = bool((values["high"] > values["low"]).any())
     series = [
-        Series([(np.repeat(places, 2)[1:-1], values[name])], color=PINK, style=style)
-        for name, style in (("mean", "-"), ("low", ":"), ("high", ":"))[: 3 if ranged else 1]
+        Series([(np.repeat(places, 2)[1:-1], values[name])], text, color=PINK, style=style)
+        for name, style, text in (
+            ("mean", "-", "mean" if ranged else None),
+            ("low", ":", "least and largest"),
+            ("high", ":", None),
+        )[: 3 if ranged else 1]
     ]
     label = taught.replace("-", "\n", 1).replace("-", " ")
     return Panel(series, label, height=2.0)

@@ -11,7 +11,7 @@ from pursuit.replays.viewer.data import Builder, Extras
 from pursuit.tasks.task import Task
 from train.evaluation.hidden_contest import Certificate
 from train.evaluation.recordings import recorded, sides_of
-from train.evaluation.scores import Reference, Score, score_table
+from train.evaluation.scores import Reference, Score, beside_of, score_table
 from train.files import read_json
 from train.reports.pages import PLAYER_ELEMENT, details, pairs, picture, section, write_page
 from train.reports.tables import in_markdown
@@ -61,14 +61,14 @@ def write_report(
     builder.add(replay, extras)
     title = contest.line().split(", at most")[0]
     scores = [Score(**score) for score in results["scores"]]
-    table = score_table(scores, certificate_in(results), contest.measure)
+    table = score_table(scores, certificate_in(results), contest.measure, contest.beside)
     about = f"Run {folder.name}: {settings.algorithm}, curriculum {settings.curriculum}."
     parts = [
         in_markdown(about),
         in_markdown(summary(results)),
         PLAYER_ELEMENT,
         *section("Scores", table.markdown()),
-        *section("Learning", picture(folder / CURVE, "mean steps, gap and curriculum over frames")),
+        *section("Learning", picture(folder / CURVE, "steps, gap and curriculum over training")),
         *section("Settings and command", *provenance_parts(folder, settings, results)),
     ]
     path = path or folder / REPORT
@@ -114,7 +114,7 @@ def headline(results: Mapping[str, Any]) -> str:
     """The objective and its best known value: goals or return, if it is not steps."""
     found, column = results["evaluation"], results["objective"]["column"]
     name = results["objective"]["unit"]
-    text = f"Learned: {name} {found[column]:.3f}"
+    text = f"Learned{beside_of(results.get('teammates', {}))}: {name} {found[column]:.3f}"
     best = found.get(f"optimal_{name}")
     if best is not None:
         text += f", optimum on the same starts {best:.3f}: {found[f'{name}_regret']:.3f} below it"
@@ -124,7 +124,8 @@ def headline(results: Mapping[str, Any]) -> str:
 def summary(results: Mapping[str, Any]) -> str:
     """The result in one sentence."""
     found = results["evaluation"]
-    text = f"Learned: {found['mean_steps']:.3f} steps"
+    beside = beside_of(results.get("teammates", {}))
+    text = f"Learned{beside}: {found['mean_steps']:.3f} steps"
     if results["objective"]["column"] != "mean_steps":
         text = f"{headline(results)}; {found['mean_steps']:.3f} steps"
     elif found["optimality_gap"] is not None:

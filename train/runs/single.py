@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 
+from scripted_agents.environments import AGENTS
 from train.evaluation.contest import GameContest
 from train.evaluation.hidden_contest import Certificate
 from train.evaluation.joint_contest import MAX_EVALUATED_WORK, MAX_WORK
@@ -22,12 +24,14 @@ from train.evaluation.scores import (
 )
 from train.runs.data_parallel import SecondProcess
 from train.runs.folder import MISFITS, RUN, misfit
-from train.runs.loop import Budget, Clock, Objective, Run
+from train.runs.loop import BRIEF_EPISODES, BRIEF_STEPS, Budget, Clock, Objective, Run
 from train.runs.parts import Parts, parts_of
 from train.runs.threads import check_device, prepare_torch
 from train.runs.training_state import build_env_and_learner, training_state
+from train.runs.worlds import world_of
 from train.settings.checks import check
 from train.settings.run import TrainSettings
+from train.settings.task import TaskSettings
 from train.teaching.teacher import write_log
 
 EPISODES = 500
@@ -102,6 +106,7 @@ class SingleAgent:
         if lengths:
             row["episode_return"] = float(np.concatenate(returns).mean())
             row["episode_length"] = float(np.concatenate(lengths).mean())
+        row["episodes"] = float(sum(map(len, lengths)))
         return row if self.teacher is None else row | self.teacher.figures()
 
     def forget_episodes(self) -> None:
@@ -112,8 +117,9 @@ class SingleAgent:
             self.teacher.forget_episodes()
 
     def log_fields(self, row: dict[str, float]) -> list[str]:
-        """Return, length and stage of the training games, steps and gap of the evaluation."""
-        parts = []
+        """Number, return and length of the training episodes that ended since the last evaluation
+        (early in a run only short ones have), their stage; steps and gap of the evaluation."""
+        parts = [f"{row['episodes']:7,.0f} episodes"]
         if "episode_return" in row:
             parts.append(f"return {row['episode_return']:7.2f}")
             parts.append(f"length {row['episode_length']:6.2f}")
@@ -144,7 +150,8 @@ class SingleAgent:
     def results(self, interrupted: bool, episodes: int) -> dict[str, Any]:
         """Scores of the references and of the trained policy, greedy and sampled."""
         # An interrupted run should end soon.
-        contest = self.final_contest(episodes, MAX_WORK if interrupted else MAX_EVALUATED_WORK)
+        most = MAX_WORK if interrupted else MAX_EVALUATED_WORK
+        contest = self.final_contest(episodes, most)
         scores = [*contest.baselines(), contest.score("learned", self.learner.policy())]
         if self.parts.algorithm.learns_distribution:
             scores.append(contest.score("learned, sampled", self.learner.policy(greedy=False)))
@@ -162,6 +169,21 @@ class SingleAgent:
             "precision": build.precision,
             **self._update(),
         }
+
+    def brief(self) -> SingleAgent:
+        """As `Trainee`. User-defined opponents are built anew, as they may have random streams of
+        their own."""
+        small, given = copy(self), self.parts.world.settings
+        if isinstance(given, TaskSettings):
+            given = replace(given, max_steps=min(given.max_steps, BRIEF_STEPS))
+        contest: Any = world_of(given).contest(BRIEF_EPISODES)
+        if isinstance(given, TaskSettings) and given.opponent in (None, *AGENTS):
+            contest = replace(contest, opponents=self.contest.opponents)
+        if isinstance(contest, GameContest):
+            contest = replace(contest, most_work=0, search_seconds=0.0)
+        small.contest = small._final_contest = contest
+        small._solved_work = MAX_EVALUATED_WORK
+        return small
 
     def _update(self) -> dict[str, str]:
         """The form of the gradient steps, if there is one."""

@@ -49,3 +49,9 @@ def check_unused_self_play_settings(settings: SelfPlaySettings) -> None:
         if settings.sampling != scheme:
             other = f"sampling={settings.sampling!r} does not use it (sampling={scheme!r} does)"
             check_default(settings, SelfPlaySettings, [name], other)
+    steps, most = settings.episode_steps, settings.task.max_steps
+    check(
+        steps is None or steps <= most,
+        f"episode_steps={steps} has no effect above max_steps={most}, after which every episode is "
+        f"truncated; give at most {most}, or more max_steps",
+    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 
 from pursuit.simulator.policy import Policy
 from pursuit.tasks.task import Task
+from pursuit.validation import shortened
 from scripted_agents.environments import (
     AGENTS,
     agent_name,
@@ -132,9 +134,9 @@ def _folders_of(name: str) -> list[Path]:
     """The folder of a run, or the folders of both sides of self-play."""
     folder = Path(name)
     check(
-        folder.is_dir(),
-        f"{name}: neither a folder of a run nor a scripted agent ({', '.join(AGENTS)}, or "
-        "package.module:Name)",
+        os.path.isdir(folder),
+        f"{shortened(name)}: neither a folder of a run nor a scripted agent ({', '.join(AGENTS)}, "
+        "or package.module:Name)",
     )
     check((folder / CONFIG).exists(), f"{name}: no run here ({CONFIG} is missing); give a run")
     if not is_self_play(folder):

@@ -18,7 +18,7 @@ from scripted_agents import (
 from scripted_agents.environments import SCRIPTED, SEARCHERS
 from train.evaluation.exploitability import exploitability, nash_conv, team_exploitability
 from train.evaluation.games import MAX_EXACT_WORK, is_exact, is_exact_team, other_role, table_in
-from train.evaluation.hidden_contest import best_response_interval
+from train.evaluation.hidden_contest import SECONDS, best_response_interval
 from train.evaluation.joint_contest import MAX_WORK, joint_work
 from train.evaluation.matchups import match
 from train.settings.self_play import ROLES
@@ -87,11 +87,11 @@ def scripted_references(task: Task, role: str | None = None) -> tuple[str, ...]:
 
 
 def matches(
-    task: Task, players: Mapping[str, Mapping[str, Policy]], episodes: int
+    task: Task, players: Mapping[str, Mapping[str, Policy]], episodes: int, most: int
 ) -> list[dict[str, Any]]:
-    """All chasers against all evaders, given as policies by role and name."""
+    """All chasers against all evaders, given as policies by role and name; `most` as in `match`."""
     return [
-        {"chaser": c, "evader": e, **asdict(match(task, chaser, evader, episodes))}
+        {"chaser": c, "evader": e, **asdict(match(task, chaser, evader, episodes, most=most))}
         for c, chaser in players["chaser"].items()
         for e, evader in players["evader"].items()
     ]
@@ -112,10 +112,13 @@ def exact_best_responses(
     return found
 
 
-def limited_best_responses(task: Task, pair: Mapping[str, Policy]) -> dict[str, Any]:
+def limited_best_responses(
+    task: Task, pair: Mapping[str, Policy], seconds: float = SECONDS
+) -> dict[str, Any]:
     """Proven intervals of best responses with limited views, in discounted steps.
 
-    A best response has the view of its role; its opponent must be a policy without memory.
+    A best response has the view of its role; its opponent must be a policy without memory. The
+    search for each interval takes at most so many seconds.
 
     Returns:
         "against_chaser" and "against_evader", each (lower, upper), where these are known; with both
@@ -124,7 +127,8 @@ def limited_best_responses(task: Task, pair: Mapping[str, Policy]) -> dict[str, 
     found: dict[str, Any] = {}
     for role, policy in pair.items():
         if is_exact(task, policy):
-            bounds = best_response_interval(task, other_role(role), table_in(task, policy))
+            table = table_in(task, policy)
+            bounds = best_response_interval(task, other_role(role), table, seconds)
             found |= {} if bounds is None else {f"against_{role}": bounds}
     if len(found) == len(ROLES):  # an evader's best response is against the chaser
         (low, high), (least, most) = found["against_chaser"], found["against_evader"]
@@ -132,18 +136,21 @@ def limited_best_responses(task: Task, pair: Mapping[str, Policy]) -> dict[str, 
     return found
 
 
-def whole_game(task: Task, pair: Mapping[str, Policy], discount: float) -> dict[str, Any]:
+def whole_game(
+    task: Task, pair: Mapping[str, Policy], discount: float, most: int = MAX_WORK
+) -> dict[str, Any]:
     """Exact NashConv of a game of teams or with goals, in returns, with each side as one player.
 
     Without time limit: {"nash_conv": ..., "returns": by role, "gains": by role}. Empty if the game
-    is too large (`joint_work`), partially observable, or has a user-defined reward function.
+    is larger than `most` (`joint_work`), partially observable, or has a user-defined reward
+    function.
     """
     seats = range(task.num_agents)
     if (
         any(task.hides_from(agent) for agent in task.agent_names)
         or task.reward_function is not None
         or len(task.mazes) > 1
-        or joint_work(task) > MAX_WORK
+        or joint_work(task) > most
         or why_no_distribution(task, seats, pair) is not None
     ):
         return {}

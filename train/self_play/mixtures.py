@@ -17,11 +17,16 @@ from pursuit.tasks.task import Task
 from scripted_agents import PairValues, mean_over_starts, solve_chase
 from train.evaluation.games import best_reply, is_exact, other_role, table_in, values_between
 from train.networks.recurrent_policy import without_improbable
+from train.self_play.diversity import diversity_of
 from train.self_play.pool import Member
+from train.settings.self_play import NASH_SAMPLING
 
 RESPONSES = 8
 """Best responses to single snapshots that are played against a whole mixture; each takes an exact
 evaluation for every snapshot."""
+MIXED = ("uniform", *NASH_SAMPLING)
+"""Sampling rules that converge in a mixture of snapshots: all equally likely, or the Nash mixture;
+with others the last policies converge."""
 Table = NDArray[np.float64]
 
 
@@ -103,3 +108,24 @@ def mixture_nash_conv(
         bounds.append(mixture_bounds(task, role, *known, discount))
     lower, upper = (sum(ends) for ends in zip(*bounds, strict=True))
     return lower, upper
+
+
+def snapshot_results(
+    task: Task,
+    sampling: str,
+    discount: float,
+    kept: Mapping[str, Sequence[Member]],
+    mixtures: Mapping[str, Mapping[str, float]] | None,
+    min_probability: float,
+) -> dict[str, Any]:
+    """ "diversity" of the snapshots in the pools, and "mixture_nash_conv" where it is known.
+
+    Arguments as in `mixture_nash_conv`, and the sampling rule; `mixtures` are the Nash mixtures of
+    the run, if it has any.
+    """
+    found: dict[str, Any] = {}
+    if sampling in MIXED:
+        shares = mixtures if sampling in NASH_SAMPLING else None
+        bounds = mixture_nash_conv(task, discount, kept, shares, min_probability)
+        found |= {} if bounds is None else {"mixture_nash_conv": bounds}
+    return {**found, "diversity": diversity_of(task, discount, kept)}

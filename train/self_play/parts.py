@@ -8,12 +8,14 @@ from typing import Any
 
 from pursuit.simulator.policy import Policy
 from pursuit.tasks.task import Task
+from pursuit.validation import shortened
 from scripted_agents.environments import (
     AGENTS,
     SEARCHERS,
     check_agent,
     custom_policy,
     custom_roles,
+    plays,
     scripted_policy,
 )
 from train.algorithms.registry import entry
@@ -27,7 +29,7 @@ from train.self_play.side import SideParts
 from train.settings.algorithms import PPOSettings
 from train.settings.checks import check
 from train.settings.common import RunSettings, check_min_probability
-from train.settings.reading import read_from, shortened, whole
+from train.settings.reading import read_from, whole
 from train.settings.run import TrainSettings
 from train.settings.self_play import ROLES, LearningSide, SelfPlaySettings
 from train.settings.task import TaskSettings
@@ -81,7 +83,7 @@ def self_play_parts(settings: SelfPlaySettings) -> SelfPlayParts:
         )
         for name in AGENTS
         for role in ROLES
-        if role in SEARCHERS.get(name, ROLES)
+        if plays(name, task, role)
     }
     scripted |= {
         (name, role): custom_policy(name, task, role)

@@ -16,7 +16,7 @@ from train.evaluation.contest import GameContest
 from train.evaluation.recordings import MOST_OVERLAY_CELLS, recorded, sides_of
 from train.files import read_json
 from train.reports.curves import Panel, Series, draw_panels
-from train.reports.figures import BLACK, BLUE, ORANGE
+from train.reports.figures import BLACK, BLUE, ORANGE, time_scale
 from train.reports.pages import PLAYER_ELEMENT, details, pairs, picture, section, write_page
 from train.reports.tables import in_markdown
 from train.runs.folder import CONFIG, CURVE, REPLAYS, REPORT
@@ -44,9 +44,14 @@ EXPLOITABILITY = {
 SCRIPTED = {"astar": ("A*", "-"), "random": ("random", ":"), "equilibrium": ("equilibrium", "--")}
 
 
-def draw_self_play(path: Path, rows: list[dict[str, float]], title: str) -> None:
-    """Draw exploitability over seconds, and below it both sides against the scripted agents."""
-    times = np.array([row["seconds"] for row in rows])
+def draw_self_play(
+    path: Path, rows: list[dict[str, float]], title: str, unit: str = "seconds"
+) -> None:
+    """Draw exploitability over training time, and below it both sides against the scripted agents.
+
+    The axis has the `unit` of the budget, frames or seconds.
+    """
+    times = np.array([row[unit] for row in rows]) * time_scale(unit)
 
     def curve(name: str, like: Series) -> list[Series]:
         if name not in rows[0]:
@@ -66,7 +71,7 @@ def draw_self_play(path: Path, rows: list[dict[str, float]], title: str) -> None
         )
     ]
     panels.append(Panel(series, "steps until capture (log)", scale="log"))
-    draw_panels(path, [[panel] for panel in panels], "seconds", title)
+    draw_panels(path, [[panel] for panel in panels], unit, title)
 
 
 def write_self_play_report(

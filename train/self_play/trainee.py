@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -17,6 +18,8 @@ from train.evaluation.games import (
     is_exact_team,
     other_role,
 )
+from train.evaluation.hidden_contest import SECONDS
+from train.evaluation.joint_contest import MAX_WORK
 from train.evaluation.matchups import can_solve, match
 from train.runs.folder import (
     CONFIG,
@@ -27,10 +30,9 @@ from train.runs.folder import (
     save_checkpoint,
     save_config,
 )
-from train.runs.loop import Budget, Clock, Objective, Run
+from train.runs.loop import BRIEF_STEPS, Budget, Clock, Objective, Run
 from train.runs.threads import check_device, prepare_torch
 from train.runs.training_state import policy_memories, restore_policy_memories
-from train.self_play.diversity import diversity_of
 from train.self_play.meta_game import Payoffs
 from train.self_play.metrics import (
     exact_best_responses,
@@ -41,9 +43,9 @@ from train.self_play.metrics import (
     scripted_references,
     whole_game,
 )
-from train.self_play.mixtures import mixture_nash_conv
+from train.self_play.mixtures import snapshot_results
 from train.self_play.parts import SelfPlayParts, self_play_parts, side_settings
-from train.self_play.pool import OpponentPool, weights
+from train.self_play.pool import Member, OpponentPool, weights
 from train.self_play.side import Side
 from train.settings.self_play import (
     NASH_SAMPLING,
@@ -53,13 +55,12 @@ from train.settings.self_play import (
     self_play_ppo,
 )
 
+BRIEF_WORK = 20_000
+"""Games of a larger size are not solved in a rehearsal of the results."""
 MOST_CELLS = 49
 """Maximum number of cells for mixtures and diversity of snapshots: they take long above."""
 RESPONSE_FRAMES = 100_000
 """Frames for each of the `best_response_seconds`, where the run has a budget in frames."""
-MIXED = ("uniform", *NASH_SAMPLING)
-"""Sampling rules that converge in a mixture of snapshots: all equally likely, or the Nash mixture;
-with others the last policies converge."""
 
 
 class SelfPlay:
@@ -82,8 +83,10 @@ class SelfPlay:
         payoffs: between members of the pools.
         mixtures: the Nash mixtures of double oracle.
         taken, progress: snapshots and progress so far, in [0, 1].
+        is_brief: whether it is a copy for a rehearsal.
+        last: the last evaluation.
         on_snapshot: called with this object after every snapshot.
-        tell: called with a description and the progress in [0, 1] of long computations at the end.
+        tell: called with a description and the progress in [0, 1] of long work at the end.
     """
 
     kind: ClassVar[str] = SELF_PLAY
@@ -107,7 +110,7 @@ class SelfPlay:
         self.on_snapshot: Callable[[SelfPlay], object] = lambda trainee: None
         self.tell: Callable[[str, float], None] = lambda what, share: None
         self.rng = np.random.default_rng(settings.seed)
-        self.taken, self.progress = 0, 0.0
+        self.taken, self.progress, self.is_brief, self.last = 0, 0.0, False, dict[str, float]()
         given = (tuple(self.sides), parts.discount, settings.seed)
         self.payoffs = Payoffs(self.task, self.pools, *given)
         self.mixtures: dict[str, dict[str, float]] = {}
@@ -213,6 +216,7 @@ class SelfPlay:
                 other = self.parts.scripted[name, other_role(role)]
                 one, two = (chaser, other) if role == "chaser" else (other, evader)
                 row[f"{role}_vs_{name}"] = match(self.task, one, two, episodes, most=most).steps
+        self.last = row
         return row
 
     def forget_episodes(self) -> None:
@@ -228,7 +232,9 @@ class SelfPlay:
     def results(self, interrupted: bool, episodes: int) -> dict[str, Any]:
         """Exploitability, matches between all policies, pools; for teams best responses to each
         side, exact if the game is small enough, otherwise approximate."""
-        settings, pair = self.settings, {role: self.policy(role) for role in ROLES}
+        settings, pair, brief = self.settings, {r: self.policy(r) for r in ROLES}, self.is_brief
+        most = 0 if brief else MAX_FINAL_WORK
+        evaluation = dict(self.last) if brief and self.last else self.evaluate(episodes, most)
         players = {
             role: {"learned" if role in self.sides else "frozen": pair[role]}
             | {
@@ -249,37 +255,45 @@ class SelfPlay:
             "update": ", ".join(
                 getattr(side.learner, "update_form", "torch") for side in self.sides.values()
             ),
-            "evaluation": self.evaluate(episodes, MAX_FINAL_WORK),
-            "matches": matches(self.task, players, episodes),
+            "evaluation": evaluation,
+            "matches": matches(self.task, players, episodes, most),
             "pools": {role: pool.described() for role, pool in self.pools.items()},
             "mixtures": self.mixtures,
         }
         if any(self.task.hides_from(agent) for agent in self.task.agent_names):
             content["limited_view"] = True  # best responses and values have full view
             self.tell("best responses with a limited view", 0.0)
-            content["limited_best_responses"] = limited_best_responses(self.task, pair)
-        exact = "nash_conv" in content["evaluation"]
+            seconds = 0.0 if brief else SECONDS
+            content["limited_best_responses"] = limited_best_responses(self.task, pair, seconds)
+        exact = "nash_conv" in evaluation
         if not exact and not is_exact_team(self.task, pair, MAX_FINAL_WORK):
             self.tell("NashConv of the whole game", 0.0)
-            content["whole_game"] = whole_game(self.task, pair, self.parts.discount)
+            how = (self.parts.discount, BRIEF_WORK if brief else MAX_WORK)
+            content["whole_game"] = whole_game(self.task, pair, *how)
         everything = not content.get("limited_view")
         if exact and everything and not interrupted and self.task.max_cells <= MOST_CELLS:
             kept = {role: self.pools[role].snapshots for role in self.sides}
-            discount, evaluation = self.parts.discount, content["evaluation"]
-            evaluation["played_nash_conv"] = evaluation["nash_conv"]
-            if settings.sampling in MIXED:
-                shares = self.mixtures if settings.sampling in NASH_SAMPLING else None
-                least = next(iter(self.parts.sides.values())).min_probability
-                found = mixture_nash_conv(self.task, discount, kept, shares, least)
-                if found is not None:
-                    content["mixture_nash_conv"], evaluation["played_nash_conv"] = found, found[0]
-            content["diversity"] = diversity_of(self.task, discount, kept)
+            if brief:  # there are no snapshots yet
+                kept = {r: [Member(name, pair[r], False) for name in "ab"] for r in self.sides}
+            least = next(iter(self.parts.sides.values())).min_probability
+            given: Any = (self.parts.discount, kept, None if brief else self.mixtures, least)
+            content |= snapshot_results(self.task, settings.sampling, *given)
+            found = content.get("mixture_nash_conv")
+            evaluation["played_nash_conv"] = found[0] if found else evaluation["nash_conv"]
         if is_exact_team(self.task, pair, MAX_FINAL_WORK):
-            learned = {role: pair[role] for role in self.sides}
+            solved = not brief or is_exact_team(self.task, pair, BRIEF_WORK)
+            learned = {role: pair[role] for role in self.sides if solved}
             content["exact_best_response"] = exact_best_responses(self.task, learned, self.tell)
         elif not exact and settings.best_response_seconds and not interrupted:
             content["approximate_best_response"] = self.approximate_best_responses(episodes)
         return content
+
+    def brief(self) -> SelfPlay:
+        """As `Trainee`."""
+        small = copy(self)
+        small.task = replace(self.task, max_steps=min(self.task.max_steps, BRIEF_STEPS))
+        small.is_brief, small.tell = True, lambda what, share: None
+        return small
 
     def approximate_best_responses(self, episodes: int) -> dict[str, float]:
         """Mean steps of a PPO trained against each learned side, which is fixed.
@@ -310,12 +324,12 @@ class SelfPlay:
             with TemporaryDirectory() as folder:
                 run = make_self_play(settings, Path(folder))
                 what = f"approximate best response against the {role}"
-                run.train(lambda run, row, what=what: self.tell(what, run.progress))  # type: ignore[misc]
+                if not self.is_brief:
+                    run.train(lambda run, row, what=what: self.tell(what, run.progress))  # type: ignore[misc]
                 if run.stopped:
                     raise KeyboardInterrupt
                 chaser, evader = (run.trainee.policy(side) for side in ROLES)
-                steps = match(self.task, chaser, evader, episodes).steps
-                found[f"against_{role}"] = steps
+                found[f"against_{role}"] = match(self.task, chaser, evader, episodes).steps
         return found
 
     # -- files -----------------------------------------------------------------------------------

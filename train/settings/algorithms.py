@@ -302,7 +302,7 @@ LEARNERS: Registry[Any] = Registry(
 
 def hyperparameter_form(algorithm: str) -> type[Hyperparameters]:
     """The hyperparameter class of an algorithm; ValueError for an unknown name."""
-    if algorithm in HYPERPARAMETERS:
+    if isinstance(algorithm, str) and algorithm in HYPERPARAMETERS:
         return HYPERPARAMETERS[algorithm]
     form: type[Hyperparameters] = LEARNERS.get(algorithm).settings
     return form

@@ -90,6 +90,11 @@ class RunSettings(Settings):
     """auto: compiled gradient kernels where network and task allow them; off: torch autograd only.
     `update` in results.json says which was used."""
 
+    @property
+    def budget_unit(self) -> str:
+        """The unit of the budget: frames or seconds."""
+        return "seconds" if self.frames is None else "frames"
+
     def __post_init__(self) -> None:
         super().__post_init__()
         seconds, frames, device = self.seconds, self.frames, self.device

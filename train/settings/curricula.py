@@ -168,7 +168,7 @@ class StagedSettings(AxisSettings):
     start-distance, num-goals, maze-size, loops; for the arm target-distance, free-joints, hold,
     tolerance; or package.module:Name of a user-defined axis. auto: goal-spread-start in tasks with
     goals, target-distance for the arm, else start-distance."""
-    num_stages: Annotated[int, at_least(2)] = 8
+    num_stages: Annotated[int, rule(lambda value: 2 <= value <= 1000, "give 2 to 1000")] = 8
     """Largest number of stages from easiest to hardest."""
 
 
@@ -282,7 +282,7 @@ class MazeReplaySettings(CurriculumSettings):
     staleness: Share = 0.1
     """Weight of mazes that were not scored recently."""
     num_scored: Annotated[int, at_least(1)] = 8
-    """Number of mazes in each exact scoring."""
+    """Number of mazes in each exact scoring, at most those of the suite."""
     score_every: Annotated[int, at_least(1)] = 25_000
     """Frames between two scorings."""
 
@@ -337,7 +337,7 @@ CURRICULUM_PARTS: Registry[Any] = Registry(
 
 def curriculum_form(name: str) -> type[CurriculumSettings]:
     """The settings of a curriculum by its name; ValueError for an unknown one."""
-    if name in CURRICULA:
+    if isinstance(name, str) and name in CURRICULA:
         return CURRICULA[name]
     part = CURRICULUM_PARTS.get(name)
     return part.settings if isinstance(part, OwnCurriculum) else ScheduleSettings

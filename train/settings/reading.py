@@ -9,7 +9,7 @@ from typing import Any, TypeVar, get_type_hints
 
 import msgspec
 
-from pursuit.validation import did_you_mean
+from pursuit.validation import did_you_mean, shortened
 from train.settings.checks import check, rules_of
 from train.settings.common import RunSettings
 
@@ -73,12 +73,6 @@ def typed(form: type[Any], given: Mapping[str, Any]) -> dict[str, Any]:
                 raise ValueError(f"{name}={shortened(value)}; give {word}") from None
         found[name] = value
     return found
-
-
-def shortened(value: Any) -> str:
-    """A value as it is shown in messages."""
-    text = repr(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 def picked(form: type[Form], given: Mapping[str, Any], default: Mapping[str, Any]) -> Form:

@@ -110,10 +110,10 @@ class SelfPlaySettings(RunSettings):
     pfsp_power: NotNegative = 2.0
     """Exponent of pfsp: how strongly difficult opponents are preferred."""
     episode_steps: Annotated[int | None, at_least(1)] = None
-    """Steps after which training episodes are truncated; evaluations use max_steps. Short episodes
-    visit more starts. None: 20, or max_steps with goals."""
+    """Steps after which training episodes are truncated, at most max_steps, which evaluations use.
+    Short episodes visit more starts. None: 20, or max_steps with goals."""
     snapshots: Annotated[int, at_least(1)] = 40
-    """Snapshots taken during the run, at equal intervals."""
+    """Snapshots taken during the run, at equal intervals, at most one per iteration."""
     pool_size: Annotated[int, at_least(1)] = 50
     """Snapshots kept for each role: a uniform sample of all (window: the latest; double-oracle and
     psro: all)."""

@@ -136,14 +136,20 @@ def plan_pool(name: str, settings: MazeReplaySettings, context: Any, seed: int) 
         f"curriculum={name!r} chooses among mazes, and task {context.task.name!r} has one; use a "
         "suite such as --maze suite:7x7-train",
     )
-    task = context.task
+    task, scored = context.task, settings.num_scored
+    mazes = len(task.mazes)
+    check(
+        scored <= max(mazes, MazeReplaySettings.num_scored),
+        f"num_scored={scored}, but the suite has {mazes} mazes; give at most {mazes}",
+    )
     scorer = RegretScorer(task, context.agent, context.opponents, settings.SCORE)
 
     def apply(simulator: Any, games: NDArray[np.intp], values: NDArray[np.float64]) -> None:
         simulator.configure(games, maze=values.astype(np.int64))
 
-    last = float(len(task.mazes) - 1)
-    axis = Axis(f"{settings.SCORE}-of mazes", 0.0, last, apply, mazes=task.mazes, ordered=False)
+    axis = Axis(
+        f"{settings.SCORE}-of mazes", 0.0, mazes - 1.0, apply, mazes=task.mazes, ordered=False
+    )
     return Plan(name, settings, axis, task, None, seed, scorer)
 
 

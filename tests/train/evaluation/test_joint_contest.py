@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -18,6 +19,7 @@ from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task, make_task
 from scripted_agents import AStarChaser, AStarEvader, NearestGoalRunner, RandomAgent, solve_joint
 from train import settings_of, start
+from train.commands.main import main
 from train.commands.scores import print_scores, print_whole_game
 from train.evaluation.arm_contest import ArmContest
 from train.evaluation.contest import GameContest
@@ -92,7 +94,7 @@ def test_a_game_that_is_too_large_says_how_large_it_is(capsys: pytest.CaptureFix
     assert "distinct states: 3,645" in told and "no exact optimum: 3,645 states" in told
     print_whole_game(RACE)
     assert "mean optimum over all starts" in capsys.readouterr().out
-    print_scores(RACE.baselines(), measure=RACE.measure)
+    print_scores(RACE.baselines(), RACE)
     assert "below the best" in capsys.readouterr().out
 
 
@@ -316,3 +318,43 @@ def test_a_run_is_judged_by_the_measure_of_its_contest(
     measure = measure_of_rows([row])
     assert measure.column == column and row[column] == found[column]
     draw_learning_curve(tmp_path / "c.png", rows, content["scores"], "", column=column)
+
+
+@pytest.mark.parametrize(
+    "task, agent, opponents, beside",
+    [
+        ({"num_chasers": 2}, "chaser_0", {}, " + AStarChaser(epsilon=0.2)"),
+        ({"num_chasers": 3}, "chaser", {}, " + 2 × AStarChaser(epsilon=0.2)"),
+        (
+            {"num_chasers": 3}, "chaser_1", {"chaser_0": RandomAgent()},
+            " + RandomAgent(epsilon=1) + AStarChaser(epsilon=0.2)",
+        ),
+        ({"num_evaders": 2}, "evader_0", {}, " + AStarEvader(epsilon=0.2)"),
+        ({"num_evaders": 2}, "chaser_0", {}, ""),
+        ({}, "chaser", {}, ""),
+    ],
+)  # fmt: skip
+def test_teammates_stand_in_every_row_and_in_the_results(
+    task: dict[str, int], agent: str, opponents: dict[str, Policy], beside: str
+) -> None:
+    others = {"chaser": AStarChaser(0.2), "evader": AStarEvader(0.2), **opponents}
+    contest = GameContest(make_task("chase", maze="3x3", **task), agent, others, 4)
+    learned = contest.score("learned", RandomAgent())
+    table = score_table([*contest.baselines(), learned], None, contest.measure, contest.beside)
+    rows = [next(iter(cells)) for cells in table.cells()]
+    assert rows[-1] == f"learned{beside}" and all(row.endswith(beside) for row in rows)
+    assert ("teammates" in contest.describe()) == bool(beside)
+
+
+def test_the_evaluation_of_one_side_names_its_teammates(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pair, out = tmp_path / "pair", tmp_path / "out.json"
+    small = ["--num-games", "16", "--rollout-steps", "4", "--minibatch-size", "16", "--width", "8"]
+    game = ["--maze", "3x3", "--num-chasers", "2", "--max-steps", "9", "--frames", "100"]
+    main(["self-play", *game, *small, "--episodes", "4", "--no-report", "--out", str(pair)])
+    capsys.readouterr()
+    main(["evaluate", str(pair / "chaser"), "--episodes", "4", "--out", str(out)])
+    said = capsys.readouterr().out.splitlines()
+    assert [line for line in said if line.startswith("learned + AStarChaser(epsilon=0.2)  ")]
+    assert json.loads(out.read_text())["teammates"] == {"chaser_1": "AStarChaser(epsilon=0.2)"}

@@ -80,6 +80,23 @@ def test_what_cannot_be_exported_is_refused(
     assert not list(tmp_path.glob(".*"))
 
 
+@pytest.mark.parametrize(
+    "changed, option",
+    [({"frame_stack": 2}, "--frame-stack"), ({"recurrent": "gru"}, "--recurrent")],
+)
+def test_a_policy_with_memory_is_refused_by_its_option(
+    changed: dict[str, Any], option: str, tmp_path: Path
+) -> None:
+    small = {"num_games": 8, "rollout_steps": 4, "minibatch_size": 16, "width": 8, "frames": 32}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        run = start("single", train.settings_of(maze="3x3", **small, **changed), tmp_path)
+    with pytest.raises(ValueError) as refused:
+        train.export_policy(run.trainee.policy, tmp_path / "policy.pt2")
+    told = str(refused.value)
+    assert [name for name in ("--frame-stack", "--recurrent") if name in told] == [option]
+
+
 def test_a_minari_dataset_holds_the_episodes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

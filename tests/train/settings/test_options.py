@@ -90,10 +90,35 @@ def test_options_without_effect_are_one_line(
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize(
+    "command, said",
+    [
+        (["self-play", "--episode-steps", "100000000000"], "give at most 200"),
+        (["self-play", "--max-steps", "9", "--episode-steps", "10"], "give at most 9"),
+        (["train", "--curriculum", "learning-progress", "--num-stages", "100000000000"], "to 1000"),
+        (
+            ["train", "--task", "maze", "--maze", "suite:5x5-train/0-9", "--num-goals", "1",
+             "--observation", "planes", "--curriculum", "maze-replay", "--num-scored", "11"],
+            "give at most 10",
+        ),
+    ],
+    ids=lambda value: value[-2] if isinstance(value, list) else "",
+)  # fmt: skip
+def test_numbers_above_their_limit_are_refused(
+    command: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main([*command, "--out", str(tmp_path / "run")])
+    told = capsys.readouterr().err
+    assert ended.value.code == 2 and said in told and told.count("\n") == 1, told
+    assert not (tmp_path / "run").exists()
+
+
 def test_settings_with_an_effect_or_at_their_defaults_are_taken() -> None:
     for settings in (
         make_settings(sampling="window", window=3, pool_size=9),
         make_settings(sampling="pfsp", pfsp_power=1.0),
+        make_settings(episode_steps=200),
         make_settings(chaser=side_by("dqn", gamma=0.9), evader="astar"),
         settings_of(task="race", maze="3x3", opponent_epsilon=0.7, frames=64),
         settings_of(rewards="step=-1,chaser.capture=3", maze="3x3", frames=64),

@@ -106,6 +106,20 @@ def test_names_and_files_are_read_with_the_same_messages(given: dict[str, Any], 
     assert told.startswith("a/config.json: ") and said in told and told.endswith("from a copy")
 
 
+@pytest.mark.parametrize("value", [set(), [], {"a": 1}, None, 3, b"ppo", "x" * 4000])
+@pytest.mark.parametrize("name", ["chaser", "algorithm", "curriculum", "opponent", "evader"])
+def test_names_of_any_type_and_length_are_refused_in_one_short_line(name: str, value: Any) -> None:
+    with pytest.raises(ValueError) as caught:
+        if name == "chaser":
+            self_play_settings_of(frames=100, chaser={"algorithm": value})
+        elif name == "evader":
+            self_play_settings_of(frames=100, evader=[value] if value is None else value)
+        else:
+            settings_of(frames=100, maze="3x3", **{name: {3} if value is None else value})
+    told = str(caught.value)
+    assert "\n" not in told and len(told) < 500
+
+
 def test_a_budget_for_few_iterations_is_warned_of() -> None:
     given: dict[str, Any] = {"task": "maze", "maze": "3x3", "num_games": 8, "rollout_steps": 4}
     given["minibatch_size"] = 32

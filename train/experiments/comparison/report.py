@@ -22,7 +22,7 @@ from train.experiments.statistics import (
     permutation_p,
 )
 from train.files import write_csv
-from train.reports.curves import Level, Panel, Series, draw_panels
+from train.reports.curves import SINGLE_RUNS, Level, Panel, Series, draw_panels
 from train.reports.figures import PALETTE, time_scale
 from train.reports.pages import write_markdown
 from train.reports.tables import Row, in_markdown, plain_table
@@ -105,7 +105,8 @@ def draw(plan: Comparison, outcome: Outcome, path: Path) -> None:
             label = "" if panels else f"gap to the optimum (%, log), {way}"
             panels.append(Panel(series, label, on.name if way == WAYS[0] else "", "log", levels))
         grid.append(panels)
-    draw_panels(path, grid, "seconds", beside=True, log=True)
+    note = f"{SINGLE_RUNS.format('median')}. Dotted: the gaps to be reached"
+    draw_panels(path, grid, "seconds", beside=True, log=True, note=note)
 
 
 # -- rows ------------------------------------------------------------------------------------------

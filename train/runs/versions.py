@@ -1,0 +1,31 @@
+"""The software and the machine of a run, for `results.json`."""
+
+from __future__ import annotations
+
+import os
+import platform
+from typing import Any
+
+import torch
+
+import pursuit
+from train.machine import commit, processor
+
+
+def versions() -> dict[str, Any]:
+    """The versions of the software."""
+    return {
+        "pursuit": pursuit.__version__,
+        "torch": torch.__version__,
+        "python": platform.python_version(),
+        "commit": commit(),
+    }
+
+
+def machine() -> dict[str, Any]:
+    """The machine and its threads."""
+    return {
+        "processor": processor(),
+        "cores": os.cpu_count(),
+        "threads": torch.get_num_threads(),
+    }
