@@ -52,6 +52,11 @@ def is_ours(module: str) -> bool:
     return top == "pursuit" or (top in NAMES and hidden_by(top) is None)
 
 
+def second_name(module: str) -> str:
+    """The name of a module that no other module hides: with "pursuit." in front if it is ours."""
+    return f"pursuit.{module}" if module.partition(".")[0] in NAMES else module
+
+
 def _search(top: str) -> ModuleSpec | None:
     """What Python would import as `top` without this module."""
     others = [each for each in sys.meta_path if getattr(each, "__module__", "") != __name__]
