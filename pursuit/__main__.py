@@ -2,7 +2,11 @@
 
 from pursuit.plugins import from_train
 
-main = from_train("train.commands.main:main")
+
+def main() -> None:
+    """Run the command with the arguments of this process."""
+    from_train("train.commands.main:main")()
+
 
 if __name__ == "__main__":
     main()

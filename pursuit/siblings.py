@@ -52,6 +52,11 @@ def is_ours(module: str) -> bool:
     return top == "pursuit" or (top in NAMES and hidden_by(top) is None)
 
 
+def second_name(module: str) -> str:
+    """The name of a module that no other module hides: with "pursuit." in front if it is ours."""
+    return f"pursuit.{module}" if module.partition(".")[0] in NAMES else module
+
+
 def _search(top: str) -> ModuleSpec | None:
     """What Python would import as `top` without this module."""
     others = [each for each in sys.meta_path if getattr(each, "__module__", "") != __name__]
@@ -104,12 +109,13 @@ def check_hidden(name: str, path: Sequence[str] | None = None) -> None:
     hidden = hidden_by(top) if top in NAMES and below else None
     if hidden is None:
         return
+    looked_for = name
     if path is None:
-        file, name = Path(hidden), ".".join(name.split(".")[:2])
+        file, looked_for = Path(hidden), ".".join(name.split(".")[:2])
         path = [hidden] if file.is_dir() else [str(file.parent)] * (file.name == "__init__.py")
-    ours = ROOT.joinpath(*name.split("."))
+    ours = ROOT.joinpath(*looked_for.split("."))
     exists = ours.is_dir() or ours.with_suffix(".py").is_file()
-    if exists and PathFinder.find_spec(name, path) is None:
+    if exists and PathFinder.find_spec(looked_for, path) is None:
         raise ModuleNotFoundError(
             f"no module {name!r}: {top!r} is {hidden}, which hides the package of Pursuit; import "
             f"pursuit.{name}, or rename yours",
@@ -123,9 +129,15 @@ class SecondName(Loader):
     def __init__(self, other: str) -> None:
         self.other = other
 
+    def create_module(self, spec: ModuleSpec) -> ModuleType:
+        """The module itself, loaded by now."""
+        module = import_module(self.other)
+        self.spec = module.__spec__
+        return module
+
     def exec_module(self, module: ModuleType) -> None:
-        """Put the other module in the place of `module`, as Python allows."""
-        sys.modules[module.__name__] = import_module(self.other)
+        """Give the module, which has been executed, its own spec back."""
+        module.__spec__ = self.spec
 
 
 class OwnLoader(SourceFileLoader):

@@ -15,10 +15,12 @@ a ValueError with the value and the allowed range. `whole`, `number`, `check_boo
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import field, fields
 from difflib import get_close_matches
 from math import inf, isfinite
+from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
 import numpy as np
@@ -146,6 +148,21 @@ def shown(value: Any) -> str:
     text = repr(value)
     text = " ".join(text.split()) if "\n" in text else text  # arrays have several lines
     return text if len(text) <= MOST_SHOWN else f"{text[:MOST_SHOWN]}..."
+
+
+def as_path(name: str, value: Any) -> Path:
+    """`value` as a path, if a file may have it; ValueError otherwise."""
+    try:
+        path = Path(value)
+        path.lstat()
+    except (TypeError, ValueError):  # another type, or a null character
+        raise ValueError(f"{name}={value!r}; give a path") from None
+    except OSError as error:
+        if error.errno == errno.ENAMETOOLONG:
+            raise ValueError(
+                f"{name}={str(value)[:60]!r}...; a name of a file is shorter"
+            ) from None
+    return path
 
 
 def whole_numbers(name: str, value: Any, least: int, most: int) -> NDArray[Any]:

@@ -241,3 +241,19 @@ envs = gymnasium.make_vec("pursuit:pursuit/Maze-v0", num_envs=2, maze="3x3", num
 print(type(envs).__name__, envs.reset(seed=1)[0].shape)
 """
     assert run(code) == "(27,)\nSingleAgentVectorEnv (2, 27)\n"
+
+
+@pytest.mark.parametrize("version", ["0.29.1", "1.0.0a2", "1.1.1"])
+def test_an_old_gymnasium_is_refused_when_pursuit_is_imported(version: str) -> None:
+    code = f"""
+import gymnasium
+gymnasium.__version__ = "{version}"
+try:
+    import pursuit
+except ImportError as error:
+    print(error)
+"""
+    said = run(code)
+    assert said.startswith(f"gymnasium {version} is installed; Pursuit needs gymnasium>=1.2,<2.")
+    assert said.endswith("pip install 'gymnasium>=1.2,<2'\n")
+    assert '"gymnasium>=1.2,<2"' in (ROOT / "pyproject.toml").read_text()

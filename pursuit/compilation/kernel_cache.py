@@ -1,6 +1,6 @@
 """The on-disk cache of compiled kernels.
 
-It extends Numba's cache of a kernel (`FunctionCache`) in three points that Numba's settings do not
+It extends Numba's cache of a kernel (`FunctionCache`) in four points that Numba's settings do not
 cover:
 
 - Numba checks only the file of the kernel for changes. Here the stamp of an entry covers that file
@@ -11,6 +11,7 @@ cover:
   (Windows has no `flock`; there kernels compiled simultaneously may be compiled again.)
 - With Numba a full disk ends the program, and damaged machine code may. Here such kernels are
   compiled and kept in memory, with one warning if the folder is not writable.
+- The files name modules and classes, which are found by names that no module of a user hides.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from __future__ import annotations
 import ast
 import contextlib
 import hashlib
+import io
 import os
 import pickle
 import warnings
@@ -26,7 +28,10 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from numba.core.caching import CompileResultCacheImpl, FunctionCache
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
+from numba.core.environment import _rebuild_env
+
+from pursuit.siblings import second_name
 
 with contextlib.suppress(ImportError):
     import fcntl
@@ -79,6 +84,35 @@ def _imports(path: Path) -> set[Path]:
     return files
 
 
+class OwnUnpickler(pickle.Unpickler):
+    """Reads pickles of the cache; modules of this project have their second names."""
+
+    def find_class(self, module: str, name: str) -> Any:
+        """The object `name` of a module."""
+        found = super().find_class(second_name(module), name)
+        return rebuild_environment if found is _rebuild_env else found
+
+
+def rebuild_environment(module: str, constants: Any, name: str) -> Any:
+    """Numba's function that makes the environment of a function in a module."""
+    return _rebuild_env(second_name(module), constants, name)
+
+
+class CheckedFile(IndexDataCacheFile):
+    """Numba's files of a kernel, read by `OwnUnpickler`."""
+
+    def _load_index(self) -> dict[Any, str]:
+        try:
+            content = Path(self._index_path).read_bytes()
+        except FileNotFoundError:
+            return {}
+        stream = io.BytesIO(content)
+        if pickle.load(stream) != self._version:
+            return {}
+        stamp, overloads = OwnUnpickler(stream).load()
+        return overloads if stamp == self._source_stamp else {}
+
+
 class CheckedImpl(CompileResultCacheImpl):
     """Numba's file format of machine code, with a checksum, as damaged code can end the process."""
 
@@ -92,7 +126,10 @@ class CheckedImpl(CompileResultCacheImpl):
         digest, content = reduced_data
         if hashlib.sha256(content).digest() != digest:
             raise ValueError("damaged machine code")
-        return super().rebuild(target_context, pickle.loads(content))
+        parts = OwnUnpickler(io.BytesIO(content)).load()
+        function = parts[1]
+        function.modname = second_name(function.modname)
+        return super().rebuild(target_context, parts)
 
 
 class KernelCache(FunctionCache):
@@ -102,7 +139,8 @@ class KernelCache(FunctionCache):
 
     def __init__(self, function: Any) -> None:
         super().__init__(function)
-        self._cache_file._source_stamp = source_stamp(function.__code__.co_filename)
+        stamp = source_stamp(function.__code__.co_filename)
+        self._cache_file = CheckedFile(self._cache_path, self._impl.filename_base, stamp)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The compiled code for the argument types `sig`, or None."""

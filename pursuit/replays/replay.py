@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from pursuit.files import write_atomically
 from pursuit.replays.adapters import ADAPTERS, Adapter, State, adapter_for, has_reward_function
 from pursuit.replays.viewer.data import replay_page
-from pursuit.validation import one_of
+from pursuit.validation import as_path, one_of
 from pursuit.version import __version__
 
 FORM = 1
@@ -188,7 +188,7 @@ class Replay:
             ValueError: not a replay, or a damaged file; the message names the file.
             OSError: the file cannot be read.
         """
-        path = Path(path)
+        path = as_path("path", path)
         if path.stat().st_size > MOST_BYTES:
             raise ValueError(f"{path}: a replay has at most {MOST_BYTES // 2**20} MiB")
         try:

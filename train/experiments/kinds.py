@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from pursuit.validation import one_of
+from pursuit.validation import as_path, one_of
 from train.files import hold, remove_leftovers
 from train.runs.folder import (
     CHECKPOINT,
@@ -40,6 +40,8 @@ from train.self_play.parts import (
 )
 from train.self_play.trainee import make_self_play
 from train.settings.checks import check
+from train.settings.run import TrainSettings
+from train.settings.self_play import SelfPlaySettings
 from train.teaching.mazes import as_text, names_in
 
 
@@ -48,6 +50,7 @@ class Kind:
     """One kind of run.
 
     Attributes:
+        settings: their class.
         settings_of: makes and validates settings from values by command line name.
         from_plain: makes settings from `config.json`.
         check: raises ValueError for settings that cannot run.
@@ -56,6 +59,7 @@ class Kind:
         pictures: the files that this command draws from the results.
     """
 
+    settings: type[Any]
     settings_of: Callable[..., Any]
     from_plain: Callable[[dict[str, Any], str], Any]
     check: Callable[[Any], object]
@@ -66,6 +70,7 @@ class Kind:
 
 KINDS = {
     RUN: Kind(
+        TrainSettings,
         settings_of,
         from_plain,
         parts_of,
@@ -74,6 +79,7 @@ KINDS = {
         (CURVE, REPLAY, REPORT),
     ),
     SELF_PLAY: Kind(
+        SelfPlaySettings,
         self_play_settings_of,
         self_play_from_plain,
         self_play_parts,
@@ -101,7 +107,9 @@ def start(kind: str, settings: Any, path: Path | str, final: Final | None = None
             is made), or the folder is not empty or used by another process.
     """
     one_of("kind of run", kind, list(KINDS))
-    path = Path(path)
+    form = KINDS[kind].settings
+    check(isinstance(settings, form), f"settings={settings!r:.60}; give {form.__name__}")
+    path = as_path("path", path)
     check_new(path)
     check_device(settings.device)
     KINDS[kind].check(settings)
@@ -155,7 +163,7 @@ def open_run(folder: Path | str) -> Run:
     Raises:
         ValueError: there is no run, it is damaged, or it is used by another process.
     """
-    folder = Path(folder)
+    folder = as_path("folder", folder)
     kind, settings = read_settings(folder)
     check_sources(folder / CONFIG, settings, resuming=True)
     lock = hold(folder, "run", shared=True)

@@ -10,6 +10,7 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
+from pursuit.validation import as_path
 from train.files import write_atomically
 from train.networks.layers import float32_inference
 from train.networks.policy import NetworkPolicy
@@ -46,7 +47,7 @@ def export_policy(policy: Any, path: Path | str) -> Path:
         ValueError: another suffix or policy; a network that cannot be exported.
         ImportError: `.onnx` without the packages of `pip install '.[export]'`.
     """
-    path = Path(path)
+    path = as_path("path", path)
     check(path.suffix in SUFFIXES, f"{path}: give a file that ends in .onnx or .pt2")
     if isinstance(policy, RecurrentPolicy):
         stacked = policy.seat.frame_stack

@@ -8,7 +8,7 @@ from typing import Any
 
 from pursuit.simulator.policy import Policy
 from pursuit.tasks.task import Task
-from pursuit.validation import check_bool, shortened
+from pursuit.validation import as_path, check_bool, shortened
 from scripted_agents.environments import (
     AGENTS,
     chosen_policies,
@@ -43,7 +43,7 @@ def load_policy(folder: Path | str, greedy: bool = True) -> Any:
         ValueError: no run, a damaged one, one without a distribution if `greedy` is False; or
             `greedy` is not a bool.
     """
-    folder, greedy = Path(folder), check_bool("greedy", greedy)
+    folder, greedy = as_path("folder", folder), check_bool("greedy", greedy)
     settings, state = load_settings(folder), load_checkpoint(folder)
     algorithm = entry(settings.algorithm)
     check(

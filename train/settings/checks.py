@@ -14,7 +14,7 @@ from functools import cache
 from math import inf
 from typing import Annotated, Any, get_type_hints
 
-from pursuit.validation import unknown
+from pursuit.validation import is_int, unknown
 
 
 def check(condition: bool, message: str) -> None:
@@ -146,6 +146,7 @@ def threads_from(least: int) -> Rule:
 
 def check_seed(seed: int) -> None:
     """ValueError for a seed that training may not use."""
+    check(is_int(seed), f"seed={seed!r}; give a whole number")
     SEED.keep("seed", seed)
 
 

@@ -15,6 +15,7 @@ from numba.core.dispatcher import Dispatcher
 
 import pursuit
 import scripted_agents
+from pursuit import siblings
 from pursuit.compilation import compiled, kernel_cache
 
 KERNEL = """
@@ -59,6 +60,7 @@ def package(tmp_path: Path) -> Path:
     (package / "compilation" / "__init__.py").touch()
     for module in (compiled, kernel_cache):
         shutil.copy(str(module.__file__), package / "compilation")
+    shutil.copy(siblings.__file__, package)
     (package / "kernel.py").write_text(KERNEL)
     (package / "rules").mkdir()
     (package / "rules" / "__init__.py").touch()
