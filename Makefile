@@ -13,8 +13,10 @@ train: $(TRAINS)
 test: $(SETUP)
 	$(BIN)/python -m pytest -n 2 --dist loadfile
 
+# New random examples each time; PROFILE=steady repeats the examples of `make test`.
+PROFILE ?= random
 test-all: $(SETUP)
-	$(BIN)/python -m pytest -n 2 --dist loadfile -m "slow or not slow" --hypothesis-profile=random
+	$(BIN)/python -m pytest -n 2 --dist loadfile -m "slow or not slow" --hypothesis-profile=$(PROFILE)
 
 lint: $(SETUP)
 	$(BIN)/ruff check .

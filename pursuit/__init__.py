@@ -4,16 +4,33 @@ Importing this package registers the Gymnasium ids `pursuit/Chaser-v0`, `pursuit
 `pursuit/Maze-v0`, `pursuit/Race-v0`, `pursuit/HeistChaser-v0`, `pursuit/HeistEvader-v0` and
 `pursuit/Reacher-v0`, and the PettingZoo ids `pursuit/chase-v0`, `pursuit/maze-v0`,
 `pursuit/race-v0`, `pursuit/heist-v0` and `pursuit/reacher-v0`, both "parallel" and "aec". The names
-in `__init__.pyi` are imported on first use, which keeps `import pursuit` fast.
+in `__init__.pyi` are imported on first use, which keeps `import pursuit` fast. They include what
+users need of `scripted_agents` and `train` for policies, runs and evaluation.
 """
+
+import ast
+from pathlib import Path
 
 import gymnasium
 import lazy_loader
 import pettingzoo
 
+from pursuit import siblings
 from pursuit.version import __version__ as __version__
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+if tuple(int(number) for number in gymnasium.__version__.split(".")[:2]) < (1, 2):
+    raise ImportError(
+        f"gymnasium {gymnasium.__version__} is installed; Pursuit needs gymnasium>=1.2,<2. Run "
+        "pip install 'gymnasium>=1.2,<2'"
+    )
+
+siblings.install()
+_names: dict[str, list[str]] = {}
+"""The names of the stub by their modules within this package (see `siblings`)."""
+for _import in ast.parse(Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8")).body:
+    if isinstance(_import, ast.ImportFrom):
+        _names.setdefault(_import.module or "", []).extend(each.name for each in _import.names)
+__getattr__, __dir__, __all__ = lazy_loader.attach(__name__, _names.pop(""), _names)
 
 # The default opponents are in `scripted_agents`, which imports this package. The entry points are
 # strings to avoid a circular import.
@@ -27,8 +44,8 @@ for _id, _task, _agent in (
 ):
     gymnasium.register(
         id=f"pursuit/{_id}-v0",
-        entry_point="scripted_agents.environments:make_env",
-        vector_entry_point="scripted_agents.environments:make_vector_env",
+        entry_point="pursuit.scripted_agents.environments:make_env",
+        vector_entry_point="pursuit.scripted_agents.environments:make_vector_env",
         kwargs={"task": _task, "agent": _agent},
     )
 gymnasium.register(

@@ -22,13 +22,13 @@ from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any, Generic, TypeVar
 
+from pursuit import siblings
 from pursuit.validation import did_you_mean, unknown
 
 Part = TypeVar("Part")
 
 ALLOW, LOOK_IN = "PURSUIT_ALLOW", "PURSUIT_LOOK_IN"
 """Environment variables: the modules that files may name (comma-separated), and their folders."""
-OURS = ("pursuit", "scripted_agents", "curricula", "train")
 
 _NAME = r"[^\W\d]\w*"
 _REFERENCE = re.compile(rf"({_NAME}(?:\.{_NAME})*):({_NAME})")
@@ -119,7 +119,7 @@ def from_train(name: str) -> Any:
         ImportError: a dependency of `train` is not installed.
     """
     try:
-        return resolve_name(name)
+        return resolve_name(f"pursuit.{name}")
     except ModuleNotFoundError as error:
         raise ImportError(
             f"{name} needs {error.name}, which is not installed; install Pursuit with the "
@@ -294,7 +294,7 @@ class Registry(Generic[Part]):
         if name in self._ours:
             return None
         module = self._origins.get(name) or module_of(installed(self.group).get(name, ""))
-        return None if not module or module.partition(".")[0] in OURS else module
+        return None if not module or siblings.is_ours(module) else module
 
     def unknown(self, name: object) -> str:
         """The error message for an unknown name."""
@@ -315,9 +315,11 @@ class Registry(Generic[Part]):
     def _import(self, name: str, reference: str) -> Any:
         """Import the object of a reference; ValueError (one line) if that fails."""
         module_name, _, attribute = reference.partition(":")
+        top = module_name.partition(".")[0]
         missing = [folder for folder in _search_path() if folder not in sys.path]
         sys.path.extend(missing)  # at the end, and only for custom modules
         try:
+            siblings.check_hidden(module_name)
             module = import_module(module_name)
         except (Exception, SystemExit) as error:  # the module may raise anything
             reason = " ".join(f"{type(error).__name__}: {error}".split())
@@ -330,5 +332,6 @@ class Registry(Generic[Part]):
             raise ValueError(
                 f"{self.kind} {name!r}: module {module_name} has no {attribute!r}"
                 + did_you_mean(attribute, public)
+                + (f"; it is {module.__file__}" if top in siblings.NAMES else "")
             )
         return getattr(module, attribute)

@@ -35,7 +35,7 @@ DEFAULTS: dict[str, type[Scripted]] = {
 """The default scripted agent of each role."""
 
 
-SCRIPTED = ("astar", "random", "optimal")
+SCRIPTED = ("astar", "random", "equilibrium")
 """The names on the command line of scripted agents with a full view, which play all roles."""
 
 SEARCHERS: dict[str, dict[str, Callable[..., Policy]]] = {
@@ -58,6 +58,11 @@ POLICIES: Registry[Callable[[Task, str], Policy]] = Registry(
 """User-defined policies. The attribute `roles` of a class restricts it to these roles."""
 
 
+def agent_name(name: str) -> str:
+    """The present name of a scripted agent; any other name as it is."""
+    return "equilibrium" if name == "optimal" else name
+
+
 def is_custom_policy(name: str) -> bool:
     """Whether a name is that of a user-defined policy."""
     return is_reference(name) or (name not in AGENTS and name in POLICIES.names())
@@ -71,6 +76,7 @@ def custom_roles(name: str, task: Task) -> tuple[str, ...]:
 
 def roles_of_agent(name: str, task: Task) -> tuple[str, ...]:
     """The roles of a task that a scripted agent or a user-defined policy plays."""
+    name = agent_name(name)
     if name not in AGENTS:
         return custom_roles(name, task)
     plays = SEARCHERS.get(name, DEFAULTS)
@@ -101,12 +107,14 @@ def scripted_policy(
 ) -> Policy:
     """A scripted agent by name, one of AGENTS.
 
-    An astar runner goes to the nearest goal. Optimal chasers and evaders play the equilibrium of
-    the duel, optimal runners a shortest tour. Agents of SEARCHERS have the view limits of the task.
+    An astar runner goes to the nearest goal. For "equilibrium" ("optimal" is its former name),
+    chasers and evaders play that of the duel, runners a shortest tour. Agents of SEARCHERS have the
+    view limits of the task.
 
     Raises:
         ValueError: an unknown name, a role that it does not play, or epsilon outside [0, 1].
     """
+    name = agent_name(name)
     if name not in AGENTS:
         raise ValueError(unknown("agent", name, AGENTS))
     one_of("role", role, ROLES)
@@ -136,7 +144,7 @@ def check_plays(name: str, role: str) -> None:
 def check_agent(name: str, task: Task, role: str) -> None:
     """ValueError, with the reason, unless a scripted agent plays a role of a task."""
     check_plays(name, role)
-    if name == "optimal":
+    if agent_name(name) == "equilibrium":
         check_optimal(task, role)
     if name == "belief":
         check_duel(task, "belief")
@@ -144,7 +152,7 @@ def check_agent(name: str, task: Task, role: str) -> None:
 
 def is_agent(name: str) -> bool:
     """Whether a name is that of a scripted agent or of a user-defined policy."""
-    return name in AGENTS or is_custom_policy(name)
+    return agent_name(name) in AGENTS or is_custom_policy(name)
 
 
 def named_policy(
@@ -155,6 +163,7 @@ def named_policy(
     Raises:
         ValueError: an unknown name, or a policy that does not play this role of this task.
     """
+    name = agent_name(name)
     if name not in AGENTS:
         return custom_policy(name, task, role)
     check_agent(name, task, role)
@@ -223,7 +232,7 @@ def single_agent_arguments(
         maze: as in `pursuit.Task`.
         opponent_epsilon: probability of random moves of the scripted opponents.
         opponent: the policy of all other roles (in a race, of the other runners): a `Policy`, a
-            name ("astar", "random", "optimal", "searching", "sweeping" or "belief"),
+            name ("astar", "random", "equilibrium", "searching", "sweeping" or "belief"),
             "package.module:Name" of a user-defined policy, or the folder of a run. None for A*
             (runners: nearest goal). Teammates play A*, unless the run is one of their role.
         **settings: those of `pursuit.Task`.

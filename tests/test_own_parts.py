@@ -451,7 +451,8 @@ def test_opponents_are_drawn_by_a_rule_of_ones_own(tmp_path: Path) -> None:
     assert len(pool.members) >= 3 and found.tolist() == [0.5, 0.5] + [0.0] * (len(found) - 2)
     run.lock.release()
     pool.members = pool.members[:1]
-    for value in ([-1.0], [float("nan")], [0.0], [0.5, 0.5], None, {"latest": 1.0}, ["all"]):
+    wrong = [-1.0], [float("nan")], [0.0], [0.5, 0.5], None, {"latest": 1.0}, ["all"], ["1.0"]
+    for value in (*wrong, "1", [1 + 0j], np.array([1 + 1j]), np.array(["1"]), np.array([b"1"])):
         sys.modules["my_parts"].RETURNED[0] = value
         told = f"sampling 'my_parts:wrong' returned {value!r} for 1 members of the pool; return one"
         with pytest.raises(ValueError, match=re.escape(told)):

@@ -7,6 +7,8 @@ import os
 
 import lazy_loader
 
+import pursuit  # noqa: F401 - first, as it finds our packages where others have their names
+
 # Set before torch is loaded. Waiting threads sleep rather than spin: on an idle machine that costs
 # a few per cent, but spinning made training ten times slower while another process was busy.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")

@@ -19,7 +19,8 @@ from numba.core import event
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 
-from pursuit.compilation.kernel_cache import PACKAGES, KernelCache
+from pursuit.compilation.kernel_cache import KernelCache
+from pursuit.siblings import is_ours
 
 ANY_ORDER = {"reassoc", "contract"}
 """Fast-math flags of LLVM: reorder floating-point sums, and fuse them with products."""
@@ -145,8 +146,7 @@ class Announcer(event.Listener):
         if self.depth == 1:
             self.collects = gc.isenabled()
             gc.disable()
-        package = event.data["dispatcher"].py_func.__module__.split(".")[0]
-        if not self.announced and package in PACKAGES:
+        if not self.announced and is_ours(event.data["dispatcher"].py_func.__module__):
             self.announced = True
             print(
                 "pursuit: compiling kernels (once per machine and kind of game), some seconds ...",

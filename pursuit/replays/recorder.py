@@ -22,8 +22,9 @@ class Recorder:
 
     It wraps the methods of the simulator inside the environment. It accepts environments of
     PettingZoo (parallel or turn-based), Gymnasium (single or vectorised, with wrappers),
-    Stable-Baselines3 and TorchRL, and simulators. Use the environment as before, or the recorder in
-    its place, which forwards all other attributes (apply wrappers before the recorder).
+    Stable-Baselines3 and TorchRL, a `SmallGameEnv` of a task, and simulators. Use the environment
+    as before, or the recorder in its place, which forwards all other attributes (apply wrappers
+    before the recorder).
 
     An episode is stored when it ends, with the actions of all agents. An unfinished episode is
     stored at the next reset: one cut off by the time limit of a wrapper, or one that continued
@@ -189,8 +190,9 @@ def simulator_of(env: Any) -> Any:
         if own is not None:
             return own
     raise ValueError(
-        f"env={env!r}; give an environment of pursuit, or a Simulator; this one contains none or "
-        "several (record the environments of a batch one by one)"
+        f"env={env!r}; give an environment of pursuit (a SmallGameEnv only of game_of_task), or a "
+        "Simulator; this one contains none or several (record the environments of a batch one by "
+        "one)"
     )
 
 

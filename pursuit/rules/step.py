@@ -217,27 +217,27 @@ def add_step_rewards(
     outcome: Outcome,
 ) -> None:
     """Write the step reward of every agent; 0 for captured evaders."""
-    teams = rules.teams
+    teams, real = rules.teams, outcome.rewards.dtype.type  # float32; float64 in exact solvers
     for chaser in chasers_of(teams):
-        earned = np.float32(rules.chaser.step)
+        earned = real(rules.chaser.step)
         if rules.chaser.distance != 0.0:
             away = nearest_evader(games, game, chaser, teams, world, first_cell, plan)
-            earned = np.float32(rules.chaser.step + rules.chaser.distance * away)
+            earned = real(rules.chaser.step + rules.chaser.distance * away)
         games.event[game, chaser] = 0
         outcome.rewards[game, chaser] = earned
     for evader in evaders_of(teams):
-        earned = np.float32(rules.evader.step)
+        earned = real(rules.evader.step)
         if rules.evader.distance != 0.0:
             away = nearest_chaser(evader, teams, world, first_cell, plan)
-            earned = np.float32(rules.evader.step + rules.evader.distance * away)
+            earned = real(rules.evader.step + rules.evader.distance * away)
         games.event[game, evader] = 0
         free = is_free(games, game, evader) != 0
-        outcome.rewards[game, evader] = earned if free else np.float32(0.0)
+        outcome.rewards[game, evader] = earned if free else real(0.0)
     for runner in runners_of(teams):
-        earned = np.float32(rules.runner.step)
+        earned = real(rules.runner.step)
         if rules.runner.distance != 0.0:
             away = nearest_goal(games, game, runner, teams, world, first_cell, plan)
-            earned = np.float32(rules.runner.step + rules.runner.distance * away)
+            earned = real(rules.runner.step + rules.runner.distance * away)
         games.event[game, runner] = 0
         outcome.rewards[game, runner] = earned
 
@@ -260,12 +260,14 @@ def add_event_rewards(
     if collected > 0:
         for evader in evaders_of(teams):
             if games.active[game, evader] != 0 and plan.captors[evader] == 0:
-                event, earned = goals_taken_by(games, game, evader, teams, rules.evader, plan)
+                event, earned = goals_taken_by(
+                    games, game, evader, teams, rules.evader, plan, outcome
+                )
                 games.event[game, evader] = event
                 if not pays_step(rules.evader, event, end):
                     outcome.rewards[game, evader] = earned
         for runner in runners_of(teams):
-            event, earned = goals_taken_by(games, game, runner, teams, rules.runner, plan)
+            event, earned = goals_taken_by(games, game, runner, teams, rules.runner, plan, outcome)
             games.event[game, runner] = event
             if not pays_step(rules.runner, event, end):
                 outcome.rewards[game, runner] = earned
@@ -288,18 +290,18 @@ def add_capture_rewards(
     end: int,
 ) -> None:
     """Write the events and rewards of captures; captors of one evader share its reward equally."""
-    applies = not pays_step(rules.chaser, CAPTURED, end)
+    applies, real = not pays_step(rules.chaser, CAPTURED, end), outcome.rewards.dtype.type
     for i in range(num_captured):
         evader = plan.captured[i]
         share = rules.chaser.capture / plan.captors[evader]
         for chaser in chasers_of(rules.teams):
             met = meet(games, game, chaser, evader, rules, plan)
             event, earned = games.event[game, chaser], outcome.rewards[game, chaser]
-            more = np.float32(share + (earned if event != 0 else np.float32(0.0)))
+            more = real(share + (earned if event != 0 else real(0.0)))
             games.event[game, chaser] = event | (CAPTURED * met)
             outcome.rewards[game, chaser] = more if met & applies else earned
         games.event[game, evader] = WAS_CAPTURED
-        outcome.rewards[game, evader] = np.float32(rules.evader.capture)
+        outcome.rewards[game, evader] = real(rules.evader.capture)
 
 
 @inlined
@@ -307,15 +309,16 @@ def add_per_evader_rewards(
     games: Games, game: int, rules: Rules, plan: StepScratch, outcome: Outcome
 ) -> None:
     """Write the reward of every chaser as a sum over the evaders free before the step."""
-    teams, rewards, total = rules.teams, rules.chaser, np.float32(0.0)
+    teams, rewards, real = rules.teams, rules.chaser, outcome.rewards.dtype.type
+    total = real(0.0)
     for evader in evaders_of(teams):
         if is_free(games, game, evader) != 0:
             if plan.captors[evader] > 0:
-                earned = np.float32(rewards.capture)
+                earned = real(rewards.capture)
             else:
-                event, earned = goals_taken_by(games, game, evader, teams, rewards, plan)
-                earned = earned if event != 0 else np.float32(rewards.step)
-            total = np.float32(total + earned)
+                event, earned = goals_taken_by(games, game, evader, teams, rewards, plan, outcome)
+                earned = earned if event != 0 else real(rewards.step)
+            total = real(total + earned)
     for chaser in chasers_of(teams):
         outcome.rewards[game, chaser] = total
 
@@ -328,13 +331,15 @@ def goals_taken_by(
     teams: Teams,
     rewards: RewardCoefficients,
     plan: StepScratch,
+    outcome: Outcome,
 ) -> tuple[int, float]:
     """The event and reward of a collector; agents on one goal share its reward equally."""
-    event, earned = 0, np.float32(0.0)
+    real = outcome.rewards.dtype.type
+    event, earned = 0, real(0.0)
     for goal in goals_of(teams):
         if plan.takers[goal] > 0 and games.goal[game, goal] == plan.after[agent]:
             event = COLLECTED
-            earned = np.float32(earned + rewards.goal / plan.takers[goal])
+            earned = real(earned + rewards.goal / plan.takers[goal])
     return event, earned
 
 

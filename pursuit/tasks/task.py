@@ -87,7 +87,7 @@ class Task:
             first agent on `S`, the goals (or the evaders, if there are no goals) on the `G` marks
             in order, all others at random.
         min_start_distance: the least path distance between any chaser and any evader at the start
-            (infinite without a connecting path).
+            (infinite without a connecting path). Only for tasks with both roles.
         rewards: a name ("goal", "completion", "distance" or "zero_sum"); a dict from role
             to `Rewards` (roles left out use "goal"); the same as text
             ("chaser.step=-0.1,evader.capture=-2"; without a role for all roles); or a custom reward
@@ -128,6 +128,7 @@ class Task:
         check_fields(self)
         self._check_that_it_can_end()
         self._check_collectors()
+        self._check_start_distance()
         for number, maze in enumerate(self.mazes):
             self._check_maze(maze)
             check_placeable(self.apart(number, -1, self.min_start_distance, -1))
@@ -154,6 +155,14 @@ class Task:
             raise ValueError(
                 f"num_goals={self.num_goals}, but only runners and evaders collect goals; give "
                 "num_runners or num_evaders"
+            )
+
+    def _check_start_distance(self) -> None:
+        if self.min_start_distance > 1 and not (self.num_chasers and self.num_evaders):
+            raise ValueError(
+                f"min_start_distance={self.min_start_distance}: a path distance between chasers "
+                f"and evaders, but num_chasers={self.num_chasers} and num_evaders="
+                f"{self.num_evaders}; leave it out"
             )
 
     def _check_maze(self, maze: Maze) -> None:

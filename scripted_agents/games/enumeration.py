@@ -7,8 +7,8 @@ import sys
 from array import array
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence, Sized
 from dataclasses import dataclass, field
-from itertools import product
-from math import isfinite, prod
+from itertools import islice, product
+from math import prod
 from time import perf_counter
 from typing import Any
 
@@ -17,10 +17,19 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csr_array
 
 from pursuit.memory import check_memory
-from pursuit.validation import whole
+from pursuit.tasks.task import Task
+from pursuit.validation import as_array, check_bool, whole
 from scripted_agents.games.game import Game
 
 MOST_STATES = 10**7
+"""By default; and the most entries of a list that a game returns."""
+MOST_REWARD = 1e100
+"""Sums of larger rewards could be infinite."""
+AT_ONCE = 2**16
+"""Entries of a list, or joint actions of a state, between two checks of memory."""
+MOST_SHOWN = 200
+"""Characters of a value in an error message."""
+SMALLER = "give a smaller game"
 SUM = 1e-9
 """Largest difference of a sum of probabilities from 1."""
 
@@ -55,6 +64,7 @@ class SmallGame:
         following: [joint actions, states] sparse, the probability of each next state; rows add up
             to less than 1 where the game can end.
         start: [states] float64, the probability of starting in each.
+        task: the task of a game of `game_of_task`; None for others.
     """
 
     players: tuple[str, ...]
@@ -66,6 +76,7 @@ class SmallGame:
     rewards: NDArray[np.float64] = field(repr=False)
     following: csr_array = field(repr=False)
     start: NDArray[np.float64] = field(repr=False)
+    task: Task | None = None
 
     @property
     def num_states(self) -> int:
@@ -100,7 +111,8 @@ class SmallGame:
                 raise ValueError(
                     f"the policy of {player} is {policy!r}; give a function of a state, or a table"
                 )
-            table = np.asarray(policy, dtype=np.float64)
+            rule = "give a function of a state, or an array of probabilities"
+            table = as_array(f"the policy of {player}", policy, "biuf", rule).astype(np.float64)
             if table.shape != (offsets[-1],):
                 raise ValueError(
                     f"the table of {player} has shape {table.shape}; the game has "
@@ -134,12 +146,11 @@ def _in_order(
                 f"{player} plays {unknown[0]!r} in {state!r}; the actions are {list(actions)}"
             )
         given = [given.get(action, 0.0) for action in actions]
-    row = np.asarray(given, dtype=np.float64)
+    what = f"the policy of {player} in {_shown(state)}: probabilities"
+    rule = f"give {len(actions)} probabilities, one for each of {_shown(list(actions))}"
+    row = as_array(what, given, "biuf", rule)
     if row.shape != (len(actions),):
-        raise ValueError(
-            f"the policy of {player} returned {given!r} in {state!r}; give {len(actions)} "
-            f"probabilities, one for each of {list(actions)}"
-        )
+        raise ValueError(f"{what}={given!r}; {rule}")
     return row
 
 
@@ -148,7 +159,8 @@ def enumerate_game(
 ) -> SmallGame:
     """Find all states that can be reached from the starts of a game, and their transitions.
 
-    Memory is checked while states are found, as their number is not known before.
+    Memory is checked while states are found, as their number is not known before. That of all joint
+    actions of a state is checked before its transitions are asked for.
 
     Args:
         game: the game.
@@ -158,18 +170,26 @@ def enumerate_game(
 
     Raises:
         ValueError: a game without players or starts; a state that is not hashable; a player without
-            an action; probabilities that do not add up to 1; rewards that are not one finite
-            number for each player; too many states, or too little memory.
+            an action; probabilities that do not add up to 1; rewards that are not one number of at
+            most `MOST_REWARD` for each player; too many states, or too little memory.
     """
     if isinstance(game, type) or not isinstance(game, Game):
         raise ValueError(f"{game!r}; give an object with players and the three methods of Game")
-    players = tuple(game.players)
-    if not players or len(set(players)) < len(players):
-        raise ValueError(f"players={game.players!r}; give the name of each player, all different")
+    given = game.players
+    players = tuple(given) if isinstance(given, Iterable) and not isinstance(given, str) else ()
+    if (
+        not players
+        or not all(isinstance(name, str) for name in players)
+        or len(set(players)) < len(players)
+    ):
+        raise ValueError(f"players={given!r}; give the name of each player, all different")
     whole("most_states", most_states, 1)
+    if progress is not None:
+        check_bool("progress", progress)
     found = _Found(most_states, progress)
-    starts = [(chance, found.add(state, START)) for chance, state in _listed(game, START)]
-    _check_sum([chance for chance, _ in starts], START)
+    starts = _listed(game, START)
+    start_chances = _chances(starts, START)
+    start_numbers = [found.add(state, START) for _, state in starts]
     actions: list[list[Sequence[Hashable]]] = [[] for _ in players]
     same: dict[Sequence[Hashable], Sequence[Hashable]] = {}  # equal actions are stored once
     begins, choices, rewards = array("q", [0]), array("i"), array("d")
@@ -178,15 +198,19 @@ def enumerate_game(
     while number < len(found.states):
         state = found.states[number]
         legal = [_legal(game, state, player) for player in range(len(players))]
+        joints = begins[-1] + prod(map(len, legal))
+        if joints - begins[-1] > AT_ONCE:
+            what = f"{joints - begins[-1]:,} joint actions in {_shown(state)}"
+            check_memory(what, joints * joint_bytes(len(players)), SMALLER)
         for player, options in enumerate(legal):
             actions[player].append(same.setdefault(options, options))
         for joint, chosen in enumerate(product(*map(range, map(len, legal))), begins[-1]):
             played = tuple(options[i] for options, i in zip(legal, chosen, strict=True))
             call = "transitions", state, played
             outcomes = _listed(game, call)
-            _check_sum([outcome[0] for outcome in outcomes], call)
             mean = [0.0] * len(players)
-            for chance, after, given, ended in outcomes:
+            likely = zip(_chances(outcomes, call), outcomes, strict=True)
+            for chance, (_, after, given, ended) in likely:
                 for player, reward in enumerate(_rewards(given, players, call)):
                     mean[player] += chance * reward
                 if ended is not True and ended is not False and not isinstance(ended, np.bool_):
@@ -197,18 +221,19 @@ def enumerate_game(
                     chances.append(chance)
             choices.extend(chosen)
             rewards.extend(mean)
-        begins.append(begins[-1] + prod(map(len, legal)))
+            if (joint + 1) % AT_ONCE == 0:
+                found.show(number, joints * joint_bytes(len(players)))
+        begins.append(joints)
         number += 1
         if number & (number - 1) == 0 or number % 10_000 == 0:
-            found.check(number, begins[-1], len(rows), len(players))
+            found.check(number, joints, len(rows), len(players))
     found.end_line()
     joints = begins[-1]
     following = csr_array(  # adds equal entries
         (np.frombuffer(chances), (_integers(rows), _integers(columns))), shape=(joints, number)
     )
     start = np.zeros(number)
-    for chance, state_number in starts:
-        start[state_number] += chance
+    np.add.at(start, start_numbers, start_chances)
     return SmallGame(
         players,
         found.states,
@@ -242,24 +267,28 @@ class _Found:
             known = self.number.setdefault(state, len(self.states))
         except TypeError:
             raise ValueError(
-                f"{_name(call)}: the state {state!r} is not hashable; give a tuple, a string or "
-                "a number"
+                f"{_name(call)}: the state {_shown(state)} is not hashable; give a tuple, a "
+                "string or a number"
             ) from None
         if known == len(self.states):
             self.states.append(state)
             if len(self.states) > self.most:
                 raise ValueError(
-                    f"more than {self.most:,} states, such as {state!r}; give a smaller game, or a "
+                    f"more than {self.most:,} states, such as {_shown(state)}; {SMALLER}, or a "
                     "larger most_states"
                 )
         return known
 
     def check(self, done: int, joints: int, outcomes: int, players: int) -> None:
         """Show the progress; ValueError if the states found so far do not fit into memory."""
-        # In bytes; twice what is stored, as the arrays are copied at the end.
-        each = 200 + sys.getsizeof(self.states[-1]) + (16 + 24 * players) * joints / done
+        # In bytes.
+        each = 200 + sys.getsizeof(self.states[-1]) + joint_bytes(players) * joints / done
         total = int((each + 60 * outcomes / done) * len(self.states))
-        check_memory(f"{len(self.states):,} states found so far", total, "give a smaller game")
+        check_memory(f"{len(self.states):,} states found so far", total, SMALLER)
+        self.show(done, total)
+
+    def show(self, done: int, total: int) -> None:
+        """Show the number of states and of bytes so far, every half second."""
         now, live = perf_counter(), sys.stderr.isatty()
         if self.shown and now - self.reported >= (0.5 if live else 10.0):
             self.reported = now
@@ -275,23 +304,43 @@ class _Found:
             print(file=sys.stderr)
 
 
+def joint_bytes(players: int) -> int:
+    """Of one joint action: twice what is stored, as the arrays are copied at the end."""
+    return 16 + 24 * players
+
+
+def _shown(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= MOST_SHOWN else f"{text[:MOST_SHOWN]}..."
+
+
 def _name(call: Call) -> str:
-    return f"{call[0]}({', '.join(map(repr, call[1:]))})"
+    return f"{call[0]}({', '.join(map(_shown, call[1:]))})"
 
 
 def _listed(game: Game, call: Call) -> list[Any]:
     """What a function of the game returns, as a list of the right form."""
     size, form = FORMS[call[0]]
+    listed: list[Any] | None = None
     try:
         found = getattr(game, call[0])(*call[1:])
-        listed = list(found) if isinstance(found, Iterable) else None
+        if isinstance(found, Iterable):
+            entries = iter(found)
+            listed = part = list(islice(entries, AT_ONCE))
+            while len(part) == AT_ONCE and len(listed) <= MOST_STATES:
+                needed = len(listed) * (100 + sys.getsizeof(part[-1]))
+                check_memory(f"a list of {len(listed):,} entries and more", needed, SMALLER)
+                part = list(islice(entries, AT_ONCE))
+                listed += part
     except Exception as error:
         error.add_note(f"in {_name(call)} of the game")
         raise
+    if listed is not None and len(listed) > MOST_STATES:
+        raise ValueError(f"{_name(call)} has more than {MOST_STATES:,} entries; {SMALLER}")
     if listed is None or (
         size is not None and not all(isinstance(x, Sized) and len(x) == size for x in listed)
     ):
-        raise ValueError(f"{_name(call)} returned {found!r}; give a list of {form}")
+        raise ValueError(f"{_name(call)} returned {_shown(found)}; give a list of {form}")
     return listed
 
 
@@ -305,32 +354,38 @@ def _legal(game: Game, state: Any, player: int) -> tuple[Hashable, ...]:
         fits = False
     if not fits:
         raise ValueError(
-            f"{_name(call)} returned {list(actions)}; give {game.players[player]} a list of "
-            f"{FORMS[call[0]][1]}"
+            f"{_name(call)} returned {_shown(list(actions))}; give {game.players[player]} a list "
+            f"of {FORMS[call[0]][1]}"
         )
     return actions
 
 
-def _check_sum(chances: Sequence[Any], call: Call) -> None:
-    if not all(isinstance(chance, int | float | np.number) for chance in chances):
-        raise ValueError(f"{_name(call)}: the probabilities {list(chances)} are not numbers")
+def _chances(outcomes: Sequence[Any], call: Call) -> list[float]:
+    """The probabilities of outcomes, with sum 1."""
+    chances = [outcome[0] for outcome in outcomes]
+    if chances == [1.0] and type(chances[0]) is float:  # most often, so without the checks
+        return chances
+    if not all(isinstance(chance, int | float | np.integer | np.floating) for chance in chances):
+        raise ValueError(f"{_name(call)}: the probabilities {_shown(chances)} are not numbers")
     if not chances:
         raise ValueError(f"{_name(call)} is empty; give at least one state with probability 1")
-    if not abs(sum(chances) - 1.0) <= SUM or min(chances) < 0.0:
+    total = max(min(sum(chances), 1e300), -1e300)  # of whole numbers of hundreds of digits too
+    if not abs(total - 1.0) <= SUM or min(chances) < 0.0:
         raise ValueError(
-            f"{_name(call)}: the probabilities {list(chances)} add up to {sum(chances):g}; give "
+            f"{_name(call)}: the probabilities {_shown(chances)} add up to {total:g}; give "
             "non-negative ones with sum 1"
         )
+    return [float(chance / total) for chance in chances]
 
 
 def _rewards(given: Any, players: tuple[str, ...], call: Call) -> list[float]:
     rewards: list[float] = []
     if not isinstance(given, str | Mapping):
-        with contextlib.suppress(TypeError, ValueError):
-            rewards = [float(reward) for reward in given]
-    if len(rewards) != len(players) or not all(map(isfinite, rewards)):
+        with contextlib.suppress(TypeError, ValueError, OverflowError):
+            rewards = [float(reward) for reward in given if not isinstance(reward, str | bytes)]
+    if len(rewards) != len(players) or not all(abs(reward) <= MOST_REWARD for reward in rewards):
         raise ValueError(
-            f"{_name(call)}: rewards {given!r}; give one finite number for each of "
-            f"{', '.join(players)}"
+            f"{_name(call)}: rewards {_shown(given)}; give one finite number for each of "
+            f"{', '.join(players)}, of at most {MOST_REWARD:g}"
         )
     return rewards

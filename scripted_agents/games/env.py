@@ -3,22 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.validation import whole
+from pursuit.simulator.simulator import Simulator
+from pursuit.validation import as_array, whole
 from scripted_agents.games.enumeration import SmallGame
-from scripted_agents.games.solve import Policies
+from scripted_agents.games.solve import Policies, check_game, tables_of
 
 
 class SmallGameEnv(gymnasium.Env[Any, Any]):
     """One player of an enumerated game; policies play the others.
 
     Actions are indices in the legal actions. The observation is a one-hot vector of the state's
-    number, [states] float32, or `encode(state)`. `action_masks()` is that of MaskablePPO.
+    number, [states] float32, or `encode(state)`. `action_masks()` is that of MaskablePPO. In a game
+    of `game_of_task` a simulator plays the same episode, which `pursuit.Recorder` records.
 
     Args:
         game: the game.
@@ -28,8 +31,8 @@ class SmallGameEnv(gymnasium.Env[Any, Any]):
         encode: a function of a state that returns an array; None for one-hot vectors.
 
     Raises:
-        ValueError: an unknown player, or a policy that is missing or no distribution. In `step`: an
-            action that is not legal.
+        ValueError: an invalid argument, or a policy that is missing or no distribution. In `step`:
+            an action that is not legal.
     """
 
     def __init__(
@@ -40,13 +43,15 @@ class SmallGameEnv(gymnasium.Env[Any, Any]):
         max_steps: int = 200,
         encode: Callable[[Any], NDArray[Any]] | None = None,
     ) -> None:
+        check_game(game)
         self.game, self.player = game, game.player(player)
         self.max_steps = whole("max_steps", max_steps, 1)
         others = [name for name in game.players if name != player]
-        missing = [name for name in others if name not in policies]
-        if missing:
-            raise ValueError(f"player {missing[0]} has no policy; add policies[{missing[0]!r}]")
-        self._tables = {game.player(name): game.table(name, policies[name]) for name in others}
+        self._tables = dict(
+            zip(map(game.player, others), tables_of(game, policies, others), strict=True)
+        )
+        if encode is not None and not callable(encode):
+            raise ValueError(f"encode={encode!r}; give a function of a state, or None")
         self._offsets = {number: game.offsets(number) for number in self._tables}
         self._encode = encode
         most = max(map(len, game.actions[self.player]))
@@ -54,6 +59,11 @@ class SmallGameEnv(gymnasium.Env[Any, Any]):
         shape = np.shape(self._observe(0))
         self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, shape, np.float32)
         self.state, self.steps = 0, 0
+        self.simulator: Simulator | None = None
+        if game.task is not None:
+            played = replace(game.task, max_steps=self.max_steps)
+            self.simulator = Simulator(played, auto_restart=False)
+            self.simulator.last_seed = None
 
     def observations(self) -> NDArray[np.float32]:
         """[states, *shape] float32: the observation in every state, to compute a table."""
@@ -69,24 +79,31 @@ class SmallGameEnv(gymnasium.Env[Any, Any]):
         super().reset(seed=seed)
         self.state = int(self.np_random.choice(self.game.num_states, p=self.game.start))
         self.steps = 0
+        if self.simulator is not None:
+            cells, goals = self.game.states[self.state]
+            self.simulator.place(cells, goals or None, seed=seed)
         return self._observe(self.state), {}
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """One step; the reward is the expected one of the joint action."""
         game, joint = self.game, 0
+        legal = len(game.actions[self.player][self.state])
+        rule = f"{game.states[self.state]!r} has {legal} actions, give 0 to {legal - 1}"
+        given = as_array("action", action, "iu", rule)
+        if given.size != 1 or not 0 <= given.item() < legal:
+            raise ValueError(f"action={action!r}; {rule}")
+        moves = []
         for number, actions in enumerate(game.actions):
-            legal = len(actions[self.state])
-            chosen = int(action)
+            legal, chosen = len(actions[self.state]), given.item()
             if number != self.player:
                 first = self._offsets[number][self.state]
                 row = self._tables[number][first : first + legal]
                 chosen = int(self.np_random.choice(legal, p=row))
-            elif not 0 <= chosen < legal:
-                raise ValueError(
-                    f"action {action}; {game.states[self.state]!r} has {legal} actions"
-                )
             joint = joint * legal + chosen
+            moves.append(actions[self.state][chosen])
         joint += int(game.begins[self.state])
+        if self.simulator is not None:
+            self.simulator.step([moves])
         some = slice(game.following.indptr[joint], game.following.indptr[joint + 1])
         chances = game.following.data[some]
         draw, ended = self.np_random.random(), True
@@ -95,11 +112,13 @@ class SmallGameEnv(gymnasium.Env[Any, Any]):
             self.state, ended = int(game.following.indices[some][place]), False
         self.steps += 1
         reward = float(game.rewards[joint, self.player])
-        return self._observe(self.state), reward, ended, self.steps >= self.max_steps, {}
+        truncated = not ended and self.steps >= self.max_steps
+        return self._observe(self.state), reward, ended, truncated, {}
 
     def _observe(self, number: int) -> NDArray[np.float32]:
         if self._encode is not None:
-            return np.asarray(self._encode(self.game.states[number]), dtype=np.float32)
+            given = self._encode(self.game.states[number])
+            return as_array("encode(state)", given, "biuf", "numbers").astype(np.float32)
         seen = np.zeros(self.game.num_states, dtype=np.float32)
         seen[number] = 1.0
         return seen

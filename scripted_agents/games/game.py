@@ -52,7 +52,8 @@ class ParallelGame:
 
     Raises:
         ValueError: a space that is not `Discrete`, or no seeds. While it is enumerated: a state
-            that is not hashable, a truncation, or a step with two different outcomes.
+            that is not hashable, a truncation, a step with two different outcomes, or a state that
+            `restore` does not set.
     """
 
     def __init__(
@@ -65,6 +66,9 @@ class ParallelGame:
         self.env, self._save, self._restore = env, save, restore
         if not isinstance(env, ParallelEnv):
             raise ValueError(f"{env!r}; give a parallel environment of PettingZoo")
+        for name, function in (("save", save), ("restore", restore)):
+            if not callable(function):
+                raise ValueError(f"{name}={function!r}; give a function")
         self.players: tuple[str, ...] = tuple(env.possible_agents)
         self._seeds = tuple(seeds) if isinstance(seeds, Iterable) else ()
         if not self._seeds:
@@ -103,6 +107,12 @@ class ParallelGame:
         if not self.env.agents:
             raise ValueError(
                 f"after restore(env, {state[0]!r}) env.agents is empty; restore must set it"
+            )
+        found = self._save(self.env)
+        if found != state[0]:
+            raise ValueError(
+                f"after restore(env, {state[0]!r}) save(env) returns {found!r}; restore must set "
+                "all that save returns"
             )
         chosen = dict(zip(self.players, actions, strict=True))
         playing = {agent: chosen[agent] for agent in self.env.agents}

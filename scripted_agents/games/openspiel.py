@@ -1,104 +1,204 @@
 """Small games in OpenSpiel, and OpenSpiel's games and policies here (`pip install '.[openspiel]'`).
 
 OpenSpiel (Lanctot et al., 2019) has games as trees of limited depth, so a horizon is needed, and no
-discount.
+discount. An exported game is registered as "python_pursuit"; its parameters hold the whole game, so
+that OpenSpiel can save and load games and states wherever this module is imported.
 """
 
 from __future__ import annotations
 
+import json
+from base64 import b64decode, b64encode
+from dataclasses import dataclass
+from io import BytesIO
+from math import prod
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 import pyspiel
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
+from pursuit.memory import check_memory
 from pursuit.rules.layout import Games
 from pursuit.simulator.policy import GameView
 from pursuit.tasks.task import Task
-from pursuit.validation import whole
+from pursuit.validation import check_bool, whole
 from scripted_agents.games.enumeration import SmallGame
+from scripted_agents.games.openspiel_games import OpenSpielGame as OpenSpielGame
 from scripted_agents.games.tasks import states_of_games
 from scripted_agents.joint.policy import drawn
 
 NAME = "python_pursuit"
+PARAMETERS = {"game": "", "horizon": 1, "terminal_rewards": False}
 ENDED = -1
 """The state after the end of a game."""
 
 
-def to_openspiel(game: SmallGame, horizon: int) -> Any:
+def to_openspiel(game: SmallGame, horizon: int, terminal_rewards: bool = False) -> Any:
     """A game in OpenSpiel: simultaneous moves, perfect information, chance nodes, `horizon` steps.
 
     Actions are indices in the legal actions of a state. For algorithms of games with turns use
-    `pyspiel.convert_to_turn_based`.
+    `pyspiel.convert_to_turn_based`. Information states hold the states that the player has seen and
+    its own actions (perfect recall); observations the present state only.
+
+    Args:
+        game: from `enumerate_game` or `game_of_task`.
+        horizon: number of steps, at least 1.
+        terminal_rewards: pay all rewards at the end, as MCTS needs it; returns stay the same.
 
     Raises:
-        ValueError: a horizon below 1.
+        ValueError: another kind of game, a horizon below 1, or `terminal_rewards` that is no bool.
     """
+    if not isinstance(game, SmallGame):
+        raise ValueError(f"game={game!r} is not enumerated; give enumerate_game(game)")
+    check_bool("terminal_rewards", terminal_rewards)
     whole("horizon", horizon, 1)
-    sums = game.rewards.sum(axis=1)
-    zero_sum = len(game.players) == 2 and bool(np.abs(sums).max() < 1e-9)
-    kinds = pyspiel.GameType
-    stochastic = bool((np.diff(game.following.indptr) > 1).any()) or bool(
-        (game.start > 0).sum() > 1
+    return _Game(
+        {"game": _text(game), "horizon": int(horizon), "terminal_rewards": bool(terminal_rewards)}
     )
-    kind = kinds(
-        short_name=NAME,
-        long_name="A small game of pursuit",
-        dynamics=kinds.Dynamics.SIMULTANEOUS,
-        chance_mode=kinds.ChanceMode.EXPLICIT_STOCHASTIC
-        if stochastic
-        else kinds.ChanceMode.DETERMINISTIC,
-        information=kinds.Information.PERFECT_INFORMATION,
-        utility=kinds.Utility.ZERO_SUM if zero_sum else kinds.Utility.GENERAL_SUM,
-        reward_model=kinds.RewardModel.REWARDS,
-        max_num_players=len(game.players),
-        min_num_players=len(game.players),
-        provides_information_state_string=True,
-        provides_information_state_tensor=True,
-        provides_observation_string=True,
-        provides_observation_tensor=True,
-        provides_factored_observation_string=False,
-        parameter_specification={},
+
+
+def _text(game: SmallGame) -> str:
+    """A game as text, with its states and actions by their names."""
+    states = [repr(state) for state in game.states]
+    if len(set(states)) < len(states):  # information states hold these names
+        states = [f"{number}: {state}" for number, state in enumerate(states)]
+    names = {
+        "players": game.players,
+        "states": states,
+        "actions": [[[str(a) for a in row] for row in rows] for rows in game.actions],
+    }
+    rows, file = game.following, BytesIO()
+    np.savez_compressed(
+        file,
+        names=np.frombuffer(json.dumps(names).encode(), np.uint8),
+        begins=game.begins,
+        choices=game.choices,
+        rewards=game.rewards,
+        start=game.start,
+        chances=rows.data,
+        indices=rows.indices,
+        indptr=rows.indptr,
     )
-    info = pyspiel.GameInfo(
-        num_distinct_actions=max(len(row) for actions in game.actions for row in actions),
-        max_chance_outcomes=max(int((game.start > 0).sum()), 1 + game.num_states),
-        num_players=len(game.players),
-        min_utility=float(min(game.rewards.min() * horizon, 0.0)),
-        max_utility=float(max(game.rewards.max() * horizon, 0.0)),
-        utility_sum=0.0 if zero_sum else None,
-        max_game_length=horizon,
-    )
-    return _Game(game, horizon, kind, info)
+    return b64encode(file.getvalue(), b"-_").decode().rstrip("=")
+
+
+def _small(text: str) -> SmallGame:
+    """The game of a text; ValueError if it is none."""
+    try:
+        with np.load(BytesIO(b64decode(text + "=" * (-len(text) % 4), b"-_"))) as file:
+            data = dict(file)
+        names = json.loads(data["names"].tobytes())
+        shape = (len(data["choices"]), len(data["start"]))
+        return SmallGame(
+            tuple(names["players"]),
+            names["states"],
+            {state: number for number, state in enumerate(names["states"])},
+            names["actions"],
+            data["begins"],
+            data["choices"],
+            data["rewards"],
+            csr_array((data["chances"], data["indices"], data["indptr"]), shape=shape),
+            data["start"],
+        )
+    except (ValueError, KeyError, TypeError, OSError, EOFError, BadZipFile):
+        raise ValueError(
+            f"game={text[:40]!r} is not the text of a game; take the parameters from "
+            "to_openspiel(...).get_parameters()"
+        ) from None
+
+
+@dataclass(frozen=True, eq=False)
+class _Tree:
+    """A small game to a horizon. It never changes, so a deep copy of a state keeps it."""
+
+    small: SmallGame
+    horizon: int
+    terminal_rewards: bool
+
+    def __deepcopy__(self, memo: Any) -> _Tree:
+        return self
 
 
 class _Game(pyspiel.Game):
     """A small game as OpenSpiel sees it."""
 
-    def __init__(self, small: SmallGame, horizon: int, kind: Any, info: Any) -> None:
-        super().__init__(kind, info, {})
-        self.small, self.horizon = small, horizon
+    def __init__(self, params: Any = None) -> None:
+        given = {**PARAMETERS, **(params or {})}
+        self.tree = _Tree(
+            _small(given["game"]),
+            whole("horizon", given["horizon"], 1),
+            check_bool("terminal_rewards", given["terminal_rewards"]),
+        )
+        small, horizon, kinds = self.tree.small, self.tree.horizon, pyspiel.GameType
+        sums = small.rewards.sum(axis=1)
+        zero_sum = len(small.players) == 2 and bool(np.abs(sums).max() < 1e-9)
+        starts = int((small.start > 0).sum())
+        stochastic = starts > 1 or bool((np.diff(small.following.indptr) > 1).any())
+        kind = _type(
+            len(small.players),
+            kinds.ChanceMode.EXPLICIT_STOCHASTIC if stochastic else kinds.ChanceMode.DETERMINISTIC,
+            kinds.Utility.ZERO_SUM if zero_sum else kinds.Utility.GENERAL_SUM,
+            kinds.RewardModel.TERMINAL if self.tree.terminal_rewards else kinds.RewardModel.REWARDS,
+        )
+        info = pyspiel.GameInfo(
+            num_distinct_actions=max(len(row) for actions in small.actions for row in actions),
+            max_chance_outcomes=max(starts, 1 + small.num_states),
+            num_players=len(small.players),
+            min_utility=float(min(small.rewards.min() * horizon, 0.0)),
+            max_utility=float(max(small.rewards.max() * horizon, 0.0)),
+            utility_sum=0.0 if zero_sum else None,
+            max_game_length=horizon,
+        )
+        super().__init__(kind, info, given)
 
     def new_initial_state(self) -> _State:
         """The start: a chance node if there are several start states."""
-        return _State(self)
+        return _State(self, self.tree)
 
     def make_py_observer(self, kind: Any = None, params: Any = None) -> _Observer:
-        """The observer; all players see the same."""
-        return _Observer(self.small.num_states)
+        """The observer of information states (perfect recall) or of observations."""
+        return _Observer(
+            self.tree, self.num_distinct_actions(), kind is not None and kind.perfect_recall
+        )
+
+
+def _type(players: int, chance: Any, utility: Any, rewards: Any) -> Any:
+    return pyspiel.GameType(
+        short_name=NAME,
+        long_name="A small game of pursuit",
+        dynamics=pyspiel.GameType.Dynamics.SIMULTANEOUS,
+        chance_mode=chance,
+        information=pyspiel.GameType.Information.PERFECT_INFORMATION,
+        utility=utility,
+        reward_model=rewards,
+        max_num_players=players,
+        min_num_players=players,
+        provides_information_state_string=True,
+        provides_information_state_tensor=True,
+        provides_observation_string=True,
+        provides_observation_tensor=True,
+        provides_factored_observation_string=False,
+        parameter_specification=PARAMETERS,
+        default_loadable=False,
+    )
 
 
 class _State(pyspiel.State):
     """A state: the number of one of the small game, or a lottery over the next."""
 
-    def __init__(self, game: _Game) -> None:
+    def __init__(self, game: _Game, tree: _Tree) -> None:
         super().__init__(game)
-        self.small, self.horizon = game.small, game.horizon
+        self.tree, small = tree, tree.small
         self.step, self.state = 0, ENDED
-        starts = np.flatnonzero(self.small.start > 0)
-        self.lottery = [(int(s), float(self.small.start[s])) for s in starts]
-        self._rewards = np.zeros(len(self.small.players))
-        self._returns = np.zeros(len(self.small.players))
+        self.past: tuple[tuple[int, tuple[int, ...]], ...] = ()
+        """The state and the joint action of every step so far."""
+        starts = np.flatnonzero(small.start > 0)
+        self.lottery = [(int(s), float(small.start[s])) for s in starts]
+        self._rewards = np.zeros(len(small.players))
+        self._returns = np.zeros(len(small.players))
         self._resolve()
 
     def _resolve(self) -> None:
@@ -110,11 +210,11 @@ class _State(pyspiel.State):
         """Whose turn it is."""
         if self.lottery:
             return pyspiel.PlayerId.CHANCE
-        over = self.state == ENDED or self.step >= self.horizon
+        over = self.state == ENDED or self.step >= self.tree.horizon
         return pyspiel.PlayerId.TERMINAL if over else pyspiel.PlayerId.SIMULTANEOUS
 
     def _legal_actions(self, player: int) -> list[int]:
-        return list(range(len(self.small.actions[player][self.state])))
+        return list(range(len(self.tree.small.actions[player][self.state])))
 
     def chance_outcomes(self) -> list[tuple[int, float]]:
         """Indices in the lottery, with their probabilities."""
@@ -124,134 +224,116 @@ class _State(pyspiel.State):
         self.state, self.lottery = self.lottery[action][0], []
 
     def _apply_actions(self, actions: list[int]) -> None:
-        joint = 0
+        small, joint = self.tree.small, 0
         for player, action in enumerate(actions):
-            joint = joint * len(self.small.actions[player][self.state]) + action
-        joint += int(self.small.begins[self.state])
-        self._rewards = self.small.rewards[joint]
+            joint = joint * len(small.actions[player][self.state]) + action
+        joint += int(small.begins[self.state])
+        self._rewards = small.rewards[joint]
         self._returns = self._returns + self._rewards
-        row = self.small.following
+        row = small.following
         some = slice(row.indptr[joint], row.indptr[joint + 1])
         chances = row.data[some].tolist()
         self.lottery = list(zip(row.indices[some].tolist(), chances, strict=True))
         if 1.0 - sum(chances) > 1e-12:
             self.lottery.append((ENDED, 1.0 - sum(chances)))
+        self.past += ((self.state, tuple(map(int, actions))),)
         self.step += 1
         self._resolve()
 
     def _action_to_string(self, player: int, action: int) -> str:
         if player == pyspiel.PlayerId.CHANCE:
             return str(self.lottery[action][0])
-        return str(self.small.actions[player][self.state][action])
+        return str(self.tree.small.actions[player][self.state][action])
 
     def is_terminal(self) -> bool:
         """Whether the game is over."""
         return bool(self.current_player() == pyspiel.PlayerId.TERMINAL)
 
     def rewards(self) -> list[float]:
-        """The rewards of the last step."""
-        return list(self._rewards)
+        """The rewards of the last step; with terminal rewards those of all steps, at the end."""
+        if not self.tree.terminal_rewards:
+            return list(self._rewards)
+        return self.returns()
 
     def returns(self) -> list[float]:
-        """The sum of the rewards so far."""
-        return list(self._returns)
+        """The sum of the rewards so far; with terminal rewards 0 until the end."""
+        paid = not self.tree.terminal_rewards or self.is_terminal()
+        return list(self._returns * paid)
 
     def __str__(self) -> str:
-        name = "end" if self.state == ENDED else repr(self.small.states[self.state])
+        name = "end" if self.state == ENDED else self.tree.small.states[self.state]
         return f"{'chance after ' if self.lottery else ''}step {self.step}: {name}"
 
 
 class _Observer:
-    """The number of the state as a one-hot vector, and the step as the last number."""
+    """What a player sees: the state and the step.
 
-    def __init__(self, states: int) -> None:
-        self.tensor = np.zeros(states + 1, np.float32)
-        self.dict = {"state": self.tensor}
+    With perfect recall also the player, and the states and its own actions of all earlier steps.
+    The tensor holds one-hot vectors of them (zeros for what has not happened yet), and the step
+    divided by the horizon.
+    """
+
+    def __init__(self, tree: _Tree, actions: int, perfect_recall: bool) -> None:
+        players, states, steps = len(tree.small.players), tree.small.num_states, tree.horizon
+        self.perfect_recall = perfect_recall
+        shapes: dict[str, tuple[int, ...]] = {"state": (states,), "step": (1,)}
+        if perfect_recall:
+            shapes = {
+                "player": (players,),
+                "states": (steps + 1, states),
+                "actions": (steps, actions),
+                "step": (1,),
+            }
+        size = sum(map(prod, shapes.values()))
+        check_memory("an information state", 4 * size, "give a shorter horizon")
+        self.tensor = np.zeros(size, np.float32)
+        parts = np.split(self.tensor, np.cumsum([prod(shape) for shape in shapes.values()])[:-1])
+        self.dict = {
+            name: part.reshape(shape)
+            for (name, shape), part in zip(shapes.items(), parts, strict=True)
+        }
 
     def set_from(self, state: _State, player: int) -> None:
         """Write what a player sees."""
         self.tensor.fill(0.0)
-        if state.state != ENDED:
-            self.tensor[state.state] = 1.0
-        self.tensor[-1] = state.step / state.horizon
+        self.dict["step"][0] = state.step / state.tree.horizon
+        now = ENDED if state.lottery else state.state
+        if not self.perfect_recall:
+            self.dict["state"][state.state] = state.state != ENDED
+            return
+        self.dict["player"][player] = 1.0
+        for step, (seen, actions) in enumerate(_past(state)):
+            self.dict["states"][step, seen] = self.dict["actions"][step, actions[player]] = 1.0
+        if now != ENDED:
+            self.dict["states"][state.step, now] = 1.0
 
     def string_from(self, state: _State, player: int) -> str:
-        """The state and the step as text."""
-        return str(state)
+        """What a player sees, as text."""
+        if not self.perfect_recall:
+            return str(state)
+        names = state.tree.small.states
+        past = [f"{names[seen]} action {actions[player]}" for seen, actions in _past(state)]
+        return "; ".join([f"player {player}", *past, str(state)])
 
 
-class OpenSpielGame:
-    """A game of OpenSpiel with perfect information as a `Game`.
-
-    Sequential or simultaneous, with or without chance. Positions with the same text are one state,
-    whatever their history: games with a limit on steps keep them apart by the steps left.
-
-    Args:
-        game: a `pyspiel.Game`, or its name.
-        horizon: steps after which the game ends; None for none, if the text of a position decides
-            its future.
-
-    Raises:
-        ValueError: a game without perfect information.
-    """
-
-    def __init__(self, game: Any, horizon: int | None = None) -> None:
-        self.spiel = pyspiel.load_game(game) if isinstance(game, str) else game
-        kind = self.spiel.get_type()
-        known = pyspiel.GameType.Information
-        if kind.information not in (known.PERFECT_INFORMATION, known.ONE_SHOT):
-            raise ValueError(
-                f"{kind.short_name} has hidden information; small games have perfect information"
-            )
-        self.players = tuple(f"player_{i}" for i in range(self.spiel.num_players()))
-        self.horizon = horizon
-        self._positions: dict[Any, Any] = {}
-
-    def starts(self) -> list[tuple[float, Any]]:
-        """The positions after the first moves of chance."""
-        return [
-            (chance, self._name(p, 0)) for chance, p in _resolved(self.spiel.new_initial_state())
-        ]
-
-    def legal_actions(self, state: Any, player: int) -> list[Any]:
-        """The legal actions; None for a player that is not to move."""
-        position = self._positions[state]
-        turn = position.current_player()
-        if turn != pyspiel.PlayerId.SIMULTANEOUS and turn != player:
-            return [None]
-        return list(position.legal_actions(player))
-
-    def transitions(self, state: Any, actions: tuple[Any, ...]) -> list[Any]:
-        """The positions after these actions and the moves of chance, with the gained returns."""
-        position = self._positions[state].clone()
-        before = np.array(position.returns())
-        if position.is_simultaneous_node():
-            position.apply_actions(list(actions))
-        else:
-            position.apply_action(actions[position.current_player()])
-        step = state[1] + 1 if self.horizon is not None else 0
-        outcomes = []
-        for chance, after in _resolved(position):
-            over = after.is_terminal() or (self.horizon is not None and step >= self.horizon)
-            gained = np.array(after.returns()) - before
-            outcomes.append((chance, self._name(after, step), gained.tolist(), over))
-        return outcomes
-
-    def _name(self, position: Any, step: int) -> tuple[str, int]:
-        name = (str(position), step if self.horizon is not None else 0)
-        self._positions.setdefault(name, position)
-        return name
+def _past(state: _State) -> tuple[tuple[int, tuple[int, ...]], ...]:
+    if len(state.past) < state.step:
+        raise ValueError(
+            f"{state} has no history, so it has no information state; give OpenSpielPolicy a "
+            "policy of the legal actions and observations of a state"
+        )
+    return state.past
 
 
-def _resolved(position: Any) -> list[tuple[float, Any]]:
-    """The positions after all moves of chance, with their probabilities."""
-    if not position.is_chance_node():
-        return [(1.0, position)]
-    return [
-        (chance * rest, after)
-        for outcome, chance in position.chance_outcomes()
-        for rest, after in _resolved(position.child(outcome))
-    ]
+pyspiel.register_game(
+    _type(
+        2,
+        pyspiel.GameType.ChanceMode.EXPLICIT_STOCHASTIC,
+        pyspiel.GameType.Utility.GENERAL_SUM,
+        pyspiel.GameType.RewardModel.REWARDS,
+    ),
+    _Game,
+)
 
 
 class OpenSpielPolicy:
@@ -260,8 +342,9 @@ class OpenSpielPolicy:
     Args:
         game: the task as a small game, from `game_of_task`.
         spiel: the same game from `to_openspiel`; its horizon is the `max_steps` of the task.
-        policy: with `action_probabilities(state, player)`, as OpenSpiel's `Policy`, for this game;
-            one for `pyspiel.convert_to_turn_based` of it is not supported.
+        policy: with `action_probabilities(state, player)`, as OpenSpiel's `Policy`, for this game.
+            The states it gets have no history, so it must decide by their observations; one for
+            `pyspiel.convert_to_turn_based` of the game is not supported.
 
     Raises:
         ValueError: from `act` and `distribution`, if the games are not those of the task.
@@ -293,6 +376,6 @@ class OpenSpielPolicy:
         return rows
 
     def _probabilities(self, number: int, step: int, seat: int) -> dict[int, float]:
-        position = _State(self.spiel)
+        position = self.spiel.new_initial_state()
         position.state, position.lottery, position.step = number, [], step
         return dict(self.policy.action_probabilities(position, seat))

@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
+from scipy.sparse import csc_array, csr_array, eye_array
+from scipy.sparse.linalg import splu
 
 from pursuit.validation import number, whole
 from scripted_agents.games.enumeration import Behaviour, SmallGame
@@ -20,7 +21,9 @@ from scripted_agents.joint.shapley_iteration import (
 )
 
 TOLERANCE = 1e-11
-"""Error of values without a horizon, relative to the largest."""
+"""Error of values without a horizon, relative to the largest; 1e-15 / (1 - discount) if larger."""
+MOST_SWEEPS = 3000
+"""Of value iteration, enough for a discount of 0.99; then linear equations are solved."""
 ZERO_SUM = 1e-9
 TIE = 1e-12
 
@@ -79,12 +82,18 @@ def returns_of(
         ValueError: an invalid argument, or a policy that is missing or no distribution.
     """
     _check(discount, horizon)
-    _check_game(game)
+    check_game(game)
     chances = _chances(game, policies, game.players)
     state = np.repeat(np.arange(game.num_states), np.diff(game.begins))
     weights = csr_array((chances, (state, np.arange(len(chances)))))
     step, rewards = weights @ game.following, np.asarray(weights @ game.rewards)
-    return _iterate(lambda values: rewards + discount * (step @ values), rewards, discount, horizon)
+
+    def back_up(values: Values) -> Values:
+        return rewards + discount * (step @ values)
+
+    return _iterate(
+        back_up, rewards, discount, horizon, lambda values: _solved(step, rewards, discount)
+    )
 
 
 def respond(
@@ -96,12 +105,15 @@ def respond(
 ) -> SmallResponse:
     """The best response of a player, or of several as one with the sum of their rewards.
 
-    Backward induction or value iteration (Bellman, 1957; Puterman, 1994). Arguments and errors are
-    those of `returns_of`; `policies` are those of all other players.
+    Backward induction or value iteration (Bellman, 1957; Puterman, 1994), for discounts near 1
+    policy iteration (Howard, 1960). Arguments and errors are those of `returns_of`; `policies` are
+    those of all other players.
     """
     _check(discount, horizon)
+    if not isinstance(players, Sequence):
+        raise ValueError(f"players={players!r}; give one player, or several different ones")
     team = (players,) if isinstance(players, str) else tuple(players)
-    _check_game(game)
+    check_game(game)
     indices = [game.player(name) for name in team]
     if not team or len(set(team)) < len(team):
         raise ValueError(f"players={players!r}; give one player, or several different ones")
@@ -121,16 +133,31 @@ def respond(
     def back_up(values: Values) -> Values:
         return np.maximum.reduceat(rewards + discount * (step @ values), options[:-1])
 
-    values = _iterate(back_up, np.zeros(game.num_states), discount, horizon)
-    later = values
+    def best_options(later: Values, tie: float) -> NDArray[np.int64]:
+        """[states] the first of the options that are best up to `tie`."""
+        worth = rewards + discount * (step @ later)
+        best = np.maximum.reduceat(worth, options[:-1])
+        slack = tie * np.maximum(1.0, np.abs(best))
+        good = np.flatnonzero(worth >= np.repeat(best - slack, np.diff(options)))
+        return np.asarray(good[np.searchsorted(good, options[:-1])])
+
+    def next_policy(values: Values) -> Values:
+        """The values of the policy that is best with these values."""
+        chosen = best_options(values, 0.0)
+        return _solved(step[chosen], rewards[chosen], discount)
+
+    def improved(values: Values) -> Values:
+        """Policy iteration; every policy is better than the last."""
+        before, values = values, next_policy(values)
+        while (values - before).max() > TOLERANCE * max(1.0, float(np.abs(values).max())):
+            before, values = values, next_policy(values)
+        return values
+
+    nothing = np.zeros(game.num_states)
+    values = later = _iterate(back_up, nothing, discount, horizon, improved)
     if horizon is not None:
-        later = _iterate(back_up, np.zeros(game.num_states), discount, horizon - 1)
-    worth = rewards + discount * (step @ later)
-    best = np.maximum.reduceat(worth, options[:-1])
-    slack = TIE * np.maximum(1.0, np.abs(best))
-    good = worth >= np.repeat(best - slack, np.diff(options))
-    chosen = np.flatnonzero(good)
-    first = chosen[np.searchsorted(chosen, options[:-1])] - options[:-1]
+        later = _iterate(back_up, nothing, discount, horizon - 1, improved)
+    first = best_options(later, TIE) - options[:-1]
     tables = {}
     for place in range(len(team) - 1, -1, -1):
         offsets = game.offsets(indices[place])
@@ -148,6 +175,7 @@ def nash_conv(
     NashConv is the sum of the gains (Lanctot et al., 2017). Arguments and errors are those of
     `returns_of`.
     """
+    check_game(game)
     returns = game.start @ returns_of(game, policies, discount, horizon)
     best = {
         player: respond(game, player, policies, discount, horizon).mean for player in game.players
@@ -173,7 +201,7 @@ def equilibrium(
             discount or horizon.
     """
     _check(discount, horizon)
-    _check_game(game)
+    check_game(game)
     if len(game.players) != 2:
         raise ValueError(
             f"{len(game.players)} players; equilibria are computed for two with opposite rewards. "
@@ -211,22 +239,34 @@ def _check(discount: float, horizon: int | None) -> None:
         )
 
 
-def _check_game(game: SmallGame) -> None:
+def check_game(game: SmallGame) -> None:
+    """ValueError unless it is an enumerated game."""
     if not isinstance(game, SmallGame):
         raise ValueError(f"{game!r} is not enumerated; give enumerate_game(game)")
 
 
-def _chances(game: SmallGame, policies: Policies, players: Sequence[str]) -> Values:
-    """[joint actions] float64: the probability of the choices of these players."""
+def tables_of(game: SmallGame, policies: Policies, players: Sequence[str]) -> list[Values]:
+    """The policies of these players as in `SmallGame.table`.
+
+    Raises:
+        ValueError: a policy that is missing or no distribution, or one of an unknown player.
+    """
+    if not isinstance(policies, Mapping):
+        raise ValueError(f"policies={policies!r}; give a dict with a policy of each player")
     for name in policies:
         game.player(name)
-    chances = np.ones(len(game.choices))
-    state = np.repeat(np.arange(game.num_states), np.diff(game.begins))
     for name in players:
         if name not in policies:
             raise ValueError(f"player {name} has no policy; add policies[{name!r}]")
+    return [game.table(name, policies[name]) for name in players]
+
+
+def _chances(game: SmallGame, policies: Policies, players: Sequence[str]) -> Values:
+    """[joint actions] float64: the probability of the choices of these players."""
+    chances = np.ones(len(game.choices))
+    state = np.repeat(np.arange(game.num_states), np.diff(game.begins))
+    for name, table in zip(players, tables_of(game, policies, players), strict=True):
         index = game.player(name)
-        table = game.table(name, policies[name])
         chances *= table[game.offsets(index)[state] + game.choices[:, index]]
     return chances
 
@@ -251,14 +291,26 @@ def _store(game: SmallGame, columns: int) -> tuple[Store, csr_array]:
 
 
 def _iterate(
-    back_up: Callable[[Values], Values], start: Values, discount: float, horizon: int | None
+    back_up: Callable[[Values], Values],
+    start: Values,
+    discount: float,
+    horizon: int | None,
+    solve: Callable[[Values], Values],
 ) -> Values:
-    """Backward induction from values of 0, or value iteration until they are exact."""
-    values, steps = np.zeros_like(start), 0
-    while horizon is None or steps < horizon:
-        before, values, steps = values, back_up(values), steps + 1
+    """Backward induction from values of 0, or value iteration until they are exact.
+
+    `solve` makes exact values of those of `MOST_SWEEPS` sweeps, where these are not enough.
+    """
+    values = np.zeros_like(start)
+    for _ in range(MOST_SWEEPS if horizon is None else horizon):
+        before, values = values, back_up(values)
         change = np.abs(values - before).max(initial=0.0)
         largest = max(1.0, float(np.abs(values).max(initial=0.0)))
         if change <= (TOLERANCE * (1.0 - discount) if horizon is None else 0.0) * largest:
-            break
-    return values
+            return values
+    return solve(values) if horizon is None else values
+
+
+def _solved(step: csr_array, rewards: Values, discount: float) -> Values:
+    """The values of these rewards [states, ...] with the probabilities `step` [states, states]."""
+    return np.asarray(splu(csc_array(eye_array(len(rewards)) - discount * step)).solve(rewards))

@@ -84,6 +84,7 @@ def game_of_task(task: Task, most_states: int = MAX_TASK_STATES) -> SmallGame:
         np.stack([store.sides[given + agent] for agent in range(agents)], axis=1),
         following,
         start[kept] / start.sum(),
+        task,
     )
 
 

@@ -26,8 +26,11 @@ class JointNashConv:
 
     @property
     def gains(self) -> dict[str, float]:
-        """By player, what it could gain; 0 for all of them in a Nash equilibrium."""
-        return {player: self.best[player] - achieved for player, achieved in self.returns.items()}
+        """By player, what it could gain, >= 0; 0 for all of them in a Nash equilibrium."""
+        return {
+            player: max(self.best[player] - achieved, 0.0)  # below 0: the error of the solver
+            for player, achieved in self.returns.items()
+        }
 
     @property
     def nash_conv(self) -> float:

@@ -53,6 +53,8 @@ def policies_of(
         ValueError: a missing policy, or one that is no function of the state: without distribution,
             with memory, or with a limited view.
     """
+    if not isinstance(policies, Mapping):
+        raise ValueError(f"policies={policies!r}; give a dict, policies by agent or role")
     found: dict[int, DistributionPolicy] = {}
     for seat in seats:
         name = task.agent_names[seat]

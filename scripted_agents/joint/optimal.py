@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pursuit.mazes.maze import Maze, load_maze
 from pursuit.rules.layout import Games
 from pursuit.simulator.policy import GameView, TabularPolicy, role_of
-from pursuit.tasks.task import MOVE_ORDERS, Task
+from pursuit.tasks.task import MOVE_ORDERS, ROLES, Task, checked_task
 from pursuit.validation import check_bool, check_probability, number, one_of
 from scripted_agents.agents.table_policy import TablePolicy
 from scripted_agents.duel.best_response import MoveOrder, best_response
@@ -248,8 +248,8 @@ def why_not_optimal(task: Task, role: str) -> str | None:
     goals, while the joint solution fits into MAX_TEAM_BYTES (half a minute on 9x9 with two
     chasers); and for a runner alone, up to MAX_EXACT_GOALS goals.
     """
-    if role == "runner":
-        if task.num_agents > 1:
+    if one_of("role", role, ROLES) == "runner":
+        if checked_task(task).num_agents > 1:
             return f"a runner among {task.num_agents} agents has no known optimum"
         if task.num_goals > MAX_EXACT_GOALS:
             return f"{task.num_goals} goals; tours are exact up to {MAX_EXACT_GOALS}"
@@ -273,8 +273,8 @@ def check_optimal(task: Task, role: str) -> None:
     reason = why_not_optimal(task, role)
     if reason is not None:
         raise ValueError(
-            f"optimal {role} of task {task.name!r}: not known: {reason}. Take astar, or a smaller "
-            "game"
+            f"{'optimal' if role == 'runner' else 'equilibrium'} {role} of task {task.name!r}: not "
+            f"known: {reason}. Take astar, or a smaller game"
         )
 
 
@@ -284,4 +284,6 @@ def table_of(
     """[self cell, other cell, action] float64: what a policy plays under these rules."""
     if isinstance(policy, ExactAgent):
         return policy.table(maze, stay_action, move_order)
+    if not isinstance(policy, TabularPolicy):
+        raise ValueError(f"policy={policy!r}; give a policy with action_probabilities")
     return policy.action_probabilities(maze, stay_action)

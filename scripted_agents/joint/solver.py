@@ -6,7 +6,7 @@ of `pursuit.rules`. It solves chases with teams, several evaders, races and heis
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -118,7 +118,8 @@ def solve_joint(
         horizon: number of steps of the game, or None for infinitely many.
         discount: of each step, above 0 and at most 1.
         objective: "return" maximises the sum of the returns of `agents`, "lead" that sum minus the
-            returns of all others. "steps" minimises the steps until the game is over; for evaders
+            returns of all others; rewards are float64 here, and rounded to float32 in games.
+            "steps" minimises the steps until the game is over; for evaders
             it maximises the steps until none of them is free.
         most_states: maximum number of states.
 
@@ -301,6 +302,8 @@ def _seats_of(task: Task, agents: str | Sequence[str]) -> tuple[int, ...]:
         if agents in task.seat_roles:
             return tuple(s for s, role in enumerate(task.seat_roles) if role == agents)
         agents = [agents]
+    if not isinstance(agents, Iterable):
+        raise ValueError(f"agents={agents!r}; give a role, an agent, or several agents")
     seats = sorted({task.seat(agent) for agent in agents})
     if not seats:
         raise ValueError("agents=(); give a role, an agent, or several agents")

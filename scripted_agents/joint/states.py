@@ -20,7 +20,8 @@ from pursuit.mazes.maze import MAX_TABLE_CELLS
 from pursuit.memory import check_memory
 from pursuit.rules import layout
 from pursuit.rules.layout import Games
-from pursuit.tasks.task import Task
+from pursuit.tasks.task import Task, checked_task
+from pursuit.validation import as_array, whole
 from scripted_agents.joint.kernels import fill_games, fill_numbers
 from scripted_agents.joint.layout import Numbering
 
@@ -45,7 +46,7 @@ def count_joint_states(task: Task) -> int:
     Raises:
         ValueError: the task is played in several mazes.
     """
-    if len(task.mazes) > 1:
+    if len(checked_task(task).mazes) > 1:
         raise ValueError(
             f"task {task.name!r} is played in {len(task.mazes)} mazes; states are counted and "
             "solved in one: give one maze"
@@ -72,7 +73,7 @@ def check_joint_states(task: Task, most: int = MAX_STATES, each: int = 0) -> int
         ValueError: more states than `most`, more memory than MAX_BYTES or than is free, or a task
             that has no states (`count_joint_states`).
     """
-    states = count_joint_states(task)
+    states, most = count_joint_states(task), whole("most_states", most, 1, 2**63)
     size_text = (
         f"task {task.name!r} on {task.mazes[0].name}: {states:,} states ({task.max_cells} cells, "
         f"{task.num_agents} agents, {task.num_goals} goals)"
@@ -139,7 +140,7 @@ class JointStates:
         agents and goals with a mark are on it.
         """
         task, maze = self.task, self.task.mazes[0]
-        least = task.min_start_distance if least is None else least
+        least = task.min_start_distance if least is None else whole("least", least)
         numbering = self.numbering
         first = int(numbering.offsets[-2])
         if task.num_goals:
@@ -179,8 +180,12 @@ class JointStates:
         """[...] float64, the mean of `values` [states, ...] over `starts`.
 
         Raises:
-            ValueError: there are none.
+            ValueError: there are none, or other values.
         """
+        rule = f"give a number for each of the {self.count:,} states"
+        values = as_array("values", values, "biuf", rule)
+        if values.shape[:1] != (self.count,):
+            raise ValueError(f"values of shape {values.shape}; {rule}")
         total, count = np.zeros(values.shape[1:]), 0
         for numbers in self.starts(least):
             total += values[numbers].sum(axis=0)

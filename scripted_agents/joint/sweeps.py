@@ -280,6 +280,7 @@ def filled_store(problem: Problem, wanted: NDArray[np.bool_] | None = None) -> S
 
     def part(number: int) -> None:
         memory = layout.allocate(1, task.num_agents, task.num_goals)
+        memory = memory._replace(rewards=memory.rewards.astype(np.float64))
         some = bounds[number], bounds[number + 1]
         FILL_STORE[task.is_duel](memory, *problem.for_kernels(), problem.workspace(), store, *some)
 

@@ -11,7 +11,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.tasks.task import Task
+from pursuit.tasks.task import Task, checked_task
+from pursuit.validation import one_of
 from scripted_agents.joint.opponents import Policies, why_no_distribution
 from scripted_agents.joint.policy import JointPlan
 from scripted_agents.joint.solver import lengths_of, quantities_of, solve_joint
@@ -61,9 +62,7 @@ def best_team_response(
             outside these limits; a game that does not fit into memory.
     """
     _check(task, horizon, discount)
-    known = {*task.agent_names, "chaser", "evader"}
-    if role not in known:
-        raise ValueError(f"role {role!r}; one of {', '.join(sorted(known))}")
+    one_of("role", role, ("chaser", "evader", *task.agent_names))
     found = solve_joint(task, role, policies, horizon, discount)
     values = found.values.reshape(_shape(task))
     return TeamResponse(role, values, found.mean_over_starts, found.policy, horizon, discount)
@@ -103,7 +102,7 @@ def mean_over_team_starts(
     Raises:
         ValueError: there is no such placement.
     """
-    return float(joint_states_of(task).mean_over_starts(values.reshape(-1), least))
+    return float(joint_states_of(task).mean_over_starts(np.ravel(values), least))
 
 
 def _shape(task: Task) -> tuple[int, ...]:
@@ -116,7 +115,7 @@ def _shape(task: Task) -> tuple[int, ...]:
 
 def why_not_team_chase(task: Task) -> str | None:
     """The reason why a task is no solvable team chase; None if it is one."""
-    if task.num_evaders != 1 or not task.num_chasers:
+    if checked_task(task).num_evaders != 1 or not task.num_chasers:
         return f"{task.num_chasers} chaser(s) and {task.num_evaders} evader(s)"
     if task.num_runners or task.num_goals:
         return f"{task.num_runners} runner(s) and {task.num_goals} goal(s)"
@@ -125,7 +124,7 @@ def why_not_team_chase(task: Task) -> str | None:
 
 def work_of(task: Task) -> int:
     """The size of a team chase: its places times the pairs of joint and evader's actions."""
-    pairs = task.num_actions ** (task.num_chasers + 1)
+    pairs = checked_task(task).num_actions ** (task.num_chasers + 1)
     return int(task.max_cells ** (task.num_chasers + 1) * pairs)
 
 

@@ -32,7 +32,7 @@ MEMORIES: dict[str, dict[str, Any]] = {
     "4 observations": {"frame_stack": 4},
     "none, 8 times the frames": {"frames": 8 * FRAMES},
 }
-AGAINST = {"chaser": ("optimal", "astar", "searching"), "evader": ("optimal", "searching")}
+AGAINST = {"chaser": ("equilibrium", "astar", "searching"), "evader": ("equilibrium", "searching")}
 """The scripted opponents of each role."""
 
 

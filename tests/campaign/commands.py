@@ -66,6 +66,7 @@ NONSENSE = (
     "",
     " ",
     "ppo",
+    "equilibrium",
     "optimal",
     "learn",
     "5x6",

@@ -137,6 +137,14 @@ def straight(features: Features, width: int) -> nn.Module:
     return nn.LazyLinear(width)
 
 
+def noisy(features: Features, width: int) -> nn.Module:
+    """Of flat observations, with dropout and with statistics of batches."""
+    size = int(np.prod(features.shape))
+    return nn.Sequential(
+        nn.Flatten(), nn.Linear(size, width), nn.BatchNorm1d(width), nn.ReLU(), nn.Dropout(0.5)
+    )
+
+
 def too_wide(features: Features, width: int) -> nn.Module:
     """Not what it was asked for."""
     return Words(features, width + 1)

@@ -9,6 +9,7 @@ from typing import Any
 import torch
 
 from pursuit.observations.masks import ACTION_MASK
+from train.algorithms.advantages import standardized
 from train.algorithms.fused_rollouts import Frames
 from train.algorithms.learner import Build, NetworkLearner, VecEnv, has_masks
 from train.algorithms.rollouts import Figures, RolloutLearner, actor_critic_of
@@ -91,7 +92,7 @@ def a2c_loss(
     distribution = network.distribution(output, frames.get(ACTION_MASK, None))
     advantage = frames["advantage"]
     if coefficients.standardize:
-        advantage = (advantage - advantage.mean()) / advantage.std().clamp(min=1e-6)
+        advantage = standardized(advantage)
     log_prob = distribution.log_prob(frames[distribution.DRAWN])
     entropy = distribution.entropy().mean()
     parts = {"loss_objective": -(log_prob * advantage).mean(), "entropy": entropy}

@@ -37,6 +37,13 @@ def advantages(
     return advantage, advantage + value
 
 
+def standardized(advantage: torch.Tensor) -> torch.Tensor:
+    """[frames] with mean 0 and standard deviation 1; a single frame stays as it is."""
+    if len(advantage) < 2:
+        return advantage
+    return (advantage - advantage.mean()) / advantage.std().clamp(min=1e-6)
+
+
 @compiled
 def fused_advantages(
     reward: Any, value: Any, cut_value: Any, ended: Any, cut: Any, discounts: Any, out: Any

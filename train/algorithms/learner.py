@@ -136,7 +136,7 @@ def network_loader(
     def load(settings: Any, player: Player, state: dict[str, Any], greedy: bool = True) -> Policy:
         network = network_of(settings, player, Build())
         network.load_state_dict(state["network"])
-        return player.policy(network, greedy)
+        return player.policy(network.eval(), greedy)
 
     return load
 
@@ -180,6 +180,11 @@ def step_adam(optimizer: torch.optim.Adam) -> None:
             lr=group["lr"], beta1=beta1, beta2=beta2, weight_decay=0.0,
             eps=group["eps"], amsgrad=False, maximize=False, grad_scale=None, found_inf=None,
         )  # fmt: skip
+
+
+def averaged_buffers(network: Network) -> list[torch.Tensor]:
+    """The buffers of a network with real numbers, such as statistics of batches."""
+    return [each for each in network.buffers() if each.is_floating_point()]
 
 
 class NetworkLearner:
@@ -233,7 +238,8 @@ class NetworkLearner:
         """One step of Adam with the gradients in `grad`, clipped likewise."""
         weights = self.optimizer.param_groups[0]["params"]
         if self.average is not None:
-            self.average([weight.grad for weight in weights if weight.grad is not None])
+            gradients = [weight.grad for weight in weights if weight.grad is not None]
+            self.average(gradients + averaged_buffers(self.network))
         clip_gradients(weights, self._descent.max_grad_norm)
         step_adam(self.optimizer)
         # Cached tables of a policy compare the versions of the weights, which a fused step does not

@@ -8,6 +8,7 @@ from typing import Any
 import torch
 
 from pursuit.observations.masks import ACTION_MASK
+from train.algorithms.advantages import standardized
 from train.algorithms.fused_rollouts import Frames, select
 from train.algorithms.learner import Build, VecEnv, means
 from train.algorithms.rollouts import Figures, RolloutLearner, actor_critic_of
@@ -80,11 +81,14 @@ class PPO(RolloutLearner):
         logged: list[Figures] = []
         for _ in range(settings.epochs):
             for chosen in torch.split(torch.randperm(rows, device=self.device), size):
-                if len(chosen) == size:
-                    minibatch = select(frames, chosen)
+                if len(chosen) < size:
+                    continue
+                minibatch = select(frames, chosen)
+                active = minibatch.get("loss_mask")
+                if active is None or active.any():  # sequences of captured agents have no frames
                     logged.append(self.update.set_gradients(minibatch, coefficients))
                     self.descend_by_gradients()
-        if self.kl_coef:
+        if self.kl_coef and logged:
             self._adapt_kl_coef(logged[-1]["kl"])
         return means(logged)
 
@@ -142,7 +146,7 @@ def ppo_loss(
     distribution = network.distribution(output, minibatch.get(ACTION_MASK, None))
     advantage = minibatch["advantage"]
     if coefficients.standardize:
-        advantage = (advantage - advantage.mean()) / advantage.std().clamp(min=1e-6)
+        advantage = standardized(advantage)
     change = distribution.log_prob(minibatch[distribution.DRAWN]) - minibatch["action_log_prob"]
     ratio = change.exp()
     clipped = ratio.clamp(1.0 - coefficients.clip, 1.0 + coefficients.clip)

@@ -20,6 +20,7 @@ from train.algorithms.learner import Build, VecEnv
 from train.algorithms.ppo import PPO, ppo_loss
 from train.algorithms.rollouts import Figures, TorchUpdate, actor_critic_of
 from train.networks.actor_critic import ActorCritic
+from train.networks.continuous import polyak_update
 from train.networks.distributions import DISTRIBUTION, Categorical
 from train.networks.fused_actor_critic import LossCoefficients
 from train.settings.algorithms import MMDSettings, ReferenceSettings, RNaDSettings
@@ -58,10 +59,7 @@ class ReferencePPO(PPO):
         figures = super().iterate(progress)
         self.iterations += 1
         if self.iterations % self.interval == 0:
-            with torch.no_grad():
-                moved = zip(self.reference.parameters(), self.network.parameters(), strict=True)
-                for weights, goal in moved:
-                    weights.lerp_(goal, self.rate)
+            polyak_update(self.reference, self.network, self.rate)
         return figures
 
     def state_dict(self) -> dict[str, Any]:

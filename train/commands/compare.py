@@ -78,6 +78,7 @@ def compare(arguments: Sequence[str]) -> None:
 
 def print_plan(plan: Comparison, out: Path, workers: int) -> None:
     """Print tasks, number of runs and duration."""
+    from train.experiments.attainable import comparison_out_of_reach
     from train.experiments.comparison.plan import FILES
     from train.experiments.sweep import shipped  # torch is slow to import
 
@@ -89,4 +90,6 @@ def print_plan(plan: Comparison, out: Path, workers: int) -> None:
     length = plan.seconds()
     time = "" if length is None else f", {length / 60 / workers:.0f} minutes without evaluations"
     print(f"{trials} runs of the search and {finals} of the comparison into {out}{time}")
+    for line in comparison_out_of_reach(len(plan.final.seeds)):
+        print(line)
     print(f"shipped comparison files: {', '.join(shipped(FILES))}")

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from pursuit.tasks.task import Task
-from scripted_agents.environments import is_agent
+from scripted_agents.environments import agent_name, is_agent
 from train.commands.parse import parse, print_warnings
 from train.files import check_output_folder, hold, write_json, write_text
 from train.reports.tables import ResultTable, print_table
@@ -30,8 +30,8 @@ class LeagueCommand(Settings):
     """All chasers against all evaders: payoff matrix, Elo, Nash averaging, cycles.
 
     Give the folders of runs (`pursuit train` of a chaser or evader, `pursuit self-play` for both),
-    saved Stable-Baselines3 models (.zip) and the names of scripted agents: astar, random, optimal,
-    searching, sweeping, belief.
+    saved Stable-Baselines3 models (.zip) and the names of scripted agents: astar, random,
+    equilibrium, searching, sweeping, belief.
     """
 
     entries: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
@@ -64,8 +64,8 @@ class LeagueCommand(Settings):
 def league(arguments: Sequence[str]) -> None:
     """`pursuit league`."""
     given = parse(LeagueCommand, arguments, "league")
-    check(bool(given.entries), "no entries; give folders of runs, or astar, random, optimal")
-    out = given.out
+    check(bool(given.entries), "no entries; give folders of runs, or astar, random, equilibrium")
+    names, out = [agent_name(name) for name in given.entries], given.out
     check_output_folder(out, lambda folder: (folder / LEAGUE).exists(), given.overwrite)
     from train.experiments.methods import METHODS, league_methods  # torch is slow to import
     from train.runs.loop import machine, versions
@@ -75,7 +75,7 @@ def league(arguments: Sequence[str]) -> None:
     with print_warnings():
         how = (given.maze, given.opponent_epsilon, given.greedy)
         models = (given.model_roles, given.model_observations)
-        task, entries = enter(given.entries, *how, given.names, *models)
+        task, entries = enter(names, *how, given.names, *models)
     lock = hold(out, "league")
     table = play_league(task, entries, given.games, given.seed)
     content = rate(table, given.seed) | {
@@ -85,7 +85,7 @@ def league(arguments: Sequence[str]) -> None:
         "seed": given.seed,
         "greedy": given.greedy,
         "opponent_epsilon": given.opponent_epsilon,
-        "entries": list(given.entries),
+        "entries": names,
         "command": command_line(),
         "versions": versions(),
         "machine": machine(),
@@ -96,10 +96,10 @@ def league(arguments: Sequence[str]) -> None:
     tables |= {f"{role}s": ratings_table(role, content) for role in ROLES}
     for stem, each in tables.items():
         each.write(out, stem)
-    folders = [Path(name) for name in given.entries if not is_agent(name) and not is_model(name)]
+    folders = [Path(name) for name in names if not is_agent(name) and not is_model(name)]
     write_text(out / METHODS, league_methods(content, folders))
     _print(task, table, tables, content)
-    if legend := legend_of(given.entries, given.opponent_epsilon):
+    if legend := legend_of(names, given.opponent_epsilon):
         print(legend)
     lock.release()
     print(f"figures, tables and methods: {out}")

@@ -179,7 +179,7 @@ def command(name: str) -> Callable[[Sequence[str]], None]:
     if name not in COMMANDS:
         return COMMAND_PARTS.get(name)
     module = name.replace("-", "_")
-    function: Any = getattr(import_module(f"train.commands.{module}"), module)
+    function: Any = getattr(import_module(f"{__package__}.{module}"), module)
     return function
 
 

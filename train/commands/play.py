@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated
 
+from scripted_agents.environments import agent_name
 from train.commands.parse import fail, options_in, parse, print_warnings, take_allow_options
 from train.play.browser import open_page
 from train.play.outcome import total_line
@@ -33,7 +34,7 @@ class PlayCommand(Settings):
 
     task: TaskSettings = field(default_factory=TaskSettings)
     against: str | None = None
-    """The opponent: astar (default), optimal, random, searching, sweeping, belief,
+    """The opponent: astar (default), equilibrium, random, searching, sweeping, belief,
     package.module:Name, or the folder of a run, which also sets the task."""
     beside: str | None = None
     """The agent to compare with, which plays your role from the same starts. Values as of
@@ -80,7 +81,7 @@ def play(arguments: Sequence[str]) -> None:
 
 
 def settings_of(given: PlayCommand, epsilon_given: bool = False) -> TaskSettings:
-    """The task with its opponent; an optimal one has no random moves unless epsilon is given.
+    """The task with its opponent; an equilibrium has no random moves unless epsilon is given.
 
     Raises:
         ValueError: two opponents for one side.
@@ -92,7 +93,7 @@ def settings_of(given: PlayCommand, epsilon_given: bool = False) -> TaskSettings
         task.opponent is None,
         f"against={against!r} and opponent={task.opponent!r} both set the opponent; give one",
     )
-    if against == "optimal" and not epsilon_given:
+    if agent_name(against) == "equilibrium" and not epsilon_given:
         task = replace(task, opponent_epsilon=0.0)
     from train.play.setup import of_side  # torch is slow to import
 

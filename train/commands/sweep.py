@@ -147,6 +147,11 @@ def list_runs(plan: Study, out: Path) -> None:
     for run in plan.runs:
         what = " ".join(f"{n}={v}" for n, v in (run.label | {"seed": run.seed}).items())
         print(f"{statuses[run.name]:<12}{what}  {folder_of(out, run.name)}")
+    if "control" in plan.report:
+        from train.experiments.attainable import out_of_reach
+
+        for line in out_of_reach(plan):
+            print(line)
     print(
         f"{len(statuses)} runs into {out} ({counts(statuses.values()) or 'none'}); nothing was done"
     )

@@ -88,8 +88,9 @@ def evaluate(
         contest = GameContest(task, agent, others, *rest)
     if not callable(getattr(policy, "act", None)):
         check(callable(policy), f"policy={policy!r}; give a function of observations, or a Policy")
-        encoding = "positions" if isinstance(task, ReacherTask) else "one_hot"
-        policy = FunctionPolicy(policy, observation or encoding)
+        if observation is None:
+            observation = "positions" if isinstance(task, ReacherTask) else "one_hot"
+        policy = FunctionPolicy(policy, observation)
     return _compared(contest, policy)
 
 

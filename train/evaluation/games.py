@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from math import lcm
 from typing import Any
 
 import numpy as np
@@ -81,8 +82,11 @@ def won_by(simulator: Simulator, seat: int) -> Mask:
     task = simulator.task
     role, own = task.seat_roles[seat], simulator.active[:, seat] != 0
     if role == "runner" and task.num_runners + task.num_evaders > 1:
-        others = np.delete(simulator.collected, seat, axis=1)
-        return np.asarray(simulator.collected[:, seat] > others.max(axis=1))
+        # Compared as whole numbers of their smallest part, as sums of thirds are rounded. With more
+        # than 28 collectors this part is too small for float64.
+        collectors = min(task.num_runners + task.num_evaders, 28)
+        parts = np.rint(simulator.collected * lcm(*range(1, collectors + 1)))
+        return np.asarray(parts[:, seat] > np.delete(parts, seat, axis=1).max(axis=1))
     if role == "chaser" and task.num_evaders:
         return all_caught(simulator)
     if role == "evader" and not task.num_goals:

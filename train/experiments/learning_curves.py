@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from train.experiments.forms import HINTS
-from train.experiments.tables import FinishedStudy
+from train.experiments.tables import FinishedStudy, longer_is_better
 from train.reports.figures import time_scale
 from train.reports.tables import Row
 from train.settings.checks import check
@@ -81,7 +81,7 @@ def curve_of(row: Row, evaluations: list[Row], x: str | None) -> Curve:
         f"{row['run']}: the exact optimum of its task is not known, but an ablation needs it; use "
         "a single runner, or one chaser against one evader",
     )
-    evader = str(row["role"]).startswith("evader") and row["num_goals"] in (None, 0)
+    evader = longer_is_better(row)
     sign = -1.0 if evader else 1.0
 
     def column(name: str) -> NDArray[np.float64]:

@@ -179,11 +179,21 @@ def sign_flip_p(differences: ArrayLike) -> float:
     """The p of a two-sided test that paired differences [n] are symmetric around 0.
 
     The statistic is their mean under changes of their signs: all 2**n changes if these are at most
-    `PERMUTATIONS`, otherwise that many random ones. The smallest p is 2 / 2**n.
+    `PERMUTATIONS` (up to n = 14), otherwise that many random ones. For the smallest p see
+    `least_sign_flip_p`.
     """
     values = np.asarray(differences, dtype=np.float64)
     how: Any = {"n_resamples": PERMUTATIONS, "permutation_type": "samples", "rng": 0}
     return float(permutation_test((values,), np.mean, vectorized=True, **how).pvalue)
+
+
+def least_sign_flip_p(count: int) -> float:
+    """The smallest p that `sign_flip_p` can give for so many differences.
+
+    2 of the 2**count changes of signs are the most extreme; with random ones it is 2 over their
+    number plus 1.
+    """
+    return 2.0 / 2**count if 2**count <= PERMUTATIONS else 2.0 / (PERMUTATIONS + 1)
 
 
 def least_p(sizes: Sequence[tuple[int, int]]) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -200,6 +200,11 @@ def row_of(folder: Path) -> dict[str, Any]:
         row |= rows[-1]
     row["error"] = error_of(folder)
     return row
+
+
+def longer_is_better(row: Mapping[str, Any]) -> bool:
+    """Whether more steps are better: for "evader" or a single one ("evader_0"), without goals."""
+    return str(row.get("role")).startswith("evader") and row.get("num_goals") in (None, 0)
 
 
 def error_of(folder: Path) -> str | None:

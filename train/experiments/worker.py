@@ -16,13 +16,12 @@ from collections.abc import Mapping
 from multiprocessing import get_context, parent_process
 from multiprocessing.process import BaseProcess
 from pathlib import Path
-from pkgutil import resolve_name
 from threading import Thread
 from typing import Any
 
 from filelock import FileLock
 
-from pursuit.plugins import environment
+from pursuit.plugins import environment, from_train
 from train.experiments.kinds import open_run
 from train.experiments.study import CALL, ERROR, OUTCOME, PROGRESS, status_of
 from train.files import read_json, write_json, write_text
@@ -43,7 +42,7 @@ def perform(folder: Path) -> None:
             train(folder)
         else:
             call = read_json(folder / CALL)
-            write_json(folder / OUTCOME, resolve_name(call["function"])(**call["given"]))
+            write_json(folder / OUTCOME, from_train(call["function"])(**call["given"]))
 
 
 def train(folder: Path) -> None:
@@ -88,7 +87,8 @@ def start_worker(folder: Path) -> BaseProcess:
     The process is forked from a server that has imported this module and torch once.
     """
     context: Any = get_context("forkserver")
-    context.set_forkserver_preload([__name__])
+    # the server looks for modules in the working folder first, where another `train` may be
+    context.set_forkserver_preload(["pursuit.train.experiments.worker"])
     process: BaseProcess = context.Process(target=work, args=(str(folder), environment()))
     process.start()
     return process

@@ -162,8 +162,11 @@ class Critics(nn.Module):
 def polyak_update(targets: nn.Module, networks: nn.Module, tau: float) -> None:
     """Polyak averaging: move the weights of `targets` by the share `tau` towards `networks`.
 
-    Equal to TorchRL's `SoftUpdate`, and tested against it; one operation for all weights.
+    Equal to TorchRL's `SoftUpdate`, and tested against it; one operation for all weights. Buffers,
+    such as statistics of batches, are copied.
     """
     if tau > 0.0:
         with torch.no_grad():
             torch._foreach_lerp_(list(targets.parameters()), list(networks.parameters()), tau)
+            for target, own in zip(targets.buffers(), networks.buffers(), strict=True):
+                target.copy_(own)

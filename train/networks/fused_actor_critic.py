@@ -40,7 +40,8 @@ class LossCoefficients(NamedTuple):
         clip: clipping range of the probability ratio; infinity for none.
         value_coef: weight of the value loss; None without a value function.
         entropy_coef: weight of the entropy bonus.
-        standardize: whether advantages are scaled to mean 0 and standard deviation 1 first.
+        standardize: whether advantages are scaled to mean 0 and standard deviation 1 first; those
+            of a single frame are not.
         kl_coef: weight of KL(collecting policy, policy); only `TorchUpdate` supports it.
     """
 

@@ -166,7 +166,7 @@ def clipped_loss(
         advantage: [batch] float32.
         target: [batch] float32, of the values.
         coefficients: [4] float64: clipping range, value and entropy coefficients, and 1 if
-            advantages are standardised, else 0.
+            advantages are standardised, else 0; a single row is not.
         slopes: [batch, actions + 1] float32, out; the last column is the value's.
         sums: [6] float64, out; zeros at first. Sums over the batch: objective, squared errors of
             the value, entropy, clipped rows, differences of log-probabilities, and
@@ -176,7 +176,7 @@ def clipped_loss(
     batch, actions = slopes.shape[0], slopes.shape[1] - 1
     clip, value_coef, entropy_coef = coefficients[0], coefficients[1], coefficients[2]
     mean, scale = 0.0, 1.0
-    if coefficients[3] != 0.0:
+    if coefficients[3] != 0.0 and batch > 1:
         for place in range(batch):
             mean += advantage[place]
         mean /= batch

@@ -171,6 +171,9 @@ class Convolutions(nn.Module):
 class Own(nn.Module):
     """A user-defined network from `NETWORKS`, from observations to `width` numbers.
 
+    Passes without gradients are in evaluation mode: dropout and the statistics of batches belong
+    to the updates, as actions are drawn and evaluated by one distribution.
+
     For "index" its input is int64 numbers, otherwise float32 scaled to about [-1, 1]:
     [batch, *shape].
 
@@ -189,8 +192,10 @@ class Own(nn.Module):
         example = torch.zeros(2, *self.shape, dtype=self.form)
         try:
             made = factory(features, width)
-            with torch.no_grad():  # also initialises lazy layers
-                found = tuple(made.eval()(example).shape) if isinstance(made, nn.Module) else ()
+            found = ()
+            if isinstance(made, nn.Module):
+                with torch.no_grad(), evaluation_mode(made):  # also initialises lazy layers
+                    found = tuple(made(example).shape)
         except Exception as error:  # of the user's code
             remedy = "; convolutions need --observation planes, dense layers one_hot"
             raise ValueError(
@@ -204,7 +209,7 @@ class Own(nn.Module):
             f"network {features.network!r} returned {found} for 2 observations; return "
             f"[batch, width], here {(2, width)}",
         )
-        self.network = made.train()
+        self.network = made
 
     def prepare(self, observation: torch.Tensor) -> torch.Tensor:
         """[..., *shape]."""
@@ -212,7 +217,13 @@ class Own(nn.Module):
 
     def forward(self, prepared: torch.Tensor) -> torch.Tensor:
         """[..., width] from [..., *shape]."""
-        hidden: torch.Tensor = self.network(prepared.reshape(-1, *self.shape))
+        given = prepared.reshape(-1, *self.shape)
+        hidden: torch.Tensor
+        if torch.is_grad_enabled():
+            hidden = self.network(given)
+        else:
+            with evaluation_mode(self.network):
+                hidden = self.network(given)
         return hidden.reshape(*prepared.shape[: prepared.dim() - len(self.shape)], -1)
 
 
@@ -266,8 +277,21 @@ class Trunk(nn.Module):
 
 
 @contextmanager
+def evaluation_mode(network: Any) -> Iterator[None]:
+    """Evaluation mode of a network and all its parts; then each has its own mode again."""
+    switched = [each for each in network.modules() if each.training]
+    for module in switched:
+        module.training = False
+    try:
+        yield
+    finally:
+        for module in switched:
+            module.training = True
+
+
+@contextmanager
 def float32_inference(network: Any) -> Iterator[None]:
-    """Forward passes in float32, also of a network that is trained in bfloat16.
+    """Forward passes in float32 and evaluation mode, also of a network that is trained in bfloat16.
 
     All policies use it, so that a policy in training acts as it does when loaded from its run.
     """
@@ -275,7 +299,7 @@ def float32_inference(network: Any) -> Iterator[None]:
     for module in rounded:
         module.autocast_bfloat16 = False
     try:
-        with torch.no_grad():
+        with torch.no_grad(), evaluation_mode(network):
             yield
     finally:
         for module in rounded:

@@ -48,6 +48,12 @@ class Network(Protocol):
     def parameters(self) -> Iterator[torch.nn.Parameter]:
         """All weights."""
 
+    def buffers(self) -> Iterator[torch.Tensor]:
+        """All buffers, such as statistics of batches."""
+
+    def eval(self) -> Any:
+        """Switch to evaluation mode; returns itself."""
+
     def state_dict(self) -> dict[str, Any]:
         """All weights by name."""
 

@@ -31,11 +31,16 @@ def probabilities_of(
 
 
 def without_improbable(probabilities: NDArray[np.float64], least: float) -> NDArray[np.float64]:
-    """[..., actions]: probabilities below `least` are 0, and the others scaled to sum 1."""
+    """[..., actions]: probabilities below `least` are 0, and the others scaled to sum 1.
+
+    Where all are below it, they stay as they are.
+    """
     if least == 0.0:
         return probabilities
-    kept = np.where(probabilities >= least, probabilities, 0.0)
-    return np.asarray(kept / kept.sum(axis=-1, keepdims=True))
+    kept = probabilities >= least
+    kept |= ~kept.any(axis=-1, keepdims=True)
+    found = np.where(kept, probabilities, 0.0)
+    return np.asarray(found / found.sum(axis=-1, keepdims=True))
 
 
 def chosen_from(

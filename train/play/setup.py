@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from scripted_agents.environments import agent_name
 from train.play.session import Session
 from train.runs.folder import CONFIG
 from train.runs.opponents import check_fits, is_self_play, policy_in_seat
@@ -23,8 +24,8 @@ def session_of(settings: TaskSettings, beside: str, seed: int) -> Session:
 
     Args:
         settings: the task; the user plays its role, the policies of its opponent the other agents.
-        beside: the policy that plays the same starts in place of the user: astar, optimal, random,
-            package.module:Name, or the folder of a run.
+        beside: the policy that plays the same starts in place of the user: astar, equilibrium,
+            random, package.module:Name, or the folder of a run.
         seed: of the games.
 
     Raises:
@@ -76,6 +77,8 @@ def name_of(given: str, role: str) -> str:
     """The name of an agent in results."""
     if given == "astar":
         return "nearest goal" if role == "runner" else "A*"
+    if agent_name(given) == "equilibrium":
+        return "optimal" if role == "runner" else "equilibrium"
     folder = Path(given)
     if not folder.exists():
         return given

@@ -29,6 +29,7 @@ import torch
 from numpy.typing import NDArray
 
 from pursuit.plugins import environment
+from train.algorithms.learner import averaged_buffers
 from train.runs.folder import CHECKPOINT
 from train.runs.parts import parts_of
 from train.runs.threads import can_fork, prepare_torch
@@ -118,7 +119,8 @@ class SecondProcess(Replica):
         state: dict[str, Any] | None = None,
     ) -> None:
         context: Any = get_context("fork" if can_fork() else "spawn")
-        weights = sum(weight.numel() for weight in learner.network.parameters())
+        kept = [*learner.network.parameters(), *averaged_buffers(learner.network)]
+        weights = sum(each.numel() for each in kept)
         shared = context.RawArray("f", 4 * weights)
         ours, theirs = context.Pipe()
         super().__init__(ours, shared, 0)
@@ -227,7 +229,7 @@ def serve_messages(replica: Replica, settings: TrainSettings[Any]) -> None:
         message = replica.receive()
         if message is None:
             if teacher is not None:
-                teacher.figures()  # clears values that only the first process logs
+                teacher.forget_episodes()  # which only the first process logs
             own = {**training_state(env, teacher, learner), "torch_rng": torch.get_rng_state()}
             del own["learner"]
             replica.send((own, digest_of(learner)))
@@ -243,6 +245,6 @@ def serve_messages(replica: Replica, settings: TrainSettings[Any]) -> None:
 def digest_of(learner: Any) -> bytes:
     """A digest of the bits of the weights."""
     digest = hashlib.sha256()
-    for weight in learner.network.parameters():
-        digest.update(weight.detach().numpy().tobytes())
+    for weight in learner.network.state_dict().values():
+        digest.update(weight.numpy().tobytes())
     return digest.digest()

@@ -56,8 +56,8 @@ def export_policy(policy: Any, path: Path | str) -> Path:
     form = torch.from_numpy(features.high[None]).dtype
     example = torch.zeros(2, *features.shape, dtype=form)
     batch = ({0: torch.export.Dim("batch")},)
-    whole = ActionProbabilities(policy).eval()
-    with float32_inference(policy.network):
+    whole = ActionProbabilities(policy)
+    with float32_inference(whole):
         try:
             program = torch.export.export(whole, (example,), dynamic_shapes=batch)
         except Exception as error:  # torch.export raises many kinds

@@ -80,6 +80,9 @@ class Trainee(Protocol):
     def evaluate(self) -> dict[str, float]:
         """The values of an evaluation of the current policy."""
 
+    def forget_episodes(self) -> None:
+        """Start new means over the training games for the next evaluation."""
+
     def log_fields(self, row: dict[str, float]) -> list[str]:
         """The fields of the log line of an evaluation."""
 
@@ -220,13 +223,21 @@ class Run:
                 self._check_figures(figures)
                 self.stopped, self.exit_status = interruption.asked, interruption.status
                 report(self, {})
-                if self.progress * EVALUATIONS >= self.evaluations + 1 or self.stopped:
-                    # Counted by progress, so that a resumed run has the same evaluations.
-                    self.evaluations = int(self.progress * EVALUATIONS)
+                # Counted by progress, so that a resumed run has the same evaluations.
+                done = int(self.progress * EVALUATIONS)
+                if done > self.evaluations:
+                    self.evaluations = done
                     self._record(figures, board, report)
+                elif self.stopped:
+                    self._record(figures, board, report, due=False)
 
-    def _record(self, figures: dict[str, float], board: Any, report: Report) -> None:
-        """Evaluate, and save the row and the checkpoint."""
+    def _record(
+        self, figures: dict[str, float], board: Any, report: Report, due: bool = True
+    ) -> None:
+        """Evaluate, and save the row and the checkpoint.
+
+        An evaluation that is not `due`, at an interruption, leaves no trace in a resumed run.
+        """
         frames = self.trainee.frames
         with self._watched():
             row = {
@@ -238,10 +249,13 @@ class Run:
             }
         self._check_learned()
         self.metrics.add(row)
+        if due:
+            self.trainee.forget_episodes()
         self.save()
-        with self._writes_tensorboard():
-            for name, value in row.items():
-                board.log_scalar(name, value, step=frames)
+        if due:
+            with self._writes_tensorboard():
+                for name, value in row.items():
+                    board.log_scalar(name, value, step=frames)
         report(self, row)
 
     @contextlib.contextmanager

@@ -20,6 +20,7 @@ from train.runs.threads import uses_bfloat16
 from train.runs.worlds import GridWorld, World, world_of
 from train.settings.algorithms import Hyperparameters
 from train.settings.checks import check, evaluation_seed
+from train.settings.common import check_min_probability
 from train.settings.off_policy import ReplaySettings
 from train.settings.run import SHARED_OUT, TrainSettings
 from train.settings.task import AnyTask, in_maze
@@ -75,6 +76,8 @@ def parts_of(settings: TrainSettings[Any], rank: int = 0) -> Parts:
         f"{algorithm.settings.__name__}",
     )
     algorithm.check(hyper, seat, settings.device, settings.evaluate == "greedy")
+    if not seat.continuous:
+        check_min_probability(settings.min_probability, seat.num_actions)
     if isinstance(hyper, ReplaySettings):
         starts = hyper.learning_starts
         if settings.frames is not None and settings.frames <= starts:

@@ -101,4 +101,4 @@ def player_of(settings: TrainSettings[Any]) -> Seat | ArmSeat:
     plans = settings.network == "auto" and settings.device == "cpu" and unseen
     network = "planning" if plans else settings.network
     how = (settings.observation, given.mask_bumps, settings.frame_stack, network)
-    return Seat(played, agent, *how, settings.min_probability)
+    return Seat(played, agent, *how, settings.min_probability or 0.0)

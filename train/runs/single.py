@@ -102,9 +102,14 @@ class SingleAgent:
         if lengths:
             row["episode_return"] = float(np.concatenate(returns).mean())
             row["episode_length"] = float(np.concatenate(lengths).mean())
-        returns.clear()
-        lengths.clear()
         return row if self.teacher is None else row | self.teacher.figures()
+
+    def forget_episodes(self) -> None:
+        """Start new means over the training games."""
+        self.env.finished_returns.clear()
+        self.env.finished_lengths.clear()
+        if self.teacher is not None:
+            self.teacher.forget_episodes()
 
     def log_fields(self, row: dict[str, float]) -> list[str]:
         """Return, length and stage of the training games, steps and gap of the evaluation."""

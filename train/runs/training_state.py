@@ -14,6 +14,9 @@ from train.runs.parts import Parts
 from train.settings.checks import check
 from train.teaching.teacher import Teacher
 
+FINISHED = ("returns", "lengths")
+"""What is saved of the training episodes since the last evaluation."""
+
 
 def build_env_and_learner(
     parts: Parts, state: dict[str, Any] | None
@@ -30,6 +33,10 @@ def build_env_and_learner(
         restore_simulator(env.simulator, state["simulator"])
         if teacher is not None:
             teacher.load_state_dict(state["teacher"])
+        env.finished_returns, env.finished_lengths = (
+            [tensor.numpy() for tensor in state.get("finished", {}).get(name, ())]
+            for name in FINISHED
+        )
         restore_policy_memories(env, state["memories"])
         env.resume = True
     learner = parts.algorithm.build(parts.hyper, env, parts.build)
@@ -47,6 +54,10 @@ def training_state(env: Any, teacher: Teacher | None, learner: Any) -> dict[str,
         "teacher": None if teacher is None else teacher.state_dict(),
         "simulator": simulator_tensors(env.simulator),
         "memories": policy_memories(env),
+        "finished": {
+            name: [torch.from_numpy(array) for array in getattr(env, f"finished_{name}")]
+            for name in FINISHED
+        },
     }
 
 

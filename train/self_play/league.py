@@ -12,7 +12,13 @@ from numpy.typing import NDArray
 
 from pursuit.simulator.policy import Policy
 from pursuit.tasks.task import Task
-from scripted_agents.environments import AGENTS, is_agent, named_policy, roles_of_agent
+from scripted_agents.environments import (
+    AGENTS,
+    agent_name,
+    is_agent,
+    named_policy,
+    roles_of_agent,
+)
 from train.evaluation.games import half_width
 from train.evaluation.matchups import can_solve, match, play_pair
 from train.runs.folder import CONFIG
@@ -86,6 +92,7 @@ def enter(
         ValueError: an entry that is not a run, is of another game or given twice, or a role without
             entries.
     """
+    names = [agent_name(name) for name in names]
     title = dict(zip(names, entry_names(names, is_agent, called), strict=True))
     models = [name for name in names if is_model(name)]
     runs = [name for name in names if not is_agent(name) and name not in models]
@@ -140,7 +147,7 @@ def _folders_of(name: str) -> list[Path]:
 def _task_of(runs: Sequence[tuple[str, Path]], maze: str | None) -> Task:
     """The task of the first run; without runs, a chase in this maze (None: 5x5)."""
     if not runs:
-        return task_of(TaskSettings(maze=maze or "5x5"))
+        return task_of(TaskSettings(maze="5x5" if maze is None else maze))
     name, folder = runs[0]
     check(maze is None, f"maze={maze!r}, but {name} has its own maze; leave maze out")
     task = task_of(in_maze(load_settings(folder).task, name))

@@ -70,14 +70,14 @@ def format_row(row: Mapping[str, float]) -> list[str]:
 
 
 def scripted_references(task: Task, role: str | None = None) -> tuple[str, ...]:
-    """The scripted agents to compare with; "optimal" only if it is exactly optimal here.
+    """The scripted agents to compare with; "equilibrium" only if it is solved here.
 
     For a `role` with a limited view also those with the same view.
     """
     solved = all(why_not_optimal(task, role) is None for role in ROLES) and (
         task.max_cells <= MAX_GAME_CELLS if task.is_duel else work_of(task) <= MAX_EXACT_WORK
     )
-    names = tuple(name for name in SCRIPTED if name != "optimal" or solved)
+    names = tuple(name for name in SCRIPTED if name != "equilibrium" or solved)
     hidden = role is not None and any(
         task.hides_from(agent)
         for agent, own in zip(task.agent_names, task.seat_roles, strict=True)

@@ -26,7 +26,7 @@ from train.self_play.learners import unchecked_self_play
 from train.self_play.side import SideParts
 from train.settings.algorithms import PPOSettings
 from train.settings.checks import check
-from train.settings.common import RunSettings
+from train.settings.common import RunSettings, check_min_probability
 from train.settings.reading import read_from, shortened, whole
 from train.settings.run import TrainSettings
 from train.settings.self_play import ROLES, LearningSide, SelfPlaySettings
@@ -35,6 +35,10 @@ from train.settings.task import TaskSettings
 SHORT = 20
 """Default number of steps of training episodes without goals. Where the evader can escape, episodes
 of full length would hardly visit the states in which it is caught."""
+
+
+MIN_PROBABILITY = 0.05
+"""Default with up to 5 moves."""
 
 
 @dataclass(frozen=True)
@@ -117,7 +121,7 @@ def self_play_parts(settings: SelfPlaySettings) -> SelfPlayParts:
                 settings.episode_steps or (task.max_steps if task.num_goals else SHORT),
                 task.max_steps,
             ),
-            settings.min_probability,
+            own.min_probability or 0.0,
         )
     return SelfPlayParts(task, sides, frozen, scripted, discount)
 
@@ -156,6 +160,10 @@ def side_settings(settings: SelfPlaySettings, role: str) -> TrainSettings[Any]:
         hyper = replace(hyper, num_games=games)
     names = {"observation", "network", "threads", *(f.name for f in fields(RunSettings))}
     whole = {name: getattr(settings, name) for name in names}
+    moves = task_of(task).num_actions
+    default = min(MIN_PROBABILITY, 0.25 / moves)
+    least = default if settings.min_probability is None else settings.min_probability
+    whole["min_probability"] = check_min_probability(least, moves)
     return TrainSettings(task, hyper, algorithm=algorithm, **whole)
 
 

@@ -66,10 +66,11 @@ def matches_table(matches: Sequence[Mapping[str, Any]]) -> ResultTable:
 
 
 def legend_of(names: Iterable[str], epsilon: float) -> str:
-    """What the scripted agents among these names are: astar with this epsilon, and optimal."""
+    """What the scripted agents among these names are: astar with this epsilon, and equilibrium."""
     meanings = {
         "astar": f"epsilon {epsilon:g}",
-        "optimal": "an equilibrium policy of the discounted game",
+        "equilibrium": "an equilibrium policy of the discounted game, which is not always the best "
+        "against these opponents",
     }
     return "; ".join(f"{name}: {meanings[name]}" for name in meanings if name in {*names})
 

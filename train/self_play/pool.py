@@ -283,10 +283,15 @@ def weights(
                 f"sampling {sampling!r} raised {type(error).__name__}: {error} "
                 f"({Path(line.filename).name}:{line.lineno}); mend it"
             ) from error
-        with contextlib.suppress(TypeError, ValueError):
-            chosen = np.asarray(given, dtype=np.float64)
+        with contextlib.suppress(
+            TypeError, ValueError
+        ):  # text and complex numbers stay as they are
+            chosen = np.asarray(given)
         check(
-            chosen.shape == (len(members),) and 0.0 < chosen.sum() < inf and chosen.min() >= 0.0,
+            chosen.dtype.kind in "biuf"
+            and chosen.shape == (len(members),)
+            and 0.0 < chosen.sum() < inf
+            and chosen.min() >= 0.0,
             f"sampling {sampling!r} returned {given!r} for {len(members)} members of the pool; "
             "return one finite probability of at least 0 for each, with a positive sum",
         )

@@ -41,7 +41,7 @@ EXPLOITABILITY = {
     "chaser_exploitability": Series((), "of the chaser", ORANGE, "--", 1.3),
     "evader_exploitability": Series((), "of the evader", BLUE, "--", 1.3),
 }
-SCRIPTED = {"astar": ("A*", "-"), "random": ("random", ":"), "optimal": ("optimal", "--")}
+SCRIPTED = {"astar": ("A*", "-"), "random": ("random", ":"), "equilibrium": ("equilibrium", "--")}
 
 
 def draw_self_play(path: Path, rows: list[dict[str, float]], title: str) -> None:

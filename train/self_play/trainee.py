@@ -203,9 +203,6 @@ class SelfPlay:
         Exploitability is in discounted steps, lengths are in steps: exact in a duel, and of a team
         up to the size `most` (`match`).
         """
-        for side in self.sides.values():
-            side.env.finished_returns.clear()
-            side.env.finished_lengths.clear()
         chaser, evader = (self.policy(role) for role in ROLES)
         row = exploited(self.task, chaser, evader, self.parts.discount)
         row["steps"] = match(self.task, chaser, evader, episodes, most=most).steps
@@ -215,6 +212,12 @@ class SelfPlay:
                 one, two = (chaser, other) if role == "chaser" else (other, evader)
                 row[f"{role}_vs_{name}"] = match(self.task, one, two, episodes, most=most).steps
         return row
+
+    def forget_episodes(self) -> None:
+        """As `Trainee`; self-play logs no means over training games."""
+        for side in self.sides.values():
+            side.env.finished_returns.clear()
+            side.env.finished_lengths.clear()
 
     def log_fields(self, row: dict[str, float]) -> list[str]:
         """As `format_row`."""
@@ -264,7 +267,7 @@ class SelfPlay:
             evaluation["played_nash_conv"] = evaluation["nash_conv"]
             if settings.sampling in MIXED:
                 shares = self.mixtures if settings.sampling in NASH_SAMPLING else None
-                least = settings.min_probability
+                least = next(iter(self.parts.sides.values())).min_probability
                 found = mixture_nash_conv(self.task, discount, kept, shares, least)
                 if found is not None:
                     content["mixture_nash_conv"], evaluation["played_nash_conv"] = found, found[0]

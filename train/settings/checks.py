@@ -93,7 +93,8 @@ def passes(function: Callable[[Any], object]) -> Rule:
 Count = Annotated[int, rule(lambda value: 1 <= value < 2**63, "must be at least 1, below 2**63")]
 Positive = Annotated[float, rule(lambda value: 0 < value < inf, "must be above 0")]
 NotNegative = Annotated[float, rule(lambda value: 0 <= value < inf, "must be finite, at least 0")]
-Share = Annotated[float, rule(lambda value: 0 <= value <= 1, "must be in [0, 1]")]
+SHARE = rule(lambda value: 0 <= value <= 1, "must be in [0, 1]")
+Share = Annotated[float, SHARE]
 Finite = Annotated[float, rule(lambda value: abs(value) < inf, "must be finite")]
 
 

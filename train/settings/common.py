@@ -14,6 +14,7 @@ from train.settings.checks import (
     MOST_FRAMES,
     PRECISIONS,
     SEED,
+    SHARE,
     Settings,
     check,
     one_of,
@@ -37,10 +38,17 @@ def with_memory(given: Mapping[str, Any]) -> dict[str, Any]:
     return {**given, "network": "auto", "recurrent": given.get("recurrent") or "gru"}
 
 
-MinProbability = Annotated[
-    float,
-    rule(lambda value: 0 <= value <= 0.2, "give 0 to 0.2, so that one of five actions is left"),
-]
+def check_min_probability(given: float | None, moves: int) -> float:
+    """`min_probability`, 0 for None; ValueError above 1 / moves, the least that leaves a move."""
+    least = given or 0.0
+    check(
+        least * moves <= 1.0,
+        f"min_probability={least} with {moves} moves; give 0 to {1.0 / moves:g}, so that one of "
+        "them is left",
+    )
+    return least
+
+
 FrameStack = Annotated[
     int,
     rule(lambda value: 1 <= value <= MOST_FRAMES, f"give 1 (no stacking) to {MOST_FRAMES}"),
@@ -58,9 +66,10 @@ class RunSettings(Settings):
     frame_stack: FrameStack = 1
     """Number of latest observations that the network receives; zeros before the first step of an
     episode."""
-    min_probability: MinProbability = 0.0
+    min_probability: Annotated[float | None, SHARE] = None
     """Actions of lower probability are not played when a sampled policy is evaluated or loaded
-    (Perolat et al., 2022); training is unaffected."""
+    (Perolat et al., 2022); training is unaffected. At most 1 / moves. None: 0; in self-play 0.05,
+    with more than 5 moves 0.25 / moves."""
     seconds: float | None = None
     """Budget of training time in seconds, without evaluations."""
     clock: Annotated[str, one_of(*CLOCKS)] = "wall"

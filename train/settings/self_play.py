@@ -9,15 +9,17 @@ from typing import Annotated, Any
 
 from pursuit.observations.custom import check_observation
 from pursuit.plugins import Registry
-from scripted_agents.environments import AGENTS, is_custom_policy
+from scripted_agents.environments import AGENTS, agent_name, is_custom_policy
 from train.settings.algorithms import Hyperparameters, PPOSettings, hyperparameter_form
-from train.settings.checks import NotNegative, at_least, check, passes, threads_from
-from train.settings.common import MinProbability, RunSettings
-from train.settings.task import TaskSettings
+from train.settings.checks import NotNegative, Rule, at_least, check, passes, threads_from
+from train.settings.common import RunSettings
+from train.settings.task import AGENT, TaskSettings
 
 ROLES = ("chaser", "evader")
 LEARN = "learn"
 """The name of a side that learns, on the command line and in files."""
+MEMBERS = Rule(lambda _, names: tuple(agent_name(name) for name in names))
+"""Agents by name; former names are replaced."""
 SAMPLING = ("latest", "window", "uniform", "pfsp", "double-oracle", "psro")
 NASH_SAMPLING = ("double-oracle", "psro")
 """Sampling rules that draw opponents from a Nash mixture of the payoff matrix."""
@@ -92,10 +94,10 @@ class SelfPlaySettings(RunSettings):
     """All settings of a run of self-play."""
 
     task: TaskSettings = field(default_factory=lambda: TaskSettings(rewards="zero_sum"))
-    chaser: str | LearningSide = field(default_factory=LearningSide)
-    """The chasers: how they learn, or a fixed policy: astar, random, optimal, searching (or
-    sweeping, belief), the folder of a run, or package.module:Name of a user-defined policy."""
-    evader: str | LearningSide = field(default_factory=LearningSide)
+    chaser: Annotated[str | LearningSide, AGENT] = field(default_factory=LearningSide)
+    """The chasers: how they learn, or a fixed policy: astar, random, equilibrium, searching
+    (or sweeping, belief), the folder of a run, or package.module:Name of a user-defined policy."""
+    evader: Annotated[str | LearningSide, AGENT] = field(default_factory=LearningSide)
     """The evaders, as `chaser`."""
     sampling: Annotated[str, passes(SAMPLING_PARTS.check)] = "latest"
     """Distribution over opponents: latest, window (the latest policy and snapshots, and the
@@ -115,12 +117,9 @@ class SelfPlaySettings(RunSettings):
     pool_size: Annotated[int, at_least(1)] = 50
     """Snapshots kept for each role: a uniform sample of all (window: the latest; double-oracle and
     psro: all)."""
-    members: tuple[str, ...] = ()
-    """Scripted agents in the pools from the start: astar, random, optimal, searching (or sweeping,
-    belief), or package.module:Name of a user-defined policy."""
-    min_probability: MinProbability = 0.05
-    """Actions of lower probability are not played when a policy is evaluated or loaded (Perolat et
-    al., 2022); training is unaffected."""
+    members: Annotated[tuple[str, ...], MEMBERS] = ()
+    """Scripted agents in the pools from the start: astar, random, equilibrium, searching (or
+    sweeping, belief), or package.module:Name of a user-defined policy."""
     observation: Annotated[str, passes(check_observation)] = "index"
     """Observation of the networks: index, one_hot, positions, cells, walls, planes, or
     package.module:Name of a user-defined one."""

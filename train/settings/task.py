@@ -18,9 +18,12 @@ from pursuit.tasks.visibility import (
     check_view_radius,
     view_radius_text,
 )
+from scripted_agents.environments import agent_name
 from train.settings.checks import RANDOM_MOVES, Rule, Settings, check, check_choice, one_of, rule
 
 REACHER = "reacher"
+AGENT = Rule(lambda _, name: agent_name(name))
+"""An agent by name; former names are replaced."""
 MOST_STEPS = 100_000
 Steps = Annotated[
     int,
@@ -78,14 +81,14 @@ class TaskSettings(Settings):
     move_order: str = "simultaneous"
     """Order of moves: simultaneous, or chasers_first."""
     min_start_distance: int = 1
-    """Minimum distance in steps between chasers and evaders at the start."""
+    """Minimum distance in steps between chasers and evaders at the start, in tasks with both."""
     rewards: Annotated[str, Rule(kept_text_of_rewards, other_types=True)] = "default"
     """default, goal, completion, distance or zero_sum; or coefficients such as
     step=-0.1,capture=2 or chaser.step=-0.1,evader.capture=-2 (of step, capture, goal, distance,
     on_completion, per_evader); or package.module:Name of a user-defined function."""
     view_radius: Annotated[str | None, Rule(kept_text_of_radius, other_types=True)] = None
     """Observation radius in path steps: a number for all agents, or by role or agent, such as
-    chaser=2,evader_0=3. None: unlimited. The scripted astar, random and optimal ignore it."""
+    chaser=2,evader_0=3. None: unlimited. The scripted astar, random and equilibrium ignore it."""
     line_of_sight: Annotated[str, Rule(kept_text_of_agents, other_types=True)] = ""
     """Agents that see along rows and columns only, up to the next wall: all (or no value), or roles
     and agents such as chaser,evader_0."""
@@ -93,8 +96,8 @@ class TaskSettings(Settings):
     """Agents that know only the visible part of the maze: all (or no value), or roles/agents."""
     opponent_epsilon: Annotated[float, RANDOM_MOVES] = 0.2
     """Probability of a random move of the scripted opponents, in [0, 1]."""
-    opponent: str | None = None
-    """None: A*. Otherwise random, optimal, searching (chasers also sweeping, belief; these
+    opponent: Annotated[str | None, AGENT] = None
+    """None: A*. Otherwise random, equilibrium, searching (chasers also sweeping, belief; these
     three respect the limited view), the folder of a run, a saved Stable-Baselines3 model (.zip), or
     package.module:Name of a user-defined policy."""
     opponent_policy: Annotated[str, one_of("sampled", "greedy")] = "sampled"

@@ -12,6 +12,7 @@ import torch
 from numpy.typing import NDArray
 
 from curricula import Change, Curriculum, Outcomes, Progress
+from pursuit.validation import as_array
 from train.environments.hooks import EpisodeHook
 from train.files import write_csv
 from train.settings.checks import check
@@ -89,7 +90,10 @@ class Teacher(EpisodeHook):
 
     def before_restart(self, games: NDArray[np.intp]) -> None:
         """Set the value of the next episode of each of `games`."""
-        values = self.curriculum.sample(len(games), self.rng)
+        rule = f"sampled by the curriculum; return {len(games)} finite numbers, one for each game"
+        values = as_array("values", self.curriculum.sample(len(games), self.rng), "biuf", rule)
+        if values.shape != games.shape or not np.isfinite(values).all():
+            raise ValueError(f"values={values.tolist()}; {rule}")
         if self.axis is None:
             self.simulator.seed_starts(games, values.astype(np.int64))
         else:
@@ -178,17 +182,21 @@ class Teacher(EpisodeHook):
             self.rows.append(row_of(change, progress))
 
     def figures(self) -> dict[str, float]:
-        """Means over the episodes since the last call, for `metrics.csv`."""
+        """Means over the episodes since `forget_episodes`, for `metrics.csv`."""
         self._collect()
         if not self._played:
             return {}
         (values, lengths), won = np.hstack(self._played), np.concatenate(self._won)
-        self._played, self._won = [], []
         figures = {"training_success": float(won.mean())}
         if self.axis is None or not self.axis.ordered:
             return figures
         hardest = float(np.average(np.isclose(values, self.axis.hardest), weights=lengths))
         return {"stage": float(values.mean()), "on_hardest": hardest, **figures}
+
+    def forget_episodes(self) -> None:
+        """Start new means for `figures`."""
+        self._collect()
+        self._played, self._won = [], []
 
     def state_dict(self) -> dict[str, Any]:
         """Tensors and plain values: everything needed to resume exactly."""

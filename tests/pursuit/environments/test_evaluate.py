@@ -97,6 +97,17 @@ def test_tours_arms_and_heists() -> None:
     assert 0.0 < race.mean <= race.optimum + 0.1
 
 
+@pytest.mark.parametrize("wrong", [{}, [], False, 0, 0.0, "", b"one_hot"], ids=repr)
+def test_only_none_is_the_default_observation(wrong: Any) -> None:
+    def stay(seen: Any) -> Any:
+        return np.zeros(len(seen), dtype=int)
+
+    with pytest.raises(ValueError, match="observation"):
+        pursuit.evaluate(stay, "chase", observation=wrong, episodes=2, **CHASE)
+    with pytest.raises(ValueError, match="observation"):
+        pursuit.evaluate(stay, "reacher", observation=wrong, episodes=2, joints=1)
+
+
 def test_invalid_actions_are_refused() -> None:
     for function, said in (
         (lambda seen: np.zeros(3, dtype=int), r"shape \(3,\), dtype int64"),

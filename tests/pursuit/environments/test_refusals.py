@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import pytest
+from refusals import ARRAY, CELLS, FLAG, MAZES, NUMBER, TEXT, WHOLE, Call, faults_of
 from simulated import TASKS
 
 from pursuit import chase_v0
@@ -100,19 +101,9 @@ MAZE = load_maze("3x3")
 CHASE = make_task("chase", maze="3x3")
 TABLE = RandomAgent().action_probabilities(MAZE)
 OPEN = np.ones((2, 2), dtype=bool)
-NUMBER = (None, "1", [], {}, float("nan"), float("inf"), 10**400, 1j)
-WHOLE = (None, "1", 1.5, [], {}, True, -(2**70), 2**70, float("nan"))
-FLAG = (None, 1, "yes", [])
-TEXT = (None, 5, [], {}, "nonsense")
-MAZES = (None, 5, 1.5, {}, "nonsense", b"3x3")
-CELLS = (None, "ab", 1.5, {0: "a", "b": 1}, [1.5], ["a"], [99], [-5], [[0], [1, 2]], [None])
-ARRAY = (None, "ab", {}, [[0], [1, 2]], 1j, [None])
-
-Call = tuple[Callable[..., Any], dict[str, Any], dict[str, tuple[Any, ...]]]
 
 
 def calls() -> Iterator[Call]:
-    """A function, arguments that it takes, and wrong values of each of them."""
     simulator = Simulator(CHASE, 2)
     env = chase_v0.parallel_env(maze="9x9")
     env.reset(seed=0)
@@ -272,22 +263,6 @@ def calls() -> Iterator[Call]:
 
 
 def test_every_wrong_value_is_a_value_error_and_every_unknown_keyword_a_type_error() -> None:
-    faults, count = [], 0
-    for function, given, wrong in calls():
-        name = getattr(function, "__qualname__", str(function))
-        function(**given)
-        for argument, values in wrong.items():
-            for value in values:
-                count += 1
-                try:
-                    function(**{**given, argument: value})
-                except ValueError:
-                    continue
-                except Exception as error:
-                    faults.append(f"{name}({argument}={value!r}): {error!r}")
-                else:
-                    faults.append(f"{name}({argument}={value!r}): taken")
-        with pytest.raises(TypeError, match="unexpected keyword argument"):
-            function(**given, no_such_keyword=1)
+    faults, count = faults_of(calls())
     assert not faults, "\n".join(["", *faults])
     assert count > 800

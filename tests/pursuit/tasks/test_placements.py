@@ -202,6 +202,24 @@ def test_settings_without_valid_placements_are_refused() -> None:
     play(simulator, 50)
 
 
+ONE_SIDE: dict[str, dict[str, Any]] = {
+    "maze": {"num_runners": 1, "num_goals": 1},
+    "race": {"num_runners": 2, "num_goals": 3},
+    "evaders": {"num_evaders": 2, "num_goals": 2},
+    "chasers": {"num_chasers": 1, "num_runners": 1, "num_goals": 1},
+}
+
+
+@pytest.mark.parametrize("teams", ONE_SIDE.values(), ids=ONE_SIDE)
+def test_start_distances_are_refused_without_chasers_or_without_evaders(
+    teams: dict[str, Any],
+) -> None:
+    """Means over starts would leave out starts that the games draw."""
+    with pytest.raises(ValueError, match=r"min_start_distance=4: .* num_evaders=\d; leave it out"):
+        Task(maze="5x5", min_start_distance=4, **teams)
+    assert Task(maze="5x5", min_start_distance=1, **teams).min_start_distance == 1
+
+
 def test_cells_that_no_path_joins_are_infinitely_far_apart() -> None:
     """For the task and for `configure`, in mazes with a table and without one."""
     for maze in (PARTS, split(70)):

@@ -30,6 +30,7 @@ from scripted_agents import (
     solve_joint,
     tour_lengths,
 )
+from scripted_agents.games import game_of_task
 from scripted_agents.joint import solver as joint
 from scripted_agents.joint import sweeps as joint_sweeps
 
@@ -85,6 +86,20 @@ def test_a_runner_alone_needs_the_steps_of_the_shortest_tour() -> None:
             games, real = found.states.games(0, found.states.count)
             tours = tour_lengths(task.mazes[0], games.position[:, 0], games.goal)
             np.testing.assert_allclose(found.values[real], tours[real], atol=1e-9)
+
+
+def test_rewards_are_not_rounded_to_float32() -> None:
+    """In closed form: a tour of n steps returns -0.1 (n - 1) + 1; a shared goal a third of 0.7."""
+    alone = make_task("maze", maze="4x4", num_goals=1)
+    found = solve_joint(alone, "runner", {}, objective="return").mean_over_starts
+    tour = float(expected_tour_length(alone.mazes[0], 1))
+    assert found == pytest.approx(1.0 - 0.1 * (tour - 1.0), abs=1e-12)
+    rewards = "runner.step=-0.1,runner.goal=0.7,chaser.step=-0.3,chaser.capture=0.2,evader.step=0.1"
+    race = Task(maze="2x2", num_runners=3, num_goals=1, rewards=rewards)
+    assert set(game_of_task(race).rewards.ravel().tolist()) == {-0.1, 0.7, 0.7 / 2, 0.7 / 3}
+    chase = Task(maze="2x2", num_chasers=2, num_evaders=1, rewards=rewards)
+    paid = {-0.3, 0.2, 0.2 / 2, 0.1, -1.0}
+    assert set(game_of_task(chase).rewards.ravel().tolist()) <= paid | {0.0}
 
 
 @pytest.mark.parametrize("order", ORDERS)

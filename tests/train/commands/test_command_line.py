@@ -22,7 +22,7 @@ import torch
 from train.commands.main import in_words, main
 from train.experiments.executors import check_answers
 from train.files import write_atomically
-from train.runs.folder import load_checkpoint, read_metrics
+from train.runs.folder import CHECKPOINT, load_checkpoint, read_metrics
 from train.runs.report import describe_loops
 
 TINY = [
@@ -165,17 +165,16 @@ def test_control_c_saves_and_reports_and_the_run_resumes(tmp_path: Path) -> None
     process = subprocess.Popen(
         [
             *(sys.executable, "-m", "train.commands.main", "train", *TINY),
-            *("--seconds", "60", "--out", str(folder)),
+            *("--frames", "3000000", "--out", str(folder)),
         ],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
     )
-    assert process.stdout is not None
-    for line in process.stdout:
-        if line.startswith("folder"):
-            break
-    time.sleep(2.0)
+    deadline = time.monotonic() + 120
+    while not (folder / CHECKPOINT).exists():
+        assert time.monotonic() < deadline and process.poll() is None
+        time.sleep(0.05)
     process.send_signal(signal.SIGINT)
     output, errors = process.communicate(timeout=60)
     assert process.returncode == 130, errors

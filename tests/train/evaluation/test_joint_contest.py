@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
+import networkx
 import numpy as np
 import pytest
 
+from pursuit.mazes.maze import Maze
 from pursuit.reacher.task import ReacherTask
 from pursuit.simulator.policy import Policy
 from pursuit.simulator.simulator import Simulator
-from pursuit.tasks.task import make_task
+from pursuit.tasks.task import Task, make_task
 from scripted_agents import AStarChaser, AStarEvader, NearestGoalRunner, RandomAgent, solve_joint
 from train import settings_of, start
 from train.commands.scores import print_scores, print_whole_game
@@ -246,6 +249,30 @@ def test_a_draw_is_won_by_none() -> None:
         game.step([[2, 3]])
         assert game.terminated[0]
         assert [bool(won_by(game, seat)[0]) for seat in (0, 1)] == winners
+
+
+@pytest.mark.parametrize("runners", [3, 7])
+def test_shared_goals_are_counted_exactly(runners: int) -> None:
+    """Against fractions, in races in which every runner can reach every goal in each step."""
+    nodes, games, random = runners + 5, 200, np.random.default_rng(runners)
+    maze = Maze.from_graph(networkx.complete_graph(nodes))
+    task = Task(maze=maze, num_runners=runners, num_goals=5, stay_action=True)
+    simulator = Simulator(task, games, auto_restart=False)
+    simulator.place(list(range(runners)), list(range(runners, nodes)))
+    to = np.array([[row.index(cell) for cell in range(nodes)] for row in maze.neighbors.tolist()])
+    shares = [[Fraction(0)] * runners for _ in range(games)]
+    for goal in range(runners, nodes):
+        takers = random.random((games, runners)) < 0.5
+        takers[:, 0] |= ~takers.any(axis=1)
+        actions = to[simulator.positions, np.where(takers, goal, simulator.positions)]
+        for row, taking in zip(shares, takers.tolist(), strict=True):
+            for seat in np.flatnonzero(taking):
+                row[seat] += Fraction(1, sum(taking))
+        simulator.step(actions)
+    assert simulator.terminated.all()
+    for seat in range(runners):
+        known = [row[seat] > max(row[:seat] + row[seat + 1 :]) for row in shares]
+        assert won_by(simulator, seat).tolist() == known
 
 
 def test_the_optimum_of_a_race_collects_most_goals() -> None:

@@ -33,7 +33,7 @@ COMMANDS_OF_A_PAPER = (
     "pursuit solve --maze 3x3 --out game.svg",
     "pursuit maze 3x3 --picture maze.svg",
     "pursuit report runs/ppo runs/a2c --x seconds --log --out comparison",
-    "pursuit league runs/ppo runs/a2c astar random --maze 3x3 --games 20 "
+    "pursuit league runs/ppo runs/a2c astar random --games 20 "
     "--names PPO A2C 'A star' chance --out league",
 )
 """What the figures and tables of a paper are made by, on runs too short to learn anything."""
@@ -96,7 +96,7 @@ def test_methods_say_what_the_files_say(paper: tuple[Path, dict[str, str]]) -> N
     for fact in facts:
         assert fact in text, fact
     league = (paper[0] / "league/methods.md").read_text()
-    assert "| runs | 2 |" in league and "of 20 games a pair" in league
+    assert "| runs | 2 |" in league and "from 20 games per pair" in league
 
 
 @pytest.mark.slow  # the runs take a minute

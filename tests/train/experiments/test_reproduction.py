@@ -232,10 +232,13 @@ def test_settings_that_a_claim_does_not_fix_are_separate_cells() -> None:
     assert "2 cells are compared with 3" in decide(LOWER, three, 0)[0].note
 
 
-def test_longer_episodes_are_better_only_for_evaders() -> None:
-    evader = ran(0, -0.1, role="evader", mean_steps=180.0)
+@pytest.mark.parametrize("role", ["evader", "evader_0", "evader_12"])
+def test_longer_episodes_are_better_only_for_evaders(role: str) -> None:
+    evader = ran(0, -0.1, role=role, mean_steps=180.0)
     assert worse_by(evader, "limit") == pytest.approx(10.0)
-    chaser = ran(0, 0.1, role="chaser", mean_steps=11.0, scripted_steps=12.0)
+    chaser = ran(
+        0, 0.1, role=role.replace("evader", "chaser"), mean_steps=11.0, scripted_steps=12.0
+    )
     assert worse_by(chaser, "scripted") < 0
 
 
@@ -462,7 +465,7 @@ def test_a_replication_from_the_search_to_the_page(tmp_path: Path) -> None:
     sweep = tmp_path / "tiny.toml"
     sweep.write_text(
         '[settings]\ntask = "maze"\nnum_goals = 1\nalgorithm = "q_learning"\nmaze = "2x2"\n'
-        "[short]\nseeds = [0, 1, 2, 3, 4, 5]\nsettings = { seconds = 1 }\n"
+        "[short]\nseeds = [0, 1, 2, 3, 4, 5]\nsettings = { frames = 30000 }\n"
         "[full]\nseeds = [0, 1, 2, 3, 4, 5]\n"
     )
     file = tmp_path / "studies.toml"

@@ -14,7 +14,7 @@ from scipy.stats import ttest_rel
 from train.commands.main import main
 from train.experiments.ablation import load_ablation
 from train.experiments.self_play_ablation import summary, verdict
-from train.experiments.statistics import sign_flip_p
+from train.experiments.statistics import least_sign_flip_p, sign_flip_p
 
 TINY = """
 title = "Tiny"
@@ -70,7 +70,9 @@ def test_the_sign_flip_test_counts_all_changes_of_signs() -> None:
     values = np.array([0.3, -0.1, 0.8, 0.2, 0.5])
     means = [abs(np.mean(values * signs)) for signs in product((-1, 1), repeat=5)]
     assert sign_flip_p(values) == pytest.approx(np.mean(np.array(means) >= abs(values.mean())))
-    assert sign_flip_p(np.ones(8)) == pytest.approx(2 / 2**8)
+    for count in (2, 8, 14, 15, 25):  # above 14 the changes are drawn
+        assert sign_flip_p(np.ones(count)) == pytest.approx(least_sign_flip_p(count))
+    assert least_sign_flip_p(14) == 2 / 2**14
 
 
 def test_variants_are_paired_by_maze() -> None:

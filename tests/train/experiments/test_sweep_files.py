@@ -206,8 +206,9 @@ def test_a_dry_run_lists_the_runs_with_what_varies_and_does_nothing(
     assert last == f"2 runs into {out} (1 interrupted, 1 new); nothing was done"
     (tmp_path / "a.toml").write_text(ABLATION.replace("{rest}", ""))
     main(["ablate", str(tmp_path / "a.toml"), "--out", str(out / "none"), "--dry-run"])
-    first, second, last = capsys.readouterr().out.splitlines()
+    first, second, reach, last = capsys.readouterr().out.splitlines()
     assert "variant=a seed=0" in first and "gamma=0.5" in second and "2 new" in last
+    assert "p < 0.05 cannot be reached: with 1 seeds" in reach
     for version, folder in ((), ""), (("--version", "short"), ""), (("--version", "full"), "-full"):
         main(["ablate", "opponent-epsilon", "--dry-run", *version])
         assert f" into ablations/opponent-epsilon{folder} (" in capsys.readouterr().out

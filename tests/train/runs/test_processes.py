@@ -30,6 +30,7 @@ from train.runs.folder import CHECKPOINT, RUN, load_checkpoint, save_checkpoint
 from train.runs.interruption import Diverged
 from train.runs.loop import Run
 from train.runs.parts import parts_of, settings_of
+from train.runs.single import SingleAgent
 from train.runs.threads import prepare_torch
 from train.runs.training_state import build_env_and_learner, simulator_tensors
 from train.self_play.parts import self_play_settings_of
@@ -144,6 +145,7 @@ def test_the_games_of_both_are_those_of_one_process() -> None:
 def test_episodes_of_both_are_logged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     run = start(RUN, tiny("ppo", **TWO), tmp_path / "run")
     trainee, lengths = run.trainee, []
+    monkeypatch.setattr(SingleAgent, "forget_episodes", lambda self: None)
     monkeypatch.setattr(trainee, "evaluate", lambda: {"mean_steps": 1.0})
     run.train(lambda run, row: lengths.append(sum(map(len, trainee.env.finished_lengths))))
     alone = start(RUN, tiny("ppo", **RUNNER), tmp_path / "alone")
@@ -181,7 +183,7 @@ def test_two_processes_resume(flat: dict[str, Any], tmp_path: Path) -> None:
         given = {**flat, "processes": 2, "max_steps": 12}
     check_resumption(RUN, tiny("ppo", **given), tmp_path)
     state = load_checkpoint(tmp_path / "whole")["trainee"]
-    assert set(state["partner"]) == {"teacher", "simulator", "memories", "torch_rng"}
+    assert set(state["partner"]) == {"teacher", "simulator", "memories", "finished", "torch_rng"}
     if flat.get("curriculum") == "uniform":  # its own stages
         mine, others = (s["teacher"]["arrays"]["playing"] for s in (state, state["partner"]))
         assert not torch.equal(mine, others)
@@ -292,7 +294,7 @@ def test_signals_end_both_processes_of_the_command(number: int, tmp_path: Path) 
     """Started anew for the one, for the other forked where libraries have no threads; SIGINT goes
     to both, as Ctrl-C does."""
     folder, before, killed = tmp_path / "run", memory_files(), number == signal.SIGKILL
-    command = "train --task maze --maze 3x3 --num-goals 2 --processes 2 --seconds 40 --out"
+    command = "train --task maze --maze 3x3 --num-goals 2 --processes 2 --frames 20000000 --out"
     process = subprocess.Popen(
         [sys.executable, "-m", "train.commands.main", *command.split(), str(folder)],
         stdout=subprocess.PIPE,

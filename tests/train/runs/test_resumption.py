@@ -15,10 +15,11 @@ from typing import Any
 import pytest
 import torch
 from self_play_runs import side_by
+from tensorboard.backend.event_processing.event_multiplexer import EventMultiplexer
 
 from train.algorithms.registry import ALGORITHMS, entry
 from train.experiments.kinds import resume, start
-from train.runs.folder import RUN, SELF_PLAY, load_checkpoint
+from train.runs.folder import RUN, SELF_PLAY, load_checkpoint, read_metrics
 from train.runs.loop import Run
 from train.runs.parts import settings_of
 from train.runs.threads import random_states, set_random_states
@@ -87,20 +88,34 @@ def kill(run: Run) -> None:
 
 
 def check_resumption(kind: str, settings: Any, folder: Path) -> None:
-    """An uninterrupted run, and one that is stopped at 30 % and killed at 60 % of its budget."""
+    """An uninterrupted run, and one that is stopped at 35 %, between two evaluations, and killed at
+    60 % of its budget."""
     whole, parts = folder / "whole", folder / "parts"
     start(kind, settings, whole).train()
-    carry_on(start(kind, settings, parts), 0.3, stop)
+    carry_on(start(kind, settings, parts), 0.35, stop)
     with pytest.raises(KilledError):
         carry_on(resume(parts, kind), 0.6, kill)
     resume(parts, kind).train()
     check_same(load_checkpoint(whole), load_checkpoint(parts), "checkpoint")
+    check_same(read_metrics(whole), read_metrics(parts), "metrics")
+    check_same(points_in(whole), points_in(parts), "TensorBoard")
     snapshots = [sorted(path.glob("pool/*/*.pt")) for path in (whole, parts)]
     assert [p.relative_to(whole) for p in snapshots[0]] == [
         p.relative_to(parts) for p in snapshots[1]
     ]
     for one, two in zip(*snapshots, strict=True):
         check_same(torch.load(one), torch.load(two), one.name)
+
+
+def points_in(folder: Path) -> dict[str, list[tuple[int, float]]]:
+    """All points of the TensorBoard events in a folder: frames and values by name."""
+    events = EventMultiplexer().AddRunsFromDirectory(str(folder)).Reload()
+    found: dict[str, list[tuple[int, float]]] = {}
+    for run, content in events.Runs().items():
+        for name in content["scalars"]:
+            points = [(point.step, point.value) for point in events.Scalars(run, name)]
+            found[name] = sorted(found.get(name, []) + points)
+    return found
 
 
 def check_same(one: Any, two: Any, place: str) -> None:

@@ -8,9 +8,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 from self_play_runs import make_run
 
+from train.networks.recurrent_policy import probabilities_of, without_improbable
 from train.runs.opponents import load_policy
+from train.runs.parts import settings_of
 from train.self_play.side import DECAY
 from train.settings.self_play import ROLES, self_play_ppo
 
@@ -32,9 +35,58 @@ def test_improbable_actions_are_not_played(tmp_path: Path) -> None:
         np.testing.assert_array_equal(loaded.action_probabilities(maze), table)
 
 
-def test_probabilities_that_leave_no_action_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match=r"min_probability=0.3.*0 to 0.2"):
-        make_run(tmp_path, min_probability=0.3)
+@pytest.mark.parametrize("actions", [4, 5, 25])
+@pytest.mark.parametrize("least", [0.05, 0.2, 0.9])
+def test_rows_below_the_threshold_stay(actions: int, least: float) -> None:
+    rows = np.random.default_rng(0).dirichlet(np.ones(actions), size=50)
+    rows[0] = 1.0 / actions
+    rows[1] = np.eye(actions)[0]
+    found = without_improbable(rows, least)
+    for row, own in zip(rows, found, strict=True):
+        kept = [p if p >= least else 0.0 for p in row]
+        expected = [p / sum(kept) for p in kept] if sum(kept) else row
+        np.testing.assert_allclose(own, expected, atol=1e-15)
+    masked = torch.log(torch.tensor(rows))
+    allowed = np.arange(actions) % 2 == 0
+    played = probabilities_of(masked, np.tile(allowed, (len(rows), 1)), False, least)
+    np.testing.assert_allclose(played.sum(-1), 1.0)
+    assert (played[:, ~allowed] == 0.0).all()
+
+
+@pytest.fixture
+def star(tmp_path: Path) -> str:
+    """A graph of 25 nodes with a node of degree 24, so with 24 moves."""
+    path = tmp_path / "star.edgelist"
+    path.write_text("".join(f"0 {leaf}\n" for leaf in range(1, 25)))
+    return str(path)
+
+
+def test_defaults_leave_actions_in_a_star_graph(tmp_path: Path, star: str) -> None:
+    run = make_run(tmp_path / "run", task={"maze": star, "max_steps": 5}, frames=2000)
+    maze = run.trainee.task.mazes[0]
+    moves = run.trainee.task.num_actions
+    for role in ROLES:
+        assert run.trainee.sides[role].parts.min_probability == pytest.approx(0.25 / moves)
+        table = run.trainee.policy(role).action_probabilities(maze)
+        np.testing.assert_allclose(table.sum(-1), 1.0)
+        assert (table > 0.0).sum(-1).min() > 1  # of an untrained policy
+
+
+@pytest.mark.parametrize("least", [0.05, 0.3])
+def test_probabilities_that_leave_no_action_are_refused(
+    tmp_path: Path, star: str, least: float
+) -> None:
+    mazes = {0.05: ({"maze": star}, "0.0416667"), 0.3: ({}, "0.25")}
+    task, most = mazes[least]
+    with pytest.raises(
+        ValueError, match=rf"min_probability={least} with .* moves; give 0 to {most}"
+    ):
+        make_run(tmp_path / "run", task=task, min_probability=least)
+    chase = {"task": "chase", "role": "evader", "maze": "3x3", **task}
+    with pytest.raises(
+        ValueError, match=rf"min_probability={least} with .* moves; give 0 to {most}"
+    ):
+        settings_of(frames=1000, min_probability=least, **chase)
 
 
 def test_evaluated_weights_are_an_average_with_polynomial_weights(tmp_path: Path) -> None:

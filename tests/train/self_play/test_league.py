@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import warnings
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -16,15 +17,18 @@ from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import make_task
 from scripted_agents import (
     AStarEvader,
+    OptimalChaser,
     OptimalEvader,
     RandomAgent,
     mean_over_starts,
     solve_chase,
 )
+from scripted_agents.environments import chosen_policies, roles_of_agent
 from train.commands.main import main
 from train.experiments.kinds import resume
+from train.play.setup import name_of
 from train.runs.folder import RESULTS, RUN
-from train.runs.opponents import opponents_of
+from train.runs.opponents import opponents_of, policy_in_seat
 from train.runs.parts import contest_of, parts_of, settings_of
 from train.self_play.league import LeagueTable, enter, rate
 from train.self_play.parts import self_play_parts, self_play_settings_of
@@ -269,25 +273,69 @@ def test_evaders_that_are_never_caught_are_reported(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     """On 5x5 one chaser never catches the optimal evader: ranks of chasers say nothing of that."""
-    entries = ["league", "astar", "random", "optimal", "--games", "30", "--out"]
+    entries = ["league", "astar", "random", "equilibrium", "--games", "30", "--out"]
     main([*entries, str(tmp_path / "open")])
     told = capsys.readouterr()
-    assert "never caught by any chaser here: optimal; the steps until capture are" in told.err
+    assert "never caught by any chaser here: equilibrium; the steps until capture are" in told.err
     assert "all chasers are equal" in told.err and "never" in told.out
-    assert "astar: epsilon 0; optimal: an equilibrium policy of the discounted game" in told.out
+    assert "astar: epsilon 0; equilibrium: an equilibrium policy of the discounted game" in told.out
     content = json.loads((tmp_path / "open" / "league.json").read_text())
-    assert content["never_caught"] == ["optimal"] and content["never_catches"] == []
+    assert content["never_caught"] == ["equilibrium"] and content["never_catches"] == []
     assert content["ranks_mean_nothing"] == ["chaser"]
     assert [row[2] for row in content["out_of_time"]] == [1.0, 1.0, 1.0]
     main([*entries, str(tmp_path / "tree"), "--maze", "5x5-tree"])
     assert "never caught" not in capsys.readouterr().err
 
 
-def test_optimal_is_refused_where_it_is_not_known(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_former_name_of_equilibrium_is_accepted_and_the_new_one_shown(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """It was called "optimal" and can rank last: it is no best response to these opponents."""
+    assert TaskSettings(opponent="optimal") == TaskSettings(opponent="equilibrium")
+    for where in ("chaser", "evader", "members"):
+        former, new = (
+            {where: [name] if where == "members" else name, "frames": 10**6, "maze": "3x3"}
+            for name in ("optimal", "equilibrium")
+        )
+        settings = self_play_settings_of(**former)
+        assert settings == self_play_settings_of(**new)
+        assert "optimal" not in str(asdict(settings))
+    main(["league", "optimal", "--maze", "3x3-tree", "--games", "10", "--out", str(tmp_path / "l")])
+    assert "optimal" not in capsys.readouterr().out
+    assert "optimal" not in (tmp_path / "l" / "table.csv").read_text()
+    content = json.loads((tmp_path / "l" / "league.json").read_text())
+    assert content["chasers"] == content["evaders"] == content["entries"] == ["equilibrium"]
+    assert "optimal" not in (tmp_path / "l" / "methods.md").read_text()
+    with pytest.raises(ValueError, match="two entries are called 'equilibrium'"):
+        enter(["optimal", "equilibrium"], "3x3-tree")
+    task = make_task("chase", maze="3x3-tree")
+    opponents = chosen_policies(task, "chaser", "optimal", 0.0)
+    assert isinstance(opponents["evader"], OptimalEvader)
+    assert isinstance(policy_in_seat("optimal", task, "chaser"), OptimalChaser)
+    assert roles_of_agent("optimal", task) == ("chaser", "evader")
+
+
+@pytest.mark.parametrize(
+    ("given", "role", "shown"),
+    [
+        ("optimal", "chaser", "equilibrium"),
+        ("equilibrium", "evader", "equilibrium"),
+        ("optimal", "runner", "optimal"),  # its tour is the optimum
+        ("equilibrium", "runner", "optimal"),
+    ],
+)
+def test_the_name_in_play_is_that_of_what_is_played(given: str, role: str, shown: str) -> None:
+    assert name_of(given, role) == shown
+
+
+def test_equilibrium_is_refused_where_it_is_not_known(capsys: pytest.CaptureFixture[str]) -> None:
     for arguments, message in (
-        (["self-play", "--maze", "15x15", "--num-chasers", "2", "--evader", "optimal"], "bytes"),
+        (
+            ["self-play", "--maze", "15x15", "--num-chasers", "2", "--evader", "equilibrium"],
+            "bytes",
+        ),
         (["self-play", "--num-evaders", "2", "--members", "optimal"], "2 evader(s)"),
-        (["train", "--task", "heist", "--opponent", "optimal"], "3 goal(s)"),
+        (["train", "--task", "heist", "--opponent", "equilibrium"], "3 goal(s)"),
         (
             ["render", "--task", "maze", "--maze", "9x9", "--num-goals", "19", "--optimal"],
             "19 goals",

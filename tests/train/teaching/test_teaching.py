@@ -297,6 +297,24 @@ def test_positive_advantages_belong_to_their_episodes(tmp_path: Path) -> None:
     assert np.concatenate(teacher._errors) == pytest.approx(wanted)
 
 
+@pytest.mark.parametrize(
+    "sampled",
+    [["3", "3"], [3 + 0j, 3], [3.0], [[3.0], [3.0]], [float("nan"), 3.0], None, 3.0, "33"],
+    ids=repr,
+)
+def test_samples_of_a_curriculum_are_finite_numbers(tmp_path: Path, sampled: Any) -> None:
+    run = make_run(settings_of(**CHASE, curriculum="start-distance"), tmp_path)
+    teacher, games = teacher_of(run), np.arange(2)
+    before = teacher.simulator.get_state().next_max_start_distance.copy()
+    teacher.curriculum.sample = lambda num_games, rng: sampled  # type: ignore[method-assign]
+    with pytest.raises(ValueError, match=r"values=.*return 2 finite numbers, one for each game"):
+        teacher.before_restart(games)
+    after = teacher.simulator.get_state().next_max_start_distance
+    np.testing.assert_array_equal(after, before)
+    teacher.curriculum.sample = lambda num_games, rng: [3, 3]  # type: ignore
+    teacher.before_restart(games)
+
+
 def test_a_checkpoint_of_another_curriculum_is_refused(tmp_path: Path) -> None:
     small = {**MAZE, "maze": "3x3", "frames": 8192}
     settings = settings_of(**small, curriculum="uniform")

@@ -17,6 +17,7 @@ from scipy.stats import binomtest
 
 from pursuit.mazes.suite_files import is_suite
 from train.experiments.statistics import holm, improvement, least_p, permutation_p
+from train.experiments.tables import longer_is_better
 from train.settings.checks import check
 
 CONFIRMED, REFUTED, UNDECIDED = "confirmed", "refuted", "undecided"
@@ -90,7 +91,7 @@ def worse_by(run: Ran, to: str) -> float:
     Evaders maximise episode length, so shorter episodes are worse.
     """
     steps, reference = run.number("mean_steps"), run.number(TO[to])
-    sign = -1.0 if run.row.get("role") == "evader" else 1.0
+    sign = -1.0 if longer_is_better(run.row) else 1.0
     return 100.0 * sign * (steps - reference) / reference
 
 

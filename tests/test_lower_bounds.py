@@ -12,7 +12,9 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[3]
+ROOT = Path(__file__).parents[1]
+CORE = ("pursuit/rules", "scripted_agents/duel", "train/runs/test_run_folders.py")
+"""Tests of rules, solvers and runs, below tests/."""
 
 
 def lower_ends() -> list[str]:
@@ -52,10 +54,11 @@ def test_training_works_at_the_lower_ends(tmp_path: Path) -> None:
     told = subprocess.run([python, "-c", code], capture_output=True, text=True, env=environment)
     versions = dict(each.split("==") for each in lower_ends())
     assert told.stdout.split() == [versions["torchrl"], f"{versions['gymnasium']}.0"]
-    core = [python, "-m", "pytest", "-q", str(ROOT / "tests" / "test_core.py")]
+    core = [python, "-m", "pytest", "-q", *(str(ROOT / "tests" / each) for each in CORE)]
     done = subprocess.run(core, capture_output=True, text=True, env=environment, cwd=ROOT)
     assert done.returncode == 0, done.stdout
 
 
 def test_every_dependency_has_a_lower_end() -> None:
     assert len(lower_ends()) >= 18
+    assert all((ROOT / "tests" / each).exists() for each in CORE)
