@@ -294,7 +294,7 @@ def make_vector_env(
     """`make_env` for `num_envs` games in lockstep.
 
     Args:
-        max_episode_steps: truncates earlier than the task, as Gymnasium's TimeLimit; -1 for no limit.
+        max_episode_steps: truncates earlier than the task, as Gymnasium's TimeLimit; -1: no limit.
     """
     arguments = single_agent_arguments(task, agent, **settings)
     envs = SingleAgentVectorEnv(

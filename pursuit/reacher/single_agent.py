@@ -177,7 +177,7 @@ def reacher_vector_env(
     """`pursuit/Reacher-v0`, vectorised over the `ReacherSimulator`.
 
     Args:
-        max_episode_steps: truncates earlier than the task, as Gymnasium's TimeLimit; -1 for no limit.
+        max_episode_steps: truncates earlier than the task, as Gymnasium's TimeLimit; -1: no limit.
     """
     task = make_reacher_task(**settings)
     envs = ReacherVectorEnv(task, num_envs, observation, render_mode, seed, autoreset_mode)
