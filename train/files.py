@@ -13,30 +13,25 @@ from typing import Any
 
 from filelock import FileLock, Timeout
 
+from pursuit import files
+
 LOCK = ".lock"
 _PART = re.compile(r"^\..*\.(?P<process>[0-9]+)\.part$")
 
 
 def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
-    """Call `write` with a temporary path in the folder of `path`, then rename it to `path`.
+    """As `pursuit.files.write_atomically`, with another message.
 
     Raises:
         ValueError: `path` is a folder or a device, which renaming would replace.
-        OSError: for example a full disk; the previous file at `path` is kept.
+        CannotWrite: for example a full disk; the previous file at `path` is kept.
     """
-    if path.exists() and not path.is_file():
-        raise ValueError(f"{path}: not a file; give the path of a file")
-    beside = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        write(beside)
-        os.replace(beside, path)
+        files.write_atomically(path, write)
     except CannotWrite:
         raise
     except OSError as error:
         raise cannot_write(path, error) from None
-    finally:
-        with contextlib.suppress(OSError):
-            beside.unlink(missing_ok=True)
 
 
 def check_utf8(name: object) -> None:
@@ -83,8 +78,12 @@ def check_new_files(paths: Iterable[Path | None], overwrite: bool = False) -> No
             raise ValueError(f"{path}: is a folder; give the path of a file")
         if path.exists() and not overwrite:
             raise ValueError(f"{path}: exists already; give a new file, or --overwrite")
-        if not path.parent.is_dir():
-            raise ValueError(f"{path}: folder {path.parent} does not exist; make it first")
+        real = Path(os.path.realpath(path))
+        if real.is_symlink():
+            raise ValueError(f"{path}: a link to itself; give the path of a file")
+        folder = real.parent if path.is_symlink() else path.parent
+        if not folder.is_dir():
+            raise ValueError(f"{path}: folder {folder} does not exist; make it first")
 
 
 def check_output_folder(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -104,20 +104,33 @@ def loaded(file: BinaryIO, path: Path) -> Any:
             fits = sum(part.file_size for part in archive.infolist()) <= size
         file.seek(0)
         if fits:
-            return torch.load(file, map_location="cpu", weights_only=True)
+            content = torch.load(file, map_location="cpu", weights_only=True)
+            if all(_fits(tensor) for _, tensor in _tensors_in(content)):
+                return content
     except Exception:  # the unpickler can raise anything for damaged bytes
         pass
     raise ValueError(f"{path}: damaged, or not only tensors and plain values; {REMEDY}")
 
 
-def first_not_finite(content: Any, where: str = "") -> str | None:
+def _fits(tensor: torch.Tensor) -> bool:
+    """Whether a tensor is not larger than its memory: a view may repeat one number endlessly."""
+    return tensor.numel() * tensor.element_size() <= tensor.untyped_storage().nbytes()
+
+
+def first_not_finite(content: Any) -> str | None:
     """The path, within nested dicts and lists, of the first tensor that is not finite."""
-    if isinstance(content, torch.Tensor):
-        return None if content.isfinite().all() else where
+    found = _tensors_in(content)
+    return next((where for where, tensor in found if not tensor.isfinite().all()), None)
+
+
+def _tensors_in(content: Any, where: str = "") -> Iterator[tuple[str, torch.Tensor]]:
+    """All tensors in nested dicts and lists, with their paths."""
     parts: Any = ()
+    if isinstance(content, torch.Tensor):
+        yield where, content
     if isinstance(content, Mapping):
         parts = content.items()
     elif isinstance(content, list | tuple):
         parts = enumerate(content)
-    found = (first_not_finite(part, f"{where}.{name}".lstrip(".")) for name, part in parts)
-    return next((place for place in found if place is not None), None)
+    for name, part in parts:
+        yield from _tensors_in(part, f"{where}.{name}".lstrip("."))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
 from typing import Any
 
@@ -22,7 +23,7 @@ def export_minari(
     Minari writes into its own folder, `MINARI_DATASETS_PATH`.
 
     Args:
-        dataset: its id, such as `"pursuit/chaser-astar-v0"`.
+        dataset: its id, NAMESPACE/NAME-vNUMBER, such as `"pursuit/chaser-astar-v0"`.
         env: a single-agent environment, such as `gymnasium.make("pursuit/Chaser-v0")`.
         policy: a `Policy`, scripted or learned, or a function of a batch of observations.
         episodes: the number of episodes; episode i is reset with `seed` + i.
@@ -33,17 +34,21 @@ def export_minari(
         The `minari.MinariDataset`.
 
     Raises:
-        ValueError: an environment of another kind, fewer than one episode, or a dataset that
-            exists already.
+        ValueError: an environment of another kind, fewer than one episode, an invalid id, or a
+            dataset that exists already. Nothing is played then, and whatever fails later, also an
+            interruption, leaves no dataset behind.
     """
     import minari  # optional
     from minari.data_collector import EpisodeBuffer
+    from minari.storage.datasets_root_dir import get_dataset_path
 
     inner = getattr(env, "unwrapped", env)
     if not isinstance(inner, SingleAgentEnv):
         raise ValueError(f"env={env!r}; give a single-agent environment of Pursuit in a maze")
     whole("episodes", episodes, 1)
-    if dataset in minari.list_local_datasets():
+    check_id(dataset)
+    path = get_dataset_path(dataset)
+    if path.exists():
         raise ValueError(
             f"dataset {dataset!r} exists; give another version, or delete it: "
             f"minari.delete_dataset({dataset!r})"
@@ -73,10 +78,31 @@ def export_minari(
                 truncations=[False] * (len(actions) - 1) + [truncated],
             )
         )
-    return minari.create_dataset_from_buffers(
-        dataset,
-        buffers,
-        env=env,
-        algorithm_name=algorithm or repr(policy),
-        data_format="arrow",
-    )
+    try:
+        return minari.create_dataset_from_buffers(
+            dataset,
+            buffers,
+            env=env,
+            algorithm_name=algorithm or repr(policy),
+            data_format="arrow",
+        )
+    except BaseException:  # half a dataset would break the list of all of them
+        shutil.rmtree(path, ignore_errors=True)
+        raise
+
+
+def check_id(dataset: Any) -> None:
+    """ValueError unless Minari can store, list and load a dataset of this id."""
+    from minari.dataset.minari_dataset import parse_dataset_id  # optional
+
+    try:
+        namespace = (parse_dataset_id(dataset)[0] or "").split("/")
+        valid = "data" not in namespace and (namespace == [""] or "" not in namespace)
+    except (TypeError, ValueError):  # of Minari: TypeError where the version is missing
+        valid = False
+    if not valid:
+        raise ValueError(
+            f"dataset={dataset!r}; give an id NAMESPACE/NAME-vNUMBER of letters, digits, - and _, "
+            "such as 'pursuit/chaser-astar-v0'; a namespace has two letters or more, and is not "
+            "called data"
+        )

@@ -44,6 +44,8 @@ from pursuit.validation import (
     whole,
 )
 
+ACTIONS = ("north", "south", "east", "west", "stay")
+"""The actions on a grid; in a graph, moves have numbers."""
 MOVE_ORDERS = ("simultaneous", "chasers_first")
 STARTS = ("random", "marks")
 

@@ -13,6 +13,7 @@ from pursuit.replays.adapters import State, adapter_for
 from pursuit.rules.layout import COLLECTED
 from pursuit.simulator.policy import Policy
 from pursuit.simulator.simulator import Simulator
+from pursuit.tasks.task import ACTIONS
 from pursuit.validation import whole
 from scripted_agents import tour_lengths
 from scripted_agents.tours.tour import MAX_EXACT_GOALS
@@ -20,8 +21,6 @@ from train.evaluation.contest import GameContest
 from train.evaluation.games import won_by
 from train.evaluation.scores import label_of
 from train.play.outcome import Outcome
-
-ACTIONS = ("north", "south", "east", "west", "stay")
 
 
 class Session:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+import json
 import logging
 import warnings
 from pathlib import Path
@@ -10,8 +12,11 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
+from pursuit.replays.adapters import MazeAdapter
+from pursuit.tasks.task import ACTIONS
 from pursuit.validation import as_path
-from train.files import write_atomically
+from pursuit.version import __version__
+from train.files import write_bytes
 from train.networks.layers import float32_inference
 from train.networks.policy import NetworkPolicy
 from train.networks.recurrent_policy import RecurrentPolicy
@@ -37,7 +42,8 @@ def export_policy(policy: Any, path: Path | str) -> Path:
 
     Its input `observation` is [batch, *shape] in the dtype of the observation space, its output
     `probabilities` [batch, actions] float32, a softmax of logits or action values. Action masks,
-    `min_probability` and draws are not part of it.
+    `min_probability` and draws are not part of it. The file holds the texts of `metadata_of`: ONNX
+    as metadata "pursuit.task" and so on, `.pt2` as JSON in the extra file "pursuit.json".
 
     Args:
         policy: from `train.load_policy`, of a network without memory in a maze.
@@ -73,18 +79,42 @@ def export_policy(policy: Any, path: Path | str) -> Path:
             raise ValueError(
                 f"the network {type(policy.network).__name__} cannot be exported: {error}"
             ) from None
+        metadata = metadata_of(policy)
         if path.suffix == ".pt2":
-            write_atomically(path, lambda beside: _save(program, beside))
+            # In memory: where the disk is full, torch's own writer aborts the process.
+            content = io.BytesIO()
+            extra = {"pursuit.json": json.dumps(metadata, indent=2)}
+            torch.export.save(program, content, extra_files=extra)
+            write_bytes(path, content.getvalue())
             return path
         names: Any = {"input_names": ["observation"], "output_names": ["probabilities"]}
         logging.getLogger("torch.onnx").setLevel(logging.ERROR)  # packages that are not needed
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", FutureWarning)  # of torch's own calls
             onnx: Any = torch.onnx.export(program, dynamo=True, verbose=False, **names)
-        write_atomically(path, lambda beside: onnx.save(str(beside)))
+        for name, text in metadata.items():
+            onnx.model.metadata_props[f"pursuit.{name}"] = text
+        write_bytes(path, onnx.model_proto.SerializeToString())
     return path
 
 
-def _save(program: Any, path: Path) -> None:
-    with open(path, "wb") as file:
-        torch.export.save(program, file)
+def metadata_of(policy: NetworkPolicy) -> dict[str, str]:
+    """What another program needs to use an exported network.
+
+    Returns:
+        "version" of Pursuit; "task", the settings as JSON, as in replays; "agent", its name or
+        role; "observation", the encoding; "actions", a JSON list of their names in the order of the
+        output; "normalisation" and "output", sentences.
+    """
+    task = policy.seat.task
+    moves = [*ACTIONS[:-1]] if task.mazes[0].is_grid else []
+    moves = moves or [f"neighbor {number}" for number in range(task.num_moves)]
+    return {
+        "version": __version__,
+        "task": json.dumps(MazeAdapter().settings(task)),
+        "agent": policy.seat.agent,
+        "observation": policy.encoding,
+        "actions": json.dumps([*moves, *ACTIONS[-1:] * task.stay_action]),
+        "normalisation": "none is needed: the network scales the values of the encoding itself",
+        "output": "probabilities, a softmax of logits or of action values",
+    }

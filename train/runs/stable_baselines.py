@@ -22,7 +22,7 @@ from pursuit.plugins import check_trusted
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task
 from pursuit.validation import check_bool
-from train.files import read_json, write_json
+from train.files import read_json, write_bytes, write_json
 from train.networks.policy import NetworkPolicy, Seat
 from train.runs.forms import RESTORE, Description
 from train.runs.tasks import agent_of, task_of
@@ -30,7 +30,7 @@ from train.schemas import read_as
 from train.settings.checks import check
 from train.settings.task import TaskSettings
 from train.teaching.mazes import titled
-from train.tensors import loaded
+from train.tensors import first_not_finite, loaded
 
 
 class StableBaselinesNetwork(torch.nn.Module):
@@ -63,12 +63,15 @@ def save_stable_baselines(
 
     Args:
         model: PPO, A2C or DQN of Stable-Baselines3, with an "MlpPolicy".
-        path: a .zip file.
+        path: a .zip file; the suffix may be left out.
         algorithm: "ppo", "a2c" or "dqn".
         task: of the training.
         encoding: name of the observation.
     """
-    model.save(path)
+    path, content = Path(path), io.BytesIO()
+    model.save(content)
+    path = path if path.suffix else path.with_suffix(".zip")
+    write_bytes(path, content.getvalue())
     maze = task_of(task).mazes[0]
     write_json(
         description_of(path),
@@ -171,16 +174,31 @@ def _weights_in(path: Path) -> dict[str, Any]:
         ValueError: it is damaged, or there are none.
     """
     try:
-        with zipfile.ZipFile(path) as file:
-            part = file.getinfo("policy.pth")
-            check(part.file_size <= path.stat().st_size, "compressed")
-            content = io.BytesIO(file.read(part))  # which verifies its checksum
+        content = io.BytesIO(_part_in(path, "policy.pth"))
     except Exception:  # zipfile can raise anything for damaged bytes
         raise ValueError(f"{path}: damaged, or not a saved model; {RESTORE}") from None
     weights = loaded(content, path)
     fits = isinstance(weights, dict) and all(isinstance(w, torch.Tensor) for w in weights.values())
     check(fits, f"{path}: damaged, its weights are not tensors by name; {RESTORE}")
+    where = first_not_finite(weights)
+    check(
+        where is None, f"{path}: {where} is not finite, its training diverged; give another model"
+    )
     return dict(weights)
+
+
+def _part_in(path: Path, name: str) -> bytes:
+    """A part of the zip of a model, of at most the size of the file: nothing in it is compressed.
+
+    Raises:
+        Exception: of any kind for damaged bytes; ValueError for a larger part.
+    """
+    with zipfile.ZipFile(path) as archive:
+        part = archive.getinfo(name)
+        check(part.file_size <= path.stat().st_size, "compressed")
+        with archive.open(part) as file:
+            # Without a number a part that is larger than it claims would be decompressed first.
+            return file.read(part.file_size)  # which verifies its checksum
 
 
 def _layers_of(path: Path, weights: dict[str, torch.Tensor]) -> list[int] | dict[str, list[int]]:
@@ -212,8 +230,7 @@ def _activation_in(path: Path) -> type[torch.nn.Module] | None:
         ValueError: one that is not in torch.nn, or a custom feature extractor.
     """
     try:
-        with zipfile.ZipFile(path) as file:
-            given = json.loads(file.read("data")).get("policy_kwargs", {})
+        given = json.loads(_part_in(path, "data")).get("policy_kwargs", {})
         text = str(given.get("activation_fn", ""))
         extractor = str(given.get("features_extractor_class", "FlattenExtractor"))
     except Exception:  # zipfile and json can raise anything for damaged bytes

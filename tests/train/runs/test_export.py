@@ -2,20 +2,31 @@
 
 from __future__ import annotations
 
+import json
+import os
+import subprocess
+import sys
 import warnings
 from pathlib import Path
 from typing import Any
 
 import gymnasium
+import networkx as nx
 import numpy as np
 import pytest
 import torch
 
 import pursuit
 import train
+from pursuit.replays.adapters import MazeAdapter
 from scripted_agents import AStarChaser
 from train.commands.main import main
 from train.experiments.kinds import start
+from train.networks.layers import Hidden
+from train.networks.policy import Seat
+from train.networks.q_network import QNetwork
+
+ACTIONS = ["north", "south", "east", "west", "stay"]
 
 
 @pytest.fixture(scope="module")
@@ -61,6 +72,65 @@ def test_an_exported_network_gives_the_same_probabilities(
         [found] = session.run(["probabilities"], {"observation": observed})
     np.testing.assert_allclose(found, known, atol=1e-5)
     np.testing.assert_array_equal(found.argmax(axis=1), policy.act(sim.view(0)))
+
+
+@pytest.mark.parametrize(("maze", "suffix"), [("3x3", ".onnx"), ("graph", ".pt2")])
+def test_an_exported_network_says_how_it_is_used(maze: str, suffix: str, tmp_path: Path) -> None:
+    ring = pursuit.Maze.from_graph(nx.cycle_graph(5))
+    task = pursuit.make_task(
+        "chase", maze=ring if maze == "graph" else maze, stay_action=True, max_steps=50
+    )
+    seat = Seat(task, "chaser", "index")
+    network = QNetwork(seat.features, task.num_actions, Hidden(8))
+    path = train.export_policy(seat.policy(network), tmp_path / f"policy{suffix}")
+    if suffix == ".pt2":
+        texts: dict[str, Any] = {"pursuit.json": ""}
+        torch.export.load(path, extra_files=texts)
+        found = json.loads(texts["pursuit.json"])
+    else:
+        runtime = pytest.importorskip("onnxruntime")
+        given = runtime.InferenceSession(path).get_modelmeta().custom_metadata_map
+        found = {name.removeprefix("pursuit."): text for name, text in given.items()}
+    assert (found["agent"], found["observation"]) == ("chaser", "index")
+    known = json.loads(found["task"])
+    assert known == MazeAdapter().settings(MazeAdapter().task(known))
+    assert known["mazes"][0]["text"] == task.mazes[0].to_text() and known["max_steps"] == 50
+    moves = ACTIONS[:4] if maze != "graph" else ["neighbor 0", "neighbor 1"]
+    assert json.loads(found["actions"]) == [*moves, "stay"]
+    assert "network scales" in found["normalisation"] and "softmax" in found["output"]
+    assert found["version"] == pursuit.__version__
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("suffix", [".onnx", ".pt2"])
+def test_an_export_that_cannot_be_written_is_an_error(
+    runs: Path, suffix: str, tmp_path: Path
+) -> None:
+    """In a process of its own, as torch ends the process where its own writer fails."""
+    lines = f"""
+import resource, signal, train
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+policy = train.load_policy({str(runs / "index")!r})
+resource.setrlimit(resource.RLIMIT_FSIZE, (5000, resource.RLIM_INFINITY))
+try:
+    train.export_policy(policy, "policy{suffix}")
+except OSError as error:
+    print(error)
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", lines],
+        cwd=tmp_path,
+        env={
+            **os.environ,
+            "PYTHONPATH": str(Path(pursuit.__file__).parents[1]),
+            "PYTHONDONTWRITEBYTECODE": "1",  # Python would keep the part that can be written
+        },
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    assert f"policy{suffix}: cannot be written (File too large)" in done.stdout
+    assert not [*tmp_path.iterdir()]
 
 
 def test_what_cannot_be_exported_is_refused(
@@ -121,5 +191,31 @@ def test_a_minari_dataset_holds_the_episodes(
         pursuit.export_minari("pursuit/test-v0", env, AStarChaser())
     first = pursuit.export_minari("pursuit/zero-v0", env, lambda seen: np.zeros(len(seen)), 2)
     assert all((episode.actions == 0).all() for episode in first.iterate_episodes())
+    rng = np.random.default_rng(0)  # not of Minari's form, but the id is refused before
+    for wrong in ("x", "a/b-v0", "data/x-v0", "two//parts-v0", "a b-v0", "../x-v0", "", None, 5):
+        with pytest.raises(ValueError, match="give an id NAMESPACE/NAME-vNUMBER"):
+            pursuit.export_minari(wrong, env, rng)  # type: ignore[arg-type]
+    assert set(minari.list_local_datasets()) == {"pursuit/test-v0", "pursuit/zero-v0"}
     with pytest.raises(ValueError, match="give a single-agent environment of Pursuit"):
         pursuit.export_minari("pursuit/arm-v0", gymnasium.make("pursuit/Reacher-v0"), AStarChaser())
+
+
+@pytest.mark.parametrize("failure", [KeyboardInterrupt, OSError(28, "No space left on device")])
+def test_a_failure_leaves_no_part_of_a_minari_dataset(
+    failure: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    minari = pytest.importorskip("minari")
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
+    env = gymnasium.make("pursuit/Chaser-v0", maze="3x3", max_steps=5)
+    pursuit.export_minari("pursuit/whole-v0", env, AStarChaser(), 1)
+    for step in ("_generate_dataset_metadata", "MinariDataset"):  # the first and the last
+        with monkeypatch.context() as broken, pytest.raises((KeyboardInterrupt, OSError)):
+
+            def fail(*_: Any, **__: Any) -> None:
+                raise failure
+
+            broken.setattr(minari.utils, step, fail)
+            pursuit.export_minari("other/half-v0", env, AStarChaser(), 1)
+        assert [*minari.list_local_datasets()] == ["pursuit/whole-v0"]
+    made = pursuit.export_minari("other/half-v0", env, AStarChaser(), 2)
+    assert made.total_episodes == 2

@@ -9,11 +9,14 @@ from pathlib import Path
 
 import pytest
 
+from pursuit import Replay, make_task
 from train.commands.main import main
 from train.experiments.kinds import start
-from train.files import hold, only_one, remove_leftovers, reserved, write_text
+from train.files import check_new_files, hold, only_one, remove_leftovers, reserved, write_text
 from train.runs.folder import RUN, check_new
 from train.runs.parts import settings_of
+
+TASK = make_task("maze", maze="2x2")
 
 
 def test_a_failing_write_leaves_what_was_there(tmp_path):
@@ -128,3 +131,34 @@ def test_one_process_at_a_time_writes_a_new_file(
     assert os.listdir(tmp_path) == ["found.json"]
     assert f"{path}: exists already" in said(capsys, *given)
     assert "does not exist" in said(capsys, *given[:-1], tmp_path / "a" / "b.json")
+
+
+@pytest.mark.parametrize("write", [write_text, lambda path, text: Replay(TASK, ()).save(path)])
+def test_a_link_is_kept_and_the_file_that_it_names_is_written(write, tmp_path):
+    (tmp_path / "real").mkdir()
+    old, new = tmp_path / "real" / "old.json", tmp_path / "real" / "new.json"
+    old.write_text("before")
+    for name, target in (("live", old), ("dangling", new)):
+        link = tmp_path / f"{name}.json"
+        link.symlink_to(target)
+        write(link, "content")
+        assert link.is_symlink() and not target.is_symlink()
+        assert target.read_text() != "before" and target.read_text() == link.read_text()
+    (tmp_path / "lost.json").symlink_to(tmp_path / "nowhere" / "a.json")
+    with pytest.raises(OSError, match=r"lost\.json"):
+        write(tmp_path / "lost.json", "content")
+    (tmp_path / "loop.json").symlink_to(tmp_path / "loop.json")
+    with pytest.raises(ValueError, match="not a file"):
+        write(tmp_path / "loop.json", "content")
+    assert sorted(os.listdir(tmp_path / "real")) == ["new.json", "old.json"]
+
+
+def test_outputs_through_links_are_checked_before_the_work(tmp_path):
+    (tmp_path / "lost").symlink_to(tmp_path / "nowhere" / "a")
+    with pytest.raises(ValueError, match=r"folder .*nowhere does not exist"):
+        check_new_files([tmp_path / "lost"])
+    (tmp_path / "loop").symlink_to(tmp_path / "loop")
+    with pytest.raises(ValueError, match="a link to itself"):
+        check_new_files([tmp_path / "loop"])
+    (tmp_path / "new").symlink_to(tmp_path / "target")
+    check_new_files([tmp_path / "new"])
