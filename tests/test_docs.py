@@ -107,6 +107,8 @@ ELSEWHERE = {
 PROMISES: dict[str, Callable[[dict[str, Any], Path], bool]] = {
     # The best response caught the evader that it was solved for.
     "docs/guides/simulator.md": lambda names, _: names["simulator"].episode_lengths.mean() < 40,
+    # The curriculum reacted to the outcomes.
+    "docs/guides/curricula.md": lambda names, _: names["curriculum"].epsilon < 1.0,
     "docs/guides/viewer.md": lambda names, _: (
         len(names["replay"].episodes) == 3 and "my games" in names["html"]
     ),
