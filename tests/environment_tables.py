@@ -1,4 +1,5 @@
-"""The tables of the environments' pages, made of the code: signatures, docstrings, spaces, rewards.
+"""The tables of the pages of environments and of the API, made of the code: signatures, docstrings,
+spaces, rewards, names.
 
     PYTHONPATH=. python tests/environment_tables.py      # writes them anew into docs/
 
@@ -11,7 +12,8 @@ import re
 from collections.abc import Callable, Iterator
 from dataclasses import MISSING, fields
 from enum import Enum
-from inspect import Parameter, signature
+from importlib import import_module
+from inspect import Parameter, getdoc, signature
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +30,7 @@ from pursuit.tasks.rewards import REWARD_SCHEMES, Rewards
 from scripted_agents import environments
 
 ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
 PLACE = re.compile(r"(<!-- table: ([\w -]+) -->\n).*?(<!-- end -->)", re.DOTALL)
 GYMNASIUM = {
     "chase": ("Chaser", "Evader"),
@@ -40,7 +43,7 @@ GYMNASIUM = {
 
 def pages() -> list[str]:
     """The pages that hold tables."""
-    found = (ROOT / "docs" / "environments").glob("*.md")
+    found = [page for folder in ("environments", "api") for page in (DOCS / folder).glob("*.md")]
     return sorted(str(page.relative_to(ROOT)) for page in found)
 
 
@@ -235,12 +238,30 @@ def rewards(name: str) -> str:
     return rows(("role", "`rewards`", "step", "capture", "goal", "distance", "events paid"), body)
 
 
+# -- names -----------------------------------------------------------------------------------------
+
+
+def names(package: str) -> str:
+    """The names of a page of the API, each with the first sentence of its docstring."""
+    text = (DOCS / "api" / f"{package}.md").read_text(encoding="utf-8")
+    body = []
+    for name in re.findall(r"^::: (\S+)$", text, re.MULTILINE):
+        module, _, last = name.rpartition(".")
+        found = getattr(import_module(module), last)
+        said = repr(found) if isinstance(found, tuple) else getdoc(found) or ""
+        sentence = re.split(r"(?<=[.:])\s+(?=[A-Z(\[`{]|$)|\n\n", said)[0]
+        assert sentence, f"{name}: no docstring"
+        body.append((f"`{name}`", re.sub(r":$", ".", " ".join(sentence.split()))))
+    return rows(("name", "what"), body)
+
+
 TABLES: dict[str, Callable[[str], str]] = {
     "facts": facts,
     "arguments": arguments,
     "gymnasium": gymnasium_arguments,
     "observations": observations,
     "rewards": rewards,
+    "names": names,
 }
 
 

@@ -8,11 +8,13 @@ comment, `<!-- slow: why -->`, and is left to `make test-all` and `make docs`.
 
 from __future__ import annotations
 
+import itertools
 import re
 import shlex
 import sys
 from collections.abc import Callable, Iterator
 from importlib import import_module
+from importlib.util import find_spec
 from inspect import ismodule
 from pathlib import Path
 from typing import Any
@@ -24,9 +26,12 @@ from pursuit import plugins as parts
 from pursuit.plugins import is_reference
 from pursuit.tasks.rewards import REWARDS
 from train.commands.main import COMMANDS, command, main
-from train.experiments.ablation import load_ablation
+from train.experiments.ablation import ABLATIONS, load_ablation
+from train.experiments.comparison.plan import FILES as COMPARISONS
 from train.experiments.comparison.plan import load_comparison
-from train.experiments.sweep import load_sweep
+from train.experiments.replication.plan import FILES as REPLICATIONS
+from train.experiments.replication.plan import load_replication
+from train.experiments.sweep import load_sweep, shipped
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -37,6 +42,13 @@ PAGES = {
     for page in (ROOT / "README.md", *sorted(DOCS.rglob("*.md")))
     if page.relative_to(ROOT).parts[1:2] not in [(folder,) for folder in WRITTEN]
 }
+CHANGES = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+TEXTS = {
+    **PAGES,
+    "CONTRIBUTING.md": (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8"),
+    "CHANGELOG.md": CHANGES.partition("**Renamed options")[0],  # after it stand former names
+}
+"""The pages, and what else names commands, files and parts of the code."""
 TUTORIALS = [page for page in PAGES if page.startswith("docs/tutorials/")]
 OPTIONAL = {"stable_baselines3", "sb3_contrib", "supersuit", "ray", "pygame", "imageio",
             "benchmarl", "agilerl", "tianshou"}  # fmt: skip
@@ -53,7 +65,7 @@ def with_slow(pages: list[str]) -> list[Any]:
 
 
 def blocks(page: str, *languages: str) -> list[str]:
-    return [code for language, code in FENCE.findall(PAGES[page]) if language in languages]
+    return [code for language, code in FENCE.findall(TEXTS[page]) if language in languages]
 
 
 def files_of(page: str) -> dict[str, str]:
@@ -95,6 +107,8 @@ ELSEWHERE = {
 PROMISES: dict[str, Callable[[dict[str, Any], Path], bool]] = {
     # The best response caught the evader that it was solved for.
     "docs/guides/simulator.md": lambda names, _: names["simulator"].episode_lengths.mean() < 40,
+    # The curriculum reacted to the outcomes.
+    "docs/guides/curricula.md": lambda names, _: names["curriculum"].epsilon < 1.0,
     "docs/guides/viewer.md": lambda names, _: (
         len(names["replay"].episodes) == 3 and "my games" in names["html"]
     ),
@@ -181,14 +195,39 @@ def in_words(text: str) -> list[list[str]]:
 
 
 def commands_in_text(page: str) -> list[list[str]]:
-    """The words of every `pursuit ...` in the text."""
-    text = FENCE.sub("", PAGES[page])
-    return [shlex.split(" ".join(said.split())) for said in re.findall(r"`(pursuit [^`]+)`", text)]
+    """The words of every `pursuit ...`, `python ...` and `make ...` in the text."""
+    text = FENCE.sub("", TEXTS[page])
+    found = re.findall(r"`(?:PYTHONPATH=\. )?((?:pursuit|python|make) [^`]+)`", text)
+    return [shlex.split(" ".join(said.split())) for said in found]
 
 
 def is_a_name(words: list[str]) -> bool:
     """Whether words name a command, with placeholders or without options, rather than give one."""
-    return len(words) == 2 or any(re.fullmatch(r"[A-Z|.]{2,}", word) for word in words[1:])
+    return len(words) == 2 or any(re.fullmatch(r"[A-Z.]{2,}|.*\|.*", word) for word in words[1:])
+
+
+SHIPPED = {
+    "sweep": shipped(),
+    "ablate": shipped(ABLATIONS),
+    "compare": shipped(COMPARISONS),
+    "reproduce": [
+        study.id
+        for name in shipped(REPLICATIONS)
+        for study in load_replication(["all"], "full", None, name).studies
+    ],
+}
+"""The names of files and studies that these commands take."""
+
+
+def check_shipped(words: list[str]) -> None:
+    """Fail if a command names a shipped file or study that does not exist."""
+    for name in itertools.takewhile(lambda word: word[0] != "-", words[2:]):
+        if words[1] not in SHIPPED or name.isupper() or name == "all":
+            continue
+        if (ROOT / name).is_file():
+            assert words[1] == "sweep" and load_sweep(str(ROOT / name)).runs
+        elif not name.endswith(".toml"):  # that of a page
+            assert name in SHIPPED[words[1]], f"{' '.join(words)}: no such file is shipped"
 
 
 class Parsed(BaseException):
@@ -209,8 +248,9 @@ def parses(words: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
     def stop(*given: Any, **named: Any) -> Any:
         try:
             real(*given, **named)
-        except ValueError as error:  # folders that the commands before would have made
-            assert "no such folder" in str(error)
+        except ValueError as error:  # of folders that commands before would have made, and of
+            # options that are only named
+            assert re.search("no such folder|Missing value for argument", str(error)), error
         raise Parsed
 
     monkeypatch.setattr(module, "parse", stop)
@@ -222,16 +262,20 @@ def parses(words: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
         assert not end.code and "--help" in words, " ".join(words)
 
 
-@pytest.mark.parametrize("page", [p for p in PAGES if commands_of(p) or commands_in_text(p)])
+@pytest.mark.parametrize("page", [p for p in TEXTS if commands_of(p) or commands_in_text(p)])
 def test_the_commands_of_a_page_parse(page: str, folder: Path) -> None:
     written(page, folder)
     targets = re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE)
     for words in [*commands_of(page), *commands_in_text(page)]:
         for cut in ("|", "&&", ";", ">"):
             words = words[: words.index(cut)] if cut in words else words
+        if words[0] == "pursuit":
+            check_shipped(words)
         ours = words[0] == "pursuit" or (words[:2] == ["python", "-m"] and "train." in words[2])
         if words[0] == "make":
             assert words[1] in targets, words
+        elif words[:2] == ["python", "-m"] and not ours:
+            assert find_spec(words[2]), words
         elif words[0] == "python" and words[1] != "-m":
             assert (ROOT / words[1]).is_file(), words
         elif words[0] == "pursuit" and is_a_name(words):

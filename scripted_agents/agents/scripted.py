@@ -316,10 +316,11 @@ class AStarChaser(Scripted):
 class AStarEvader(Scripted):
     """Flees to the cell within `look_radius` that is farthest from the nearest chaser.
 
-    It is alerted if the nearest chaser is nearer than `alert_distance` (path distance). Then its
-    move is uniform over the first steps of all shortest paths to all such cells. If no cell within
-    reach is farther than its own cell it stays, or makes a random move if the task has no stay
-    action. Otherwise, and with probability epsilon, it makes a random move, which is uniform over
+    It is alerted if the nearest chaser is nearer than `alert_distance` (path distance from the
+    chaser; of several equally near ones the first in the order of agents counts). Then its move is
+    uniform over the first steps of all shortest paths to all such cells. If no cell within reach is
+    farther than its own cell it stays, or makes a random move if the task has no stay action. If it
+    is not alerted, and with probability epsilon, it makes a random move, which is uniform over
     the moves that change the cell, never "stay".
 
     Args:

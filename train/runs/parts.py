@@ -151,6 +151,25 @@ def settings_of(**flat: Any) -> TrainSettings[Any]:
 
     `settings_of(algorithm="dqn", maze="7x7", task="maze", seconds=60, learning_rate=1e-3)`.
 
+    Args:
+        **flat: settings. Their meanings and defaults stand in the output of `pursuit train --help`,
+            also after `--task reacher`, `--algorithm NAME` and `--curriculum NAME`.
+            The budget, one of: seconds, frames.
+            The run: algorithm, preset, seed, clock, evaluate, device, precision, fused, threads,
+            processes.
+            The network: observation, network, frame_stack, first_layer, min_probability.
+            A task in mazes: task, role, maze, num_chasers, num_evaders, num_runners, num_goals,
+            max_steps, stay_action, move_order, start, min_start_distance, rewards, view_radius,
+            line_of_sight, unknown_maze, mask_bumps, opponent, opponent_epsilon, opponent_policy,
+            opponent_observation.
+            The arm: task="reacher", joints, start, hold, tolerance, max_steps, max_turn, effort,
+            discrete_actions.
+            The algorithm, here PPO: num_games, rollout_steps, minibatch_size, epochs,
+            learning_rate, anneal, gamma, gamma_end, gae_lambda, standardize_advantages, clip,
+            kl_target, kl_coef, entropy_coef, entropy_end, value_coef, critic, max_grad_norm,
+            adam_epsilon, adam_beta1, width, activation, shared, recurrent, first_std, action_std.
+            The curriculum: curriculum, and the settings of that curriculum.
+
     Raises:
         ValueError: an unknown name, a value of the wrong type, or one that is not allowed.
     """

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import warnings
 from dataclasses import asdict, dataclass, replace
 from typing import Annotated, Any
@@ -226,3 +227,10 @@ def test_no_name_is_in_two_places_of_a_run() -> None:
                 assert len(names) == len(set(names))
     names = names_of(TaskSettings, HYPERPARAMETERS["ppo"], SelfPlaySettings)
     assert len(names) == len(set(names))
+
+
+def test_help_of_settings_of_lists_all_names() -> None:
+    said = set(re.findall(r"\w+", settings_of.__doc__ or ""))
+    nested = {"hyper", "curriculum_settings"}
+    for form in (TrainSettings, TaskSettings, ReacherSettings, HYPERPARAMETERS["ppo"]):
+        assert {*names_of(form)} - nested <= said

@@ -1,0 +1,147 @@
+"""Numbers in the text of results and explanations, from the data beside them or computed again."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Sequence
+from itertools import permutations, product
+from pathlib import Path
+
+import pytest
+from scipy.stats import mannwhitneyu
+
+from pursuit.mazes.maze import load_maze
+from pursuit.mazes.suites import load_suite
+from scripted_agents import (
+    AStarChaser,
+    AStarEvader,
+    best_response,
+    evaluate_exactly,
+    mean_over_starts,
+    solve_chase,
+)
+
+DOCS = Path(__file__).parents[1] / "docs"
+RESULTS = [page for page in sorted((DOCS / "results").glob("*.md")) if page.stem != "index"]
+
+
+def text_of(page: str) -> str:
+    """The text of a page on one line."""
+    return " ".join((DOCS / page).read_text(encoding="utf-8").split())
+
+
+def rows_of(file: str) -> list[dict[str, str]]:
+    with (DOCS / "experiments" / file).open(encoding="utf-8", newline="") as content:
+        return list(csv.DictReader(content))
+
+
+def exact_p(ours: Sequence[float], theirs: Sequence[float]) -> float:
+    """The p of the permutation test of U of five against five runs, by SciPy; ties by hand."""
+    if len({*ours, *theirs}) == len(ours) + len(theirs):
+        return float(mannwhitneyu(ours, theirs, method="exact").pvalue)
+    pool = [*ours, *theirs]
+
+    def apart(chosen: frozenset[int]) -> float:
+        pairs = product(chosen, set(range(len(pool))) - chosen)
+        u = sum((pool[i] < pool[j]) + 0.5 * (pool[i] == pool[j]) for i, j in pairs)
+        return abs(u - len(ours) * len(theirs) / 2)
+
+    splits = {frozenset(order[: len(ours)]) for order in permutations(range(len(pool)), len(ours))}
+    given = apart(frozenset(range(len(ours))))
+    return sum(apart(split) >= given - 1e-9 for split in splits) / len(splits)
+
+
+@pytest.mark.parametrize("page", RESULTS, ids=lambda page: page.stem)
+def test_a_results_page_says_first_what_it_rests_on(page: Path) -> None:
+    title, empty, first = page.read_text(encoding="utf-8").split("\n")[:3]
+    assert title.startswith("# ") and not empty and first.startswith("*Rests on: ")
+    lines = page.read_text(encoding="utf-8").partition("\n\n")[2].partition("\n\n")[0]
+    assert re.search(r"commit|version|recipe", lines)
+    if page.stem != "speed":
+        assert (re.search(r"seeds?|run", lines) and "defaults" in lines) or "settings" in lines
+
+
+@pytest.mark.parametrize(
+    ("kind", "least", "most"), [("", 1.7, 121.0), ("-open", 55.0, 161.0), ("-tree", 0.0, 0.0)]
+)
+def test_how_far_the_astar_chaser_is_above_the_best_response(
+    kind: str, least: float, most: float
+) -> None:
+    gaps = []
+    for size in range(3, 10):
+        maze = load_maze(f"{size}x{size}{kind}")
+        evader = AStarEvader(0.2).action_probabilities(maze)
+        chaser = AStarChaser().action_probabilities(maze)
+        best = mean_over_starts(best_response("chaser", maze, evader, horizon=200).values, maze)
+        played = mean_over_starts(evaluate_exactly(maze, chaser, evader, horizon=200), maze)
+        gaps.append(100 * (played / best - 1))
+    assert (min(gaps), max(gaps)) == pytest.approx((least, most), abs=0.5)
+    said = text_of("explanation/exact.md")
+    assert "1.7 to 121 % more steps than the best response on the plain ones, 55 to 161 %" in said
+
+
+def test_most_games_of_the_methods_study_have_no_mixed_state() -> None:
+    mixed = [
+        f"{suite} {number:03d}"
+        for suite in ("5x5-test", "7x7-test")
+        for number in range(10)
+        if solve_chase(load_suite(suite)[number], discount=0.95).mixed.any()
+    ]
+    assert mixed == ["5x5-test 001", "5x5-test 002", "7x7-test 002"]
+    said = text_of("results/self_play.md")
+    assert f"{20 - len(mixed)} of the 20 test games have no state" in said
+    assert "5x5-test 001 and 002, 7x7-test 002" in said
+
+
+def test_in_how_many_mazes_a_table_needs_fewer_frames_than_a_network() -> None:
+    frames = {
+        (row["learner"], row["size"], row["number"]): int(row["frames"])
+        for row in rows_of("frames_and_states.csv")
+    }
+    mazes = [key[1:] for key in frames if key[0] == "table"]
+    fewer = sum(frames["table", *maze] < frames["network", *maze] for maze in mazes)
+    assert len(mazes) == 25
+    assert f"needs fewer frames in {fewer} of the 25" in text_of("results/frames_and_states.md")
+
+
+def test_in_how_many_comparisons_ours_is_first_in_frames_against_all() -> None:
+    frames: dict[tuple[str, ...], dict[str, list[float]]] = {}
+    for row in rows_of("race_ppo/table.csv"):
+        reached = [float(value) for value in row["frames"].split() if value[0].isdigit()]
+        runs = [*reached, *[float("inf")] * (5 - len(reached))]
+        key = (row["task"], row["policy"], row["target"])
+        frames.setdefault(key, {})[row["contestant"]] = runs
+    first = [
+        key
+        for key, by_name in frames.items()
+        if all(
+            exact_p(by_name["ours"], other) < 0.05 and sorted(by_name["ours"])[2] < sorted(other)[2]
+            for name, other in by_name.items()
+            if name != "ours"
+        )
+    ]
+    assert len(frames) == 18 and {key[0][:6] for key in first} == {"chaser"}
+    said = text_of("results/libraries.md")
+    assert f"against all others with p < 0.05 in {len(first)}: the chaser's 2 and 1 %" in said
+
+
+def test_gru_and_stacked_observations_are_not_told_apart() -> None:
+    said = text_of("results/partial_observability.md")
+    for who, shown in (("the chaser", "0.095"), ("both", "0.29")):
+        found = re.findall(
+            rf"\| {who} \| (?:four observations|GRU[^|]*) \| ([\d., ]+) \| [\d.]+ %", said
+        )
+        ours, theirs = [[float(value) for value in each.split(", ")] for each in found]
+        assert f"{exact_p(ours, theirs):.2g}" == shown and shown in said
+
+
+def test_how_many_claims_of_the_thesis_could_be_decided() -> None:
+    tested = [row for row in rows_of("thesis/claims.csv") if row["least_p"]]
+    compared = [row for row in tested if "against" in row["runs"]]
+    able = sum(float(row["least_p"]) * len(compared) < 0.05 for row in compared)
+    decided = sum(bool(row["p_holm"]) and float(row["p_holm"]) < 0.05 for row in tested)
+    said = text_of("results/thesis.md")
+    assert f"One of {len(tested)} tested claims" in said and decided == 1
+    rest = len(tested) - decided
+    assert f"Of the {rest} others {len(tested) - able} could not" in said
