@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 Key = TypeVar("Key")
 Value = TypeVar("Value")
 Check = Callable[[str, Any], Any]
-MOST_SHOWN = 200
+MOST_SHOWN = 100
 
 
 def declared(check: Check, default: Any) -> Any:
@@ -73,9 +73,10 @@ def unknown(what: str, name: object, known: Iterable[str], listed: str = "one of
 
 
 def shortened(value: object) -> str:
-    """A value as it is shown in messages."""
+    """`repr(value)` in one line of at most `MOST_SHOWN` characters, for messages."""
     text = repr(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."
+    text = " ".join(text.split()) if "\n" in text else text  # arrays have several lines
+    return text if len(text) <= MOST_SHOWN else f"{text[: MOST_SHOWN - 3]}..."
 
 
 def did_you_mean(name: object, known: Iterable[str]) -> str:
@@ -143,13 +144,6 @@ def check_bool(name: str, value: Any) -> bool:
     return bool(value)
 
 
-def shown(value: Any) -> str:
-    """`repr(value)` in one line of at most `MOST_SHOWN` characters, for messages."""
-    text = repr(value)
-    text = " ".join(text.split()) if "\n" in text else text  # arrays have several lines
-    return text if len(text) <= MOST_SHOWN else f"{text[:MOST_SHOWN]}..."
-
-
 def as_path(name: str, value: Any) -> Path:
     """`value` as a path, if a file may have it; ValueError otherwise."""
     try:
@@ -169,7 +163,7 @@ def whole_numbers(name: str, value: Any, least: int, most: int) -> NDArray[Any]:
     """`value` as an array of whole numbers from `least` to `most`; ValueError otherwise."""
     array = as_array(name, value, "iu", f"whole numbers from {least} to {most}")
     if array.size and not least <= array.min() <= array.max() <= most:
-        raise ValueError(f"{name}={shown(value)}; whole numbers from {least} to {most}")
+        raise ValueError(f"{name}={shortened(value)}; whole numbers from {least} to {most}")
     return array
 
 
@@ -178,9 +172,9 @@ def as_array(name: str, value: Any, kinds: str, rule: str) -> NDArray[Any]:
     try:
         array = np.asarray(value)
     except (TypeError, ValueError, OverflowError):
-        raise ValueError(f"{name}={shown(value)}; {rule}") from None
+        raise ValueError(f"{name}={shortened(value)}; {rule}") from None
     if array.size and array.dtype.kind not in kinds:
-        raise ValueError(f"{name}={shown(value)}; {rule}")
+        raise ValueError(f"{name}={shortened(value)}; {rule}")
     return array
 
 

@@ -16,7 +16,7 @@ from pursuit.rules import layout
 from pursuit.rules.layout import Games
 from pursuit.rules.randomness import draw_uniform
 from pursuit.tasks.task import ROLES, Task
-from pursuit.validation import shown
+from pursuit.validation import shortened
 
 
 class GameArrays:
@@ -279,7 +279,7 @@ def play_all(
         fit = False
     if not fit:
         needed = f"give a policy or None per agent, and actions of shape {shape}"
-        raise ValueError(f"policies={shown(policies)}, actions={shown(actions)}; {needed}")
+        raise ValueError(f"policies={shortened(policies)}, actions={shortened(actions)}; {needed}")
     together: dict[int, list[int]] = {}
     for seat, policy in enumerate(policies):
         if policy is None:

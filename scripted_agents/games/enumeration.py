@@ -18,7 +18,7 @@ from scipy.sparse import csr_array
 
 from pursuit.memory import check_memory
 from pursuit.tasks.task import Task
-from pursuit.validation import as_array, check_bool, shown, whole
+from pursuit.validation import as_array, check_bool, shortened, whole
 from scripted_agents.games.game import Game
 
 MOST_STATES = 10**7
@@ -144,8 +144,8 @@ def _in_order(
                 f"{player} plays {unknown[0]!r} in {state!r}; the actions are {list(actions)}"
             )
         given = [given.get(action, 0.0) for action in actions]
-    what = f"the policy of {player} in {shown(state)}: probabilities"
-    rule = f"give {len(actions)} probabilities, one for each of {shown(list(actions))}"
+    what = f"the policy of {player} in {shortened(state)}: probabilities"
+    rule = f"give {len(actions)} probabilities, one for each of {shortened(list(actions))}"
     row = as_array(what, given, "biuf", rule)
     if row.shape != (len(actions),):
         raise ValueError(f"{what}={given!r}; {rule}")
@@ -198,7 +198,7 @@ def enumerate_game(
         legal = [_legal(game, state, player) for player in range(len(players))]
         joints = begins[-1] + prod(map(len, legal))
         if joints - begins[-1] > AT_ONCE:
-            what = f"{joints - begins[-1]:,} joint actions in {shown(state)}"
+            what = f"{joints - begins[-1]:,} joint actions in {shortened(state)}"
             check_memory(what, joints * joint_bytes(len(players)), SMALLER)
         for player, options in enumerate(legal):
             actions[player].append(same.setdefault(options, options))
@@ -265,14 +265,14 @@ class _Found:
             known = self.number.setdefault(state, len(self.states))
         except TypeError:
             raise ValueError(
-                f"{_name(call)}: the state {shown(state)} is not hashable; give a tuple, a "
+                f"{_name(call)}: the state {shortened(state)} is not hashable; give a tuple, a "
                 "string or a number"
             ) from None
         if known == len(self.states):
             self.states.append(state)
             if len(self.states) > self.most:
                 raise ValueError(
-                    f"more than {self.most:,} states, such as {shown(state)}; {SMALLER}, or a "
+                    f"more than {self.most:,} states, such as {shortened(state)}; {SMALLER}, or a "
                     "larger most_states"
                 )
         return known
@@ -308,7 +308,7 @@ def joint_bytes(players: int) -> int:
 
 
 def _name(call: Call) -> str:
-    return f"{call[0]}({', '.join(map(shown, call[1:]))})"
+    return f"{call[0]}({', '.join(map(shortened, call[1:]))})"
 
 
 def _listed(game: Game, call: Call) -> list[Any]:
@@ -333,7 +333,7 @@ def _listed(game: Game, call: Call) -> list[Any]:
     if listed is None or (
         size is not None and not all(isinstance(x, Sized) and len(x) == size for x in listed)
     ):
-        raise ValueError(f"{_name(call)} returned {shown(found)}; give a list of {form}")
+        raise ValueError(f"{_name(call)} returned {shortened(found)}; give a list of {form}")
     return listed
 
 
@@ -347,8 +347,8 @@ def _legal(game: Game, state: Any, player: int) -> tuple[Hashable, ...]:
         fits = False
     if not fits:
         raise ValueError(
-            f"{_name(call)} returned {shown(list(actions))}; give {game.players[player]} a list "
-            f"of {FORMS[call[0]][1]}"
+            f"{_name(call)} returned {shortened(list(actions))}; give {game.players[player]} a "
+            f"list of {FORMS[call[0]][1]}"
         )
     return actions
 
@@ -359,13 +359,13 @@ def _chances(outcomes: Sequence[Any], call: Call) -> list[float]:
     if chances == [1.0] and type(chances[0]) is float:  # most often, so without the checks
         return chances
     if not all(isinstance(chance, int | float | np.integer | np.floating) for chance in chances):
-        raise ValueError(f"{_name(call)}: the probabilities {shown(chances)} are not numbers")
+        raise ValueError(f"{_name(call)}: the probabilities {shortened(chances)} are not numbers")
     if not chances:
         raise ValueError(f"{_name(call)} is empty; give at least one state with probability 1")
     total = max(min(sum(chances), 1e300), -1e300)  # of whole numbers of hundreds of digits too
     if not abs(total - 1.0) <= SUM or min(chances) < 0.0:
         raise ValueError(
-            f"{_name(call)}: the probabilities {shown(chances)} add up to {total:g}; give "
+            f"{_name(call)}: the probabilities {shortened(chances)} add up to {total:g}; give "
             "non-negative ones with sum 1"
         )
     return [float(chance / total) for chance in chances]
@@ -378,7 +378,7 @@ def _rewards(given: Any, players: tuple[str, ...], call: Call) -> list[float]:
             rewards = [float(reward) for reward in given if not isinstance(reward, str | bytes)]
     if len(rewards) != len(players) or not all(abs(reward) <= MOST_REWARD for reward in rewards):
         raise ValueError(
-            f"{_name(call)}: rewards {shown(given)}; give one finite number for each of "
+            f"{_name(call)}: rewards {shortened(given)}; give one finite number for each of "
             f"{', '.join(players)}, of at most {MOST_REWARD:g}"
         )
     return rewards

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pursuit.mazes.maze import MAX_TABLE_CELLS, Maze, load_maze
 from pursuit.simulator.policy import GameView
-from pursuit.validation import shown
+from pursuit.validation import shortened
 from scripted_agents.duel.best_response import MoveOrder, checked_table
 from scripted_agents.hidden.beliefs import BeliefAgent, BeliefFilter
 from scripted_agents.hidden.game import Role, VisibilityRules, hidden_chase
@@ -196,7 +196,7 @@ class BeliefOptimal(BeliefAgent):
 
     def __init__(self, solution: HiddenChaseSolution, epsilon: float = 0.0) -> None:
         if not isinstance(solution, HiddenChaseSolution):
-            raise ValueError(f"solution={shown(solution)}; give one of solve_hidden_chase")
+            raise ValueError(f"solution={shortened(solution)}; give one of solve_hidden_chase")
         rules, search = solution.rules, solution.search
         if rules.role != self.role:
             raise ValueError(
