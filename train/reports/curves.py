@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from textwrap import fill
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -29,6 +30,10 @@ GRID = 60
 
 BAND_FROM = 10
 """Least number of runs that are drawn as a band; fewer are drawn as lines."""
+
+
+CHARACTERS = 12
+"""Of a title, per inch."""
 
 
 class Level(NamedTuple):
@@ -124,7 +129,7 @@ def draw_panels(
     figure, axes = pyplot().subplots(
         lines,
         columns,
-        figsize=(7.0 if columns == 1 else 3.4 * columns + 1.2, 0.7 + 1.1 * sum(heights)),
+        figsize=(width := 7.0 if columns == 1 else 3.4 * columns + 1.2, 0.7 + 1.1 * sum(heights)),
         sharex="col" if len(grid[-1]) == columns else False,
         squeeze=False,
         height_ratios=heights,
@@ -142,7 +147,8 @@ def draw_panels(
                 axis.legend(frameon=False, fontsize=9)
     for axis in axes[-1]:
         axis.set_xlabel(time_head(unit))
-    figure.suptitle(title, fontsize=11, wrap=True)
+    # Matplotlib's own wrapping reads formulas.
+    figure.suptitle(fill(title, int(CHARACTERS * width)), fontsize=11)
     if beside:
         labels: dict[str, Any] = {}
         for axis in axes.flat:
