@@ -35,6 +35,10 @@ BAND_FROM = 10
 """Least number of runs that are drawn as a band; fewer are drawn as lines."""
 
 
+CHARACTERS = 12
+"""Of a title, per inch."""
+
+
 class Level(NamedTuple):
     """A horizontal line in a panel, such as a reference."""
 
@@ -130,7 +134,7 @@ def draw_panels(
     figure, axes = pyplot().subplots(
         lines,
         columns,
-        figsize=(9.0 if columns == 1 else 3.4 * columns + 1.2, 0.7 + 1.1 * sum(heights)),
+        figsize=(width := 9.0 if columns == 1 else 3.4 * columns + 1.2, 0.7 + 1.1 * sum(heights)),
         sharex="col" if len(grid[-1]) == columns else False,
         squeeze=False,
         height_ratios=heights,
@@ -149,8 +153,9 @@ def draw_panels(
                 axis.legend(frameon=False, fontsize=9, loc="upper left", bbox_to_anchor=(1.0, 1.0))
     for axis in axes[-1]:
         axis.set_xlabel(time_head(unit))
-    figure.suptitle(title, fontsize=11, wrap=True)
-    figure.supxlabel(fill(note, int(13 * figure.get_figwidth())), fontsize=8)
+    # Matplotlib's own wrapping reads formulas.
+    figure.suptitle(fill(title, int(CHARACTERS * width)), fontsize=11)
+    figure.supxlabel(fill(note, int(CHARACTERS * width)), fontsize=8)
     if beside:
         labels: dict[str, Any] = {}
         for axis in axes.flat:

@@ -25,6 +25,8 @@ NAMES = (
     "$x_1$",
     r"$\frac{",
     "a$b$c",
+    "a$b_$c",
+    r"$\frac{$",
     "_hidden",
     "50%_of",
     r"a_b^c\d",
