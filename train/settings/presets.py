@@ -30,7 +30,7 @@ SIZES = ("num_games", "rollout_steps", "minibatch_size")
 """The budget does not change the defaults where the user gives one of these."""
 ITERATIONS, FEWEST_GAMES = 90, 64
 """For so many iterations PPO has fewer games: a power of two, at least the second number."""
-CURRICULUM_EPISODES, LONGEST = 2.0, 0.5
+CURRICULUM_EPISODES, LONGEST = 3.0, 0.5
 """The curriculum of the preset then lasts at least so many episodes or this share of the budget."""
 
 
