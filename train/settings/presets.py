@@ -29,8 +29,7 @@ TUNED = "tuned"
 SIZES = ("num_games", "rollout_steps", "minibatch_size")
 """The budget does not change the defaults where the user gives one of these."""
 ITERATIONS, FEWEST_GAMES = 90, 64
-"""PPO has half as many games as usual, a quarter and so on, down to about the second number, for
-this many iterations in a budget in frames (measured: docs/results/hyperparameters.md)."""
+"""For so many iterations PPO has fewer games: a power of two, at least the second number."""
 CURRICULUM_EPISODES, LONGEST = 3.0, 0.5
 """The curriculum of the preset then lasts at least so many episodes or this share of the budget."""
 
@@ -341,23 +340,25 @@ def tuned(algorithm: str, setting: TaskProfile) -> Hyperparameters:
 
 
 def for_budget(hyper: Hyperparameters, frames: int) -> Hyperparameters:
-    """PPO's hyperparameters for a budget in frames: with fewer games, and minibatches of the same
-    share of a rollout, where few iterations fit in it."""
+    """PPO's hyperparameters for a budget in frames: fewer games, and as many minibatches, where few
+    iterations fit in it."""
     if not isinstance(hyper, PPOSettings):
         return hyper
-    games = hyper.num_games
-    while games >= 2 * FEWEST_GAMES and games * hyper.rollout_steps * ITERATIONS > frames:
-        games //= 2
-    minibatch = hyper.minibatch_size * games // hyper.num_games
-    return replace(hyper, num_games=games, minibatch_size=minibatch)
+    steps = hyper.rollout_steps
+    most = max(frames // (ITERATIONS * steps), FEWEST_GAMES)
+    if hyper.num_games <= most:
+        return hyper
+    games, parts = 2 ** (most.bit_length() - 1), hyper.num_games * steps // hyper.minibatch_size
+    return replace(hyper, num_games=games, minibatch_size=games * steps // parts)
 
 
 def for_episodes(own: CurriculumSettings, episodes: float) -> CurriculumSettings:
     """A scheduled curriculum for a budget of so many episodes of `max_steps` in every game: games
     take new values at the start of an episode only."""
+    if not isinstance(own, ScheduleSettings):
+        return own
     least = min(CURRICULUM_EPISODES / episodes, LONGEST)
-    length = max(getattr(own, "schedule_length", 0.0), least)
-    return replace(own, schedule_length=length) if isinstance(own, ScheduleSettings) else own
+    return replace(own, schedule_length=max(own.schedule_length, least))
 
 
 def tuned_for_arms(hyper: ActorCriticSettings, joints: int) -> ActorCriticSettings:
@@ -383,8 +384,7 @@ def curriculum_for(
     In large mazes random actions rarely reach goals or evaders, so the curriculum of the preset
     starts episodes near their end.
 
-    Raises:
-        ValueError: an unknown curriculum.
+    ValueError for an unknown one.
     """
     if curriculum is not None:
         return curriculum, curriculum_form(curriculum)()

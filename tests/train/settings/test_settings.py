@@ -154,11 +154,10 @@ def test_small_budgets_have_fewer_games_and_longer_curricula(
             fixed = settings_of(maze=maze, **task, frames=frames, num_games=usual.hyper.num_games)
         hyper = found.hyper
         iterations = frames / hyper.num_games / hyper.rollout_steps
-        assert iterations >= 90 or 64 <= hyper.num_games < 128
-        assert frames / (2 * hyper.num_games) / hyper.rollout_steps < 90
-        assert hyper.minibatch_size * usual.hyper.num_games == pytest.approx(
-            usual.hyper.minibatch_size * hyper.num_games
-        )
+        assert hyper.num_games in (64, 128, 256, 512, 1024)
+        assert iterations >= 90 or hyper.num_games == 64
+        assert iterations / 2 < 90  # the largest such number
+        assert hyper.num_games * hyper.rollout_steps == 4 * hyper.minibatch_size
         assert fixed == replace(usual, seconds=None, frames=frames)
         assert found.curriculum == usual.curriculum
         if found.curriculum != "none":

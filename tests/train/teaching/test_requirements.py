@@ -112,7 +112,7 @@ def test_a_spread_beyond_the_maze_is_clipped_and_says_so() -> None:
         settings_of(**MAZE, curriculum="goal-spread-start", hardest=40.0)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        settings_of(**MAZE, curriculum="goal-spread-start", hardest=10.0)
+        settings_of(**{**MAZE, "frames": 60_000}, curriculum="goal-spread-start", hardest=10.0)
 
 
 def test_large_mazes_have_a_curriculum_unless_told_otherwise() -> None:
