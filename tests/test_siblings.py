@@ -111,6 +111,7 @@ assert not found & {"train", "curricula", "scripted_agents"}
 """
 
 
+@pytest.mark.slow
 def test_everything_reached_through_pursuit_works_beside_them(tmp_path: Path) -> None:
     run(folder_with(tmp_path, FOREIGN), "other.py", code=EVERYTHING)
 
@@ -126,7 +127,7 @@ def test_everything_works_beside_each(tmp_path: Path, name: str) -> None:
 @pytest.mark.parametrize("name", FOREIGN)
 def test_the_commands_of_the_readme_run_beside_each(tmp_path: Path, name: str) -> None:
     folder_with(tmp_path, (name,))
-    quick = {"60": "2", "5x5-tree": "2x2", "optimal": "random"}
+    quick = {"60": "2", "5x5-tree": "2x2"}
     for words in commands_of("README.md"):
         if words[0] == "pursuit" and "short" not in words:  # the full ablation takes hours
             run(tmp_path, "-m", "pursuit", *(quick.get(word, word) for word in words[1:]))
@@ -172,12 +173,16 @@ def test_worker_processes_execute_nothing_of_the_user(tmp_path: Path, way: str) 
 
 
 MINE = "thing = __name__\n"
+LIGHT = """
+from pursuit.plugins import from_train
+from_train("train.settings.curricula:CURRICULA")
+"""
 
 
 @pytest.mark.parametrize("first", ["pursuit", "user"])
 def test_the_user_gets_the_users_modules(tmp_path: Path, first: str) -> None:
     theirs = "import curricula, scripted_agents\nfrom train import thing\n"
-    ours = "import pursuit\nagent = pursuit.AStarChaser()\npursuit.settings_of\n"
+    ours = "import pursuit\nagent = pursuit.AStarChaser()\n" + LIGHT
     order = ours + theirs if first == "pursuit" else theirs + ours
     check = """
 assert (thing, curricula.thing, scripted_agents.thing) == ("train", "curricula", "scripted_agents")
@@ -188,12 +193,12 @@ assert type(agent).__module__ == "pursuit.scripted_agents.agents.scripted"
 
 def test_two_of_ours_work_by_their_own_names_beside_one_of_the_users(tmp_path: Path) -> None:
     code = """
-from train import settings_of
-import scripted_agents, pursuit
-assert settings_of is pursuit.settings_of
+import train, scripted_agents, pursuit
+from train.settings.curricula import CURRICULA
+from pursuit.plugins import from_train
+assert CURRICULA is from_train("train.settings.curricula:CURRICULA")
 assert scripted_agents.AStarChaser is pursuit.AStarChaser
 assert scripted_agents.AStarChaser.__module__ == "scripted_agents.agents.scripted"
-settings_of(task="maze", maze="3x3", frames=10**6)
 """
     run(folder_with(tmp_path, ("curricula.py",)), "other.py", code=code)
 
@@ -215,14 +220,14 @@ sys.path.insert(0, "")  # as in a notebook
 import pursuit
 agent, folder = pursuit.AStarChaser(), os.getcwd()
 os.chdir("{first}")
-found = pursuit.settings_of, pursuit.BestResponder
+from pursuit.plugins import from_train
+found = from_train("train.settings.curricula:CURRICULA"), pursuit.BestResponder
 os.chdir(folder)
 os.chdir("{second}")
 import train, scripted_agents
-assert train.settings_of is pursuit.settings_of
 assert scripted_agents.AStarChaser is type(agent) and scripted_agents.BestResponder is found[1]
-from train.runs.parts import settings_of
-assert settings_of is found[0]
+from train.settings.curricula import CURRICULA
+assert CURRICULA is found[0]
 assert type(pickle.loads(pickle.dumps(agent))) is type(agent)
 """
 
