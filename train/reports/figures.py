@@ -143,6 +143,7 @@ def save(figure: Any, path: Path, also_svg: bool = False, dpi: int = 130) -> Non
         write = partial(figure.savefig, dpi=dpi, format=form, metadata=undated)
         with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "pursuit"}):
             write_atomically(path.with_suffix(f".{form}"), write)
+        figure.set_layout_engine("none")  # the layout is found; it takes as long as drawing
     pyplot().close(figure)
 
 
