@@ -153,6 +153,7 @@ def save(figure: Any, path: Path, also_svg: bool = False, dpi: int = 130) -> Non
         settings = {"svg.fonttype": "none", "svg.hashsalt": "pursuit", "text.parse_math": False}
         with matplotlib.rc_context(settings):
             write_atomically(path.with_suffix(f".{form}"), write)
+        figure.set_layout_engine("none")  # the layout is found; it takes as long as drawing
     pyplot().close(figure)
 
 

@@ -177,8 +177,9 @@ class SingleAgent:
         if isinstance(given, TaskSettings):
             given = replace(given, max_steps=min(given.max_steps, BRIEF_STEPS))
         contest: Any = world_of(given).contest(BRIEF_EPISODES)
+        own: Any = self.contest
         if isinstance(given, TaskSettings) and given.opponent in (None, *AGENTS):
-            contest = replace(contest, opponents=self.contest.opponents)
+            contest = replace(contest, opponents=own.opponents)
         if isinstance(contest, GameContest):
             contest = replace(contest, most_work=0, search_seconds=0.0)
         small.contest = small._final_contest = contest
