@@ -164,7 +164,9 @@ def test_worker_processes_execute_nothing_of_the_user(tmp_path: Path, way: str) 
     home = folder_with(tmp_path / "home", FOREIGN)
     (home / "s.toml").write_text(SWEEP)
     installed = tmp_path / "pursuit"
-    installed.write_text("from train.commands.main import main\nmain()\n")
+    installed.write_text(
+        "from pursuit.__main__ import main\nif __name__ == '__main__':\n    main()\n"
+    )
     words = ["-m", "pursuit"] if way == "module" else [str(installed)]
     assert "1 complete" in run(home, *words, "sweep", "s.toml", "--out", "out", "--workers", "1")
 
