@@ -36,7 +36,7 @@ class TaskSpec(EnvSpec):
     _time_limit: int | None
 
     @property
-    def max_episode_steps(self) -> int | None:  # type: ignore[override]
+    def max_episode_steps(self) -> int | None:
         """The limit of a TimeLimit, or else of the task."""
         made = sys._getframe(1).f_code in MAKERS
         return self.task_limit if self._time_limit is None and not made else self._time_limit
