@@ -16,19 +16,23 @@ from time import process_time
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
-from train.experiments.kinds import start
+from train.experiments.kinds import KINDS, start
 from train.machine import processor
 from train.runs.folder import RUN, SELF_PLAY
 
 TASKS: dict[str, dict[str, Any]] = {
     "maze 3x3, 1 goal": {"task": "maze", "maze": "3x3", "num_goals": 1},
+    "maze 5x5, 3 goals": {"task": "maze", "maze": "5x5", "num_goals": 3},
+    "chaser 3x3": {"task": "chase", "role": "chaser", "maze": "3x3"},
     "chaser 4x4": {"task": "chase", "role": "chaser", "maze": "4x4"},
     "arm, 1 joint": {"task": "reacher", "joints": 1},
     "arm, 2 joints": {"task": "reacher", "joints": 2},
-    "self-play 2x2": {"maze": "2x2"},
+    "self-play 2x2-tree": {"maze": "2x2-tree"},
     "self-play 3x3-tree": {"maze": "3x3-tree"},
 }
-DISCRETE, ARMS, DUELS = ([*TASKS][first : first + 2] for first in (0, 2, 4))
+DISCRETE = ["maze 3x3, 1 goal", "chaser 4x4"]
+ARMS = ["arm, 1 joint", "arm, 2 joints"]
+DUELS = ["self-play 2x2-tree", "self-play 3x3-tree"]
 
 
 class Case(NamedTuple):
@@ -52,18 +56,20 @@ def _cases(algorithm: str, tasks: list[str], *limits: tuple[int, float]) -> list
 
 
 CASES = [
-    *_cases("ppo", DISCRETE, (600_000, 0.1), (600_000, 0.1)),
-    *_cases("a2c", DISCRETE, (600_000, 0.1), (600_000, 0.1)),
-    *_cases("reinforce", DISCRETE, (300_000, 0.1), (1_000_000, 0.1)),
-    *_cases("dqn", DISCRETE, (200_000, 0.1), (300_000, 0.1)),
-    *_cases("cross_entropy", DISCRETE, (4_000_000, 0.1), (4_000_000, 0.1)),
-    *_cases("q_learning", DISCRETE, (200_000, 0.1), (1_000_000, 0.1)),
-    *_cases("ddpg", ARMS, (150_000, 0.1), (250_000, 0.1)),
-    *_cases("td3", ARMS, (150_000, 0.1), (250_000, 0.1)),
-    *_cases("sac", ARMS, (150_000, 0.1), (250_000, 0.1)),
-    *_cases("mmd", DUELS, (400_000, 0.1), (600_000, 0.1)),
-    *_cases("rnad", DUELS, (400_000, 0.1), (600_000, 0.1)),
-    *_cases("nfsp", DUELS, (200_000, 0.1), (200_000, 0.1)),
+    *_cases("ppo", DISCRETE, (300_000, 0.5), (500_000, 0.5)),
+    *_cases("a2c", DISCRETE, (300_000, 0.5), (600_000, 1.0)),
+    *_cases("reinforce", DISCRETE, (300_000, 0.5), (1_000_000, 2.0)),
+    *_cases("dqn", DISCRETE, (200_000, 0.5), (300_000, 1.0)),
+    *_cases(
+        "cross_entropy", ["maze 3x3, 1 goal", "chaser 3x3"], (4_500_000, 10.0), (4_000_000, 2.0)
+    ),
+    *_cases("q_learning", ["maze 5x5, 3 goals", "chaser 4x4"], (8_000_000, 0.5), (1_000_000, 0.5)),
+    *_cases("ddpg", ARMS, (100_000, 2.0), (250_000, 5.0)),
+    *_cases("td3", ARMS, (150_000, 3.0), (250_000, 5.0)),
+    *_cases("sac", ARMS, (60_000, 2.0), (250_000, 5.0)),
+    *_cases("mmd", DUELS, (400_000, 2.0), (600_000, 2.0)),
+    *_cases("rnad", DUELS, (400_000, 3.0), (600_000, 3.0)),
+    *_cases("nfsp", DUELS, (200_000, 5.0), (200_000, 5.0)),
 ]
 
 
@@ -83,14 +89,20 @@ class Measured(NamedTuple):
 
 def measure(case: Case, seed: int = 0) -> Measured:
     """Train the learner of a case, without a curriculum, and evaluate its policy."""
-    flat = {"algorithm": case.algorithm, "frames": case.frames, "seed": seed, "threads": 1}
+    flat: dict[str, Any] = {
+        "algorithm": case.algorithm,
+        "frames": case.frames,
+        "seed": seed,
+        "threads": 1,
+    }
     duel = case.task in DUELS
     if not duel:
         flat["curriculum"] = "none"
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore")
         kind = SELF_PLAY if duel else RUN
-        run = start(kind, _settings(kind, {**TASKS[case.task], **flat}), Path(folder) / "run")
+        settings = KINDS[kind].settings_of(**TASKS[case.task], **flat)
+        run = start(kind, settings, Path(folder) / "run")
         trainee, warm, began = run.trainee, 0, process_time()
         while trainee.frames < case.frames:
             progress = trainee.frames / case.frames
@@ -101,12 +113,6 @@ def measure(case: Case, seed: int = 0) -> Measured:
         found = trainee.evaluate()
     gap = found["nash_conv" if duel else "optimality_gap"]
     return Measured(trainee.frames, (trainee.frames - warm) / max(seconds, 1e-9), gap)
-
-
-def _settings(kind: str, flat: dict[str, Any]) -> Any:
-    from train.experiments.kinds import KINDS
-
-    return KINDS[kind].settings_of(**flat)
 
 
 def main() -> None:
