@@ -61,7 +61,7 @@ CASES = [
     *_cases("reinforce", DISCRETE, (300_000, 0.5), (1_000_000, 2.0)),
     *_cases("dqn", DISCRETE, (200_000, 0.5), (300_000, 1.0)),
     *_cases(
-        "cross_entropy", ["maze 3x3, 1 goal", "chaser 3x3"], (4_500_000, 10.0), (4_000_000, 2.0)
+        "cross_entropy", ["maze 3x3, 1 goal", "chaser 3x3"], (4_500_000, 5.0), (4_000_000, 2.0)
     ),
     *_cases("q_learning", ["maze 5x5, 3 goals", "chaser 4x4"], (8_000_000, 0.5), (1_000_000, 0.5)),
     *_cases("ddpg", ARMS, (100_000, 2.0), (250_000, 5.0)),

@@ -219,7 +219,7 @@ class CrossEntropySettings(Hyperparameters):
     """Number of weight vectors in each generation."""
     elite_share: Share = 0.125
     """Fraction of the population that the next distribution is fitted to."""
-    initial_std: Positive = 0.1
+    initial_std: Positive = 0.2
     """Initial standard deviation of every weight."""
     extra_std: NotNegative = 0.01
     """Added to the standard deviations against premature convergence, and annealed to 0."""

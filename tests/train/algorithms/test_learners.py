@@ -77,7 +77,7 @@ EASY = {"task": "maze", "maze": "3x3", "num_goals": 2, "threads": 1}
 SMALL: dict[str, dict[str, Any]] = {
     "ppo": {"num_games": 64, "minibatch_size": 256},
     "a2c": {"num_games": 64},
-    "reinforce": {},
+    "reinforce": {"num_games": 64},
     "dqn": {"num_games": 64, "batch_size": 128, "learning_starts": 1000},
 }
 VARIANTS: dict[str, dict[str, Any]] = {
