@@ -40,6 +40,7 @@ bench: $(SETUP)
 	$(BIN)/python tests/benchmarks/bench_reacher.py
 	$(BIN)/python tests/benchmarks/bench_exact.py
 	$(BIN)/python tests/benchmarks/bench_arm.py
+	$(BIN)/python tests/benchmarks/bench_learners.py
 	$(BIN)/python tests/benchmarks/bench_learning.py
 	$(BIN)/python tests/benchmarks/bench_off_policy.py
 	$(BIN)/python tests/benchmarks/bench_curricula.py

@@ -14,7 +14,7 @@ from train.algorithms.fused_rollouts import Frames
 from train.algorithms.learner import Build, NetworkLearner, VecEnv, has_masks
 from train.algorithms.rollouts import Figures, RolloutLearner, actor_critic_of
 from train.networks.actor_critic import ActorCritic
-from train.networks.fused_actor_critic import LossCoefficients
+from train.networks.fused_actor_critic import LossCoefficients, fused_actor_critic
 from train.settings.algorithms import A2CSettings, ReinforceSettings
 
 
@@ -107,23 +107,38 @@ def a2c_loss(
 class Reinforce(NetworkLearner):
     """Williams (1992): every iteration plays one whole episode in every game.
 
-    A truncated episode is bootstrapped by the value. Without `baseline` its return is the sum over
-    the steps played.
+    The gradient is that of Monte Carlo returns minus a learned baseline, in one step on all frames
+    of the episodes. A truncated episode is bootstrapped by the value. Without `baseline` its return
+    is the sum over the steps played.
 
     Args:
         settings: the hyperparameters.
         env: the training environment.
         network: policy and value.
         device: of the network.
+        fused: whether fused kernels are used where possible: with a baseline, and where
+            `RolloutLearner` uses them.
     """
 
     network: ActorCritic
 
     def __init__(
-        self, settings: ReinforceSettings, env: VecEnv, network: ActorCritic, device: str = "cpu"
+        self,
+        settings: ReinforceSettings,
+        env: VecEnv,
+        network: ActorCritic,
+        device: str = "cpu",
+        fused: bool = True,
     ) -> None:
         super().__init__(settings, env, network, device)
         self.settings = settings
+        fused = fused and settings.baseline and not has_masks(env)
+        self._fused = fused_actor_critic(network, device) if fused else None
+
+    @property
+    def update_form(self) -> str:
+        """The form of the update: "fused" or "torch"."""
+        return "torch" if self._fused is None else "fused"
 
     def iterate(self, progress: float) -> dict[str, float]:
         """Play the episodes and take one gradient step on all their frames."""
@@ -139,9 +154,14 @@ class Reinforce(NetworkLearner):
             settings.value_coef if settings.baseline else None,
             self.annealed(settings.entropy_coef, progress, settings.entropy_end),
         )
-        loss, figures = a2c_loss(self.network, frames, coefficients)
-        self.descend(loss)
-        return {name: float(value) for name, value in figures.items()}
+        if self._fused is None:
+            loss, figures = a2c_loss(self.network, frames, coefficients)
+            self.descend(loss)
+        else:
+            figures = self._fused.set_gradients(frames, coefficients)
+            self.descend_by_gradients()
+        logged = ("loss_objective", "loss_critic", "entropy")
+        return {name: float(figures[name]) for name in logged if name in figures}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Restore the state; the next episodes are new ones."""
@@ -171,18 +191,27 @@ class Reinforce(NetworkLearner):
             seen = {"observation": now["observation"][running].to(self.device)}
             if masks:
                 seen[ACTION_MASK] = now[ACTION_MASK][running].to(self.device)
-            output, value = network(seen["observation"])
-            distribution = network.distribution(output, seen.get(ACTION_MASK))
-            drawn = distribution.draw()
-            steps.append({**seen, network.form.DRAWN: drawn, "value": value.squeeze(-1)})
-            actions[running] = distribution.action(drawn).cpu()
+            if self._fused is not None:
+                found = self._fused.draw(seen["observation"])
+                names = ("action", "action_log_prob", "value")
+                steps.append({**seen, **dict(zip(names, found, strict=True))})
+                actions[running] = found.action
+            else:
+                output, value = network(seen["observation"])
+                distribution = network.distribution(output, seen.get(ACTION_MASK))
+                drawn = distribution.draw()
+                steps.append({**seen, network.form.DRAWN: drawn, "value": value.squeeze(-1)})
+                actions[running] = distribution.action(drawn).cpu()
             now = env.step_episodes(actions, running)
             played.append((running, now["reward"][running, 0]))
+            done = now["done"][running, 0]
+            if not done.any():
+                continue
             cut = running[now["truncated"][running, 0] & ~now["terminated"][running, 0]]
             if len(cut) and self.settings.baseline:
                 observation = now["observation"][cut].to(self.device)
                 returns[cut] = network(observation)[1].squeeze(-1).cpu()
-            running = running[~now["done"][running, 0]]
+            running = running[~done]
         targets: list[torch.Tensor] = []
         for games, reward in reversed(played):
             returns[games] = reward + gamma * returns[games]
@@ -200,4 +229,5 @@ def build_a2c(settings: A2CSettings, env: VecEnv, how: Build) -> A2C:
 
 def build_reinforce(settings: ReinforceSettings, env: VecEnv, how: Build) -> Reinforce:
     """A REINFORCE learner for an environment."""
-    return Reinforce(settings, env, actor_critic_of(settings, env.player, how), how.device)
+    network = actor_critic_of(settings, env.player, how)
+    return Reinforce(settings, env, network, how.device, how.fused)

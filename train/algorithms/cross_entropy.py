@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -11,15 +12,38 @@ from torch.func import functional_call, vmap
 from torch.nn.utils import parameters_to_vector, vector_to_parameters
 
 from curricula import linear
+from pursuit.compilation.compiled import compiled
 from pursuit.observations.masks import ACTION_MASK
 from pursuit.simulator.policy import Policy
 from train.algorithms.learner import Build, has_masks
 from train.environments.lockstep import LockstepEnv
 from train.networks.actor_critic import ActorCritic
-from train.networks.layers import Hidden
+from train.networks.layers import Convolutions, Hidden, IndexLayer
 from train.networks.policy import Player
 from train.settings.algorithms import CrossEntropySettings
 from train.settings.checks import check
+
+
+@compiled
+def linear_layers(inputs: Any, candidates: Any, weight: Any, bias: Any, out: Any) -> None:
+    """A linear layer with weights of its own for every candidate; zeros of the inputs are free.
+
+    Args:
+        inputs: [rows, inputs] float32.
+        candidates: [rows] int64, the candidate of each row.
+        weight: [population, inputs, outputs] float32.
+        bias: [population, outputs] float32.
+        out: [rows, outputs] float32.
+    """
+    for row in range(out.shape[0]):
+        own = candidates[row]
+        for unit in range(out.shape[1]):
+            out[row, unit] = bias[own, unit]
+        for number in range(inputs.shape[1]):
+            value = inputs[row, number]
+            if value != 0.0:
+                for unit in range(out.shape[1]):
+                    out[row, unit] += value * weight[own, number, unit]
 
 
 class CrossEntropy:
@@ -80,26 +104,56 @@ class CrossEntropy:
         if not self.frames:
             env.reset_games()
         simulator.set_state(simulator.get_state(np.arange(env.num_games) % each))
-        seen, masks = env.reset(), has_masks(env)
-        weights = self._named(candidates)
+        seen: Any = env.reset()
+        outputs = self._outputs(candidates, each)
         running, returns = torch.arange(env.num_games), torch.zeros(env.num_games)
+        actions, masks = env.action_spec.zero(), has_masks(env)
         while len(running):
-            inputs = self.network.policy_trunk.prepare(seen["observation"])
-            batch = inputs.reshape(population, each, *inputs.shape[1:])
-            output = vmap(functional_call, (None, 0, 0))(self._policy, weights, batch)
-            allowed = seen[ACTION_MASK] if masks else None
-            distribution = self.network.distribution(output.flatten(0, 1), allowed)
-            seen = env.step_episodes(distribution.action(distribution.draw()), running)
-            returns[running] += seen["reward"][running, 0]
+            allowed = seen[ACTION_MASK][running] if masks else None
+            distribution = self.network.distribution(outputs(seen["observation"], running), allowed)
+            actions[running] = distribution.action(distribution.draw())
+            seen = env.step_episodes(actions, running)
+            returns += seen["reward"][:, 0]  # 0 where an episode has ended
             self.frames += len(running)
             running = running[~seen["done"][running, 0]]
         return returns.reshape(population, each).mean(dim=1)
 
-    def _named(self, flat: torch.Tensor) -> dict[str, torch.Tensor]:
-        """[population, weights] as the parameters of the policy, by name: [population, ...]."""
-        parts = torch.split(flat, [weight.numel() for weight in self._searched.values()], dim=1)
+    def _outputs(
+        self, candidates: torch.Tensor, each: int
+    ) -> Callable[[torch.Tensor, torch.Tensor], torch.Tensor]:
+        """A function of observations [games, ...] and running games [n] int64, which returns the
+        outputs [n, actions] of the policy heads; `each` games in turn belong to a candidate."""
+        trunk, population = self.network.policy_trunk, len(candidates)
+        parts = torch.split(candidates, [one.numel() for one in self._searched.values()], dim=1)
         pairs = zip(self._searched.items(), parts, strict=True)
-        return {name: part.reshape(-1, *weight.shape) for (name, weight), part in pairs}
+        weights = {name: part.reshape(-1, *one.shape) for (name, one), part in pairs}
+
+        def convolved(observation: torch.Tensor, running: torch.Tensor) -> torch.Tensor:
+            inputs = trunk.prepare(observation)
+            batch = inputs.reshape(population, each, *inputs.shape[1:])
+            output = vmap(functional_call, (None, 0, 0))(self._policy, weights, batch)
+            return output.flatten(0, 1)[running]
+
+        if isinstance(trunk.first, Convolutions):
+            return convolved
+        # Weight and bias of three layers; weights are [outputs, inputs], but those of an index.
+        first, *others = [*weights.values()]
+        first = first if isinstance(trunk.first, IndexLayer) else first.mT
+        others[1::2] = [weight.mT for weight in others[1::2]]
+        arrays = [np.ascontiguousarray(part.numpy()) for part in (first, *others)]
+
+        def dense(observation: torch.Tensor, running: torch.Tensor) -> torch.Tensor:
+            hidden, owner = trunk.prepare(observation[running]), (running // each).numpy()
+            for layer in range(3):
+                if layer:
+                    hidden = trunk.rest[0](hidden)
+                weight, bias = arrays[2 * layer : 2 * layer + 2]
+                output = torch.empty(len(hidden), bias.shape[1])
+                linear_layers(hidden.numpy(), owner, weight, bias, output.numpy())
+                hidden = output
+            return hidden
+
+        return dense
 
     def policy(self, greedy: bool = True) -> Policy:
         """The policy of the mean weights."""

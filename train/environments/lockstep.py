@@ -144,7 +144,9 @@ class LockstepEnv(EnvBase):
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         return self._batch(self._step_games(tensordict["action"])[0])
 
-    def step_episodes(self, actions: torch.Tensor, running: torch.Tensor) -> TensorDictBase:
+    def step_episodes(
+        self, actions: torch.Tensor, running: torch.Tensor
+    ) -> dict[str, torch.Tensor]:
         """A step without restarts, for learning from whole episodes; one agent per game.
 
         Args:
@@ -156,7 +158,7 @@ class LockstepEnv(EnvBase):
         """
         alive = np.zeros(self.num_games, dtype=bool)
         alive[running.numpy()] = True
-        return self._batch(self._step_games(actions, alive)[0])
+        return self._step_games(actions, alive)[0]
 
     def step_and_maybe_reset(
         self, tensordict: TensorDictBase

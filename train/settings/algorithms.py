@@ -155,9 +155,9 @@ class A2CSettings(RolloutSettings):
 class ReinforceSettings(ActorCriticSettings):
     """REINFORCE (Williams, 1992), which learns from whole episodes."""
 
-    num_games: Count = 64
+    num_games: Count = 128
     """Episodes between two updates."""
-    learning_rate: Positive = 1e-2
+    learning_rate: Positive = 2e-2
     """Initial learning rate of Adam."""
     baseline: bool = True
     """Subtract a learned value function from the returns."""
@@ -219,13 +219,13 @@ class CrossEntropySettings(Hyperparameters):
     """Number of weight vectors in each generation."""
     elite_share: Share = 0.125
     """Fraction of the population that the next distribution is fitted to."""
-    initial_std: Positive = 0.3
+    initial_std: Positive = 0.2
     """Initial standard deviation of every weight."""
-    extra_std: NotNegative = 0.02
+    extra_std: NotNegative = 0.01
     """Added to the standard deviations against premature convergence, and annealed to 0."""
     action_std: Positive = 0.1
     """Standard deviation of continuous actions, before tanh; it is constant."""
-    width: Count = 16
+    width: Count = 32
     """Units of each of the two hidden layers."""
     activation: Activation = "tanh"
     """Activation function: relu or tanh."""

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from torch.nn.utils import vector_to_parameters
 
 from pursuit.environments.single_agent import fill_seats
 from pursuit.simulator.simulator import Simulator
@@ -57,6 +58,19 @@ def test_every_candidate_plays_by_its_own_weights(flat: dict[str, str]) -> None:
     assert np.isfinite(learner.iterate(0.5)["return_mean"])
 
 
+@pytest.mark.parametrize("encoding", ["index", "one_hot", "cells", "planes"])
+def test_the_batched_networks_are_those_of_the_candidates(encoding: str) -> None:
+    learner, _ = make(task="chase", role="chaser", observation=encoding, **SMALL)
+    candidates = torch.randn(16, len(learner.mean))
+    observation, running = learner.env.reset()["observation"], torch.tensor([0, 3, 4, 30, 63])
+    with torch.no_grad():
+        found = learner._outputs(candidates, 4)(observation, running)
+        for row, game in enumerate(running.tolist()):
+            vector_to_parameters(candidates[game // 4], learner._searched.values())
+            wanted = learner.network.logits(observation[game : game + 1])
+            torch.testing.assert_close(found[row : row + 1], wanted, rtol=1e-4, atol=1e-5)
+
+
 def test_all_candidates_play_from_the_same_starts() -> None:
     learner, _ = make(task="chase", role="chaser", **SMALL)
     starts: list[Any] = []
@@ -86,10 +100,10 @@ def test_frames_and_returns_are_those_of_the_episodes_one_for_each_game() -> Non
 
 def test_a_captured_learners_episode_ends_with_its_capture() -> None:
     learner, _ = make(task="chase", role="evader", num_evaders=2, **SMALL)
-    learner.play(torch.zeros(16, len(learner.mean)))
+    returns = learner.play(torch.zeros(16, len(learner.mean)))
     lengths = np.concatenate(learner.env.finished_lengths)
     ended = np.concatenate(learner.env.finished_returns)
-    assert len(lengths) == 64
+    assert len(lengths) == 64 and float(returns.mean()) == pytest.approx(ended.mean())
     # +1 a step, and -1 in the step of the capture.
     caught = lengths < 200
     assert caught.any()
@@ -149,6 +163,7 @@ def test_a_chaser_and_an_evader_beat_random_by_far() -> None:
 
 @pytest.mark.slow
 def test_a_runner_beats_random_by_far() -> None:
+    torch.manual_seed(0)
     learner, contest = make(task="maze", num_goals=1)
     while learner.frames < 4_500_000:
         learner.iterate(learner.frames / 4_500_000)

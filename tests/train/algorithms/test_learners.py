@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import pytest
-from test_algorithms import make_env
+import torch
+from test_algorithms import make_env, make_network
 
 from scripted_agents import RandomAgent
+from train.algorithms.a2c import Reinforce, a2c_loss
 from train.algorithms.registry import ALGORITHMS, Algorithm, Build, entry, register
 from train.commands.train import _defaults
 from train.experiments.kinds import start
+from train.networks.fused_actor_critic import LossCoefficients
 from train.runs.folder import RUN, new_folder
 from train.runs.loop import Run
 from train.runs.opponents import load_policy
@@ -22,6 +26,7 @@ from train.settings.algorithms import (
     A2CSettings,
     DQNSettings,
     PPOSettings,
+    ReinforceSettings,
 )
 from train.settings.presets import THESIS, preset_algorithm
 
@@ -48,6 +53,23 @@ def test_a_new_learner_is_one_entry() -> None:
         entry("mine")
 
 
+def test_fused_reinforce_has_the_gradients_of_its_loss() -> None:
+    env = make_env(64)
+    learner = Reinforce(ReinforceSettings(64, 0.9), env, make_network(env))
+    plain = Reinforce(ReinforceSettings(64, 0.9), env, learner.network, fused=False)
+    assert (learner.update_form, plain.update_form) == ("fused", "torch")
+    frames = learner.play(0.9)
+    frames["advantage"] = frames["value_target"] - frames["value"]
+    coefficients = LossCoefficients(math.inf, 0.5, 0.01)
+    assert learner._fused is not None
+    learner._fused.set_gradients(frames, coefficients)
+    found = {name: weight.grad for name, weight in learner.network.named_parameters()}
+    learner.network.zero_grad()
+    a2c_loss(learner.network, frames, coefficients)[0].backward()
+    for name, weight in learner.network.named_parameters():
+        torch.testing.assert_close(found[name], weight.grad, rtol=1e-3, atol=1e-5)
+
+
 # -- whole runs ------------------------------------------------------------------------------------
 
 ARM = {"task": "reacher", "joints": 1, "max_steps": 40, "threads": 1}
@@ -55,7 +77,7 @@ EASY = {"task": "maze", "maze": "3x3", "num_goals": 2, "threads": 1}
 SMALL: dict[str, dict[str, Any]] = {
     "ppo": {"num_games": 64, "minibatch_size": 256},
     "a2c": {"num_games": 64},
-    "reinforce": {},
+    "reinforce": {"num_games": 64},
     "dqn": {"num_games": 64, "batch_size": 128, "learning_starts": 1000},
 }
 VARIANTS: dict[str, dict[str, Any]] = {
