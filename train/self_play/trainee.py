@@ -173,14 +173,12 @@ class SelfPlay:
             pool = self.pools[other_role(role)]
             mixture = None
             if settings.sampling in NASH_SAMPLING and self.mixtures:
-                given = self.mixtures[other_role(role)]
-                shares = np.array([given.get(name, 0.0) for name in pool.names])
+                known = self.mixtures[other_role(role)]
+                shares = np.array([known.get(name, 0.0) for name in pool.names])
                 mixture = shares / shares.sum() if shares.sum() > 0 else None
             sampling = settings.sampling if other_role(role) in self.sides else "latest"
-            own: Any = (mixture, self.payoffs, self.progress)
-            side.opponents.shares = weights(
-                pool, sampling, settings.window, settings.pfsp_power, *own
-            )
+            given: Any = (settings.window, settings.pfsp_power, mixture, self.payoffs)
+            side.opponents.shares = weights(pool, sampling, *given, self.progress)
 
     def _take_snapshots(self) -> None:
         places = {role: self.pools[role].names for role in ROLES}
@@ -310,17 +308,11 @@ class SelfPlay:
                       if side.parts.algorithm.name == "ppo"]  # fmt: skip
             hyper = by_ppo[0] if by_ppo else replace(self_play_ppo(), gamma=self.parts.discount)
             roles: Any = {role: str(self.folder / role), other: LearningSide(hyper=hyper)}
-            settings = replace(
-                self.settings,
-                # The fixed side samples as in training; the response may use all actions.
-                task=replace(self.settings.task, opponent_policy="sampled", mask_bumps=False),
-                **roles,
-                sampling="latest",
-                members=(),
-                seconds=seconds,
-                frames=frames,
-                best_response_seconds=0.0,
-            )
+            alone: Any = {"sampling": "latest", "members": (), "best_response_seconds": 0.0}
+            budget: Any = {"seconds": seconds, "frames": frames}
+            # The fixed side samples as in training; the response may use all actions.
+            task = replace(self.settings.task, opponent_policy="sampled", mask_bumps=False)
+            settings = replace(self.settings, task=task, **roles, **alone, **budget)
             with TemporaryDirectory() as folder:
                 run = make_self_play(settings, Path(folder))
                 what = f"approximate best response against the {role}"

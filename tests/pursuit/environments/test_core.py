@@ -45,8 +45,9 @@ for package in (pursuit, scripted_agents, curricula):
     for module in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
         if module.name not in {extras!r}:
             importlib.import_module(module.name)
-for name in pursuit.__all__:
-    getattr(pursuit, name)
+for module, names in pursuit._names.items():
+    for name in names if module.partition(".")[0] != "train" else ():
+        getattr(pursuit, name)
 
 import gymnasium
 from pursuit.environments.conformance import check_parallel_env

@@ -27,7 +27,7 @@ from train.runs.stable_baselines import description_of, load_stable_baselines
 
 REWARD = "def pay(before, actions, after):\n    return after.rewards * {scale}\n"
 FLAT: dict[str, Any] = {
-    "maze": "2x2", "algorithm": "q_learning", "frames": 64 * 64, "num_games": 64,
+    "maze": "2x2", "max_steps": 20, "algorithm": "q_learning", "frames": 64 * 64, "num_games": 64,
 }  # fmt: skip
 SWEEP = """
 episodes = 4
@@ -153,7 +153,7 @@ def test_allowed_modules_are_imported(module: str, tmp_path: Path, capsys: Any) 
     with pytest.raises(SystemExit):  # of who plays beside; all that comes before succeeds
         play = ["play", "--against", str(tmp_path / "run"), "--beside", "nobody"]
         main([*play, "--allow", module])
-    assert "nobody: not a policy" in capsys.readouterr().err
+    assert "'nobody': not a policy" in capsys.readouterr().err
     forgotten(module)
     pursuit.allow(module)
     assert load_settings(tmp_path / "run").task.rewards == f"{module}:pay"

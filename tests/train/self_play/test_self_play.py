@@ -402,7 +402,7 @@ def test_a_frozen_side_stays_as_it_is(tmp_path: Path) -> None:
         ({"chaser": "astar", "evader": "random"}, "both fixed"),
         ({"evader": "astar", "sampling": "uniform"}, "the fixed role is the only opponent"),
         ({"chaser": "astar", "members": ("random",)}, "leave members out, or let both roles learn"),
-        ({"evader": "nosuch"}, "nosuch: not a policy; give one of astar, .*package.module:Name"),
+        ({"evader": "nosuch"}, "'nosuch': not a policy; give one of astar, .*package.module:Name"),
         ({"task": {"task": "maze"}}, "no chasers or no evaders"),
         ({"members": ("genius",)}, "unknown member 'genius'"),
         ({"members": ("astar", "astar")}, "is given twice"),
