@@ -13,10 +13,11 @@ from torch.nn.utils import vector_to_parameters
 from pursuit.environments.single_agent import fill_seats
 from pursuit.simulator.simulator import Simulator
 from scripted_agents import RandomAgent
-from train.algorithms.cross_entropy import CrossEntropy
+from train.algorithms.cross_entropy import CrossEntropy, draw_actions
 from train.algorithms.registry import Build, entry
 from train.environments.simulator_env import SimulatorEnv
 from train.evaluation.contest import GameContest
+from train.networks.distributions import masked
 from train.networks.policy import Seat
 from train.runs.parts import contest_of, settings_of
 
@@ -58,9 +59,11 @@ def test_every_candidate_plays_by_its_own_weights(flat: dict[str, str]) -> None:
     assert np.isfinite(learner.iterate(0.5)["return_mean"])
 
 
+@pytest.mark.parametrize("activation", ["relu", "tanh"])
 @pytest.mark.parametrize("encoding", ["index", "one_hot", "cells", "planes"])
-def test_the_batched_networks_are_those_of_the_candidates(encoding: str) -> None:
-    learner, _ = make(task="chase", role="chaser", observation=encoding, **SMALL)
+def test_the_batched_networks_are_those_of_the_candidates(encoding: str, activation: str) -> None:
+    flat = {"observation": encoding, "activation": activation, **SMALL}
+    learner, _ = make(task="chase", role="chaser", **flat)
     candidates = torch.randn(16, len(learner.mean))
     observation, running = learner.env.reset()["observation"], torch.tensor([0, 3, 4, 30, 63])
     with torch.no_grad():
@@ -69,6 +72,21 @@ def test_the_batched_networks_are_those_of_the_candidates(encoding: str) -> None
             vector_to_parameters(candidates[game // 4], learner._searched.values())
             wanted = learner.network.logits(observation[game : game + 1])
             torch.testing.assert_close(found[row : row + 1], wanted, rtol=1e-4, atol=1e-5)
+
+
+def test_actions_are_drawn_from_the_softmax() -> None:
+    logits = torch.tensor([[2.0, -1.0, 0.5, 80.0], [0.0, 0.0, -300.0, 300.0]])
+    allowed = torch.tensor([[True, True, True, False], [True, True, True, True]])
+    wanted = masked(logits, allowed).softmax(dim=1).numpy()
+    count = 20_000
+    running = np.arange(1, 2 * count, 2)  # every second game
+    actions = np.full(2 * count, 7)
+    for row in range(2):
+        rows = masked(logits, allowed)[row].repeat(count, 1).numpy()
+        draw_actions(rows, (np.arange(count, dtype=np.float32) + 0.5) / count, running, actions)
+        shares = np.bincount(actions[running], minlength=4) / count
+        np.testing.assert_allclose(shares, wanted[row], atol=2 / count)
+        assert (actions[::2] == 7).all()
 
 
 def test_all_candidates_play_from_the_same_starts() -> None:
