@@ -9,11 +9,11 @@ users need of `scripted_agents` and `train` for policies, runs and evaluation.
 """
 
 import ast
+import contextlib
 from pathlib import Path
 
 import gymnasium
 import lazy_loader
-import pettingzoo
 
 from pursuit import siblings
 from pursuit.version import __version__ as __version__
@@ -53,8 +53,11 @@ gymnasium.register(
     entry_point="pursuit.reacher.single_agent:reacher_env",
     vector_entry_point="pursuit.reacher.single_agent:reacher_vector_env",
 )
-if hasattr(pettingzoo, "register"):  # PettingZoo has a registry since 1.27
-    for _task in ("chase", "maze", "race", "heist", "reacher"):
-        for _type, _maker in (("parallel", "parallel_env"), ("aec", "env")):
-            _entry = f"pursuit.{_task}_v0:{_maker}"
-            pettingzoo.register(_type, f"pursuit/{_task}-v0", entry_point=_entry)
+with contextlib.suppress(FileNotFoundError):  # PettingZoo reads the current folder at its import
+    import pettingzoo
+
+    if hasattr(pettingzoo, "register"):  # PettingZoo has a registry since 1.27
+        for _task in ("chase", "maze", "race", "heist", "reacher"):
+            for _type, _maker in (("parallel", "parallel_env"), ("aec", "env")):
+                _entry = f"pursuit.{_task}_v0:{_maker}"
+                pettingzoo.register(_type, f"pursuit/{_task}-v0", entry_point=_entry)

@@ -74,6 +74,7 @@ def test_minari_and_d3rlpy() -> None:
 def test_the_data_collector_of_minari() -> None:
     minari = pytest.importorskip("minari")
     pytest.importorskip("h5py")  # in the extra `export`
+    pytest.importorskip("jax")  # in the extra `create` of Minari
     env = minari.DataCollector(gymnasium.make("pursuit/Maze-v0", maze="3x3", max_steps=5))
     for seed in range(3):
         env.reset(seed=seed)
