@@ -175,11 +175,7 @@ def enumerate_game(
         raise ValueError(f"{game!r}; give an object with players and the three methods of Game")
     given = game.players
     players = tuple(given) if isinstance(given, Iterable) and not isinstance(given, str) else ()
-    if (
-        not players
-        or not all(isinstance(name, str) for name in players)
-        or len(set(players)) < len(players)
-    ):
+    if not players or len({name for name in players if isinstance(name, str)}) < len(players):
         raise ValueError(f"players={given!r}; give the name of each player, all different")
     whole("most_states", most_states, 1)
     if progress is not None:

@@ -16,6 +16,7 @@ from train.experiments.forms import THRESHOLDS, Hints
 from train.experiments.learning_curves import NAN, Curve, VariantCurves, curves_by_variant, strata
 from train.experiments.statistics import (
     CUT_AT_0,
+    LEVEL,
     Interval,
     difference_interval,
     distance_interval,
@@ -31,7 +32,6 @@ from train.reports.curves import SINGLE_RUNS, Panel, Series, draw_panels
 from train.reports.figures import GREY, PALETTE, Estimate, draw_intervals
 from train.reports.tables import Column, ResultTable, Row, in_markdown
 
-LEVEL = 0.05
 SPENT = 0.8
 """Variants with a smaller share of frames on the hardest stage are marked."""
 LINES = (
