@@ -284,7 +284,7 @@ class Registry(Generic[Part]):
         if callable(name):
             own = getattr(name, "__name__", "Name")
             raise ValueError(f"{self.kind}={own}; give its name, 'package.module:{own}'")
-        if not isinstance(name, str) or name not in self._ours:
+        if name not in self._ours:
             self.get(name)
 
     def origin(self, name: str) -> str | None:

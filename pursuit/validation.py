@@ -131,6 +131,13 @@ def check_probability(name: str, value: Any) -> float:
     return float(value)
 
 
+def check_discount(discount: Any) -> float:
+    """`discount` as a float, if it is above 0 and at most 1; ValueError otherwise."""
+    if not 0.0 < number("discount", discount) <= 1.0:
+        raise ValueError(f"discount={discount}; give a number above 0 and at most 1")
+    return float(discount)
+
+
 def checked_seed(seed: Any) -> int:
     """`seed` as an int, if it is a whole number from 0 to 2**64 - 1; ValueError otherwise."""
     return whole("seed", seed, 0, 2**64 - 1)

@@ -24,7 +24,7 @@ from pursuit.memory import check_memory
 from pursuit.rules.layout import Games
 from pursuit.simulator.policy import GameView
 from pursuit.tasks.task import Task
-from pursuit.validation import check_bool, whole
+from pursuit.validation import check_bool, shortened, whole
 from scripted_agents.games.enumeration import SmallGame
 from scripted_agents.games.openspiel_games import OpenSpielGame as OpenSpielGame
 from scripted_agents.games.solve import check_game
@@ -101,7 +101,7 @@ def _small(text: str) -> SmallGame:
         )
     except (ValueError, KeyError, TypeError, OSError, EOFError, BadZipFile):
         raise ValueError(
-            f"game={text[:40]!r} is not the text of a game; take the parameters from "
+            f"game={shortened(text)} is not the text of a game; take the parameters from "
             "to_openspiel(...).get_parameters()"
         ) from None
 
@@ -268,14 +268,11 @@ class _Observer:
     def __init__(self, tree: _Tree, actions: int, perfect_recall: bool) -> None:
         players, states, steps = len(tree.small.players), tree.small.num_states, tree.horizon
         self.perfect_recall = perfect_recall
-        shapes: dict[str, tuple[int, ...]] = {"state": (states,), "step": (1,)}
+        shapes: dict[str, tuple[int, ...]] = {"state": (states,)}
         if perfect_recall:
-            shapes = {
-                "player": (players,),
-                "states": (steps + 1, states),
-                "actions": (steps, actions),
-                "step": (1,),
-            }
+            shapes = {"player": (players,), "states": (steps + 1, states)}
+            shapes["actions"] = (steps, actions)
+        shapes["step"] = (1,)
         size = sum(map(prod, shapes.values()))
         check_memory("an information state", 4 * size, "give a shorter horizon")
         self.tensor = np.zeros(size, np.float32)
@@ -289,15 +286,14 @@ class _Observer:
         """Write what a player sees."""
         self.tensor.fill(0.0)
         self.dict["step"][0] = state.step / state.tree.horizon
-        now = ENDED if state.lottery else state.state
         if not self.perfect_recall:
             self.dict["state"][state.state] = state.state != ENDED
             return
         self.dict["player"][player] = 1.0
         for step, (seen, actions) in enumerate(_past(state)):
             self.dict["states"][step, seen] = self.dict["actions"][step, actions[player]] = 1.0
-        if now != ENDED:
-            self.dict["states"][state.step, now] = 1.0
+        if not state.lottery and state.state != ENDED:
+            self.dict["states"][state.step, state.state] = 1.0
 
     def string_from(self, state: _State, player: int) -> str:
         """What a player sees, as text."""

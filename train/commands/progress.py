@@ -99,8 +99,8 @@ class RunCommand:
     episodes: int | None = None
     """Episodes of the final evaluation, if it is not exact. None: 1000; with --resume that of
     the first command."""
-    no_report: bool = False
-    """Write no figures, replay or report at the end; --resume without this option adds them."""
+    report: bool = True
+    """Write figures, replay and report at the end. --resume adds those that were left out."""
 
 
 def start_or_resume(kind: str, settings: Any, given: RunCommand, name: str) -> tuple[Run, Final]:

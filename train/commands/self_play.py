@@ -90,7 +90,7 @@ def self_play(arguments: Sequence[str]) -> None:
         f"{task.num_evaders} evader(s); opponents: {sampling}"
     )
     run.trainee.tell = ProgressLine()
-    if not given.no_report:
+    if given.report:
         run.present = present
     content = finish_run(run, final.episodes, "pursuit self-play")
     if run.present is not None:

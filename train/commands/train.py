@@ -89,7 +89,7 @@ def train(arguments: Sequence[str]) -> None:
         print(f"update: {form}")
     if trainee.teacher is not None:
         print(f"curriculum: {trainee.teacher.name}, over {trainee.teacher.describes}")
-    if not given.no_report:
+    if given.report:
         run.present = present
     content = finish_run(
         run,

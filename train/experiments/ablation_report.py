@@ -6,7 +6,6 @@ import re
 from collections.abc import Sequence
 from functools import partial
 from itertools import combinations
-from math import comb
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +21,7 @@ from train.experiments.statistics import (
     distance_interval,
     first_below,
     holm,
+    least_p,
     logrank_p,
     mean_over,
     permutation_p,
@@ -214,7 +214,7 @@ def verdict(row: Row, hints: Hints) -> str:
         return f"{'better' if row['improvement'] > 0.5 else 'worse'} ({note})"
     if margin is not None and -margin < row["apart_low"] <= row["apart_high"] < margin:
         return f"equal within {margin:g} points ({note})"
-    if 2 / comb(2 * row["runs"], row["runs"]) > LEVEL:  # the least p of a permutation test
+    if least_p([(row["runs"], row["runs"])]) >= LEVEL:
         return f"too few runs for p < {LEVEL:g} ({note})"
     return f"no difference shown ({note})"
 

@@ -139,7 +139,7 @@ def test_a_sweep_of_self_play_with_one_axis_has_its_report(
     [
         (["league"], "no entries"),
         (["league", "astar", "astar"], "two entries are called 'astar'"),
-        (["league", "nowhere"], "nowhere: neither a folder of a run"),
+        (["league", "nowhere"], "'nowhere': neither a folder of a run"),
         (["league", "astar", "--games", "1"], "games=1"),
         (["solve", "--maze", "5x6"], "unknown maze '5x6'"),
         (["solve", "--discount", "1.5"], "discount=1.5"),
