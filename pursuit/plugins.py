@@ -23,7 +23,7 @@ from pkgutil import resolve_name
 from typing import Any, Generic, TypeVar
 
 from pursuit import siblings
-from pursuit.validation import did_you_mean, unknown
+from pursuit.validation import did_you_mean, raised, unknown
 
 Part = TypeVar("Part")
 
@@ -284,7 +284,7 @@ class Registry(Generic[Part]):
         if callable(name):
             own = getattr(name, "__name__", "Name")
             raise ValueError(f"{self.kind}={own}; give its name, 'package.module:{own}'")
-        if not isinstance(name, str) or name not in self._ours:
+        if name not in self._ours:
             self.get(name)
 
     def origin(self, name: str) -> str | None:
@@ -315,23 +315,23 @@ class Registry(Generic[Part]):
     def _import(self, name: str, reference: str) -> Any:
         """Import the object of a reference; ValueError (one line) if that fails."""
         module_name, _, attribute = reference.partition(":")
-        top = module_name.partition(".")[0]
         missing = [folder for folder in _search_path() if folder not in sys.path]
         sys.path.extend(missing)  # at the end, and only for custom modules
         try:
             siblings.check_hidden(module_name)
             module = import_module(module_name)
         except (Exception, SystemExit) as error:  # the module may raise anything
-            reason = " ".join(f"{type(error).__name__}: {error}".split())
             raise ValueError(
-                f"{self.kind} {name!r}: module {module_name} cannot be imported ({reason}); fix "
-                "it, or add its folder to PYTHONPATH. A file my_file.py is named my_file:Name"
+                f"{self.kind} {name!r}: module {module_name} cannot be imported "
+                f"({raised(error)}); fix it, or add its folder to PYTHONPATH. A file my_file.py is "
+                "named my_file:Name"
             ) from error
         if not hasattr(module, attribute):
             public = [known for known in dir(module) if not known.startswith("_")]
+            top = module_name.partition(".")[0]
+            file = f"; it is {module.__file__}" if top in siblings.NAMES else ""
             raise ValueError(
                 f"{self.kind} {name!r}: module {module_name} has no {attribute!r}"
-                + did_you_mean(attribute, public)
-                + (f"; it is {module.__file__}" if top in siblings.NAMES else "")
+                f"{did_you_mean(attribute, public)}{file}"
             )
         return getattr(module, attribute)

@@ -16,7 +16,7 @@ a ValueError with the value and the allowed range. `whole`, `number`, `check_boo
 from __future__ import annotations
 
 import errno
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import field, fields
 from difflib import get_close_matches
 from math import inf, isfinite
@@ -42,11 +42,6 @@ def count(least: int, default: int) -> Any:
     return declared(lambda name, value: whole(name, value, least), default)
 
 
-def finite(default: float) -> Any:
-    """A field for a finite number."""
-    return declared(number, default)
-
-
 def flag(default: bool) -> Any:
     """A field for True or False."""
     return declared(check_bool, default)
@@ -57,7 +52,7 @@ def choice(choices: Sequence[str], default: str) -> Any:
     return declared(lambda name, value: one_of(name, value, choices), default)
 
 
-def one_of(what: str, value: Any, choices: Sequence[str]) -> Any:
+def one_of(what: str, value: Any, choices: Collection[str]) -> Any:
     """`value`, if it is one of `choices`; ValueError otherwise."""
     if not isinstance(value, str) or value not in choices:
         raise ValueError(unknown(what, value, choices))
@@ -77,6 +72,11 @@ def shortened(value: object) -> str:
     text = repr(value)
     text = " ".join(text.split()) if "\n" in text else text  # arrays have several lines
     return text if len(text) <= MOST_SHOWN else f"{text[: MOST_SHOWN - 3]}..."
+
+
+def raised(error: BaseException) -> str:
+    """The kind and the message of an exception on one line."""
+    return " ".join(f"{type(error).__name__}: {error}".split())
 
 
 def did_you_mean(name: object, known: Iterable[str]) -> str:
@@ -107,8 +107,8 @@ def whole(name: str, value: Any, least: int = 0, most: int = 2**31 - 1) -> int:
     return int(value)
 
 
-def number(name: str, value: Any) -> float:
-    """`value` as a float, if it is a finite number; ValueError otherwise."""
+def number(name: str, value: Any, least: float = -inf, most: float = inf) -> float:
+    """`value` as a float, if it is finite, from `least` to `most`; ValueError otherwise."""
     if not is_number(value):
         raise ValueError(f"{name}={value!r}; it is a number")
     try:
@@ -117,6 +117,10 @@ def number(name: str, value: Any) -> float:
         found = inf
     if not isfinite(found):
         raise ValueError(f"{name}={value}; it is finite")
+    if found < least:
+        raise ValueError(f"{name}={value}; it is at least {least:g}")
+    if found > most:
+        raise ValueError(f"{name}={value}; it is at most {most:g}")
     return found
 
 
@@ -125,6 +129,13 @@ def check_probability(name: str, value: Any) -> float:
     if not is_number(value) or not 0.0 <= value <= 1.0:
         raise ValueError(f"{name}={value!r}; it is a probability from 0 to 1")
     return float(value)
+
+
+def check_discount(discount: Any) -> float:
+    """`discount` as a float, if it is above 0 and at most 1; ValueError otherwise."""
+    if not 0.0 < number("discount", discount) <= 1.0:
+        raise ValueError(f"discount={discount}; give a number above 0 and at most 1")
+    return float(discount)
 
 
 def checked_seed(seed: Any) -> int:
@@ -150,12 +161,10 @@ def as_path(name: str, value: Any) -> Path:
         path = Path(value)
         path.lstat()
     except (TypeError, ValueError):  # another type, or a null character
-        raise ValueError(f"{name}={value!r}; give a path") from None
+        raise ValueError(f"{name}={shortened(value)}; give a path") from None
     except OSError as error:
         if error.errno == errno.ENAMETOOLONG:
-            raise ValueError(
-                f"{name}={str(value)[:60]!r}...; a name of a file is shorter"
-            ) from None
+            raise ValueError(f"{name}={shortened(value)}; a name of a file is shorter") from None
     return path
 
 

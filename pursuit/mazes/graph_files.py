@@ -15,8 +15,8 @@ from pursuit.mazes.graphs import (
     check_connected,
     check_names,
     read_graph,
-    short,
 )
+from pursuit.validation import shortened
 
 HEADER = "graph"
 """The first word of the text format."""
@@ -55,7 +55,7 @@ def read_graph_text(text: str, name: str) -> GraphDrawing:
     counts = _HEAD.fullmatch(head.strip())
     if not counts:
         raise ValueError(
-            f"{name}: line 1: {short(head)}; it is: {HEADER} of {len(lines)} cells and M moves"
+            f"{name}: line 1: {shortened(head)}; it is: {HEADER} of {len(lines)} cells and M moves"
         )
     cells, most = int(counts[1]), int(counts[2])
     if cells != len(lines):
@@ -66,17 +66,18 @@ def read_graph_text(text: str, name: str) -> GraphDrawing:
     for cell, line in enumerate(lines):
         found = _LINE.fullmatch(line.strip())
         if not found or found[1] != str(cell):
-            _fail(name, cell, f'{short(line)}; line {cell + 2} is: {cell} "name" x y: neighbors')
+            form = f'line {cell + 2} is: {cell} "name" x y: neighbors'
+            _fail(name, cell, f"{shortened(line)}; {form}")
         try:
             places.append((float(found[3]), float(found[4])))
             names.append(json.loads(found[2]))
             row = [int(word) for word in found[6].split()]
         except ValueError:
-            _fail(name, cell, f"{short(line)}; a name is in quotes, x and y are numbers")
+            _fail(name, cell, f"{shortened(line)}; a name is in quotes, x and y are numbers")
         if not np.isfinite(places[-1]).all():
             _fail(name, cell, f"the position {found[3]} {found[4]}; x and y are finite numbers")
         if len(row) != most or any(there >= cells for there in row):
-            _fail(name, cell, f"neighbors {short(row)}; give {most}, each below {cells}")
+            _fail(name, cell, f"neighbors {shortened(row)}; give {most}, each below {cells}")
         rows.append([*row, cell])
         starts += [cell] if found[5] == " S" else []
         goals += [cell] if found[5] == " G" else []
@@ -129,8 +130,9 @@ def _edges_of(text: str, name: str) -> Any:
             data = {"length": data}
         if len(words) == 1 or not isinstance(data, dict):
             raise ValueError(
-                f"{name}: line {number}: {short(line)}; a line of an edge list is `node node`, or "
-                "`node node length` with a number of steps. The names of nodes have no blanks"
+                f"{name}: line {number}: {shortened(line)}; a line of an edge list is `node "
+                "node`, or `node node length` with a number of steps. The names of nodes have no "
+                "blanks"
             )
         graph.add_edge(*words[:2], **{str(key): value for key, value in data.items()})
     return graph

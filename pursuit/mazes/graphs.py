@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.validation import is_int, whole
+from pursuit.validation import is_int, shortened, whole
 
 if TYPE_CHECKING:
     import networkx
@@ -31,8 +31,6 @@ MAX_GRAPH_CELLS = 200_000
 """Limit of the cells of a graph with those within edges; a wrong unit of lengths can need many."""
 DIGITS = 10
 """Of positions, relative to the extent of the graph."""
-MAX_SHOWN = 80
-"""Characters of a line or value in a message."""
 MAX_LAYOUT_NODES = 500
 """Larger graphs without positions are drawn on a circle, as other layouts take long."""
 
@@ -155,15 +153,15 @@ def _streets(
         whole_float = isinstance(steps, float | np.floating) and steps.is_integer()
         if not (is_int(steps) or whole_float) or steps < 1:
             raise ValueError(
-                f"{name}: the edge {a!r}, {b!r} has {length}={short(steps)}; a length is a whole "
-                "number of steps, at least 1: round it, or use Maze.from_graph(graph, length=None) "
-                "for edges of one step"
+                f"{name}: the edge {a!r}, {b!r} has {length}={shortened(steps)}; a length is a "
+                "whole number of steps, at least 1: round it, or use Maze.from_graph(graph, "
+                "length=None) for edges of one step"
             )
         action = _number_of(data.get("action"))
         if action is not None and not (is_int(action) and 0 <= action < MAX_MOVES):
             raise ValueError(
-                f"{name}: the edge {a!r}, {b!r} has action={short(action)}; an action is a number "
-                f"from 0 to {MAX_MOVES - 1}"
+                f"{name}: the edge {a!r}, {b!r} has action={shortened(action)}; an action is a "
+                f"number from 0 to {MAX_MOVES - 1}"
             )
         pair = (a, b) if graph.is_directed() or (b, a) not in shortest else (b, a)
         if pair not in shortest or steps < shortest[pair][0]:
@@ -185,12 +183,6 @@ def _number_of(value: Any) -> Any:
             with contextlib.suppress(ValueError):
                 return kind(value)
     return value
-
-
-def short(value: Any) -> str:
-    """What was given, for a message of one line."""
-    text = ascii(value)
-    return text if len(text) <= MAX_SHOWN else f"{text[:MAX_SHOWN]}..."
 
 
 def _most_moves(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -30,17 +29,9 @@ LEAST_TOLERANCE = 1e-6
 STARTS = ("kept", "random", "fixed")
 
 
-def _from(least: float, most: float = math.inf) -> Callable[[str, Any], float]:
-    """A check of a field: a finite number in this range."""
-    rule = f"at least {least:g}" + (f" and at most {most:g}" if most < math.inf else "")
-
-    def check(name: str, value: Any) -> float:
-        found = number(name, value)
-        if not least <= found <= most:
-            raise ValueError(f"{name}={value}; it is {rule}")
-        return found
-
-    return check
+def _number(least: float, most: float, default: float) -> Any:
+    """A field for a number in this range."""
+    return declared(lambda name, value: number(name, value, least, most), default)
 
 
 @dataclass(frozen=True)
@@ -70,10 +61,10 @@ class ReacherTask:
     joints: int = declared(lambda name, value: whole(name, value, 1, MAX_JOINTS), default=2)
     start: str = choice(STARTS, default="kept")
     hold: int = count(1, default=1)
-    tolerance: float = declared(_from(LEAST_TOLERANCE), default=0.2)
+    tolerance: float = _number(LEAST_TOLERANCE, math.inf, default=0.2)
     max_steps: int = count(1, default=400)
-    max_turn: float = declared(_from(LEAST_TURN, math.pi), default=0.1)
-    effort: float = declared(_from(0.0, 1e30), default=0.01)  # rewards are float32
+    max_turn: float = _number(LEAST_TURN, math.pi, default=0.1)
+    effort: float = _number(0.0, 1e30, default=0.01)  # rewards are float32
     discrete_actions: bool = flag(False)
 
     def __post_init__(self) -> None:

@@ -81,9 +81,8 @@ def least_steps_of(
         raise ValueError(f"angles of {n} joints; give 1 to {MAX_JOINTS}")
     if places.shape != (arms, 2):
         raise ValueError(f"targets of shape {places.shape}; give one for each arm, {(arms, 2)}")
-    max_turn, budget = number("max_turn", max_turn), whole("budget", budget, 0, 2**62)
-    if not LEAST_TURN <= max_turn <= np.pi:
-        raise ValueError(f"max_turn={max_turn}; give a number from {LEAST_TURN:g} to pi")
+    max_turn = number("max_turn", max_turn, LEAST_TURN, np.pi)
+    budget = whole("budget", budget, 0, 2**62)
     within = _one_each("tolerance", tolerance, arms, "fiu").astype(np.float64)
     if not ((within >= LEAST_TOLERANCE) & np.isfinite(within)).all():
         raise ValueError(

@@ -18,7 +18,8 @@ from pursuit.mazes.maze import MAX_TABLE_CELLS, Maze, load_maze
 from pursuit.memory import check_memory
 from pursuit.observations.masks import bump_masks
 from pursuit.rules.captures import Duel
-from pursuit.validation import as_array, check_bool, number, whole
+from pursuit.tasks.task import MOVE_ORDERS
+from pursuit.validation import as_array, check_bool, check_discount, one_of, whole
 from scripted_agents.duel.pair_kernels import (
     choose,
     evaluate,
@@ -251,10 +252,8 @@ def _check_settings(maze: Maze, horizon: int | None, discount: float, move_order
     )
     if horizon is not None:
         whole("horizon", horizon, 1)
-    if not 0.0 < number("discount", discount) <= 1.0:
-        raise ValueError(f"discount={discount}; give a number above 0 and at most 1")
-    if move_order not in ("simultaneous", "chasers_first"):
-        raise ValueError(f"move_order={move_order!r}; give 'simultaneous' or 'chasers_first'")
+    check_discount(discount)
+    one_of("move_order", move_order, MOVE_ORDERS)
 
 
 def checked_table(maze: Maze, table: ArrayLike, name: str) -> NDArray[np.float64]:

@@ -175,11 +175,7 @@ def enumerate_game(
         raise ValueError(f"{game!r}; give an object with players and the three methods of Game")
     given = game.players
     players = tuple(given) if isinstance(given, Iterable) and not isinstance(given, str) else ()
-    if (
-        not players
-        or not all(isinstance(name, str) for name in players)
-        or len(set(players)) < len(players)
-    ):
+    if not players or len({name for name in players if isinstance(name, str)}) < len(players):
         raise ValueError(f"players={given!r}; give the name of each player, all different")
     whole("most_states", most_states, 1)
     if progress is not None:
@@ -196,9 +192,10 @@ def enumerate_game(
     while number < len(found.states):
         state = found.states[number]
         legal = [_legal(game, state, player) for player in range(len(players))]
-        joints = begins[-1] + prod(map(len, legal))
-        if joints - begins[-1] > AT_ONCE:
-            what = f"{joints - begins[-1]:,} joint actions in {shortened(state)}"
+        many = prod(map(len, legal))
+        joints = begins[-1] + many
+        if many > AT_ONCE:
+            what = f"{many:,} joint actions in {shortened(state)}"
             check_memory(what, joints * joint_bytes(len(players)), SMALLER)
         for player, options in enumerate(legal):
             actions[player].append(same.setdefault(options, options))
@@ -356,7 +353,7 @@ def _legal(game: Game, state: Any, player: int) -> tuple[Hashable, ...]:
 def _chances(outcomes: Sequence[Any], call: Call) -> list[float]:
     """The probabilities of outcomes, with sum 1."""
     chances = [chance for chance, *_ in outcomes]
-    if chances == [1.0] and type(chances[0]) is float:  # most often, so without the checks
+    if chances and type(chances[0]) is float and chances == [1.0]:  # most often
         return chances
     if not all(isinstance(chance, int | float | np.integer | np.floating) for chance in chances):
         raise ValueError(f"{_name(call)}: the probabilities {shortened(chances)} are not numbers")

@@ -47,9 +47,7 @@ class SmallGameEnv(gymnasium.Env[Any, Any]):
         self.game, self.player = game, game.player(player)
         self.max_steps = whole("max_steps", max_steps, 1)
         others = [name for name in game.players if name != player]
-        self._tables = dict(
-            zip(map(game.player, others), tables_of(game, policies, others), strict=True)
-        )
+        self._tables = tables_of(game, policies, others)
         if encode is not None and not callable(encode):
             raise ValueError(f"encode={encode!r}; give a function of a state, or None")
         self._offsets = {number: game.offsets(number) for number in self._tables}

@@ -24,9 +24,10 @@ from pursuit.memory import check_memory
 from pursuit.rules.layout import Games
 from pursuit.simulator.policy import GameView
 from pursuit.tasks.task import Task
-from pursuit.validation import check_bool, whole
+from pursuit.validation import check_bool, shortened, whole
 from scripted_agents.games.enumeration import SmallGame
 from scripted_agents.games.openspiel_games import OpenSpielGame as OpenSpielGame
+from scripted_agents.games.solve import check_game
 from scripted_agents.games.tasks import states_of_games
 from scripted_agents.joint.policy import drawn
 
@@ -51,13 +52,8 @@ def to_openspiel(game: SmallGame, horizon: int, terminal_rewards: bool = False) 
     Raises:
         ValueError: another kind of game, a horizon below 1, or `terminal_rewards` that is no bool.
     """
-    if not isinstance(game, SmallGame):
-        raise ValueError(f"game={game!r} is not enumerated; give enumerate_game(game)")
-    check_bool("terminal_rewards", terminal_rewards)
-    whole("horizon", horizon, 1)
-    return _Game(
-        {"game": _text(game), "horizon": int(horizon), "terminal_rewards": bool(terminal_rewards)}
-    )
+    check_game(game)
+    return _Game({"game": _text(game), "horizon": horizon, "terminal_rewards": terminal_rewards})
 
 
 def _text(game: SmallGame) -> str:
@@ -105,7 +101,7 @@ def _small(text: str) -> SmallGame:
         )
     except (ValueError, KeyError, TypeError, OSError, EOFError, BadZipFile):
         raise ValueError(
-            f"game={text[:40]!r} is not the text of a game; take the parameters from "
+            f"game={shortened(text)} is not the text of a game; take the parameters from "
             "to_openspiel(...).get_parameters()"
         ) from None
 
@@ -127,22 +123,16 @@ class _Game(pyspiel.Game):
 
     def __init__(self, params: Any = None) -> None:
         given = {**PARAMETERS, **(params or {})}
-        self.tree = _Tree(
-            _small(given["game"]),
-            whole("horizon", given["horizon"], 1),
-            check_bool("terminal_rewards", given["terminal_rewards"]),
-        )
-        small, horizon, kinds = self.tree.small, self.tree.horizon, pyspiel.GameType
+        horizon = given["horizon"] = whole("horizon", given["horizon"], 1)
+        terminal = check_bool("terminal_rewards", given["terminal_rewards"])
+        given["terminal_rewards"] = terminal
+        self.tree = _Tree(_small(given["game"]), horizon, terminal)
+        small = self.tree.small
         sums = small.rewards.sum(axis=1)
         zero_sum = len(small.players) == 2 and bool(np.abs(sums).max() < 1e-9)
         starts = int((small.start > 0).sum())
         stochastic = starts > 1 or bool((np.diff(small.following.indptr) > 1).any())
-        kind = _type(
-            len(small.players),
-            kinds.ChanceMode.EXPLICIT_STOCHASTIC if stochastic else kinds.ChanceMode.DETERMINISTIC,
-            kinds.Utility.ZERO_SUM if zero_sum else kinds.Utility.GENERAL_SUM,
-            kinds.RewardModel.TERMINAL if self.tree.terminal_rewards else kinds.RewardModel.REWARDS,
-        )
+        kind = _type(len(small.players), stochastic, zero_sum, terminal)
         info = pyspiel.GameInfo(
             num_distinct_actions=max(len(row) for actions in small.actions for row in actions),
             max_chance_outcomes=max(starts, 1 + small.num_states),
@@ -165,15 +155,17 @@ class _Game(pyspiel.Game):
         )
 
 
-def _type(players: int, chance: Any, utility: Any, rewards: Any) -> Any:
-    return pyspiel.GameType(
+def _type(players: int, stochastic: bool, zero_sum: bool, terminal_rewards: bool) -> Any:
+    kinds = pyspiel.GameType
+    chance, utility, rewards = kinds.ChanceMode, kinds.Utility, kinds.RewardModel
+    return kinds(
         short_name=NAME,
         long_name="A small game of pursuit",
-        dynamics=pyspiel.GameType.Dynamics.SIMULTANEOUS,
-        chance_mode=chance,
-        information=pyspiel.GameType.Information.PERFECT_INFORMATION,
-        utility=utility,
-        reward_model=rewards,
+        dynamics=kinds.Dynamics.SIMULTANEOUS,
+        chance_mode=chance.EXPLICIT_STOCHASTIC if stochastic else chance.DETERMINISTIC,
+        information=kinds.Information.PERFECT_INFORMATION,
+        utility=utility.ZERO_SUM if zero_sum else utility.GENERAL_SUM,
+        reward_model=rewards.TERMINAL if terminal_rewards else rewards.REWARDS,
         max_num_players=players,
         min_num_players=players,
         provides_information_state_string=True,
@@ -276,14 +268,11 @@ class _Observer:
     def __init__(self, tree: _Tree, actions: int, perfect_recall: bool) -> None:
         players, states, steps = len(tree.small.players), tree.small.num_states, tree.horizon
         self.perfect_recall = perfect_recall
-        shapes: dict[str, tuple[int, ...]] = {"state": (states,), "step": (1,)}
+        shapes: dict[str, tuple[int, ...]] = {"state": (states,)}
         if perfect_recall:
-            shapes = {
-                "player": (players,),
-                "states": (steps + 1, states),
-                "actions": (steps, actions),
-                "step": (1,),
-            }
+            shapes = {"player": (players,), "states": (steps + 1, states)}
+            shapes["actions"] = (steps, actions)
+        shapes["step"] = (1,)
         size = sum(map(prod, shapes.values()))
         check_memory("an information state", 4 * size, "give a shorter horizon")
         self.tensor = np.zeros(size, np.float32)
@@ -297,15 +286,14 @@ class _Observer:
         """Write what a player sees."""
         self.tensor.fill(0.0)
         self.dict["step"][0] = state.step / state.tree.horizon
-        now = ENDED if state.lottery else state.state
         if not self.perfect_recall:
             self.dict["state"][state.state] = state.state != ENDED
             return
         self.dict["player"][player] = 1.0
         for step, (seen, actions) in enumerate(_past(state)):
             self.dict["states"][step, seen] = self.dict["actions"][step, actions[player]] = 1.0
-        if now != ENDED:
-            self.dict["states"][state.step, now] = 1.0
+        if not state.lottery and state.state != ENDED:
+            self.dict["states"][state.step, state.state] = 1.0
 
     def string_from(self, state: _State, player: int) -> str:
         """What a player sees, as text."""
@@ -325,15 +313,7 @@ def _past(state: _State) -> tuple[tuple[int, tuple[int, ...]], ...]:
     return state.past
 
 
-pyspiel.register_game(
-    _type(
-        2,
-        pyspiel.GameType.ChanceMode.EXPLICIT_STOCHASTIC,
-        pyspiel.GameType.Utility.GENERAL_SUM,
-        pyspiel.GameType.RewardModel.REWARDS,
-    ),
-    _Game,
-)
+pyspiel.register_game(_type(2, True, False, False), _Game)
 
 
 class OpenSpielPolicy:

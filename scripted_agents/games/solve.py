@@ -110,9 +110,8 @@ def respond(
     those of all other players.
     """
     _check(discount, horizon)
-    if not isinstance(players, Sequence):
-        raise ValueError(f"players={players!r}; give one player, or several different ones")
-    team = (players,) if isinstance(players, str) else tuple(players)
+    given = [players] if isinstance(players, str) else players
+    team = tuple(given) if isinstance(given, Sequence) else ()
     check_game(game)
     indices = [game.player(name) for name in team]
     if not team or len(set(team)) < len(team):
@@ -245,8 +244,8 @@ def check_game(game: SmallGame) -> None:
         raise ValueError(f"{game!r} is not enumerated; give enumerate_game(game)")
 
 
-def tables_of(game: SmallGame, policies: Policies, players: Sequence[str]) -> list[Values]:
-    """The policies of these players as in `SmallGame.table`.
+def tables_of(game: SmallGame, policies: Policies, players: Sequence[str]) -> dict[int, Values]:
+    """The policies of these players, by their numbers, as in `SmallGame.table`.
 
     Raises:
         ValueError: a policy that is missing or no distribution, or one of an unknown player.
@@ -258,15 +257,14 @@ def tables_of(game: SmallGame, policies: Policies, players: Sequence[str]) -> li
     for name in players:
         if name not in policies:
             raise ValueError(f"player {name} has no policy; add policies[{name!r}]")
-    return [game.table(name, policies[name]) for name in players]
+    return {game.player(name): game.table(name, policies[name]) for name in players}
 
 
 def _chances(game: SmallGame, policies: Policies, players: Sequence[str]) -> Values:
     """[joint actions] float64: the probability of the choices of these players."""
     chances = np.ones(len(game.choices))
     state = np.repeat(np.arange(game.num_states), np.diff(game.begins))
-    for name, table in zip(players, tables_of(game, policies, players), strict=True):
-        index = game.player(name)
+    for index, table in tables_of(game, policies, players).items():
         chances *= table[game.offsets(index)[state] + game.choices[:, index]]
     return chances
 

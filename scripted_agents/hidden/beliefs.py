@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pursuit.mazes.maze import Maze
 from pursuit.simulator.policy import GameView, Memory, TabularPolicy, check_plays, role_of
 from pursuit.tasks.task import Task
-from pursuit.validation import check_probability, number, one_of
+from pursuit.validation import check_discount, check_probability, one_of
 from scripted_agents.agents.scripted import AStarEvader, draw_actions
 from scripted_agents.agents.view_tables import ViewTables
 from scripted_agents.duel.action_values import q_values
@@ -186,9 +186,7 @@ class BeliefChaser(BeliefAgent):
         if role_of(opponent) not in ("evader", None):
             raise ValueError(f"opponent={opponent!r} plays {role_of(opponent)}; give an evader")
         self.response: Response = one_of("response", response, RESPONSES)
-        self.discount = number("discount", discount)
-        if not 0.0 < self.discount <= 1.0:
-            raise ValueError(f"discount={discount}; give a number above 0 and at most 1")
+        self.discount = check_discount(discount)
         self._q_values = Memory(self._q_values_of)
 
     def __repr__(self) -> str:

@@ -19,7 +19,6 @@ from pursuit.validation import (
     choice,
     count,
     declared,
-    finite,
     flag,
     number,
     whole,
@@ -50,7 +49,7 @@ class VisibilityRules:
     role: Role = choice(("chaser", "evader"), "chaser")
     view_radius: int | None = declared(_radius, None)
     line_of_sight: bool = flag(False)
-    discount: float = finite(0.95)
+    discount: float = declared(number, 0.95)
     move_order: MoveOrder = choice(MOVE_ORDERS, "simultaneous")
     stay_action: bool = flag(False)
     min_start_distance: int = count(0, 1)

@@ -202,11 +202,8 @@ class HiddenSearch:
         Raises:
             ValueError: seconds or a width below 0.
         """
-        if number("seconds", seconds) < 0.0:
-            raise ValueError(f"seconds={seconds}; give 0 or more")
-        if width is not None and number("width", width) < 0.0:
-            raise ValueError(f"width={width}; give 0 or more, such as 0.001")
-        enough = 0.0 if width is None else width
+        number("seconds", seconds, 0.0)
+        enough = 0.0 if width is None else number("width", width, 0.0)
         self._compile()
         start, before = perf_counter(), self.seconds
         self._bound_starts()

@@ -12,7 +12,7 @@ from pursuit.mazes.maze import Maze, load_maze
 from pursuit.rules.layout import Games
 from pursuit.simulator.policy import GameView, TabularPolicy, role_of
 from pursuit.tasks.task import MOVE_ORDERS, ROLES, Task, checked_task
-from pursuit.validation import check_bool, check_probability, number, one_of
+from pursuit.validation import check_bool, check_discount, check_probability, one_of
 from scripted_agents.agents.table_policy import TablePolicy
 from scripted_agents.duel.best_response import MoveOrder, best_response
 from scripted_agents.joint.equilibrium import bytes_to_solve, solve_chase
@@ -50,12 +50,8 @@ class ExactAgent(ABC):
         if role not in ("chaser", "evader"):
             raise ValueError(f"role {role!r}; the roles here are 'chaser' and 'evader'")
         self.role: Role = role
-        self.epsilon, self.discount = (
-            check_probability("epsilon", epsilon),
-            number("discount", discount),
-        )
-        if not 0.0 < self.discount <= 1.0:
-            raise ValueError(f"discount={discount}; give a number above 0 and at most 1")
+        self.epsilon = check_probability("epsilon", epsilon)
+        self.discount = check_discount(discount)
         self.move_order: MoveOrder = one_of("move_order", move_order, MOVE_ORDERS)
         self._players: dict[tuple[Maze, bool, str], TablePolicy] = {}
         self._teams: dict[tuple[Maze, bool, str, int], JointTable] = {}

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from pursuit.rules.layout import Games
 from pursuit.tasks.task import Task, checked_task
-from pursuit.validation import number, one_of, whole
+from pursuit.validation import check_discount, one_of, whole
 from scripted_agents.joint.opponents import (
     Policies,
     bytes_of_others,
@@ -292,8 +292,7 @@ def _check_end(problem: Problem, for_all: bool) -> None:
 def _check(horizon: int | None, discount: float) -> None:
     if horizon is not None:
         whole("horizon", horizon, 1)
-    if not 0.0 < number("discount", discount) <= 1.0:
-        raise ValueError(f"discount={discount}; give a number above 0 and at most 1")
+    check_discount(discount)
 
 
 def _seats_of(task: Task, agents: str | Sequence[str]) -> tuple[int, ...]:

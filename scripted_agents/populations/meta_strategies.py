@@ -141,8 +141,7 @@ def psro(payoff: ArrayLike, meta: MetaKind = "nash", tolerance: float = 1e-9) ->
         ValueError: as `meta_strategy`, or a tolerance below 0.
     """
     matrix = payoff_matrix(payoff)
-    if number("tolerance", tolerance) < 0.0:
-        raise ValueError(f"tolerance={tolerance}; give at least 0")
+    number("tolerance", tolerance, 0.0)
     rows, columns = [0], [0]
     nash_convs: list[float] = []
     while True:

@@ -11,8 +11,9 @@ import torch
 from curricula import linear
 from pursuit.observations.masks import ACTION_MASK
 from pursuit.simulator.policy import Policy
+from pursuit.validation import raised
 from train.environments.hooks import EpisodeHook
-from train.networks.layers import Hidden, raised
+from train.networks.layers import Hidden
 from train.networks.policy import Network, Player
 from train.settings.algorithms import NetworkSettings
 

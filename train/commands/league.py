@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from pursuit.tasks.task import Task
-from scripted_agents.environments import agent_name, is_agent
+from scripted_agents.environments import is_agent
 from train.commands.parse import parse, print_warnings
 from train.files import check_output_folder, hold, write_json, write_text
 from train.reports.tables import ResultTable, print_table
 from train.runs.provenance import command_line
 from train.settings.checks import Settings, at_least, check
-from train.settings.self_play import ROLES
+from train.settings.self_play import MEMBERS, ROLES
 
 if TYPE_CHECKING:
     from train.self_play.league import LeagueTable
@@ -34,7 +34,7 @@ class LeagueCommand(Settings):
     equilibrium, searching, sweeping, belief.
     """
 
-    entries: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
+    entries: Annotated[tuple[str, ...], MEMBERS, tyro.conf.Positional] = ()
     """Folders of runs, and names of scripted agents."""
     maze: str | None = None
     """The maze, if no run is given. None: 5x5."""
@@ -65,7 +65,7 @@ def league(arguments: Sequence[str]) -> None:
     """`pursuit league`."""
     given = parse(LeagueCommand, arguments, "league")
     check(bool(given.entries), "no entries; give folders of runs, or astar, random, equilibrium")
-    names, out = [agent_name(name) for name in given.entries], given.out
+    names, out = given.entries, given.out
     check_output_folder(out, lambda folder: (folder / LEAGUE).exists(), given.overwrite)
     from train.experiments.methods import METHODS, league_methods  # torch is slow to import
     from train.runs.versions import machine, versions
@@ -85,7 +85,7 @@ def league(arguments: Sequence[str]) -> None:
         "seed": given.seed,
         "greedy": given.greedy,
         "opponent_epsilon": given.opponent_epsilon,
-        "entries": names,
+        "entries": list(names),
         "command": command_line(),
         "versions": versions(),
         "machine": machine(),

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated
 
-from scripted_agents.environments import agent_name
 from train.commands.parse import fail, options_in, parse, print_warnings, take_allow_options
 from train.play.browser import open_page
 from train.play.outcome import total_line
@@ -19,7 +18,7 @@ from train.play.session import Session
 from train.runs.folder import CONFIG
 from train.runs.interruption import Stopped
 from train.settings.checks import Settings, check, evaluation_seed, rule
-from train.settings.task import TaskSettings
+from train.settings.task import AGENT, TaskSettings
 
 PORT = rule(lambda value: 0 <= value < 2**16, "give 0 (any free port) to 65535")
 
@@ -33,10 +32,10 @@ class PlayCommand(Settings):
     """
 
     task: TaskSettings = field(default_factory=TaskSettings)
-    against: str | None = None
+    against: Annotated[str | None, AGENT] = None
     """The opponent: astar (default), equilibrium, random, searching, sweeping, belief,
     package.module:Name, or the folder of a run, which also sets the task."""
-    beside: str | None = None
+    beside: Annotated[str | None, AGENT] = None
     """The agent to compare with, which plays your role from the same starts. Values as of
     --against; by default astar, or for a run of self-play its other side."""
     seed: int | None = None
@@ -93,7 +92,7 @@ def settings_of(given: PlayCommand, epsilon_given: bool = False) -> TaskSettings
         task.opponent is None,
         f"against={against!r} and opponent={task.opponent!r} both set the opponent; give one",
     )
-    if agent_name(against) == "equilibrium" and not epsilon_given:
+    if against == "equilibrium" and not epsilon_given:
         task = replace(task, opponent_epsilon=0.0)
     from train.play.setup import of_side  # torch is slow to import
 

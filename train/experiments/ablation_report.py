@@ -6,7 +6,6 @@ import re
 from collections.abc import Sequence
 from functools import partial
 from itertools import combinations
-from math import comb
 from pathlib import Path
 from typing import Any
 
@@ -16,11 +15,13 @@ from train.experiments.forms import THRESHOLDS, Hints
 from train.experiments.learning_curves import NAN, Curve, VariantCurves, curves_by_variant, strata
 from train.experiments.statistics import (
     CUT_AT_0,
+    LEVEL,
     Interval,
     difference_interval,
     distance_interval,
     first_below,
     holm,
+    least_p,
     logrank_p,
     mean_over,
     permutation_p,
@@ -31,7 +32,6 @@ from train.reports.curves import SINGLE_RUNS, Panel, Series, draw_panels
 from train.reports.figures import GREY, PALETTE, Estimate, draw_intervals
 from train.reports.tables import Column, ResultTable, Row, in_markdown
 
-LEVEL = 0.05
 SPENT = 0.8
 """Variants with a smaller share of frames on the hardest stage are marked."""
 LINES = (
@@ -214,7 +214,7 @@ def verdict(row: Row, hints: Hints) -> str:
         return f"{'better' if row['improvement'] > 0.5 else 'worse'} ({note})"
     if margin is not None and -margin < row["apart_low"] <= row["apart_high"] < margin:
         return f"equal within {margin:g} points ({note})"
-    if 2 / comb(2 * row["runs"], row["runs"]) > LEVEL:  # the least p of a permutation test
+    if least_p([(row["runs"], row["runs"])]) >= LEVEL:
         return f"too few runs for p < {LEVEL:g} ({note})"
     return f"no difference shown ({note})"
 

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from train.experiments.statistics import least_p, least_sign_flip_p
+from train.experiments.statistics import LEVEL, least_p, least_sign_flip_p
 from train.experiments.study import Study
 from train.runs.folder import SELF_PLAY
 
-LEVEL = 0.05
 MOST_RUNS = 100
 
 

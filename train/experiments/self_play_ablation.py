@@ -12,8 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from train.experiments.ablation_report import COLORS, LEVEL
+from train.experiments.ablation_report import COLORS
 from train.experiments.statistics import (
+    LEVEL,
     Interval,
     difference_interval,
     holm,

@@ -18,6 +18,8 @@ from scipy.optimize import brentq
 from scipy.stats import monte_carlo_test, norm, permutation_test, trim_mean
 from scipy.stats import t as student
 
+LEVEL = 0.05
+"""Of significance: corrected values of p below it decide."""
 PERMUTATIONS = 20_000
 Interval = tuple[float, float]
 

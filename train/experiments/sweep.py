@@ -13,6 +13,7 @@ from typing import Any
 import msgspec
 
 from pursuit.plugins import check_trusted
+from pursuit.validation import one_of
 from train.experiments.forms import (
     REMEDY,
     VERSIONS,
@@ -28,7 +29,7 @@ from train.experiments.search import draw_samples
 from train.experiments.study import Study, TrainingRun, job_name
 from train.runs.folder import RUN
 from train.schemas import read_as
-from train.settings.checks import check, check_choice
+from train.settings.checks import check
 from train.settings.self_play import LEARN, ROLES, unnested_sides
 
 EXPERIMENTS = Path(__file__).with_name("files")
@@ -115,7 +116,7 @@ def choose_version(file: SweepFile, version: str | None) -> SweepFile:
 def multiply_out(file: SweepFile, stem: str) -> Study:
     """All combinations as validated settings."""
     kind = RUN if file.kind is None else file.kind
-    check_choice("kind", kind, KINDS)
+    one_of("kind", kind, KINDS)
     common, grid = file.settings or {}, file.grid or {}
     variants, seeds = file.variants, [0] if file.seeds is None else file.seeds
     check_table(common, "[settings]")

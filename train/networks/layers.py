@@ -16,6 +16,7 @@ import numpy as np
 import torch
 from torch import nn
 
+from pursuit.validation import raised
 from train.networks.features import Features
 from train.networks.planning import Planning
 from train.settings.checks import check
@@ -274,11 +275,6 @@ class Trunk(nn.Module):
         with torch.autocast(prepared.device.type, torch.bfloat16, enabled=self.autocast_bfloat16):
             hidden: torch.Tensor = self.rest(self.first(prepared))
         return hidden.float()
-
-
-def raised(error: Exception) -> str:
-    """The kind and the message of an exception on one line."""
-    return f"{type(error).__name__}: {' '.join(str(error).split())}"
 
 
 @contextmanager

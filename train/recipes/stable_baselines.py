@@ -12,12 +12,13 @@ from pathlib import Path
 from typing import Any
 
 from pursuit.environments.stable_baselines import StableBaselinesVecEnv
+from pursuit.validation import one_of
 from train.commands.scores import print_scores
 from train.experiments.comparison.contestants import vector_env
 from train.recipes.common import LibraryRecipe, main_of
 from train.runs.parts import contest_of
 from train.runs.stable_baselines import load_stable_baselines, save_stable_baselines
-from train.settings.checks import check, check_choice
+from train.settings.checks import check
 from train.settings.task import TaskSettings
 
 SETTINGS: dict[str, dict[str, Any]] = {
@@ -59,7 +60,7 @@ class Recipe(LibraryRecipe):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_choice("algorithm", self.algorithm, SETTINGS)
+        one_of("algorithm", self.algorithm, SETTINGS)
         check(self.observation != "index", "observation='index'; use one_hot, as for any MlpPolicy")
         check(
             not self.task.mask_bumps,

@@ -34,7 +34,6 @@ GRID = 60
 BAND_FROM = 10
 """Least number of runs that are drawn as a band; fewer are drawn as lines."""
 
-
 CHARACTERS = 12
 """Of a title, per inch."""
 
@@ -131,10 +130,11 @@ def draw_panels(
     """
     lines, columns = len(grid), max(map(len, grid))
     heights = [line[0].height for line in grid]
+    width = 9.0 if columns == 1 else 3.4 * columns + 1.2
     figure, axes = pyplot().subplots(
         lines,
         columns,
-        figsize=(width := 9.0 if columns == 1 else 3.4 * columns + 1.2, 0.7 + 1.1 * sum(heights)),
+        figsize=(width, 0.7 + 1.1 * sum(heights)),
         sharex="col" if len(grid[-1]) == columns else False,
         squeeze=False,
         height_ratios=heights,

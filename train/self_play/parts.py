@@ -38,7 +38,6 @@ SHORT = 20
 """Default number of steps of training episodes without goals. Where the evader can escape, episodes
 of full length would hardly visit the states in which it is caught."""
 
-
 MIN_PROBABILITY = 0.05
 """Default with up to 5 moves."""
 
@@ -152,7 +151,8 @@ def check_sides(settings: SelfPlaySettings, task: Task) -> None:
 def side_settings(settings: SelfPlaySettings, role: str) -> TrainSettings[Any]:
     """The settings of the learner of one role, as those of a single-agent run."""
     task = replace(settings.task, role=role)
-    members = task_of(task).count(role)
+    played = task_of(task)
+    members = played.count(role)
     algorithm, hyper = settings.side(role).algorithm, settings.side(role).hyper
     games = max(hyper.num_games // members, 1) * members
     if isinstance(hyper, PPOSettings):
@@ -162,10 +162,10 @@ def side_settings(settings: SelfPlaySettings, role: str) -> TrainSettings[Any]:
         hyper = replace(hyper, num_games=games)
     names = {"observation", "network", "threads", *(f.name for f in fields(RunSettings))}
     whole = {name: getattr(settings, name) for name in names}
-    moves = task_of(task).num_actions
-    default = min(MIN_PROBABILITY, 0.25 / moves)
-    least = default if settings.min_probability is None else settings.min_probability
-    whole["min_probability"] = check_min_probability(least, moves)
+    least = settings.min_probability
+    if least is None:
+        least = min(MIN_PROBABILITY, 0.25 / played.num_actions)
+    whole["min_probability"] = check_min_probability(least, played.num_actions)
     return TrainSettings(task, hyper, algorithm=algorithm, **whole)
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.simulator.policy import GameView, Policy, play
+from pursuit.validation import raised
 from train.networks.policy import NetworkPolicy
 from train.runs.folder import MISFITS
 from train.self_play.tables import CellTables
@@ -280,13 +281,11 @@ def weights(
         except Exception as error:  # the function may raise anything
             line = traceback.extract_tb(error.__traceback__, limit=2)[-1]
             raise ValueError(
-                f"sampling {sampling!r} raised {type(error).__name__}: {error} "
+                f"sampling {sampling!r} raised {raised(error)} "
                 f"({Path(line.filename).name}:{line.lineno}); mend it"
             ) from error
-        with contextlib.suppress(
-            TypeError, ValueError
-        ):  # text and complex numbers stay as they are
-            chosen = np.asarray(given)
+        with contextlib.suppress(TypeError, ValueError):
+            chosen = np.asarray(given)  # not as float64, so that text and complex numbers are found
         check(
             chosen.dtype.kind in "biuf"
             and chosen.shape == (len(members),)

@@ -14,7 +14,8 @@ from functools import cache
 from math import inf
 from typing import Annotated, Any, get_type_hints
 
-from pursuit.validation import is_int, unknown
+from pursuit import validation
+from pursuit.validation import is_int
 
 
 def check(condition: bool, message: str) -> None:
@@ -31,12 +32,6 @@ def check_default(settings: Any, default: Any, names: Iterable[str], why: str) -
             value == getattr(default, name),
             f"{name}={value!r} has no effect: {why}; leave it out",
         )
-
-
-def check_choice(what: str, value: object, choices: Iterable[str]) -> None:
-    """ValueError unless `value` is one of `choices`; the message lists them."""
-    known = tuple(choices)
-    check(value in known, unknown(what, value, known))
 
 
 # -- rules of fields -------------------------------------------------------------------------------
@@ -72,12 +67,7 @@ def at_least(least: int) -> Rule:
 
 def one_of(*choices: str) -> Rule:
     """One of these strings."""
-
-    def keep(name: str, value: Any) -> Any:
-        check_choice(name, value, choices)
-        return value
-
-    return Rule(keep)
+    return Rule(lambda name, value: validation.one_of(name, value, choices))
 
 
 def passes(function: Callable[[Any], object]) -> Rule:

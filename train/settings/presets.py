@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
+from pursuit.validation import one_of
 from train.settings.algorithms import (
     HYPERPARAMETERS,
     A2CSettings,
@@ -22,7 +23,7 @@ from train.settings.algorithms import (
     TD3Settings,
     hyperparameter_form,
 )
-from train.settings.checks import check, check_choice
+from train.settings.checks import check
 from train.settings.curricula import CurriculumSettings, ScheduleSettings, curriculum_form
 
 TUNED = "tuned"
@@ -224,7 +225,7 @@ def preset_algorithm(preset: str) -> str | None:
     Raises:
         ValueError: an unknown preset.
     """
-    check_choice("preset", preset, PRESETS)
+    one_of("preset", preset, PRESETS)
     return None if preset == TUNED else preset.removeprefix("thesis-").removeprefix("reacher-")
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
+from pursuit import validation
 from pursuit.mazes.suite_files import PREFIX, is_suite
 from pursuit.observations.custom import check_observation
 from pursuit.reacher.observations import ENCODINGS as ARM_ENCODINGS
@@ -19,7 +20,7 @@ from pursuit.tasks.visibility import (
     view_radius_text,
 )
 from scripted_agents.environments import agent_name
-from train.settings.checks import RANDOM_MOVES, Rule, Settings, check, check_choice, one_of, rule
+from train.settings.checks import RANDOM_MOVES, Rule, Settings, check, one_of, rule
 
 REACHER = "reacher"
 AGENT = Rule(lambda _, name: agent_name(name))
@@ -118,7 +119,7 @@ class TaskSettings(Settings):
             f"task={self.task!r} is not a game in mazes; use {', '.join(TASK_NAMES)} here, and the "
             "arm in `pursuit train`, `baseline`, `render` or a sweep (ReacherSettings in Python)",
         )
-        check_choice("task", self.task, (*TASK_NAMES, REACHER))
+        validation.one_of("task", self.task, (*TASK_NAMES, REACHER))
 
     @property
     def agent(self) -> str:
@@ -184,7 +185,7 @@ class ReacherSettings(Settings):
 
     def check_observation(self, name: str) -> None:
         """ValueError unless this observation exists."""
-        check_choice("observation", name, ARM_ENCODINGS)
+        validation.one_of("observation", name, ARM_ENCODINGS)
 
 
 AnyTask = TaskSettings | ReacherSettings

@@ -19,6 +19,7 @@ from torch import nn
 import pursuit
 from pursuit.environments.single_agent import SingleAgentVectorEnv
 from pursuit.simulator.policy import Policy
+from pursuit.validation import one_of
 from train.evaluation.contest import GameContest
 from train.networks.policy import Seat
 from train.runs.parts import parts_of
@@ -28,7 +29,7 @@ from train.runs.tasks import profile_of
 from train.runs.threads import prepare_torch
 from train.runs.worlds import GridWorld
 from train.settings.algorithms import PPOSettings
-from train.settings.checks import check, check_choice
+from train.settings.checks import check
 from train.settings.presets import curriculum_for, tuned
 from train.settings.run import TrainSettings
 
@@ -236,7 +237,7 @@ CONTESTANTS = {
 
 def contestant(name: str) -> Contestant:
     """A contestant by name; ValueError if unknown, ImportError if its library is not installed."""
-    check_choice("contestant", name, CONTESTANTS)
+    one_of("contestant", name, CONTESTANTS)
     found = CONTESTANTS[name]
     check(bool(found.version), f"{name} has no version")
     return found

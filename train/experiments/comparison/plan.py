@@ -13,6 +13,7 @@ import msgspec
 from pursuit.mazes.maze import load_maze
 from pursuit.mazes.suite_files import is_suite
 from pursuit.mazes.suites import least_copy, load_suite
+from pursuit.validation import one_of
 from train.experiments.comparison.contestants import OBEYED, contestant, settings_of
 from train.experiments.comparison.library_run import CLOCKS, LibraryRun, world_and_contest
 from train.experiments.forms import check_seeds
@@ -22,7 +23,7 @@ from train.experiments.sweep import read_file
 from train.runs.worlds import GridWorld
 from train.schemas import read_as
 from train.settings.algorithms import PPOSettings
-from train.settings.checks import check, check_choice
+from train.settings.checks import check
 from train.settings.task import TaskSettings
 from train.teaching.mazes import as_text
 
@@ -258,7 +259,7 @@ def load_comparison(name: str, version: str | None = None, clock: str | None = N
 
 def comparison_of(file: ComparisonFile, version: Version) -> Comparison:
     """The validated comparison of one version of a file."""
-    check_choice("clock", file.clock, CLOCKS)
+    one_of("clock", file.clock, CLOCKS)
     names = version.contestants or file.contestants
     check_once("contestants", names)
     known = {task.name: task for task in file.tasks}
@@ -266,7 +267,7 @@ def comparison_of(file: ComparisonFile, version: Version) -> Comparison:
     wanted = version.tasks or list(known)
     check_once("tasks", wanted)
     for name in wanted:
-        check_choice("task", name, known)
+        one_of("task", name, known)
     tasks = tuple(compared_task(known[name], version.held_out) for name in wanted)
     for one, other in combinations(tasks, 2):
         same = f"tasks {one.name!r} and {other.name!r} are the same; leave one out"

@@ -10,7 +10,7 @@ from pathlib import Path
 import msgspec
 
 from pursuit.mazes.maze import Maze
-from pursuit.validation import unknown
+from pursuit.validation import one_of, unknown
 from train.experiments.ablation import load_ablation
 from train.experiments.forms import REMEDY, VERSIONS, SweepFile, Table
 from train.experiments.replication.rules import PARTS, RULES, TO, cells_of
@@ -23,7 +23,7 @@ from train.experiments.sweep import (
     read_file,
 )
 from train.schemas import read_as
-from train.settings.checks import check, check_choice
+from train.settings.checks import check
 
 FILES = Path(__file__).with_name("files")
 EXACT_RULES = ("states", "tours")
@@ -57,9 +57,9 @@ class Claim(msgspec.Struct, forbid_unknown_fields=True):
     cause: dict[str, str] = {}
 
     def __post_init__(self) -> None:
-        check_choice("rule", self.rule, (*RULES, *EXACT_RULES))
-        check_choice("to", self.to, tuple(TO))
-        check_choice("part", self.part, PARTS)
+        one_of("rule", self.rule, (*RULES, *EXACT_RULES))
+        one_of("to", self.to, tuple(TO))
+        one_of("part", self.part, PARTS)
         check(
             (self.rule in ("lower", "higher")) == bool(self.than),
             f"rule={self.rule!r} and than={self.than}; give than for lower and higher only",
@@ -186,7 +186,7 @@ def load_replication(
     """
     path, content = read_file(file, FILES, "replication")
     found = read_as(ReplicationFile, content, path, REMEDY)
-    check_choice("version", version, VERSIONS)
+    one_of("version", version, VERSIONS)
     ids = [study.id for study in found.studies]
     for name in set(wanted) - {"all"}:
         check(name in ids, unknown("study", name, ids, "give all, or some of"))

@@ -21,7 +21,6 @@ from train.experiments.replication.plan import SHIPPED, Claim, Replication, Tuni
 from train.experiments.replication.rules import (
     COMPARISONS,
     CONFIRMED,
-    LEVEL,
     REFUTED,
     UNDECIDED,
     Decision,
@@ -36,6 +35,7 @@ from train.experiments.replication.run import (
     tuned_settings,
 )
 from train.experiments.statistics import (
+    LEVEL,
     difference_interval,
     distance_interval,
     mean_interval,

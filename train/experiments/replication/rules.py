@@ -16,13 +16,11 @@ import numpy as np
 from scipy.stats import binomtest
 
 from pursuit.mazes.suite_files import is_suite
-from train.experiments.statistics import holm, improvement, least_p, permutation_p
+from train.experiments.statistics import LEVEL, holm, improvement, least_p, permutation_p
 from train.experiments.tables import longer_is_better
 from train.settings.checks import check
 
 CONFIRMED, REFUTED, UNDECIDED = "confirmed", "refuted", "undecided"
-LEVEL = 0.05
-"""A cell has a verdict if its corrected p is below this."""
 FALL = 0.01
 """Episode lengths fall if they decrease by more than this share of the time limit."""
 TO = {"optimal": "optimal_steps", "scripted": "scripted_steps", "limit": "max_steps"}
