@@ -25,7 +25,7 @@ OPTIONAL = {
     "minari",
     "pyspiel",
 }
-SLOW = {"matplotlib", "polars", "networkx", "tyro"}
+SLOW = {"matplotlib", "polars", "networkx", "scipy", "tyro"}
 """Needed by few, and a wait for everybody: may be imported where they are used."""
 WITH_THEM = {"pursuit.environments.stable_baselines"}
 """Our own files that import such a one at their top."""

@@ -6,7 +6,6 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from scipy.sparse.csgraph import minimum_spanning_tree
 
 from pursuit.mazes.graphs import MAX_TABLE_CELLS, GraphDrawing, check_cells, read_graph
 from pursuit.memory import check_memory
@@ -63,6 +62,7 @@ def graph_drawing(
 def _points(count: int, random: np.random.Generator) -> Any:
     """A random geometric graph (Penrose, 2003) with the least radius that connects it."""
     import networkx  # slow to import
+    from scipy.sparse.csgraph import minimum_spanning_tree
 
     check_memory(f"a table of {count:,} x {count:,} distances", 40 * count**2, "take fewer points")
     places = random.random((count, 2)).round(4)

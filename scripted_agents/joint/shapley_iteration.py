@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csc_array, csr_array, eye_array
-from scipy.sparse.linalg import splu
 
 from scripted_agents.joint.layout import Store
 from scripted_agents.joint.matrix_games import fill_strategies, sweep_games
 from scripted_agents.joint.opponents import OtherPolicies
 from scripted_agents.joint.states import JointStates
 from scripted_agents.joint.sweeps import Problem, Quantity, filled_store
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 TOLERANCE = 1e-10
 """How exact the values are, relative to the largest, where floats allow it."""
@@ -168,6 +170,9 @@ class StochasticGame:
 
     def evaluated(self) -> Values:
         """The values of what both play as it is, by a sparse linear solve."""
+        from scipy.sparse import csc_array, csr_array, eye_array  # slow to import
+        from scipy.sparse.linalg import splu
+
         ends = self.store.following < 0
         columns = np.where(ends, 0, self.store.following)
         lotteries = 0 if self._lotteries is None else self._lotteries.shape[0]

@@ -9,8 +9,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csc_array, eye_array
-from scipy.sparse.linalg import splu
 
 from pursuit.mazes.maze import Maze
 from pursuit.tasks.task import Task
@@ -101,6 +99,9 @@ def visited_states(
         maze, discount, move_order: as for `evaluate_exactly`.
         chaser, evader: [own cell, other cell, action].
     """
+    from scipy.sparse import csc_array, eye_array  # slow to import
+    from scipy.sparse.linalg import splu
+
     cells = maze.num_cells
     apart = ~np.eye(cells, dtype=bool)
     states = np.arange(cells**2).reshape(cells, cells)

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 
 from scripted_agents import solve_matrix_game
 
@@ -57,6 +56,8 @@ def elo_ratings(wins: NDArray[np.float64], seed: int = 0) -> list[tuple[float, f
 
 
 def _elo(won: NDArray[np.float64]) -> NDArray[np.float64]:
+    from scipy.optimize import minimize  # slow to import
+
     counts = won + 0.5
     np.fill_diagonal(counts, 0.0)
     scale = np.log(10.0) / 400.0
@@ -124,6 +125,8 @@ def _widest(
 
     def slope(p: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.log(np.maximum(p, 1e-12)) + 1.0
+
+    from scipy.optimize import minimize  # slow to import
 
     found = minimize(
         less_even,
