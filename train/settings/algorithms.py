@@ -230,7 +230,7 @@ class CrossEntropySettings(Hyperparameters):
     """Standard deviation of continuous actions, before tanh; it is constant."""
     width: Count = 32
     """Units of each of the two hidden layers."""
-    activation: Activation = "relu"
+    activation: Activation = "tanh"
     """Activation function: relu or tanh."""
 
     def __post_init__(self) -> None:
