@@ -155,11 +155,8 @@ class A2CSettings(RolloutSettings):
 class ReinforceSettings(ActorCriticSettings):
     """REINFORCE (Williams, 1992), which learns from whole episodes."""
 
-    num_games: Count = 64
-    """Games simulated in parallel."""
-    restart_steps: Count = 16
-    """A game that ends before this step of an iteration starts another episode. Every iteration
-    plays all its episodes to their ends; 1 is one episode of each game."""
+    num_games: Count = 128
+    """Episodes between two updates."""
     learning_rate: Positive = 2e-2
     """Initial learning rate of Adam."""
     baseline: bool = True
