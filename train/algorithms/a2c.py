@@ -105,11 +105,7 @@ def a2c_loss(
 
 
 class Reinforce(NetworkLearner):
-    """Williams (1992): every iteration plays whole episodes.
-
-    A game that has ended within the first `restart_steps` steps starts a new episode, and every
-    episode is played to its end. Whether a game starts another episode depends on the lengths of
-    the previous ones only, so the sum over its episodes is an unbiased one (Wald's identity).
+    """Williams (1992): every iteration plays one whole episode in every game.
 
     The gradient is that of Monte Carlo returns minus a learned baseline, in one step on all frames
     of the episodes. A truncated episode is bootstrapped by the value. Without `baseline` its return
@@ -174,7 +170,7 @@ class Reinforce(NetworkLearner):
 
     @torch.no_grad()
     def play(self, gamma: float) -> Frames:
-        """One episode or more in every game, as a sequence of frames.
+        """One episode in every game, as a sequence of frames.
 
         Args:
             gamma: discount of a step.
@@ -185,10 +181,11 @@ class Reinforce(NetworkLearner):
             [frames, actions] where actions are masked.
         """
         env, network = self.env, self.network
-        now: Mapping[str, torch.Tensor] = env.reset()
-        running, masks = torch.arange(env.num_games), has_masks(env)
+        now, masks = env.reset(), has_masks(env)
+        running = torch.arange(env.num_games)
         steps: list[Frames] = []
-        played: list[tuple[torch.Tensor, ...]] = []
+        played: list[tuple[torch.Tensor, torch.Tensor]] = []
+        returns = torch.zeros(env.num_games)
         actions = env.action_spec.zero()
         while len(running):
             seen = {"observation": now["observation"][running].to(self.device)}
@@ -205,25 +202,19 @@ class Reinforce(NetworkLearner):
                 drawn = distribution.draw()
                 steps.append({**seen, network.form.DRAWN: drawn, "value": value.squeeze(-1)})
                 actions[running] = distribution.action(drawn).cpu()
-            if len(steps) < self.settings.restart_steps:
-                after, now = env.step_tensors(actions)
-                following = running
-            else:
-                after = now = env.step_episodes(actions, running)
-                following = running[~after["done"][running, 0]]
-            reward, done = (after[name][running, 0] for name in ("reward", "done"))
-            last = torch.zeros(len(running))
-            if self.settings.baseline and done.any():
-                cut = (after["truncated"] & ~after["terminated"])[running, 0]
-                if cut.any():
-                    observation = after["observation"][running[cut]].to(self.device)
-                    last[cut] = network(observation)[1].squeeze(-1).cpu()
-            played.append((running, reward, done, last))
-            running = following
+            now = env.step_episodes(actions, running)
+            played.append((running, now["reward"][running, 0]))
+            done = now["done"][running, 0]
+            if not done.any():
+                continue
+            cut = running[now["truncated"][running, 0] & ~now["terminated"][running, 0]]
+            if len(cut) and self.settings.baseline:
+                observation = now["observation"][cut].to(self.device)
+                returns[cut] = network(observation)[1].squeeze(-1).cpu()
+            running = running[~done]
         targets: list[torch.Tensor] = []
-        returns = torch.zeros(env.num_games)
-        for games, reward, done, last in reversed(played):
-            returns[games] = reward + gamma * torch.where(done, last, returns[games])
+        for games, reward in reversed(played):
+            returns[games] = reward + gamma * returns[games]
             targets.append(returns[games].to(self.device))
         frames = {name: torch.cat([step[name] for step in steps]) for name in steps[0]}
         frames["value_target"] = torch.cat(targets[::-1])

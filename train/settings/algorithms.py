@@ -155,11 +155,8 @@ class A2CSettings(RolloutSettings):
 class ReinforceSettings(ActorCriticSettings):
     """REINFORCE (Williams, 1992), which learns from whole episodes."""
 
-    num_games: Count = 64
-    """Games simulated in parallel."""
-    restart_steps: Count = 16
-    """A game that ends before this step of an iteration starts another episode. Every iteration
-    plays all its episodes to their ends; 1 is one episode of each game."""
+    num_games: Count = 128
+    """Episodes between two updates."""
     learning_rate: Positive = 2e-2
     """Initial learning rate of Adam."""
     baseline: bool = True
@@ -230,7 +227,7 @@ class CrossEntropySettings(Hyperparameters):
     """Standard deviation of continuous actions, before tanh; it is constant."""
     width: Count = 32
     """Units of each of the two hidden layers."""
-    activation: Activation = "relu"
+    activation: Activation = "tanh"
     """Activation function: relu or tanh."""
 
     def __post_init__(self) -> None:

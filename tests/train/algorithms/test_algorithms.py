@@ -226,8 +226,7 @@ def test_advantages_are_those_of_the_annealed_discount(recurrent: str | None) ->
 
 def test_reinforce_learns_from_whole_episodes_and_their_returns() -> None:
     env = make_env(64)
-    settings = ReinforceSettings(64, 0.9, restart_steps=1)
-    learner = Reinforce(settings, env, make_network(env), "cpu")
+    learner = Reinforce(ReinforceSettings(64, 0.9), env, make_network(env), "cpu")
     frames = learner.play(0.9)
     lengths = np.concatenate(env.finished_lengths)
     assert len(lengths) == 64 and len(frames["value"]) == lengths.sum()
@@ -259,45 +258,6 @@ def test_reinforce_learns_from_whole_episodes_and_their_returns() -> None:
             row += len(games)
         assert all(min(abs(r + 0.1), abs(r - 1.0)) < 1e-4 for r in rewards), rewards
     assert observed.shape == (64, 1)
-
-
-@pytest.mark.parametrize("fused", [True, False])
-def test_reinforce_restarts_games_and_plays_every_episode_to_its_end(fused: bool) -> None:
-    env, restart_steps = make_env(32), 20
-    settings = ReinforceSettings(32, 0.9, restart_steps=restart_steps, baseline=fused)
-    learner = Reinforce(settings, env, make_network(env), fused=fused)
-    steps: list[tuple[Any, ...]] = []
-    step_games = env._step_games
-
-    def noted(*given: Any) -> Any:
-        after, over = step_games(*given)
-        cut = after["truncated"] & ~after["terminated"]
-        steps.append((after["reward"][:, 0].tolist(), over.tolist(), cut[:, 0].tolist()))
-        return after, over
-
-    env._step_games = noted  # type: ignore[method-assign]
-    # The bootstrapped value of a truncated episode is a constant.
-    torch.nn.init.zeros_(learner.network.value_head.weight)
-    torch.nn.init.constant_(learner.network.value_head.bias, 5.0)
-    targets = learner.play(0.9)["value_target"].tolist()
-    lengths = np.concatenate(env.finished_lengths)
-    assert len(lengths) > 32 and len(targets) == lengths.sum() and (lengths == 12).any()
-    wanted: dict[tuple[int, int], float] = {}
-    for game in range(32):
-        begun = 0
-        for number, (_, over, cut) in enumerate(steps):
-            if not over[game]:
-                continue
-            later = 5.0 if fused and cut[game] else 0.0
-            for step in range(number, begun - 1, -1):
-                later = steps[step][0][game] + 0.9 * later
-                wanted[step, game] = later
-            begun = number + 1
-            if begun >= restart_steps:
-                break
-        assert restart_steps <= begun < restart_steps + 12
-    expected = [wanted[place] for place in sorted(wanted)]
-    np.testing.assert_allclose(targets, expected, atol=1e-4)
 
 
 def _length(env: SimulatorEnv, game: int) -> int:
