@@ -11,7 +11,7 @@ from pathlib import Path
 def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
     """Call `write` with a temporary path in the same folder, then rename that file to `path`.
 
-    Of a symbolic link, the file that it names is written, which need not exist.
+    For a symbolic link the file that it names is written, even if that does not exist yet.
 
     Raises:
         ValueError: `path` is a folder or a device, which renaming would replace.

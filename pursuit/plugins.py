@@ -23,7 +23,7 @@ from pkgutil import resolve_name
 from typing import Any, Generic, TypeVar
 
 from pursuit import siblings
-from pursuit.validation import did_you_mean, raised, unknown
+from pursuit.validation import did_you_mean, raised, shortened, unknown
 
 Part = TypeVar("Part")
 
@@ -303,11 +303,10 @@ class Registry(Generic[Part]):
 
     def _checked(self, label: str, part: Any) -> Part:
         if not self._fits(part):
-            shown = " ".join(repr(part).split())[:60]
             raise ValueError(
-                f"{self.kind} {label} is {shown}; it must be {self.needs}"
+                f"{self.kind} {label} is {shortened(part)}; it must be {self.needs}"
                 if label != repr(part)
-                else f"{self.kind}={shown}; it must be {self.needs}, or a name"
+                else f"{self.kind}={shortened(part)}; it must be {self.needs}, or a name"
             )
         kept: Part = part
         return kept

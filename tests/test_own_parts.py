@@ -393,8 +393,7 @@ def test_an_opponent_is_named_wherever_one_plays() -> None:
     assert play_league(task, entries, 4, 0).payoff.shape == (1, 2)
     with pytest.raises(ValueError, match="plays evader, not 'chaser'"):
         make_env("chase", "evader", maze="3x3", opponent=name)
-    message = "unknown policy 'sneaky'; one of astar, random, equilibrium"
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises(ValueError, match=r"unknown policy 'sneaky'; one of astar, .*equilibrium"):
         make_env("chase", "evader", maze="3x3", opponent="sneaky")
 
 

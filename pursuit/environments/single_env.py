@@ -22,14 +22,15 @@ from pursuit.rendering.windows import Rendered
 from pursuit.validation import as_array, checked_seed, some_seed
 
 MAKERS = (gymnasium.make.__code__, gymnasium.make_vec.__code__)
+"""The functions that read no limit of a task from a `TaskSpec`."""
 
 
 class TaskSpec(EnvSpec):
     """A spec whose `max_episode_steps` is the `max_steps` of a task, which truncates by itself.
 
     Wrappers and other libraries read the limit there. `gymnasium.make` and `make_vec` would repeat
-    it as a TimeLimit and so keep it where another `max_steps` is given: they read None, and so does
-    JSON, unless a TimeLimit was asked for.
+    it as a TimeLimit, which would stay when another `max_steps` is given. So these two, and JSON,
+    get None unless a TimeLimit was asked for.
     """
 
     task_limit: int | None = None

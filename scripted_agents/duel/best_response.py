@@ -19,7 +19,7 @@ from pursuit.memory import check_memory
 from pursuit.observations.masks import bump_masks
 from pursuit.rules.captures import Duel
 from pursuit.tasks.task import MOVE_ORDERS
-from pursuit.validation import as_array, check_bool, check_discount, one_of, whole
+from pursuit.validation import as_array, check_bool, check_discount, whole
 from scripted_agents.duel.pair_kernels import (
     choose,
     evaluate,
@@ -253,7 +253,8 @@ def _check_settings(maze: Maze, horizon: int | None, discount: float, move_order
     if horizon is not None:
         whole("horizon", horizon, 1)
     check_discount(discount)
-    one_of("move_order", move_order, MOVE_ORDERS)
+    if move_order not in MOVE_ORDERS:
+        raise ValueError(f"move_order={move_order!r}; give 'simultaneous' or 'chasers_first'")
 
 
 def checked_table(maze: Maze, table: ArrayLike, name: str) -> NDArray[np.float64]:

@@ -276,19 +276,18 @@ class _Found:
 
     def check(self, done: int, joints: int, outcomes: int, players: int) -> None:
         """Show the progress; ValueError if the states found so far do not fit into memory."""
-        # In bytes.
         each = 200 + sys.getsizeof(self.states[-1]) + joint_bytes(players) * joints / done
-        total = int((each + 60 * outcomes / done) * len(self.states))
-        check_memory(f"{len(self.states):,} states found so far", total, SMALLER)
-        self.show(done, total)
+        size = int((each + 60 * outcomes / done) * len(self.states))
+        check_memory(f"{len(self.states):,} states found so far", size, SMALLER)
+        self.show(done, size)
 
-    def show(self, done: int, total: int) -> None:
+    def show(self, done: int, size: int) -> None:
         """Show the number of states and of bytes so far, every half second."""
         now, live = perf_counter(), sys.stderr.isatty()
         if self.shown and now - self.reported >= (0.5 if live else 10.0):
             self.reported = now
             line = (
-                f"{done:,} of {len(self.states):,} states found so far, {total / 1e9:.2f} GB, "
+                f"{done:,} of {len(self.states):,} states found so far, {size / 1e9:.2f} GB, "
                 f"{now - self.began:.0f} s"
             )
             print(line, end="\r" if live else "\n", file=sys.stderr, flush=True)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from pursuit.validation import as_path, one_of
+from pursuit.validation import as_path, one_of, shortened
 from train.files import hold, remove_leftovers
 from train.runs.folder import (
     CHECKPOINT,
@@ -108,7 +108,7 @@ def start(kind: str, settings: Any, path: Path | str, final: Final | None = None
     """
     one_of("kind of run", kind, list(KINDS))
     form = KINDS[kind].settings
-    check(isinstance(settings, form), f"settings={settings!r:.60}; give {form.__name__}")
+    check(isinstance(settings, form), f"settings={shortened(settings)}; give {form.__name__}")
     path = as_path("path", path)
     check_new(path)
     check_device(settings.device)

@@ -35,7 +35,7 @@ BAND_FROM = 10
 """Least number of runs that are drawn as a band; fewer are drawn as lines."""
 
 CHARACTERS = 12
-"""Of a title, per inch."""
+"""Per inch of width, in lines of titles and notes."""
 
 
 class Level(NamedTuple):

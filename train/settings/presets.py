@@ -30,9 +30,11 @@ TUNED = "tuned"
 SIZES = ("num_games", "rollout_steps", "minibatch_size")
 """The budget does not change the defaults where the user gives one of these."""
 ITERATIONS, FEWEST_GAMES = 90, 64
-"""For so many iterations PPO has fewer games: a power of two, at least the second number."""
+"""A budget for fewer iterations lowers PPO's number of games, to a power of two from FEWEST_GAMES
+on."""
 CURRICULUM_EPISODES, LONGEST = 3.0, 0.5
-"""The curriculum of the preset then lasts at least so many episodes or this share of the budget."""
+"""The curriculum of the preset then lasts at least CURRICULUM_EPISODES episodes of every game, or
+the share LONGEST of the budget if that is shorter."""
 
 
 @dataclass(frozen=True)
