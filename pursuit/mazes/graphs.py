@@ -69,13 +69,17 @@ def read_graph(
     """
     needed = ("nodes", "edges", "adj", "is_directed")
     if isinstance(graph, type) or not all(hasattr(graph, each) for each in needed):
-        raise ValueError(f"{name}: {graph!r}; give a networkx graph, such as networkx.Graph")
+        raise ValueError(
+            f"{name}: {shortened(graph)}; give a networkx graph, such as networkx.Graph"
+        )
     if length is not None and not isinstance(length, str):
         raise ValueError(f"{name}: length={length!r}; give the name of an attribute, or None")
     if not (positions is None or isinstance(positions, Mapping)):
-        raise ValueError(f"{name}: positions={positions!r}; give a dict from nodes to (x, y)")
+        raise ValueError(
+            f"{name}: positions={shortened(positions)}; give a dict from nodes to (x, y)"
+        )
     if isinstance(goals, str) or not isinstance(goals, Iterable):
-        raise ValueError(f"{name}: goals={goals!r}; give a list of nodes")
+        raise ValueError(f"{name}: goals={shortened(goals)}; give a list of nodes")
     nodes = list(graph.nodes)
     names = [str(node) for node in nodes]
     if not nodes:

@@ -98,6 +98,7 @@ def check_id(dataset: Any) -> None:
     try:
         namespace = (parse_dataset_id(dataset)[0] or "").split("/")
         valid = "data" not in namespace and (namespace == [""] or "" not in namespace)
+        valid = valid and max(map(len, dataset.split("/"))) <= 255  # of a name of a folder
     except (TypeError, ValueError):  # of Minari: TypeError where the version is missing
         valid = False
     if not valid:

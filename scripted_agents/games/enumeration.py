@@ -107,7 +107,8 @@ class SmallGame:
         if not callable(policy):
             if isinstance(policy, str | Mapping):
                 raise ValueError(
-                    f"the policy of {player} is {policy!r}; give a function of a state, or a table"
+                    f"the policy of {player} is {shortened(policy)}; give a function of a state, "
+                    "or a table"
                 )
             rule = "give a function of a state, or an array of probabilities"
             table = as_array(f"the policy of {player}", policy, "biuf", rule).astype(np.float64)
@@ -148,7 +149,7 @@ def _in_order(
     rule = f"give {len(actions)} probabilities, one for each of {shortened(list(actions))}"
     row = as_array(what, given, "biuf", rule)
     if row.shape != (len(actions),):
-        raise ValueError(f"{what}={given!r}; {rule}")
+        raise ValueError(f"{what}={shortened(given)}; {rule}")
     return row
 
 
@@ -172,7 +173,9 @@ def enumerate_game(
             most `MOST_REWARD` for each player; too many states, or too little memory.
     """
     if isinstance(game, type) or not isinstance(game, Game):
-        raise ValueError(f"{game!r}; give an object with players and the three methods of Game")
+        raise ValueError(
+            f"{shortened(game)}; give an object with players and the three methods of Game"
+        )
     given = game.players
     players = tuple(given) if isinstance(given, Iterable) and not isinstance(given, str) else ()
     if not players or len({name for name in players if isinstance(name, str)}) < len(players):

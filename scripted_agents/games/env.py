@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.simulator.simulator import Simulator
-from pursuit.validation import as_array, whole
+from pursuit.validation import as_array, shortened, whole
 from scripted_agents.games.enumeration import SmallGame
 from scripted_agents.games.solve import Policies, check_game, tables_of
 
@@ -89,7 +89,7 @@ class SmallGameEnv(gymnasium.Env[Any, Any]):
         rule = f"{game.states[self.state]!r} has {legal} actions, give 0 to {legal - 1}"
         given = as_array("action", action, "iu", rule)
         if given.size != 1 or not 0 <= given.item() < legal:
-            raise ValueError(f"action={action!r}; {rule}")
+            raise ValueError(f"action={shortened(action)}; {rule}")
         moves = []
         for number, actions in enumerate(game.actions):
             legal, chosen = len(actions[self.state]), given.item()

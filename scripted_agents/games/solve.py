@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_array, csr_array, eye_array
 from scipy.sparse.linalg import splu
 
-from pursuit.validation import number, whole
+from pursuit.validation import number, shortened, whole
 from scripted_agents.games.enumeration import Behaviour, SmallGame
 from scripted_agents.joint.layout import Store
 from scripted_agents.joint.nash_conv import JointNashConv
@@ -241,7 +241,7 @@ def _check(discount: float, horizon: int | None) -> None:
 def check_game(game: SmallGame) -> None:
     """ValueError unless it is an enumerated game."""
     if not isinstance(game, SmallGame):
-        raise ValueError(f"{game!r} is not enumerated; give enumerate_game(game)")
+        raise ValueError(f"{shortened(game)} is not enumerated; give enumerate_game(game)")
 
 
 def tables_of(game: SmallGame, policies: Policies, players: Sequence[str]) -> dict[int, Values]:
@@ -251,7 +251,9 @@ def tables_of(game: SmallGame, policies: Policies, players: Sequence[str]) -> di
         ValueError: a policy that is missing or no distribution, or one of an unknown player.
     """
     if not isinstance(policies, Mapping):
-        raise ValueError(f"policies={policies!r}; give a dict with a policy of each player")
+        raise ValueError(
+            f"policies={shortened(policies)}; give a dict with a policy of each player"
+        )
     for name in policies:
         game.player(name)
     for name in players:

@@ -60,7 +60,8 @@ BRIEF_WORK = 20_000
 MOST_CELLS = 49
 """Maximum number of cells for mixtures and diversity of snapshots: they take long above."""
 RESPONSE_FRAMES = 100_000
-"""Frames for each of the `best_response_seconds`, where the run has a budget in frames."""
+"""Frames for each of the `best_response_seconds`, where the run has a budget in frames; at
+most those of the run."""
 
 
 class SelfPlay:
@@ -301,7 +302,8 @@ class SelfPlay:
         found = {}
         seconds, frames = self.settings.best_response_seconds or None, None
         if self.settings.frames is not None:  # equal settings have equal results
-            seconds, frames = None, max(round(RESPONSE_FRAMES * (seconds or 0.0)), 1)
+            frames = min(max(round(RESPONSE_FRAMES * (seconds or 0.0)), 1), self.settings.frames)
+            seconds = None
         for role in self.sides:
             other = other_role(role)
             by_ppo = [side.parts.hyper for side in self.sides.values()

@@ -128,7 +128,7 @@ class SelfPlaySettings(RunSettings):
     best_response_seconds: NotNegative = 20.0
     """Seconds of training of an approximate best response to each side after the run, where no
     exact one is known (teams, goals, large mazes). 0: none. For a run with a budget in frames each
-    second is 100,000 frames."""
+    second is 100,000 frames, at most the frames of the run."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -230,7 +230,7 @@ def test_an_episode_is_terminated_or_truncated_never_both() -> None:
 def test_an_index_that_is_no_whole_number_is_refused() -> None:
     env = SmallGameEnv(enumerate_game(Table()), "player", {})
     env.reset(seed=0)
-    for wrong in (0.9, 1.0, True, "1", None, [0, 1], -1, 2, np.array([0.0]), 1j):
+    for wrong in (0.9, 1.0, True, "1", None, [0, 1], -1, 2, np.array([0.0]), 1j, np.eye(2)):
         with pytest.raises(ValueError, match=r"action=.*0 has 2 actions, give 0 to 1"):
             env.step(wrong)
     assert env.steps == 0

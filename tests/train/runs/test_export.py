@@ -192,7 +192,8 @@ def test_a_minari_dataset_holds_the_episodes(
     first = pursuit.export_minari("pursuit/zero-v0", env, lambda seen: np.zeros(len(seen)), 2)
     assert all((episode.actions == 0).all() for episode in first.iterate_episodes())
     rng = np.random.default_rng(0)  # not of Minari's form, but the id is refused before
-    for wrong in ("x", "a/b-v0", "data/x-v0", "two//parts-v0", "a b-v0", "../x-v0", "", None, 5):
+    others = ("x", "a/b-v0", "data/x-v0", "two//parts-v0", "a b-v0", "../x-v0", "", None, 5)
+    for wrong in (*others, "a" * 300 + "-v0"):
         with pytest.raises(ValueError, match="give an id NAMESPACE/NAME-vNUMBER"):
             pursuit.export_minari(wrong, env, rng)  # type: ignore[arg-type]
     assert set(minari.list_local_datasets()) == {"pursuit/test-v0", "pursuit/zero-v0"}
