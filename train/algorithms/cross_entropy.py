@@ -193,13 +193,14 @@ class CrossEntropy:
             output = vmap(functional_call, (None, 0, 0))(self._policy, weights, batch)
             return output.flatten(0, 1)[running]
 
-        if isinstance(trunk.first, Convolutions):
+        layer: Any = trunk.first
+        if isinstance(layer, Convolutions):
             return convolved
-        index = isinstance(trunk.first, IndexLayer)
+        index = isinstance(layer, IndexLayer)
         first, first_bias, second, *others = [*weights.values()]
         layers = (first if index else first.mT, first_bias, second.mT, *others)
         arrays = tuple(np.ascontiguousarray(part.numpy()) for part in layers)
-        rows = trunk.first.rows.numpy() if index else None
+        rows = layer.rows.numpy() if index else None
         tanh = isinstance(trunk.rest[0], nn.Tanh)
         hidden = np.empty((2, first_bias.shape[1]), np.float32)
 
