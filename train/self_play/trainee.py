@@ -178,8 +178,8 @@ class SelfPlay:
                 shares = np.array([known.get(name, 0.0) for name in pool.names])
                 mixture = shares / shares.sum() if shares.sum() > 0 else None
             sampling = settings.sampling if other_role(role) in self.sides else "latest"
-            given: Any = (settings.window, settings.pfsp_power, mixture, self.payoffs)
-            side.opponents.shares = weights(pool, sampling, *given, self.progress)
+            how = (settings.window, settings.pfsp_power, mixture, self.payoffs, self.progress)
+            side.opponents.shares = weights(pool, sampling, *how)
 
     def _take_snapshots(self) -> None:
         places = {role: self.pools[role].names for role in ROLES}
