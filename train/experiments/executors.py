@@ -154,13 +154,18 @@ def run_locally(study: Study, out: Path | str, workers: int, watch: Watch) -> di
     """
     if not workers:
         return run_study(study, Path(out), 1, lambda folder, slot: JobHere(folder), watch)
-    os.environ.update(OF_WORKERS)  # no effect on libraries that are loaded in this process
     cores = sorted(os.sched_getaffinity(0), reverse=True) if study.pinned else []
 
     def start(folder: Path, slot: int) -> LocalJob:
         return LocalJob(folder, cores[slot % len(cores)] if cores else None)
 
-    return run_study(study, Path(out), workers, start, watch)
+    before = dict(os.environ)
+    os.environ.update(OF_WORKERS)  # no effect on libraries that are loaded in this process
+    try:
+        return run_study(study, Path(out), workers, start, watch)
+    finally:
+        os.environ.clear()
+        os.environ.update(before)
 
 
 # -- Ray -------------------------------------------------------------------------------------------

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import signal
 import subprocess
@@ -248,7 +249,9 @@ def test_a_folder_of_other_settings_or_another_version_is_refused(
     content = json.loads(config.read_text())
     config.write_text(json.dumps(content | {"seed": 5}))
     with pytest.raises(ValueError, match="other settings"):
+        before = dict(os.environ)
         run_locally(sweep, out, 1, silent)
+        assert dict(os.environ) == before
     config.write_text(json.dumps(content | {"format": 1}))
     with pytest.raises(ValueError, match="another version"):
         run_locally(sweep, out, 1, silent)
