@@ -249,9 +249,7 @@ def test_a_folder_of_other_settings_or_another_version_is_refused(
     content = json.loads(config.read_text())
     config.write_text(json.dumps(content | {"seed": 5}))
     with pytest.raises(ValueError, match="other settings"):
-        before = dict(os.environ)
         run_locally(sweep, out, 1, silent)
-        assert dict(os.environ) == before
     config.write_text(json.dumps(content | {"format": 1}))
     with pytest.raises(ValueError, match="another version"):
         run_locally(sweep, out, 1, silent)
@@ -317,7 +315,9 @@ def test_a_killed_run_is_recorded_and_the_others_continue(
             started[victim].kill()
 
     monkeypatch.setattr("train.experiments.executors.start_worker", start)
+    before = dict(os.environ)
     statuses = run_locally(sweep, out, 2, kill)
+    assert dict(os.environ) == before
     assert set(statuses.values()) == {"failed"}
     assert "damaged" in (broken / "error.txt").read_text()
     assert "signal 9 (SIGKILL)" in (victim / "error.txt").read_text()
