@@ -33,7 +33,7 @@ from train.runs.versions import machine, versions
 from train.tensors import first_not_finite
 
 BRIEF_EPISODES, BRIEF_STEPS = 2, 2
-"""Episodes and their steps in a rehearsal of the results."""
+"""Episodes and their steps in a dry run of the results."""
 
 EVALUATIONS = 20
 """Number of evaluations, each with a checkpoint, over the budget."""
@@ -94,7 +94,7 @@ class Trainee(Protocol):
         """The final evaluation as plain values: "task", "maze", "algorithm", "evaluation" ..."""
 
     def brief(self) -> Any:
-        """A copy for a rehearsal: its `results` are of a few steps of a few episodes, and nothing
+        """A copy for a dry run: its `results` are of a few steps of a few episodes, and nothing
         large is solved. It shares the learners."""
 
     def state_dict(self) -> dict[str, Any]:
@@ -167,7 +167,7 @@ class Run:
         exit_status: 0, or the exit status for the signal that interrupted it.
         lock: the lock of the folder, if any.
         present: (trainee, folder, rows of `metrics.csv`, results) writes the figures and the report
-            of a finished run; None if there are none. It is rehearsed before training.
+            of a finished run; None if there are none. A dry run calls it before training.
     """
 
     def __init__(
@@ -222,7 +222,7 @@ class Run:
         ):
             if trainee.evaluates_first and not self.metrics.rows:
                 self._record({}, board, report)
-            self.rehearse()
+            self.dry_run()
             while self.progress < 1.0 and not self.stopped:
                 if choice is not None:
                     choice.choose()
@@ -244,7 +244,7 @@ class Run:
                 elif self.stopped:
                     self._record(figures, board, report, due=False)
 
-    def rehearse(self) -> None:
+    def dry_run(self) -> None:
         """Build the results once, with tiny sizes, and draw them into a temporary folder.
 
         So what cannot be evaluated or drawn is an error before training. The run does not depend on

@@ -56,7 +56,7 @@ from train.settings.self_play import (
 )
 
 BRIEF_WORK = 20_000
-"""Games of a larger size are not solved in a rehearsal of the results."""
+"""Games of a larger size are not solved in a dry run of the results."""
 MOST_CELLS = 49
 """Maximum number of cells for mixtures and diversity of snapshots: they take long above."""
 RESPONSE_FRAMES = 100_000
@@ -84,7 +84,7 @@ class SelfPlay:
         payoffs: between members of the pools.
         mixtures: the Nash mixtures of double oracle.
         taken, progress: snapshots and progress so far, in [0, 1].
-        is_brief: whether it is a copy for a rehearsal.
+        is_brief: whether it is a copy for a dry run.
         last: the last evaluation.
         on_snapshot: called with this object after every snapshot.
         tell: called with a description and the progress in [0, 1] of long work at the end.

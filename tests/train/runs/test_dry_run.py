@@ -204,7 +204,7 @@ class OwnStream:
         (SELF_PLAY, {"sampling": "uniform", "members": ("astar",)}),
     ],
 )
-def test_a_run_does_not_depend_on_its_rehearsal(
+def test_a_run_does_not_depend_on_its_dry_run(
     kind: str, changes: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     POLICIES.register("own stream", OwnStream)
@@ -215,7 +215,7 @@ def test_a_run_does_not_depend_on_its_rehearsal(
             run = start(kind, made, tmp_path / name)
             run.train()
             ends.append((load_checkpoint(tmp_path / name), run.results(episodes=4)["evaluation"]))
-            monkeypatch.setattr(Run, "rehearse", lambda run: None)
+            monkeypatch.setattr(Run, "dry_run", lambda run: None)
         check_same(ends[0], ends[1], "run")
     finally:
         POLICIES.remove("own stream")
