@@ -16,12 +16,12 @@ cover:
 
 from __future__ import annotations
 
+import ast
 import contextlib
 import hashlib
 import io
 import os
 import pickle
-import re
 import warnings
 from collections.abc import Callable, Iterator
 from functools import cache
@@ -40,8 +40,6 @@ ROOT = Path(__file__).parents[2]
 PACKAGES = ("pursuit", "scripted_agents", "train")
 """The packages of this project that have kernels, in `ROOT`."""
 
-_IMPORT = re.compile(r"^\s*(?:from\s+([\w.]+)\s+)?import\s+(\([^)]*\)|.*)", re.MULTILINE)
-
 has_warned = False
 """Whether this process has warned that compiled kernels cannot be saved."""
 
@@ -51,7 +49,7 @@ def source_stamp(path: str) -> str:
     """A fingerprint of the file `path` and of all project files that it imports."""
     digest = hashlib.sha256()
     for file in sorted(imported_files(Path(path))):
-        digest.update(_content(file))
+        digest.update(file.read_bytes())
     return digest.hexdigest()
 
 
@@ -66,34 +64,24 @@ def imported_files(path: Path) -> set[Path]:
 
 
 @cache
-def _content(path: Path) -> bytes:
-    return path.read_bytes()
-
-
-@cache
 def _imports(path: Path) -> set[Path]:
-    """The project files that a file imports anywhere; `from a import b` may name module a.b.
-
-    Read from its lines, as parsing takes twenty times as long; a file too many does no harm.
-    """
+    """The project files that a file imports anywhere; `from a import b` may name module a.b."""
+    names: list[str] = []
+    for node in ast.walk(ast.parse(path.read_bytes())):
+        if isinstance(node, ast.Import):
+            names += [each.name for each in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            names += [f"{node.module}.{each.name}" for each in node.names]
     files = set()
-    for of, after in _IMPORT.findall(_content(path).decode()):
-        for name in re.findall(r"[\w.]+", after):
-            files.add(_file_of(f"{of}.{name}" if of else name))
-    return {file for file in files if file is not None}
-
-
-@cache
-def _file_of(name: str) -> Path | None:
-    """The project file of a module, or of the module that holds this name; None for others."""
-    parts = name.split(".")
-    if parts[0] not in PACKAGES:
-        return None
-    for stem in (ROOT.joinpath(*parts), ROOT.joinpath(*parts[:-1])):
-        for file in (stem.with_suffix(".py"), stem / "__init__.py"):
-            if file.is_file():
-                return file
-    return None
+    for name in names:
+        parts = name.split(".")
+        if parts[0] in PACKAGES:
+            module, holder = ROOT.joinpath(*parts), ROOT.joinpath(*parts[:-1])
+            each = (module.with_suffix(".py"), holder.with_suffix(".py"))
+            packages = (module / "__init__.py", holder / "__init__.py")
+            candidates = (each[0], packages[0], each[1], packages[1])
+            files |= set([file for file in candidates if file.is_file()][:1])
+    return files
 
 
 class OwnUnpickler(pickle.Unpickler):

@@ -30,11 +30,9 @@ TUNED = "tuned"
 SIZES = ("num_games", "rollout_steps", "minibatch_size")
 """The budget does not change the defaults where the user gives one of these."""
 ITERATIONS, FEWEST_GAMES = 90, 64
-"""A budget for fewer iterations lowers PPO's number of games, to a power of two from FEWEST_GAMES
-on."""
+"""Budgets for fewer iterations lower PPO's number of games to a power of two of at least 64."""
 CURRICULUM_EPISODES, LONGEST = 3.0, 0.5
-"""The curriculum of the preset then lasts at least CURRICULUM_EPISODES episodes of every game, or
-the share LONGEST of the budget if that is shorter."""
+"""The preset's curriculum then lasts so many episodes, but at most this share of the budget."""
 
 
 @dataclass(frozen=True)
@@ -343,8 +341,7 @@ def tuned(algorithm: str, setting: TaskProfile) -> Hyperparameters:
 
 
 def for_budget(hyper: Hyperparameters, frames: int) -> Hyperparameters:
-    """PPO's hyperparameters for a budget in frames: fewer games, and as many minibatches, where few
-    iterations fit in it."""
+    """For a budget in frames: fewer games, and as many minibatches, where few iterations fit."""
     if not isinstance(hyper, PPOSettings):
         return hyper
     steps = hyper.rollout_steps

@@ -1,6 +1,5 @@
 """The files of compiled kernels, which several processes read and write at once."""
 
-import ast
 import errno
 import os
 import shutil
@@ -181,22 +180,3 @@ def test_a_kernel_is_compiled_without_its_cache_folder(
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert kernel(np.array([3.0])) == 6.0
-
-
-def test_no_import_of_a_project_file_is_missed() -> None:
-    """The lines that are read name at least the files that Python's parser finds."""
-    for package in kernel_cache.PACKAGES:
-        for file in (kernel_cache.ROOT / package).rglob("*.py"):
-            names = []
-            for node in ast.walk(ast.parse(file.read_bytes())):
-                if isinstance(node, ast.Import):
-                    names += [each.name for each in node.names]
-                elif isinstance(node, ast.ImportFrom):
-                    names += [f"{node.module}.{each.name}" for each in node.names]
-            found = {str(path) for path in kernel_cache._imports(file)}
-            for name in names:
-                inner = kernel_cache.ROOT.joinpath(*name.split("."))
-                for path in (inner.with_suffix(".py"), inner.parent.with_suffix(".py")):
-                    if name.split(".")[0] in kernel_cache.PACKAGES and path.is_file():
-                        assert str(path) in found, f"{file}: {name}"
-                        break
