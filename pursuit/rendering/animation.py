@@ -66,6 +66,8 @@ def _frames(path: Path, scenes: Iterable[Drawable], size: int) -> Iterator[NDArr
     for scene in scenes:
         frame = scene.draw(size)
         if shape is not None and frame.shape != shape:
+            frame = _on_canvas(frame, shape)
+        if shape is not None and frame.shape != shape:
             raise ValueError(
                 f"{path}: a picture of {frame.shape[1]}x{frame.shape[0]} after pictures of "
                 f"{shape[1]}x{shape[0]}; give scenes of mazes of the same height and width"
@@ -74,6 +76,19 @@ def _frames(path: Path, scenes: Iterable[Drawable], size: int) -> Iterator[NDArr
         yield frame
     if shape is None:
         raise ValueError(f"{path}: no scenes; an animation needs at least one")
+
+
+def _on_canvas(frame: NDArray[np.uint8], shape: tuple[int, ...]) -> NDArray[np.uint8]:
+    """The picture in another shape, filled with white or cut, if that differs by a tenth at most.
+
+    The pictures of equally large graphs differ by some pixels. Others are returned as they are.
+    """
+    if any(abs(own - wanted) > wanted / 10 for own, wanted in zip(frame.shape, shape, strict=True)):
+        return frame
+    canvas = np.full(shape, 255, dtype=np.uint8)
+    height, width = np.minimum(frame.shape, shape)[:2]
+    canvas[:height, :width] = frame[:height, :width]
+    return canvas
 
 
 @lru_cache(maxsize=1)
