@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import re
 from collections.abc import Sequence
 from itertools import permutations, product
@@ -10,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from scipy.stats import mannwhitneyu
+from test_results_tables import data
 
 from pursuit.mazes.maze import load_maze
 from pursuit.mazes.suites import load_suite
@@ -29,11 +29,6 @@ RESULTS = [page for page in sorted((DOCS / "results").glob("*.md")) if page.stem
 def text_of(page: str) -> str:
     """The text of a page on one line."""
     return " ".join((DOCS / page).read_text(encoding="utf-8").split())
-
-
-def rows_of(file: str) -> list[dict[str, str]]:
-    with (DOCS / "experiments" / file).open(encoding="utf-8", newline="") as content:
-        return list(csv.DictReader(content))
 
 
 def exact_p(ours: Sequence[float], theirs: Sequence[float]) -> float:
@@ -97,7 +92,7 @@ def test_most_games_of_the_methods_study_have_no_mixed_state() -> None:
 def test_in_how_many_mazes_a_table_needs_fewer_frames_than_a_network() -> None:
     frames = {
         (row["learner"], row["size"], row["number"]): int(row["frames"])
-        for row in rows_of("frames_and_states.csv")
+        for row in data("frames_and_states/runs")
     }
     mazes = [key[1:] for key in frames if key[0] == "table"]
     fewer = sum(frames["table", *maze] < frames["network", *maze] for maze in mazes)
@@ -107,11 +102,10 @@ def test_in_how_many_mazes_a_table_needs_fewer_frames_than_a_network() -> None:
 
 def test_in_how_many_comparisons_ours_is_first_in_frames_against_all() -> None:
     frames: dict[tuple[str, ...], dict[str, list[float]]] = {}
-    for row in rows_of("race_ppo/table.csv"):
-        reached = [float(value) for value in row["frames"].split() if value[0].isdigit()]
-        runs = [*reached, *[float("inf")] * (5 - len(reached))]
-        key = (row["task"], row["policy"], row["target"])
-        frames.setdefault(key, {})[row["contestant"]] = runs
+    for row, way, gap in product(data("libraries/runs"), ("greedy", "sampled"), (5, 2, 1)):
+        reached = row[f"frames_to_{gap}_percent_{way}"]
+        by_name = frames.setdefault((row["task"], way, str(gap)), {})
+        by_name.setdefault(row["contestant"], []).append(float(reached or "inf"))
     first = [
         key
         for key, by_name in frames.items()
@@ -137,7 +131,7 @@ def test_gru_and_stacked_observations_are_not_told_apart() -> None:
 
 
 def test_how_many_claims_of_the_thesis_could_be_decided() -> None:
-    tested = [row for row in rows_of("thesis/claims.csv") if row["least_p"]]
+    tested = [row for row in data("thesis/claims") if row["least_p"]]
     compared = [row for row in tested if "against" in row["runs"]]
     able = sum(float(row["least_p"]) * len(compared) < 0.05 for row in compared)
     decided = sum(bool(row["p_holm"]) and float(row["p_holm"]) < 0.05 for row in tested)

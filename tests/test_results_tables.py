@@ -1,0 +1,241 @@
+"""The numbers in the tables of results pages are those of the data beside them.
+
+A table is made again from `docs/results/data/STUDY/`, or its page says that the runs are not kept.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from statistics import median
+
+import pytest
+
+from pursuit.mazes.maze import load_maze
+from scripted_agents import expected_tour_length
+
+RESULTS = Path(__file__).parents[1] / "docs" / "results"
+NOT_KEPT = "Runs not kept"
+"""What a page says of tables whose data are gone."""
+NUMBER = re.compile(r"(?<![\w.])[-+−]?\d+(?:,\d{3})*(?:\.\d+)?(?![\w])")
+NO_VALUES = re.compile(r"\b\d+x\d+|\btau [\d.]+:|\bn = \d+|\b\d+( joints?)?:")
+"""Numbers that name a setting."""
+
+Cell = str | list[float]
+"""A text, or the numbers in it."""
+Data = list[dict[str, str]]
+
+
+def data(name: str) -> Data:
+    """The rows of a file, such as "libraries/runs"."""
+    with (RESULTS / "data" / f"{name}.csv").open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def the(rows: Data, **values: str) -> dict[str, str]:
+    """The one row with these values."""
+    (row,) = [row for row in rows if values.items() <= row.items()]
+    return row
+
+
+def numbers(row: dict[str, str], *names: str) -> list[float]:
+    return [float(row[name]) for name in names]
+
+
+def tables_of(page: str) -> list[list[list[str]]]:
+    """The body rows of all tables of a page."""
+    text = (RESULTS / f"{page}.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"^\|.*\n\|[-|: ]+\|\n((?:\|.*\n)+)", text, re.MULTILINE)
+    return [
+        [[cell.strip() for cell in line.split("|")[1:-1]] for line in block.splitlines()]
+        for block in blocks
+    ]
+
+
+def check_cell(shown: str, expected: Cell) -> None:
+    """The text, or all numbers, each to the digits that are printed."""
+    if isinstance(expected, str):
+        assert shown == expected
+        return
+    found = [
+        text.replace("−", "-").replace(",", "") for text in NUMBER.findall(NO_VALUES.sub("", shown))
+    ]
+    assert len(found) == len(expected), (shown, expected)
+    for text, value in zip(found, expected, strict=True):
+        digits = len(text.partition(".")[2])
+        unit = 0.51 * 10.0**-digits  # a table's last digit may be that of a rounded number
+        assert abs(float(text) - value) <= unit, (shown, expected)
+
+
+# -- the tables: what stands in some of their columns ----------------------------------------------
+
+
+def libraries() -> Iterable[dict[int, Cell]]:
+    rows = data("libraries/runs")
+    one, three, chaser = dict.fromkeys(row["task"] for row in rows)
+    for name in dict.fromkeys(row["contestant"] for row in rows):
+        own = {
+            task: [row for row in rows if (row["task"], row["contestant"]) == (task, name)]
+            for task in (one, three, chaser)
+        }
+
+        def reached(task: str, percent: int, own: dict[str, Data] = own) -> Cell:
+            times = [row[f"seconds_to_{percent}_percent_sampled"] for row in own[task]]
+            got = sorted(float(time) for time in times if time)
+            if 2 * len(got) <= len(times):
+                return [len(got)]
+            return [median([*got, *[float("inf")] * (len(times) - len(got))]), len(got)]
+
+        def ends(task: str, own: dict[str, Data] = own) -> Cell:
+            gaps = [100 * float(row["sampled"]) for row in own[task]]
+            return [min(gaps), max(gaps)]
+
+        yield {
+            1: [
+                median(float(r["frames"]) / float(r["seconds"]) for r in own[t]) / 1e3 for t in own
+            ],
+            2: reached(one, 1),
+            **{3 + n: reached(three, percent) for n, percent in enumerate((5, 2, 1))},
+            6: ends(three),
+            7: reached(chaser, 5),
+            8: reached(chaser, 1),
+            9: ends(chaser),
+        }
+
+
+def methods(study: str, second: tuple[str, ...]) -> Iterable[dict[int, Cell]]:
+    rows = data(f"{study}/table")
+    for cells in tables_of("self_play")[3 if second else 4]:
+        row = the(rows, variant=cells[0])
+        yield {
+            1: numbers(row, "nash_conv"),
+            **({2: numbers(row, *second)} if second else {}),
+            3: numbers(row, "ratio", "ratio_low", "ratio_high") if row["lower_in"] else "",
+            4: numbers(row, "p_holm") if row["lower_in"] else "",
+            5: row["lower_in"],
+        }
+
+
+def frames_and_states() -> Iterable[dict[int, Cell]]:
+    rows = data("frames_and_states/runs")
+    for size in "34567":
+        own = [row for row in rows if row["size"] == size]
+        frames = {
+            learner: [float(row["frames"]) / 1e3 for row in own if row["learner"] == learner]
+            for learner in ("table", "network")
+        }
+        yield {0: f"{size}x{size}", 1: [float(own[0]["states"])],
+               2: frames["table"], 3: frames["network"]}  # fmt: skip
+
+
+def small_budgets() -> Iterable[dict[int, Cell]]:
+    rows = data("small_budgets/runs")
+    for task, frames in dict.fromkeys((row["task"], row["frames"]) for row in rows):
+        own = [row for row in rows if (row["task"], row["frames"]) == (task, frames)]
+        before, after = ([row for row in own if row["defaults"] == w] for w in ("before", "after"))
+        yield {
+            0: task,
+            1: f"{int(frames):,}",
+            2: before[0]["num_games"],
+            3: after[0]["num_games"],
+            4: [100 * float(row["optimality_gap"]) for row in before],
+            5: [100 * float(row["optimality_gap"]) for row in after],
+        }
+
+
+SHOWN_VARIANTS = {
+    "opponent-epsilon": [["none"], ["n = 100"], ["n = 250"], ["n = 500"]],
+    "adaptive": [["none"], ["success-gated"], ["linear"], ["shuffled"], ["uniform"],
+                 ["learning progress", "reversed"],
+                 ["level replay, value loss", "level replay, regret", "learnability"]],
+    "maze-size": [["none"], ["open walls, linear"], ["rows, linear"], ["rows, success-gated"]],
+    "goal-spread-start": [["none"], ["around the start"]],
+    "goal-spread-fixed": [["none"], ["n = 100", "n = 500"], ["n = 5000"]],
+}  # fmt: skip
+"""The variants in the lines of the table of curricula, by ablation."""
+
+
+def curricula() -> Iterable[dict[int, Cell]]:
+    for study, lines in SHOWN_VARIANTS.items():
+        rows = data(f"{study}/table")
+        for variants in lines:
+            own = [the(rows, variant=variant) for variant in variants]
+            as_mean = study in ("opponent-epsilon", "goal-spread-fixed")
+            ends = ("gap", "gap_low", "gap_high") if as_mean else ("best", "worst")
+            ps = {float(row["p_holm"]) for row in own if row["variant"] != "none"}
+            cell: Cell = "" if not ps else [min(ps)]
+            if ps and min(ps) < 0.001:
+                cell = "< 0.001"
+            yield {2: [n for row in own for n in numbers(row, *ends)], 3: cell}
+    rows = data("mazes/table")
+    others = [row for row in rows if row["variant"] != "none"]
+    ends = [(min(float(r["best"]) for r in part), max(float(r["worst"]) for r in part))
+            for part in (others, [the(rows, variant="none")])]  # fmt: skip
+    ps = sorted(float(row["p"]) for row in others)
+    yield {2: [*ends[0], *ends[1]], 3: [ps[0], ps[-1]]}
+
+
+def thesis() -> Iterable[dict[int, Cell]]:
+    def intervals(study: str, values: tuple[str, ...], groups: tuple[str, ...]) -> list[float]:
+        rows = data(f"{study}/table")
+        column = next(iter(rows[0]))
+        own = [the(rows, **{column: value, "group": group}) for group in groups for value in values]
+        return [n for row in own for n in numbers(row, "gap", "gap_low", "gap_high")]
+
+    def gaps(study: str, column: str, *keys: tuple[str, str]) -> list[float]:
+        rows = data(f"{study}/table")
+        return [float(the(rows, **{column: value, "group": group})["gap"]) for value, group in keys]
+
+    sizes, learners = ("5x5", "7x7"), ("ppo", "dqn", "a2c")
+    tours = [expected_tour_length(load_maze(f"{size}x{size}"), 3) for size in range(3, 10)]
+    yield {2: tours}
+    assert {float(row["gap"]) for row in data("tabular/table")} == {0.0}
+    yield {2: "0 in every seed"}
+    yield {2: intervals("encodings", ("one_hot", "cells", "positions", "walls"), ("ppo",))}
+    yield {2: intervals("rewards", ("goal", "completion"), ("ppo", "a2c", "dqn"))}
+    yield {2: intervals("maze_by_size", sizes, learners)}
+    yield {2: intervals("maze_by_goals", ("10",), learners)}
+    yield {2: intervals("chaser_by_size", sizes, learners)}
+    yield {2: intervals("evader_by_size", sizes, learners)}
+    joints = [("1", name) for name in ("ddpg", "a2c", "td3", "ppo", "sac")]
+    joints += [("2", name) for name in ("ppo", "a2c", "td3", "sac", "ddpg")]
+    yield {2: gaps("reacher_by_joints", "joints", *joints)}
+    best = intervals("reacher_noise_tau", ("0.1",), ("gaussian",))
+    zero = [
+        float(row["value"])
+        for row in data("thesis/values")
+        if row["setting"] == "gaussian, tau 0.0"
+    ]
+    yield {2: [*best, min(zero), max(zero)]}
+    yield from ({}, {}, {})  # in words
+
+
+TABLES: dict[tuple[str, int], Callable[[], Iterable[dict[int, Cell]]]] = {
+    ("libraries", 0): libraries,
+    ("self_play", 3): lambda: methods("self-play-methods", ("worst",)),
+    ("self_play", 4): lambda: methods("self-play-methods-frames", ()),
+    ("frames_and_states", 0): frames_and_states,
+    ("curricula", 0): curricula,
+    ("hyperparameters", 3): small_budgets,
+    ("thesis", 0): thesis,
+}
+"""How the numbers of a table, given by its page and place, follow from the data."""
+PAGES = [page.stem for page in sorted(RESULTS.glob("*.md")) if page.stem != "index"]
+
+
+@pytest.mark.parametrize(("page", "place"), TABLES, ids=lambda value: str(value))
+def test_a_table_follows_from_the_data(page: str, place: int) -> None:
+    shown, expected = tables_of(page)[place], list(TABLES[page, place]())
+    for cells, wanted in zip(shown, expected, strict=True):
+        for column, cell in wanted.items():
+            check_cell(cells[column], cell)
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_a_page_says_which_runs_are_not_kept(page: str) -> None:
+    """Of a table that does not follow from data."""
+    first = (RESULTS / f"{page}.md").read_text(encoding="utf-8").split("\n\n")[1]
+    whole = all((page, place) in TABLES for place in range(len(tables_of(page))))
+    assert whole or NOT_KEPT in first
