@@ -36,20 +36,20 @@ docs-test: docs
 
 bench: $(SETUP)
 	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[bench]'
-	$(BIN)/python tests/benchmarks/bench_simulator.py
-	$(BIN)/python tests/benchmarks/bench_reacher.py
-	$(BIN)/python tests/benchmarks/bench_exact.py
-	$(BIN)/python tests/benchmarks/bench_arm.py
-	$(BIN)/python tests/benchmarks/bench_learners.py
-	$(BIN)/python tests/benchmarks/bench_learning.py
-	$(BIN)/python tests/benchmarks/bench_off_policy.py
-	$(BIN)/python tests/benchmarks/bench_curricula.py
-	$(BIN)/python tests/benchmarks/bench_self_play.py
-	$(BIN)/python tests/benchmarks/bench_viewer.py
-	$(BIN)/python tests/benchmarks/bench_searchers.py
+	$(BIN)/python tools/benchmarks/bench_simulator.py
+	$(BIN)/python tools/benchmarks/bench_reacher.py
+	$(BIN)/python tools/benchmarks/bench_exact.py
+	$(BIN)/python tools/benchmarks/bench_arm.py
+	$(BIN)/python tools/benchmarks/bench_learners.py
+	$(BIN)/python tools/benchmarks/bench_learning.py
+	$(BIN)/python tools/benchmarks/bench_off_policy.py
+	$(BIN)/python tools/benchmarks/bench_curricula.py
+	$(BIN)/python tools/benchmarks/bench_self_play.py
+	$(BIN)/python tools/benchmarks/bench_viewer.py
+	$(BIN)/python tools/benchmarks/bench_searchers.py
 
 campaign: $(SETUP)
-	$(BIN)/python tests/campaign/campaign.py
+	$(BIN)/python tools/campaign/campaign.py
 
 setup: $(SETUP)
 

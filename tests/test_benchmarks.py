@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-FILES = sorted((Path(__file__).parent / "benchmarks").glob("bench_*.py"))
+FILES = sorted((Path(__file__).parents[1] / "tools" / "benchmarks").glob("bench_*.py"))
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)

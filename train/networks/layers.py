@@ -26,7 +26,7 @@ FirstLayerForm = Literal["bag", "dense"]
 
 
 def first_layer_form(num_rows: int) -> FirstLayerForm:
-    """The faster form of the first layer, as measured by `tests/benchmarks/bench_learning.py`.
+    """The faster form of the first layer, as measured by `tools/benchmarks/bench_learning.py`.
 
     The cost of the matrix product grows with the rows of the weight matrix. On two cores without
     hardware bfloat16 both forms are equally fast at about 300 rows, at widths of 128 and 256.

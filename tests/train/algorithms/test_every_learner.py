@@ -11,7 +11,7 @@ from train.algorithms.registry import ALGORITHMS
 @pytest.mark.parametrize("name", ALGORITHMS)
 def test_every_learner_has_two_cases(name: str) -> None:
     found = {case.task for case in CASES if case.algorithm == name}
-    assert len(found) >= 2, f"add cases of {name!r} to tests/benchmarks/bench_learners.py"
+    assert len(found) >= 2, f"add cases of {name!r} to tools/benchmarks/bench_learners.py"
 
 
 @pytest.mark.slow

@@ -1,6 +1,6 @@
 """Speed of the arm: steps per second on one core, and ratios to environments of Gymnasium.
 
-python tests/benchmarks/bench_reacher.py [--seconds 1]
+python tools/benchmarks/bench_reacher.py [--seconds 1]
 
 MuJoCo's Reacher-v5, which simulates masses and contacts, is included if mujoco is installed.
 """

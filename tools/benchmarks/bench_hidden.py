@@ -2,7 +2,7 @@
 
 This is the table of docs/results/partial_observability.md; compilation is not included.
 
-    python tests/benchmarks/bench_hidden.py
+    python tools/benchmarks/bench_hidden.py
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Speed of training: forms of the first layer, frames per second and time to a gap against SB3.
 
-python tests/benchmarks/bench_learning.py [--parts layers speed products gap] [--seconds 10]
-python tests/benchmarks/bench_learning.py --against 400a755 [--turns 7] [--only a2c] [--seconds 1]
+python tools/benchmarks/bench_learning.py [--parts layers speed products gap] [--seconds 10]
+python tools/benchmarks/bench_learning.py --against 400a755 [--turns 7] [--only a2c] [--seconds 1]
 
 `--against` compares this version with another one, as `bench_simulator.py` does: processor seconds
 per million frames, on one thread.

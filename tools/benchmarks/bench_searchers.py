@@ -1,4 +1,4 @@
-"""Speed of scripted agents with limited view: `python tests/benchmarks/bench_searchers.py`.
+"""Speed of scripted agents with limited view: `python tools/benchmarks/bench_searchers.py`.
 
 Game steps per second on 5x5 with 4096 games of two scripted agents, compared with A*.
 """

@@ -1,6 +1,6 @@
 """The overhead of every curriculum: its share of PPO's training time with 1024 games.
 
-    python tests/benchmarks/bench_curricula.py [--seconds 6] [--maze 5x5]
+    python tools/benchmarks/bench_curricula.py [--seconds 6] [--maze 5x5]
 
 The time of the teacher is measured: sampling stages, configuring games, recording outcomes, and
 updates. Restarts of games by the simulator are not included, as they also happen without a

@@ -1,7 +1,7 @@
 """Games on graphs beside GraphChase's grid environment: equal captures, and steps per second.
 
 git clone https://github.com/GraphChase/GraphChasePlatform
-python tests/benchmarks/bench_graphs.py GraphChasePlatform [--games 300] [--seconds 1]
+python tools/benchmarks/bench_graphs.py GraphChasePlatform [--games 300] [--seconds 1]
 
 The clone must be of a commit with `env/grid_env.py`, such as bc3df5e. Random joint moves are played
 in both; an agent that stays names its own cell in GraphChase.

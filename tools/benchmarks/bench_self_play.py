@@ -1,7 +1,7 @@
 """Speed of exact solutions, exploitability, pools and training; also against another version.
 
-python tests/benchmarks/bench_self_play.py
-python tests/benchmarks/bench_self_play.py --against 400a755 [--turns 7] [--only 2v2] [--seconds 1]
+python tools/benchmarks/bench_self_play.py
+python tools/benchmarks/bench_self_play.py --against 400a755 [--turns 7] [--only 2v2] [--seconds 1]
 
 `--against` compares this version with another one: processor seconds per million frames of both
 sides, on one thread.

@@ -5,7 +5,7 @@ moments and resumed, and 500 folders with a damaged or malicious file. Requireme
 no code from files is run, errors are one line with exit status 2 (or a documented status), and
 every killed run can be resumed to a bitwise equal result. The exit status is 1 if a case fails.
 
-    python tests/campaign/campaign.py --part commands --only 17 --seed 0     repeat one case
+    python tools/campaign/campaign.py --part commands --only 17 --seed 0     repeat one case
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 Both use the same arm, number of games, two hidden layers of the same width, batches, and gradient
 steps per frame. Measurements alternate, as the speed of the machine changes.
 
-python tests/benchmarks/bench_off_policy.py [--games 64] [--gradient-steps 8] [--threads 1 2]
+python tools/benchmarks/bench_off_policy.py [--games 64] [--gradient-steps 8] [--threads 1 2]
 """
 
 from __future__ import annotations

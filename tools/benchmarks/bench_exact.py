@@ -1,4 +1,4 @@
-"""Milliseconds of the exact references: `python tests/benchmarks/bench_exact.py`."""
+"""Milliseconds of the exact references: `python tools/benchmarks/bench_exact.py`."""
 
 from __future__ import annotations
 

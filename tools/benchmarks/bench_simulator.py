@@ -1,7 +1,7 @@
 """Speed of the simulator: steps per second, ratios to other environments, and scaling.
 
-python tests/benchmarks/bench_simulator.py [--seconds 1]
-python tests/benchmarks/bench_simulator.py --against 501f81b [--turns 15] [--only 8v8]
+python tools/benchmarks/bench_simulator.py [--seconds 1]
+python tools/benchmarks/bench_simulator.py --against 501f81b [--turns 15] [--only 8v8]
 
 `--against` compares this version with another one, a folder or a git revision, in separate
 processes, and prints the time per step of both and the ratio. Measurements of a case alternate, as

@@ -1,4 +1,4 @@
-"""Self-play with limited views: `python tests/benchmarks/bench_limited_self_play.py --out FOLDER`.
+"""Self-play with limited views: `python tools/benchmarks/bench_limited_self_play.py --out FOLDER`.
 
 PPO against PPO on 5x5-tree, where the chaser, or both agents, see two steps: without memory, with
 four stacked observations, and with a GRU, at equal frames; and without memory at eight times as

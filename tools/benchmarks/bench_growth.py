@@ -1,6 +1,6 @@
 """Scaling of the simulator with cells, agents and games: a table, and a plot on log axes.
 
-python tests/benchmarks/bench_growth.py [--seconds 0.5] [--large 1000] [--plot docs/growth.png]
+python tools/benchmarks/bench_growth.py [--seconds 0.5] [--large 1000] [--plot docs/growth.png]
 
 One core; half of the agents are chasers, half are evaders. Agent steps per second are game steps
 times agents. Random: precomputed random actions. Scripted: all agents are A*, with their time.

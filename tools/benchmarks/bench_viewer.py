@@ -1,6 +1,6 @@
 """Speed of the viewer page when scrubbing in Chromium, and its size.
 
-python tests/benchmarks/bench_viewer.py
+python tools/benchmarks/bench_viewer.py
 
 Every step is drawn in one animation frame, so the screen's rate, such as 60 per second, is the
 limit. "drawing" is the time in the code of the page; "could be" is the rate that it would allow.

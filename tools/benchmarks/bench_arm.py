@@ -1,4 +1,4 @@
-"""Processor time of the references of the arm: `python tests/benchmarks/bench_arm.py`."""
+"""Processor time of the references of the arm: `python tools/benchmarks/bench_arm.py`."""
 
 from __future__ import annotations
 

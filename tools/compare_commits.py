@@ -3,8 +3,8 @@
 Writes what games, exact solutions and short training runs give, through the public interface and
 the command line alone, so that it runs on commits with other module paths. Six minutes of one core:
 
-    PYTHONPATH=CHECKOUT python tests/compare_commits.py write FOLDER [PART ...]
-    python tests/compare_commits.py compare OLD NEW [TOLERANCE]
+    PYTHONPATH=CHECKOUT python tools/compare_commits.py write FOLDER [PART ...]
+    python tools/compare_commits.py compare OLD NEW [TOLERANCE]
 
 Parts are simulations, solutions and trainings; all by default.
 """

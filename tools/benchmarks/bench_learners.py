@@ -1,6 +1,6 @@
 """Every learner on two small tasks: processor speed, and the gap after a budget in frames.
 
-python tests/benchmarks/bench_learners.py [--only td3] [--seed 0] [--out learners.csv]
+python tools/benchmarks/bench_learners.py [--only td3] [--seed 0] [--out learners.csv]
 
 `tests/train/algorithms/test_every_learner.py` trains the same cases and checks their bounds.
 """
