@@ -12,6 +12,7 @@ from gymnasium.wrappers.vector import RecordEpisodeStatistics
 pytest.importorskip("stable_baselines3")
 pytest.importorskip("supersuit")
 import supersuit
+from conformance import ConformanceError, check_parallel_env
 from stable_baselines3 import PPO
 from stable_baselines3.common.env_checker import check_env
 from stable_baselines3.common.evaluation import evaluate_policy
@@ -19,7 +20,6 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
 
 from pursuit import chase_v0, make_task, race_v0
-from pursuit.environments.conformance import ConformanceError, check_parallel_env
 from pursuit.environments.stable_baselines import StableBaselinesVecEnv
 from pursuit.mazes.maze import Maze
 from pursuit.observations.observations import ENCODINGS

@@ -9,12 +9,12 @@ import gymnasium
 import numpy as np
 import pettingzoo
 import pytest
+from conformance import check_parallel_env
 from gymnasium.utils.env_checker import check_env
 from pettingzoo.utils.wrappers import TerminateIllegalWrapper
 from torchrl.envs import GymEnv, GymWrapper, PettingZooWrapper, check_env_specs
 
 from pursuit import ReacherSimulator, ReacherTask, Simulator, chase_v0, make_task, reacher_v0
-from pursuit.environments.conformance import check_parallel_env
 from pursuit.mazes.maze import Maze, load_maze
 from pursuit.observations.masks import bump_masks
 from scripted_agents import AStarEvader

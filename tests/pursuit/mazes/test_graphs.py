@@ -9,11 +9,11 @@ from typing import Any
 import networkx
 import numpy as np
 import pytest
+from conformance import check_parallel_env
 from PIL import Image
 
 import pursuit
 from pursuit import chase_v0
-from pursuit.environments.conformance import check_parallel_env
 from pursuit.mazes.graph_generation import GRAPHS
 from pursuit.mazes.maze import MAX_TABLE_CELLS, Maze
 from pursuit.rendering.animation import save_animation

@@ -11,10 +11,10 @@ import gymnasium
 import numpy as np
 import pytest
 import torch
+from conformance import check_parallel_env
 from gymnasium.utils.env_checker import check_env
 
 from pursuit import chase_v0, heist_v0, make_task
-from pursuit.environments.conformance import check_parallel_env
 from pursuit.environments.stable_baselines import StableBaselinesVecEnv
 from pursuit.mazes.maze import Maze
 from pursuit.replays.recorder import Recorder

@@ -12,6 +12,7 @@ import gymnasium
 import numpy as np
 import pettingzoo
 import pytest
+from conformance import check_parallel_env
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers import ClipAction, RescaleAction
@@ -19,7 +20,6 @@ from gymnasium.wrappers import vector as vector_wrappers
 
 import pursuit
 from pursuit import ReacherEnv, ReacherTask, ReacherVectorEnv, reacher_v0
-from pursuit.environments.conformance import check_parallel_env
 from pursuit.reacher.observations import ENCODINGS
 from pursuit.reacher.simulator import ReacherSimulator
 
