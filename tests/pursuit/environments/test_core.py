@@ -61,7 +61,7 @@ for name in ("Chaser", "Evader", "Maze", "Reacher"):
     envs = gymnasium.make_vec(f"pursuit/{{name}}-v0", 3)
     envs.reset(seed=0)
     envs.step(envs.action_space.sample())
-parallel_api_test(pursuit.chase_v0.parallel_env(maze="3x3", num_evaders=2, max_steps=20), num_cycles=50)
+parallel_api_test(pursuit.chase_v0.parallel_env(maze="3x3", num_evaders=2), num_cycles=50)
 parallel_api_test(pursuit.reacher_v0.parallel_env(max_steps=20), num_cycles=50)
 
 maze = pursuit.load_maze("3x3")

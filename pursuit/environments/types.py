@@ -1,0 +1,14 @@
+"""Names of the types of environments that have no narrower type."""
+
+from typing import Any
+
+import gymnasium
+from pettingzoo import AECEnv, ParallelEnv
+
+Space = gymnasium.Space[Any]
+Info = dict[str, Any]
+"""The infos of an agent, of a game, or of a batch of games."""
+Options = dict[str, Any] | None
+"""The options of a reset."""
+Parallel = ParallelEnv[str, Any, Any]
+TurnBased = AECEnv[str, Any, Any]
