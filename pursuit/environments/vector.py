@@ -12,7 +12,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from pursuit.environments.single_env import GamesOfWorld, SpecWithLimit, row_of
-from pursuit.environments.types import Info, Options, Space
+from pursuit.environments.types import AnySimulator, Info, Options, Space
 from pursuit.rules.layout import Array
 from pursuit.validation import checked_seed, is_int, some_seed, whole
 
@@ -71,7 +71,7 @@ class LockstepVectorEnv(GamesOfWorld, SpecWithLimit, gymnasium.vector.VectorEnv[
 
     def __init__(
         self,
-        simulator: Any,
+        simulator: AnySimulator,
         observed: Space,
         actions: Space,
         render_mode: str | None,
@@ -171,13 +171,14 @@ class LockstepVectorEnv(GamesOfWorld, SpecWithLimit, gymnasium.vector.VectorEnv[
         self, seeds: list[int | None], others: int | None, chosen: NDArray[np.bool_]
     ) -> None:
         """Give game i the streams of a single game with seed `seeds[i]`."""
-        simulator, single = self.simulator, type(self.simulator)(self.task)
+        simulator, single = self.simulator, type(self.simulator)(self.task)  # type: ignore[arg-type]
         if others is not None:
             simulator.seed(others)
         for game in np.flatnonzero(chosen):
-            if seeds[game] is not None:
+            own = seeds[game]
+            if own is not None:
                 simulator.seed(0, [game])  # for other effects of a seed: a new pose
-                single.seed(seeds[game])
+                single.seed(own)
                 simulator.streams[game] = single.streams[0]
 
     def step(self, actions: Any) -> tuple[Any, Array, NDArray[np.bool_], NDArray[np.bool_], Info]:

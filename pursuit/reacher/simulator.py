@@ -17,7 +17,7 @@ from pursuit.reacher.task import LEAST_TOLERANCE, ReacherTask
 from pursuit.rules.layout import Array
 from pursuit.rules.randomness import GOLDEN
 from pursuit.simulator.batch import BatchSimulator
-from pursuit.simulator.next_episode import fill, slots
+from pursuit.simulator.next_episode import fill, game_indices
 from pursuit.simulator.state import SimulatorState
 from pursuit.validation import as_array
 
@@ -99,7 +99,7 @@ class ReacherSimulator(BatchSimulator[ReacherTask], ArmArrays):
     def seed(self, seed: int, games: ArrayLike | None = None) -> None:
         """As `BatchSimulator.seed`; the next pose is drawn even if the task keeps poses."""
         super().seed(seed, games)
-        self._coming.fresh[slots(games, self.num_games)] = True
+        self._coming.fresh[game_indices(games, self.num_games)] = True
 
     def _seed_of_streams(self, seed: int) -> np.uint64:
         return np.uint64((seed + GOLDEN) % 2**64)  # an arm and a maze draw different numbers
@@ -153,7 +153,7 @@ class ReacherSimulator(BatchSimulator[ReacherTask], ArmArrays):
         Raises:
             ValueError: a value out of range; nothing is changed then.
         """
-        chosen, task = slots(games, self.num_games), self.task
+        chosen, task = game_indices(games, self.num_games), self.task
         given: dict[str, tuple[ArrayLike | None, float, float]] = {
             "target_distance": (target_distance, -1.0, 1e9),
             "free_joints": (free_joints, 1, task.joints),
@@ -179,7 +179,7 @@ class ReacherSimulator(BatchSimulator[ReacherTask], ArmArrays):
     def seed_starts(self, games: ArrayLike | None, seeds: ArrayLike) -> None:
         """As `BatchSimulator.seed_starts`; the next pose is drawn even if the task keeps poses."""
         super().seed_starts(games, seeds)
-        self._coming.fresh[slots(games, self.num_games)] = True
+        self._coming.fresh[game_indices(games, self.num_games)] = True
 
     def _live(self) -> dict[str, Array]:
         own = ("streams", "returns", "terminated", "truncated")
@@ -222,7 +222,7 @@ class ReacherSimulator(BatchSimulator[ReacherTask], ArmArrays):
         if poses[np.arange(self.task.joints) >= free[:, None]].any():
             raise ValueError(f"angles={angles!r}; the angles of locked joints must be 0")
         self.reset(seed, games)
-        chosen = slots(games, self.num_games)
+        chosen = game_indices(games, self.num_games)
         self.angles[chosen], self.targets[chosen] = poses[chosen], places[chosen]
         rules.find_all_ends(self.angles, self.ends)
 
@@ -236,8 +236,9 @@ class ReacherSimulator(BatchSimulator[ReacherTask], ArmArrays):
         self, encoding: str = "positions", games: ArrayLike | None = None
     ) -> NDArray[np.float32]:
         """The observations at the end of the last episodes, of all arms or of `games`."""
-        chosen = slots(games, self.num_games)
-        return encode(self.task, Arms(*(array[chosen] for array in self.final)), encoding)
+        chosen = game_indices(games, self.num_games)
+        arms = Arms(*(array[chosen] for array in self.final))  # type: ignore[arg-type]
+        return encode(self.task, arms, encoding)
 
     def view(self) -> ArmView:
         """The view of the arms for policies."""

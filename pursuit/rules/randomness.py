@@ -99,7 +99,7 @@ def draw_bit(mask: int, word: np.uint64) -> int:
 
 
 @compiled
-def seed_streams(streams: Words, seed: int, first_game: int) -> None:
+def seed_streams(streams: Words, seed: int | np.uint64, first_game: int) -> None:
     """Set the state of every stream of every game, a function of (seed, game, stream) only."""
     for game in range(streams.shape[0]):
         key = mix(mix(np.uint64(seed)) + np.uint64(first_game + game))

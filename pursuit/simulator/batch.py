@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pursuit.rules.layout import Array
 from pursuit.rules.randomness import seed_starts, seed_streams
-from pursuit.simulator.next_episode import fill, slots
+from pursuit.simulator.next_episode import fill, game_indices
 from pursuit.simulator.state import SimulatorState, check_arrays
 from pursuit.validation import check_bool, checked_seed, whole, whole_numbers
 
@@ -73,7 +73,7 @@ class BatchSimulator(ABC, Generic[AnyTask]):
         Raises:
             ValueError: a seed or game out of range.
         """
-        seed, chosen = checked_seed(seed), slots(games, self.num_games)
+        seed, chosen = checked_seed(seed), game_indices(games, self.num_games)
         fresh = np.empty_like(self.streams)
         seed_streams(fresh, self._seed_of_streams(seed), self.first_game)
         self.streams[chosen] = fresh[chosen]
@@ -91,7 +91,7 @@ class BatchSimulator(ABC, Generic[AnyTask]):
             ValueError: a seed or game out of range.
         """
         chosen = np.zeros(self.num_games, dtype=bool)
-        chosen[slots(games, self.num_games)] = True
+        chosen[game_indices(games, self.num_games)] = True
         if seed is not None:
             self.seed(seed, games)
         self._start(chosen)
@@ -108,14 +108,14 @@ class BatchSimulator(ABC, Generic[AnyTask]):
         Raises:
             ValueError: a seed out of range, or a wrong number of them.
         """
-        chosen = slots(games, self.num_games)
+        chosen = game_indices(games, self.num_games)
         each = np.zeros(len(chosen), dtype=np.uint64)
         fill("seeds", each, whole_numbers("seeds", seeds, 0, 2**63 - 1))
         seed_starts(self.streams, chosen, each)
 
     def get_state(self, games: ArrayLike | None = None) -> SimulatorState:
         """Exact copies of the states of all games, or of those of the index list `games`."""
-        chosen = slots(games, self.num_games)
+        chosen = game_indices(games, self.num_games)
         state = SimulatorState(**{name: array[chosen] for name, array in self._live().items()})
         if self.auto_restart:  # these games have already restarted
             state.terminated[:] = state.truncated[:] = False
@@ -128,7 +128,7 @@ class BatchSimulator(ABC, Generic[AnyTask]):
             ValueError: a different number of games or another task, or an ended game in a simulator
                 with `auto_restart`. Nothing is changed then.
         """
-        chosen, live = slots(games, self.num_games), self._live()
+        chosen, live = game_indices(games, self.num_games), self._live()
         check_arrays(state, live, len(chosen))
         self._check_values(state)
         if self.auto_restart and (state.terminated | state.truncated).any():

@@ -85,7 +85,7 @@ def fill(name: str, array: Array, values: Array) -> None:
         ) from None
 
 
-def slots(games: ArrayLike | None, num_games: int) -> NDArray[np.intp]:
+def game_indices(games: ArrayLike | None, num_games: int) -> NDArray[np.intp]:
     """The indices of `games`, a bool mask or indices below `num_games`; all for None.
 
     Raises:

@@ -14,7 +14,13 @@ from pursuit.observations.observations import Encoder
 from pursuit.rules import layout, start_games
 from pursuit.rules.layout import Array
 from pursuit.simulator.batch import BatchSimulator
-from pursuit.simulator.next_episode import check_waiting, fill, fill_epsilon, limits_of, slots
+from pursuit.simulator.next_episode import (
+    check_waiting,
+    fill,
+    fill_epsilon,
+    game_indices,
+    limits_of,
+)
 from pursuit.simulator.policy import GameArrays, GameView, Policy, play_all
 from pursuit.simulator.state import OWN, SimulatorState, check_values
 from pursuit.tasks.custom_rewards import step_games_of
@@ -190,7 +196,7 @@ class Simulator(BatchSimulator[Task], GameArrays):
             ValueError: a value out of range, or distances that no placement satisfies. Nothing is
                 changed then.
         """
-        task, pending, chosen = self.task, self._coming, slots(games, self.num_games)
+        task, pending, chosen = self.task, self._coming, game_indices(games, self.num_games)
         seats = slice(None) if seat is None else task.seat(seat)
         changed: dict[str, Array] = {}
         if epsilon is not None:
@@ -278,7 +284,7 @@ class Simulator(BatchSimulator[Task], GameArrays):
         if ((ordered[:, 1:] == ordered[:, :-1]) & (ordered[:, 1:] >= 0)).any():
             raise ValueError("two agents or goals start in the same cell; give different cells")
         self.reset(seed, games)
-        chosen = slots(games, self.num_games)
+        chosen = game_indices(games, self.num_games)
         live = (self.positions, self.goals, self.maze_index)
         for array, start in zip(live, (agents, wanted, mazes), strict=True):
             array[chosen] = start[chosen]
@@ -309,7 +315,7 @@ class Simulator(BatchSimulator[Task], GameArrays):
         """The observations at the end of the last episodes, of all games or of `games`."""
         final = self._outcome.final
         if games is not None:
-            chosen = slots(games, self.num_games)
+            chosen = game_indices(games, self.num_games)
             final = layout.Games(*(array[chosen] for array in final))
         return self._encode(final, encoding, seat)
 

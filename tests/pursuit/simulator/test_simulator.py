@@ -11,7 +11,7 @@ from simulated import TASKS, play, refused
 
 from pursuit.mazes.maze import Maze, load_maze
 from pursuit.simulator.simulator import Simulator
-from pursuit.tasks.task import Rewards, Task, make_task
+from pursuit.tasks.task import Task, make_task
 from scripted_agents import RandomAgent, TablePolicy, best_response
 
 
@@ -88,22 +88,13 @@ PARTS = Maze.from_text("+-+-+-+\n|   | |\n+-+-+-+", name="two parts")
     ("settings", "message"),
     [
         ({}, "without agents.*give num_chasers"),
-        ({**DUEL, "num_chasers": -1}, "num_chasers=-1; it is at least 0"),
-        ({**DUEL, "num_evaders": 1.5}, r"num_evaders=1\.5; it is a whole number"),
         ({**DUEL, "num_evaders": True}, "num_evaders=True; it is a whole number"),
-        ({**DUEL, "max_steps": 0}, "max_steps=0; it is at least 1"),
-        ({**DUEL, "max_steps": 2**31}, "max_steps=2147483648"),
         ({**DUEL, "min_start_distance": 0}, "min_start_distance=0; it is at least 1"),
         ({**DUEL, "min_start_distance": 99}, "min_start_distance=99.*5x5.*Lower the minimum"),
-        ({**DUEL, "move_order": "evaders"}, "move_order 'evaders'; one of simultaneous, chasers_f"),
-        ({**DUEL, "start": "S"}, "start 'S'; one of random, marks"),
-        ({**DUEL, "rewards": "more"}, "rewards 'more'; one of goal, completion, distance, zero"),
-        ({**DUEL, "rewards": {"hunter": Rewards()}}, "'hunter'.*the roles are chaser, evader"),
         ({"num_chasers": 1}, "num_chasers=1, num_evaders=0 and no goals.*give num_evaders"),
         ({"num_evaders": 1}, "num_evaders=1, num_chasers=0 and no goals.*give num_chasers"),
         ({"num_runners": 1}, "num_runners=1 and num_goals=0.*num_goals of at least 1"),
         ({"num_chasers": 1, "num_goals": 1}, "only runners and evaders.*give num_runners"),
-        ({**DUEL, "maze": ()}, "an empty list; give at least one maze"),
         ({**DUEL, "maze": "5x6"}, r"unknown maze '5x6' \(did you mean '6x6'\?\); shipped mazes"),
         ({**DUEL, "maze": "2x2", "num_goals": 3}, "need 5 different cells.*2x2 has 4.*larger maze"),
         (
