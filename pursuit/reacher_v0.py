@@ -9,10 +9,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from pettingzoo import AECEnv
-from pettingzoo.utils import wrappers
-
-from pursuit.environments.turn_based import turn_based
+from pursuit.environments.turn_based import turn_based_makers
 from pursuit.reacher.parallel_env import ReacherParallelEnv
 from pursuit.reacher.task import make_reacher_task
 
@@ -29,17 +26,4 @@ def parallel_env(
     return ReacherParallelEnv(make_reacher_task(**settings), observation, render_mode, own_number)
 
 
-def raw_env(**settings: Any) -> AECEnv[str, Any, Any]:
-    """The turn-based environment without PettingZoo's safety wrappers."""
-    return turn_based(parallel_env(**settings))
-
-
-def env(**settings: Any) -> AECEnv[str, Any, Any]:
-    """The turn-based (AEC) environment, with PettingZoo's usual safety wrappers.
-
-    Floats outside [-1, 1] are clipped with a warning. Invalid discrete actions raise an error.
-    """
-    raw = raw_env(**settings)
-    if raw.unwrapped.task.discrete_actions:
-        return wrappers.OrderEnforcingWrapper(wrappers.AssertOutOfBoundsWrapper(raw))
-    return wrappers.OrderEnforcingWrapper(wrappers.ClipOutOfBoundsWrapper(raw))
+raw_env, env = turn_based_makers(parallel_env)

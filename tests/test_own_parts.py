@@ -12,11 +12,11 @@ import gymnasium
 import numpy as np
 import pytest
 import torch
+from conformance import check_parallel_env
 
 import pursuit
 from pursuit import Rewards, Simulator, chase_v0, make_task
 from pursuit import plugins as parts
-from pursuit.environments.conformance import check_parallel_env
 from pursuit.observations.observations import Encoder
 from pursuit.plugins import Registry, sha256_of
 from pursuit.tasks.rewards import REWARDS, rewards_from_text, rewards_text

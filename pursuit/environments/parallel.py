@@ -11,14 +11,21 @@ from typing import Any
 import gymnasium
 import numpy as np
 from numpy.typing import NDArray
-from pettingzoo import AECEnv, ParallelEnv
-from pettingzoo.utils import wrappers
+from pettingzoo import ParallelEnv
 
-from pursuit.environments.turn_based import turn_based
+from pursuit.environments.turn_based import turn_based_makers
+from pursuit.environments.types import AnySimulator, AnyTask, Info, Options, Space, TurnBased
 from pursuit.mazes.maze_arrays import lay_out
-from pursuit.observations.masks import ACTION_MASK, action_masks, masked_space, warn_of_masks
+from pursuit.observations.masks import (
+    ACTION_MASK,
+    EVERY_SEAT,
+    action_masks,
+    masked_space,
+    warn_of_masks,
+)
 from pursuit.rendering.rendering import AgentMark, Scene
 from pursuit.rendering.windows import Rendered
+from pursuit.rules.layout import Array
 from pursuit.simulator.policy import Policy, play, seat_policies
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task, checked_task, make_task
@@ -44,16 +51,16 @@ class SimulatorParallelEnv(Rendered, ParallelEnv[str, Any, Any]):
         np_random: a generator for wrappers; seeded by `reset` and not used by the environment.
     """
 
-    simulator: Any
-    task: Any
+    simulator: AnySimulator
+    task: AnyTask
 
     def __init__(
         self,
-        simulator: Any,
+        simulator: AnySimulator,
         agents: list[str],
-        observed: gymnasium.Space[Any],
-        action: gymnasium.Space[Any],
-        state: gymnasium.Space[Any],
+        observed: Space,
+        action: Space,
+        state: Space,
     ) -> None:
         self.simulator, self.task = simulator, simulator.task
         self.possible_agents, self.agents = agents, list[str]()
@@ -66,7 +73,7 @@ class SimulatorParallelEnv(Rendered, ParallelEnv[str, Any, Any]):
         self.np_random = np.random.default_rng()
 
     @abstractmethod
-    def _begin(self, seed: int | None, options: dict[str, Any] | None) -> None:
+    def _begin(self, seed: int | None, options: Options) -> None:
         """Start a new episode; ValueError for invalid options."""
 
     @abstractmethod
@@ -74,27 +81,27 @@ class SimulatorParallelEnv(Rendered, ParallelEnv[str, Any, Any]):
         """Step with an action of every agent; ValueError (and no step) for invalid ones."""
 
     @abstractmethod
-    def _observe(self) -> Sequence[Any] | NDArray[Any]:
+    def _observe(self) -> Sequence[Any] | Array:
         """[agents] the current observations, new arrays."""
 
-    def _infos(self) -> dict[str, dict[str, Any]]:
+    def _infos(self) -> dict[str, Info]:
         return {agent: {} for agent in self.agents}
 
     def _out_of_game(self) -> list[str]:
         """The names in `agents` of agents that have left a running game."""
         return []
 
-    def observation_space(self, agent: str) -> gymnasium.Space[Any]:
+    def observation_space(self, agent: str) -> Space:
         """The space of what `agent` observes; the same object at every call."""
         return self.observation_spaces[agent]
 
-    def action_space(self, agent: str) -> gymnasium.Space[Any]:
+    def action_space(self, agent: str) -> Space:
         """The space of the actions of `agent`; the same object at every call."""
         return self.action_spaces[agent]
 
     def reset(
-        self, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
+        self, seed: int | None = None, options: Options = None
+    ) -> tuple[Info, dict[str, Info]]:
         """Start a new episode.
 
         Args:
@@ -121,11 +128,11 @@ class SimulatorParallelEnv(Rendered, ParallelEnv[str, Any, Any]):
     def step(
         self, actions: Mapping[str, Any]
     ) -> tuple[
-        dict[str, Any],
+        Info,
         dict[str, float],
         dict[str, bool],
         dict[str, bool],
-        dict[str, dict[str, Any]],
+        dict[str, Info],
     ]:
         """Move all agents at once; actions of agents that have been captured are ignored.
 
@@ -171,12 +178,54 @@ class SimulatorParallelEnv(Rendered, ParallelEnv[str, Any, Any]):
                     f"an action for {agent!r}, which is not active; env.agents is {self.agents}"
                 )
 
-    def _observations(self) -> dict[str, Any]:
+    def _observations(self) -> Info:
         observed = self._observe()
         return {agent: observed[self._seats[agent]] for agent in self.agents}
 
 
-class PursuitParallelEnv(SimulatorParallelEnv):
+class MazeGames:
+    """Starts, spaces, masks and scenes of games in mazes, for all kinds of environments."""
+
+    simulator: Simulator
+
+    def _spaces(
+        self, simulator: Simulator, observation: str, mask_bumps: bool, mask_in_observation: bool
+    ) -> tuple[Space, Space]:
+        """Set what an agent observes; the spaces of observations and actions."""
+        task, self.observation = simulator.task, observation
+        self.mask_in_observation = check_bool("mask_in_observation", mask_in_observation)
+        self.mask_bumps = check_bool("mask_bumps", mask_bumps)
+        self._world = lay_out(task.mazes).world
+        if self.mask_bumps:
+            warn_of_masks(task)
+        seen: Space = simulator.encoder(observation).space
+        if self.mask_in_observation:
+            seen = masked_space(seen, task.num_actions)
+        return seen, gymnasium.spaces.Discrete(task.num_actions)
+
+    def _masks_of(self, seats: slice) -> NDArray[np.bool_]:
+        """[games, seats, actions], a new array: all True unless `mask_bumps`."""
+        simulator, actions = self.simulator, self.simulator.task.num_actions
+        if not self.mask_bumps:
+            shape = (simulator.num_games, len(range(simulator.num_agents)[seats]), actions)
+            return np.ones(shape, dtype=bool)
+        return action_masks(simulator.games, self._world, actions, seats, simulator.terminated)
+
+    def _begin(
+        self, seed: int | None, options: Any, games: NDArray[np.bool_] | None = None
+    ) -> None:
+        given = reset_options(options, ("positions",), ("goals", "maze"))
+        if given:
+            places = given["positions"], given.get("goals"), given.get("maze")
+            self.simulator.place(*places, seed, games)
+        else:
+            self.simulator.reset(seed, games)
+
+    def _scene(self, game: int = 0) -> Scene:
+        return scene_of(self.simulator, game)
+
+
+class PursuitParallelEnv(MazeGames, SimulatorParallelEnv):
     """One game of a task as a PettingZoo parallel environment.
 
     Agents are named "chaser_0", "evader_0", "runner_0", ...; a captured evader is terminated and
@@ -214,28 +263,14 @@ class PursuitParallelEnv(SimulatorParallelEnv):
     ) -> None:
         name = f"{checked_task(task).name}_v0"
         self._render_as(render_mode, RENDER_FPS, name=name, is_parallelizable=True)
-        self.observation = observation
-        self.mask_in_observation = check_bool("mask_in_observation", mask_in_observation)
-        self.mask_bumps, self._world = (
-            check_bool("mask_bumps", mask_bumps),
-            lay_out(task.mazes).world,
-        )
         simulator = Simulator(task, auto_restart=False)
+        spaces = self._spaces(simulator, observation, mask_bumps, mask_in_observation)
         self._encoder = simulator.encoder(observation)
-        seen: gymnasium.Space[Any] = self._encoder.space
-        if self.mask_in_observation:
-            seen = masked_space(seen, task.num_actions)
         entities = task.num_agents + task.num_goals
         high = np.array([task.max_cells] * entities + [task.max_steps], dtype=np.float32)
         state = gymnasium.spaces.Box(np.zeros_like(high), high, dtype=np.float32)
-        action = gymnasium.spaces.Discrete(task.num_actions)
-        super().__init__(simulator, list(task.agent_names), seen, action, state)
+        super().__init__(simulator, list(task.agent_names), *spaces, state)
         self._actions = np.zeros((1, task.num_agents), dtype=np.int32)
-        if self.mask_bumps:
-            warn_of_masks(task)
-
-    def _begin(self, seed: int | None, options: dict[str, Any] | None) -> None:
-        begin(self.simulator, seed, options)
 
     def _move(self, actions: Mapping[str, Any]) -> None:
         chosen = memoryview(self._actions[0])  # several times faster to write to than the array
@@ -278,14 +313,14 @@ class PursuitParallelEnv(SimulatorParallelEnv):
             if policy is not None
         }
 
-    def _observe(self) -> Sequence[Any] | NDArray[Any]:
-        observed: NDArray[Any] = self._encoder.encode(self.simulator.games)[0]
+    def _observe(self) -> Sequence[Any] | Array:
+        observed: Array = self._encoder.encode(self.simulator.games)[0]
         if not self.mask_in_observation:
             return observed
         pairs = zip(observed, self._masks(), strict=True)
         return [{"observation": seen, ACTION_MASK: mask} for seen, mask in pairs]
 
-    def _infos(self) -> dict[str, dict[str, Any]]:
+    def _infos(self) -> dict[str, Info]:
         if not self.mask_bumps:
             return super()._infos()
         masks = self._masks()
@@ -293,11 +328,7 @@ class PursuitParallelEnv(SimulatorParallelEnv):
 
     def _masks(self) -> NDArray[np.int8]:
         """[agents, actions], a new array: all 1 unless `mask_bumps`."""
-        simulator, actions = self.simulator, self.task.num_actions
-        if not self.mask_bumps:
-            return np.ones((self.task.num_agents, actions), dtype=np.int8)
-        masks = action_masks(simulator.games, self._world, actions, terminated=simulator.terminated)
-        return masks[0].astype(np.int8)
+        return self._masks_of(EVERY_SEAT)[0].astype(np.int8)
 
     def state(self) -> NDArray[np.float32]:
         """float32 [agents + goals + 1]: 1 + cell of all agents and goals (0 after capture or
@@ -310,23 +341,6 @@ class PursuitParallelEnv(SimulatorParallelEnv):
         return np.concatenate([agents, simulator.goals[0] + 1, simulator.steps[:1]]).astype(
             np.float32
         )
-
-    def _scene(self) -> Scene:
-        return scene_of(self.simulator)
-
-
-def begin(
-    simulator: Simulator,
-    seed: int | None,
-    options: Mapping[str, Any] | None,
-    games: NDArray[np.bool_] | None = None,
-) -> None:
-    """Start new episodes in the games of a mask, with the options of a `reset`."""
-    given = reset_options(options, ("positions",), ("goals", "maze"))
-    if given:
-        simulator.place(given["positions"], given.get("goals"), given.get("maze"), seed, games)
-    else:
-        simulator.reset(seed, games)
 
 
 def scene_of(simulator: Simulator, game: int = 0, caption: str = "") -> Scene:
@@ -347,8 +361,8 @@ def environment_makers(
     name: str,
 ) -> tuple[
     Callable[..., PursuitParallelEnv],
-    Callable[..., AECEnv[str, Any, int]],
-    Callable[..., AECEnv[str, Any, int]],
+    Callable[..., TurnBased],
+    Callable[..., TurnBased],
 ]:
     """The functions `parallel_env`, `raw_env` and `env` of the PettingZoo module of a task."""
 
@@ -364,14 +378,4 @@ def environment_makers(
         task = make_task(name, maze=maze, **settings)
         return PursuitParallelEnv(task, observation, render_mode, mask_bumps, mask_in_observation)
 
-    def raw_env(**settings: Any) -> AECEnv[str, Any, int]:
-        """The turn-based environment without PettingZoo's safety wrappers."""
-        return turn_based(parallel_env(**settings))
-
-    def env(**settings: Any) -> AECEnv[str, Any, int]:
-        """The turn-based (AEC) environment, with PettingZoo's usual safety wrappers."""
-        return wrappers.OrderEnforcingWrapper(
-            wrappers.AssertOutOfBoundsWrapper(raw_env(**settings))
-        )
-
-    return parallel_env, raw_env, env
+    return parallel_env, *turn_based_makers(parallel_env)

@@ -11,16 +11,15 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
-from pursuit.environments.parallel import RENDER_FPS, begin, scene_of
+from pursuit.environments.parallel import RENDER_FPS, MazeGames
 from pursuit.environments.single_env import SingleEnv, checked_actions
 from pursuit.environments.vector import LockstepVectorEnv
-from pursuit.mazes.maze_arrays import lay_out
-from pursuit.observations.masks import ACTION_MASK, action_masks, masked_space, warn_of_masks
-from pursuit.rendering.rendering import Scene
+from pursuit.observations.masks import ACTION_MASK
+from pursuit.rules.layout import Array
 from pursuit.simulator.policy import Policy, seat_policies
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task, checked_task
-from pursuit.validation import check_bool, whole
+from pursuit.validation import whole
 
 Policies = Mapping[str, Policy]
 
@@ -46,13 +45,12 @@ def fill_seats(task: Task, own: str | int, policies: Policies) -> tuple[int, lis
     return seat, filled
 
 
-class SeatOfGames:
+class SeatOfGames(MazeGames):
     """One agent in a batch of games, with policies for the other agents.
 
     Implements the methods that `SingleEnv` and `LockstepVectorEnv` need.
     """
 
-    simulator: Simulator
     task: Task
     policies: list[Policy | None]
 
@@ -62,29 +60,7 @@ class SeatOfGames:
         self._actions = np.zeros((num_envs, task.num_agents), dtype=np.int32)
         return Simulator(task, num_envs, auto_restart=False)
 
-    def _look(
-        self, simulator: Simulator, observation: str, mask_bumps: bool, mask_in_observation: bool
-    ) -> tuple[gymnasium.Space[Any], gymnasium.Space[Any]]:
-        """Set what is observed; the spaces of observations and actions."""
-        task, self.observation = simulator.task, observation
-        self.mask_in_observation = check_bool("mask_in_observation", mask_in_observation)
-        self.mask_bumps, self._world = (
-            check_bool("mask_bumps", mask_bumps),
-            lay_out(task.mazes).world,
-        )
-        if self.mask_bumps:
-            warn_of_masks(task)
-        seen: gymnasium.Space[Any] = simulator.encoder(observation).space
-        if self.mask_in_observation:
-            seen = masked_space(seen, task.num_actions)
-        return seen, gymnasium.spaces.Discrete(task.num_actions)
-
-    def _begin(
-        self, seed: int | None, options: Any, games: NDArray[np.bool_] | None = None
-    ) -> None:
-        begin(self.simulator, seed, options, games)
-
-    def _advance(self, actions: Any) -> tuple[NDArray[Any], NDArray[np.bool_], NDArray[np.bool_]]:
+    def _advance(self, actions: Any) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
         simulator = self.simulator
         simulator.act(self.policies, self._actions)
         self._actions[:, self.seat] = actions
@@ -105,19 +81,12 @@ class SeatOfGames:
     def _returns(self) -> NDArray[np.float64]:
         return self.simulator.returns[:, self.seat]
 
-    def _infos(self) -> dict[str, NDArray[Any]]:
+    def _infos(self) -> dict[str, Array]:
         return {ACTION_MASK: self._masks().astype(np.int8)} if self.mask_bumps else {}
 
     def _masks(self) -> NDArray[np.bool_]:
-        """[games, actions] bool, a new array."""
-        simulator, actions = self.simulator, self.task.num_actions
-        if not self.mask_bumps:
-            return np.ones((simulator.num_games, actions), dtype=bool)
-        own = slice(self.seat, self.seat + 1)
-        return action_masks(simulator.games, self._world, actions, own, simulator.terminated)[:, 0]
-
-    def _scene(self, game: int = 0) -> Scene:
-        return scene_of(self.simulator, game)
+        """[games, actions], a new array: all True unless `mask_bumps`."""
+        return self._masks_of(slice(self.seat, self.seat + 1))[:, 0]
 
 
 # skrl looks for Gymnasium's class among the direct bases only.
@@ -157,7 +126,7 @@ class SingleAgentEnv(SeatOfGames, SingleEnv, gymnasium.Env[Any, Any]):
     ) -> None:
         self._render_as(render_mode, RENDER_FPS)
         simulator = self._take_seat(task, agent, policies, 1)
-        spaces = self._look(simulator, observation, mask_bumps, mask_in_observation)
+        spaces = self._spaces(simulator, observation, mask_bumps, mask_in_observation)
         super().__init__(simulator, *spaces)
 
     def _checked(self, actions: Any) -> int:
@@ -216,10 +185,10 @@ class SingleAgentVectorEnv(
     ) -> None:
         num_envs = whole("num_envs", num_envs, 1, 2**63 - 1)
         simulator = self._take_seat(task, agent, policies, num_envs)
-        spaces = self._look(simulator, observation, mask_bumps, mask_in_observation)
+        spaces = self._spaces(simulator, observation, mask_bumps, mask_in_observation)
         super().__init__(simulator, *spaces, render_mode, RENDER_FPS, seed, autoreset_mode)
 
-    def _checked(self, actions: Any) -> NDArray[Any]:
+    def _checked(self, actions: Any) -> Array:
         most = self.task.num_actions - 1
         rule = f"integers from 0 to {most}"
         return checked_actions(actions, "iu", (self.num_envs,), rule, (0, most))

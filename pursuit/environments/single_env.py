@@ -17,8 +17,10 @@ import numpy as np
 from gymnasium.envs.registration import EnvSpec
 from numpy.typing import NDArray
 
+from pursuit.environments.types import AnySimulator, AnyTask, Info, Options, Space
 from pursuit.rendering.rendering import Drawable
 from pursuit.rendering.windows import Rendered
+from pursuit.rules.layout import Array
 from pursuit.validation import as_array, checked_seed, some_seed
 
 MAKERS = (gymnasium.make.__code__, gymnasium.make_vec.__code__)
@@ -54,7 +56,7 @@ class TaskSpec(EnvSpec):
 class SpecWithLimit:
     """Environments whose `spec` is a `TaskSpec`, when Gymnasium has set one."""
 
-    task: Any
+    task: AnyTask
     _spec: TaskSpec | None = None
 
     def _max_steps(self) -> int:
@@ -78,7 +80,7 @@ class SpecWithLimit:
 
 def checked_actions(
     actions: Any, kinds: str, shape: tuple[int, ...], rule: str, limits: tuple[int, int] | None
-) -> NDArray[Any]:
+) -> Array:
     """`actions` as an array.
 
     Args:
@@ -125,7 +127,7 @@ class GamesOfWorld(ABC):
         """The actions in the form that `_advance` needs; ValueError for invalid ones."""
 
     @abstractmethod
-    def _advance(self, actions: Any) -> tuple[NDArray[Any], NDArray[np.bool_], NDArray[np.bool_]]:
+    def _advance(self, actions: Any) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
         """Step; rewards, terminations and truncations [games], overwritten by later steps."""
 
     @abstractmethod
@@ -136,7 +138,7 @@ class GamesOfWorld(ABC):
     def _returns(self) -> NDArray[np.float64]:
         """[games] the sum of rewards of the current episodes."""
 
-    def _infos(self) -> dict[str, NDArray[Any]]:
+    def _infos(self) -> dict[str, Array]:
         """The infos of every reset and step, without Gymnasium's masks."""
         return {}
 
@@ -153,18 +155,14 @@ class SingleEnv(GamesOfWorld, SpecWithLimit, Rendered, gymnasium.Env[Any, Any]):
         observed, action: the spaces of observations and actions.
     """
 
-    simulator: Any
+    simulator: AnySimulator
 
-    def __init__(
-        self, simulator: Any, observed: gymnasium.Space[Any], action: gymnasium.Space[Any]
-    ) -> None:
+    def __init__(self, simulator: AnySimulator, observed: Space, action: Space) -> None:
         self.simulator, self.task = simulator, simulator.task
         self.observation_space, self.action_space = observed, action
         self._seeded = False
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Any, dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: Options = None) -> tuple[Any, Info]:
         """Start a new episode.
 
         Args:
@@ -185,7 +183,7 @@ class SingleEnv(GamesOfWorld, SpecWithLimit, Rendered, gymnasium.Env[Any, Any]):
         self._show()
         return row_of(self._observe(), 0), row_of(self._infos(), 0)
 
-    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, Info]:
         """Step your agent and all other agents.
 
         Raises:
@@ -196,7 +194,7 @@ class SingleEnv(GamesOfWorld, SpecWithLimit, Rendered, gymnasium.Env[Any, Any]):
             raise ValueError("step before reset; call reset() first")
         rewards, terminations, truncations = self._advance(self._checked(action))
         self._show()
-        info: dict[str, Any] = row_of(self._infos(), 0)
+        info: Info = row_of(self._infos(), 0)
         terminated, truncated = bool(terminations[0]), bool(truncations[0])
         if terminated or truncated:
             info["episode_return"] = float(self._returns()[0])

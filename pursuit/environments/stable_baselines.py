@@ -16,8 +16,10 @@ from numpy.typing import NDArray
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecEnv
 
+from pursuit.environments.types import Info
 from pursuit.environments.vector import RESET_MASK, LockstepVectorEnv
 from pursuit.observations.masks import ACTION_MASK
+from pursuit.rules.layout import Array
 
 SPACES = ("observation_space", "action_space")
 
@@ -76,17 +78,17 @@ class StableBaselinesVecEnv(VecEnv):
         self._reset_options()
         return observations
 
-    def _listed(self, infos: dict[str, Any]) -> list[dict[str, Any]]:
+    def _listed(self, infos: Info) -> list[Info]:
         """The infos of each game that a vector environment gives in every reset and step."""
         if ACTION_MASK not in infos:
             return [{} for _ in range(self.num_envs)]
         return [{ACTION_MASK: mask} for mask in infos[ACTION_MASK]]
 
-    def step_async(self, actions: NDArray[Any]) -> None:
+    def step_async(self, actions: Array) -> None:
         """Keep the actions for `step_wait`."""
         self._actions = actions
 
-    def step_wait(self) -> tuple[Any, NDArray[Any], NDArray[Any], list[dict[str, Any]]]:
+    def step_wait(self) -> tuple[Any, Array, Array, list[Info]]:
         """Observations, rewards, dones and infos of all games."""
         observations, rewards, terminations, truncations, infos = self.env.step(self._actions)
         dones, listed = terminations | truncations, self._listed(infos)

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
-from pettingzoo import AECEnv, ParallelEnv
+from gymnasium.spaces import Discrete
+from pettingzoo import AECEnv
 from pettingzoo.utils import wrappers
 from pettingzoo.utils.conversions import parallel_to_aec_wrapper
+
+from pursuit.environments.types import Parallel, TurnBased
 
 
 class TurnBasedEnv(AECEnv[str, Any, Any]):
@@ -38,6 +42,26 @@ class TurnBasedEnv(AECEnv[str, Any, Any]):
         return getattr(self.env, name)
 
 
-def turn_based(env: ParallelEnv[str, Any, Any]) -> AECEnv[str, Any, Any]:
-    """A turn-based environment that raises PettingZoo's errors for calls out of order."""
-    return wrappers.OrderEnforcingWrapper(TurnBasedEnv(env))
+def turn_based_makers(
+    parallel_env: Callable[..., Parallel],
+) -> tuple[Callable[..., TurnBased], Callable[..., TurnBased]]:
+    """The functions `raw_env` and `env` of a PettingZoo module with this `parallel_env`."""
+
+    def raw_env(**settings: Any) -> TurnBased:
+        """The turn-based environment without PettingZoo's safety wrappers.
+
+        Calls out of order raise PettingZoo's errors.
+        """
+        return wrappers.OrderEnforcingWrapper(TurnBasedEnv(parallel_env(**settings)))
+
+    def env(**settings: Any) -> TurnBased:
+        """The turn-based (AEC) environment, with PettingZoo's usual safety wrappers.
+
+        Invalid discrete actions raise an error. Floats outside [-1, 1] are clipped with a warning.
+        """
+        raw = raw_env(**settings)
+        discrete = isinstance(raw.action_space(raw.possible_agents[0]), Discrete)
+        checks = wrappers.AssertOutOfBoundsWrapper if discrete else wrappers.ClipOutOfBoundsWrapper
+        return wrappers.OrderEnforcingWrapper(checks(raw))
+
+    return raw_env, env

@@ -12,6 +12,8 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from pursuit.environments.single_env import GamesOfWorld, SpecWithLimit, row_of
+from pursuit.environments.types import AnySimulator, Info, Options, Space
+from pursuit.rules.layout import Array
 from pursuit.validation import checked_seed, is_int, some_seed, whole
 
 RESET_MASK = "reset_mask"
@@ -27,9 +29,9 @@ def checked_autoreset(mode: str | AutoresetMode) -> AutoresetMode:
     raise ValueError(f"autoreset_mode={mode!r}; one of {names}, as gymnasium.vector.AutoresetMode")
 
 
-def masked_infos(infos: dict[str, NDArray[Any]], games: NDArray[np.bool_]) -> dict[str, Any]:
+def masked_infos(infos: dict[str, Array], games: NDArray[np.bool_]) -> Info:
     """Infos of the games of a mask in Gymnasium's form: 0 for other games, the mask as "_key"."""
-    masked: dict[str, Any] = {}
+    masked: Info = {}
     for key, values in infos.items():
         masked[key] = values.copy()
         masked[key][~games] = 0
@@ -69,9 +71,9 @@ class LockstepVectorEnv(GamesOfWorld, SpecWithLimit, gymnasium.vector.VectorEnv[
 
     def __init__(
         self,
-        simulator: Any,
-        observed: gymnasium.Space[Any],
-        actions: gymnasium.Space[Any],
+        simulator: AnySimulator,
+        observed: Space,
+        actions: Space,
         render_mode: str | None,
         render_fps: int,
         seed: int | None,
@@ -114,8 +116,8 @@ class LockstepVectorEnv(GamesOfWorld, SpecWithLimit, gymnasium.vector.VectorEnv[
         self,
         *,
         seed: int | Sequence[int | None] | None = None,
-        options: dict[str, Any] | None = None,
-    ) -> tuple[Any, dict[str, Any]]:
+        options: Options = None,
+    ) -> tuple[Any, Info]:
         """Start new episodes in all games, or in those of `options["reset_mask"]` [num_envs] bool.
 
         Args:
@@ -169,18 +171,17 @@ class LockstepVectorEnv(GamesOfWorld, SpecWithLimit, gymnasium.vector.VectorEnv[
         self, seeds: list[int | None], others: int | None, chosen: NDArray[np.bool_]
     ) -> None:
         """Give game i the streams of a single game with seed `seeds[i]`."""
-        simulator, single = self.simulator, type(self.simulator)(self.task)
+        simulator, single = self.simulator, type(self.simulator)(self.task)  # type: ignore[arg-type]
         if others is not None:
             simulator.seed(others)
         for game in np.flatnonzero(chosen):
-            if seeds[game] is not None:
+            own = seeds[game]
+            if own is not None:
                 simulator.seed(0, [game])  # for other effects of a seed: a new pose
-                single.seed(seeds[game])
+                single.seed(own)
                 simulator.streams[game] = single.streams[0]
 
-    def step(
-        self, actions: Any
-    ) -> tuple[Any, NDArray[Any], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+    def step(self, actions: Any) -> tuple[Any, Array, NDArray[np.bool_], NDArray[np.bool_], Info]:
         """Step all games.
 
         Args:
@@ -211,7 +212,7 @@ class LockstepVectorEnv(GamesOfWorld, SpecWithLimit, gymnasium.vector.VectorEnv[
         if self._limit is not None:
             truncations |= simulator.steps >= self._limit
         ended = terminations | truncations
-        infos: dict[str, Any] = {}
+        infos: Info = {}
         if ended.any():
             infos = masked_infos(
                 {
@@ -251,7 +252,7 @@ class LockstepVectorEnv(GamesOfWorld, SpecWithLimit, gymnasium.vector.VectorEnv[
             final[game] = row_of(observed, game)
         return final
 
-    def _advance_others(self, actions: Any, waiting: NDArray[np.bool_]) -> list[NDArray[Any]]:
+    def _advance_others(self, actions: Any, waiting: NDArray[np.bool_]) -> list[Array]:
         """Restart the games of the mask `waiting`, and step the others."""
         simulator, streams = self.simulator, self.simulator.streams[waiting]
         # Truncated games do not move. (A game may continue after the capture of your evader.)

@@ -10,15 +10,16 @@ row, then the walls east of the cells. Cells are numbered row by row.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pursuit.compilation.compiled import allocating, compiled
 from pursuit.mazes.graph_generation import graph_drawing
 from pursuit.mazes.maze import LIBRARY, Maze
 from pursuit.memory import check_memory
 from pursuit.rules import EAST, NORTH, SOUTH, next_below
+from pursuit.rules.layout import Flags, Longs, Words
 from pursuit.validation import check_bool, is_int, is_number, one_of, whole
 
 MAX_CELLS = 4_000_000
@@ -57,7 +58,7 @@ def cell_after(cell: int, action: int, width: int) -> int:
 
 
 @compiled
-def degree(cell: int, height: int, width: int, passages: Any) -> int:
+def degree(cell: int, height: int, width: int, passages: Flags) -> int:
     """The number of open sides of the cell."""
     count = 0
     for action in range(4):
@@ -68,7 +69,7 @@ def degree(cell: int, height: int, width: int, passages: Any) -> int:
 
 @compiled
 def random_action(
-    cell: int, states: Any, wanted: int, height: int, width: int, streams: Any
+    cell: int, states: NDArray[np.uint8], wanted: int, height: int, width: int, streams: Words
 ) -> int:
     """A uniformly random direction to a neighbour with the wanted state; -1 if there is none."""
     chosen, count = -1, 0
@@ -86,7 +87,7 @@ def random_action(
 
 
 @allocating
-def prim(height: int, width: int, streams: Any, passages: Any) -> None:
+def prim(height: int, width: int, streams: Words, passages: Flags) -> None:
     """Randomised Prim: connect a random cell of the frontier to a random neighbour in the maze.
 
     Many short dead ends.
@@ -115,7 +116,7 @@ def prim(height: int, width: int, streams: Any, passages: Any) -> None:
 
 
 @allocating
-def backtracker(height: int, width: int, streams: Any, passages: Any) -> None:
+def backtracker(height: int, width: int, streams: Words, passages: Flags) -> None:
     """Randomised depth-first search: move to random unvisited neighbours and backtrack.
 
     Long winding corridors.
@@ -139,7 +140,7 @@ def backtracker(height: int, width: int, streams: Any, passages: Any) -> None:
 
 
 @allocating
-def wilson(height: int, width: int, streams: Any, passages: Any) -> None:
+def wilson(height: int, width: int, streams: Words, passages: Flags) -> None:
     """Loop-erased random walks: a spanning tree drawn uniformly from all of them. Wilson (1996)."""
     size = height * width
     inside = np.zeros(size, dtype=np.bool_)
@@ -160,13 +161,13 @@ def wilson(height: int, width: int, streams: Any, passages: Any) -> None:
             cell = cell_after(cell, last_exit[cell], width)
 
 
-def open_grid(height: int, width: int, streams: Any, passages: Any) -> None:
+def open_grid(height: int, width: int, streams: Words, passages: Flags) -> None:
     """No inner walls at all."""
     passages[:] = True
 
 
 @compiled
-def braid(height: int, width: int, order: Any, streams: Any, passages: Any) -> None:
+def braid(height: int, width: int, order: Longs, streams: Words, passages: Flags) -> None:
     """Open one wall of every dead end, visiting the cells in this order.
 
     The wall is drawn from those to another dead end, or from all walls if there is none.
@@ -190,7 +191,7 @@ def braid(height: int, width: int, order: Any, streams: Any, passages: Any) -> N
                 break
 
 
-ALGORITHMS: dict[str, Callable[[int, int, Any, Any], None]] = {
+ALGORITHMS: dict[str, Callable[[int, int, Words, Flags], None]] = {
     "prim": prim,
     "backtracker": backtracker,
     "wilson": wilson,
@@ -225,37 +226,10 @@ def generate_maze(
             available memory, loops outside 0 to 1, a negative seed, or no_dead_ends
             with a single row or column of cells.
     """
-    width = height if width is None else width
-    check_arguments(algorithm, height, width, loops, no_dead_ends, seed)
-    height, width = int(height), int(width)
-    rng = np.random.default_rng(seed)
-    streams = rng.integers(2**64, size=1, dtype=np.uint64)
-    num_south = (height - 1) * width
-    passages = np.zeros(num_south + height * (width - 1), dtype=np.bool_)
-    ALGORITHMS[algorithm](height, width, streams, passages)
-    walls = np.flatnonzero(~passages)
-    passages[rng.choice(walls, size=round(loops * walls.size), replace=False)] = True
-    if no_dead_ends:
-        braid(height, width, rng.permutation(height * width), streams, passages)
-    return Maze(
-        np.ones((height, width), dtype=np.bool_),
-        passages[:num_south].reshape(height - 1, width),
-        passages[num_south:].reshape(height, width - 1),
-        name=f"{algorithm}-{height}x{width}" if name is None else name,
-    )
-
-
-def check_arguments(
-    algorithm: str,
-    height: int,
-    width: int,
-    loops: float,
-    no_dead_ends: bool,
-    seed: int | np.random.Generator,
-) -> None:
-    """Raise ValueError for invalid arguments of `generate_maze`."""
     one_of("algorithm", algorithm, tuple(ALGORITHMS))
-    cells = whole("height", height, 1) * whole("width", width, 1)
+    height = whole("height", height, 1)
+    width = height if width is None else whole("width", width, 1)
+    cells = height * width
     if cells > MAX_CELLS:
         raise ValueError(
             f"{height}x{width} is {cells} cells; they need {cells * BYTES_PER_CELL:,} bytes, and a "
@@ -275,6 +249,21 @@ def check_arguments(
         )
     if not isinstance(seed, np.random.Generator) and (not is_int(seed) or seed < 0):
         raise ValueError(f"seed {seed!r}; give an int of 0 or more, or a numpy Generator")
+    rng = np.random.default_rng(seed)
+    streams = rng.integers(2**64, size=1, dtype=np.uint64)
+    num_south = (height - 1) * width
+    passages = np.zeros(num_south + height * (width - 1), dtype=np.bool_)
+    ALGORITHMS[algorithm](height, width, streams, passages)
+    walls = np.flatnonzero(~passages)
+    passages[rng.choice(walls, size=round(loops * walls.size), replace=False)] = True
+    if no_dead_ends:
+        braid(height, width, rng.permutation(height * width), streams, passages)
+    return Maze(
+        np.ones((height, width), dtype=np.bool_),
+        passages[:num_south].reshape(height - 1, width),
+        passages[num_south:].reshape(height, width - 1),
+        name=f"{algorithm}-{height}x{width}" if name is None else name,
+    )
 
 
 # -- the included mazes ----------------------------------------------------------------------------

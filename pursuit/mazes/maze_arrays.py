@@ -32,7 +32,7 @@ class MazeArrays(NamedTuple):
     @property
     def world(self) -> layout.World:
         """The same arrays under the names that kernels use."""
-        return layout.named(layout.world_of, *self)
+        return layout.named_views(layout.world_of, *self)
 
 
 @lru_cache(maxsize=64)

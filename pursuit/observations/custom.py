@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.plugins import Registry
-from pursuit.rules.layout import Games
+from pursuit.rules.layout import Array, Games
 from pursuit.tasks.moments import Before, distances_of, moment_of, roles_of
 from pursuit.tasks.task import Task
 
@@ -67,7 +67,7 @@ class Observation(Protocol):
         Networks process [channels, height, width] by convolutions and any other shape as a vector.
         """
 
-    def encode(self, task: Task, games: Before, seats: NDArray[np.intp]) -> NDArray[Any]:
+    def encode(self, task: Task, games: Before, seats: NDArray[np.intp]) -> Array:
         """[games, seats, *shape]: the observations of the agents with indices `seats` [k].
 
         `games` is read-only. If the task limits views, this is called for one agent at a time, with
@@ -111,7 +111,7 @@ class CustomEncoding:
                 "gymnasium.spaces.Box of at least one dimension"
             )
 
-    def encode(self, games: Games, seats: slice) -> NDArray[Any]:
+    def encode(self, games: Games, seats: slice) -> Array:
         """[games, seats, *shape], a new array of the dtype of the space.
 
         Raises:
@@ -129,7 +129,7 @@ class CustomEncoding:
             axis=1,
         )
 
-    def _encode(self, games: Games, chosen: NDArray[np.intp]) -> NDArray[Any]:
+    def _encode(self, games: Games, chosen: NDArray[np.intp]) -> Array:
         task = self.task
         moment = moment_of(games, roles_of(task.seat_roles), distances_of(task.mazes))
         shown = Before(*(array.view() for array in moment))

@@ -10,12 +10,11 @@ limited. `view` [games, agents] int64 is the index in the table of the row of an
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
+from numpy.typing import NDArray
 
 from pursuit.compilation.compiled import compiled, inlined
-from pursuit.rules.layout import Games
+from pursuit.rules.layout import Array, Flags, Games, Ints, Longs
 from pursuit.rules.visibility import (
     COLLECTED_PLANE,
     GOALS_PLANE,
@@ -29,9 +28,13 @@ from pursuit.rules.visibility import (
     view_of,
 )
 
+Codes = NDArray[np.uint8]
+
 
 @inlined
-def put(out: Any, game: int, seat: int, entity: int, place: int, shown: bool, gone: Any) -> None:
+def write_place(
+    out: Array, game: int, seat: int, entity: int, place: int, shown: bool, gone: int | None
+) -> None:
     """Write the place of an entity; if `gone` is None, mark the place by 1."""
     if gone is None:
         if shown:
@@ -42,8 +45,9 @@ def put(out: Any, game: int, seat: int, entity: int, place: int, shown: bool, go
 
 @compiled
 def list_entities(
-    position: Any, active: Any, event: Any, goal: Any, steps: Any, maze: Any, table: Any,
-    begin: Any, order: Any, first: int, size: int, gone: Any, out: Any,
+    position: Ints, active: Ints, event: Ints, goal: Ints, steps: Ints, maze: Ints,
+    table: Flags | None, begin: Longs | None, order: Longs, first: int, size: int,
+    gone: int | None, out: Array,
 ) -> None:  # fmt: skip
     """Fill `out` [games, seats, entities + 1] with first + size * entity + cell, or `gone`.
 
@@ -63,19 +67,19 @@ def list_entities(
                 agent = np.uintp(order[seat, entity])
                 cell = games.position[game, agent]
                 shown = (games.active[game, agent] != 0) & in_view(table, view, cell)
-                put(out, game, seat, entity, first + size * entity + cell, shown, gone)
+                write_place(out, game, seat, entity, first + size * entity + cell, shown, gone)
             for number in range(num_goals):
                 cell = goal_in_view(games, table, view, game, number)
                 entity = num_agents + goal_rank(games, table, view, game, number)
-                put(out, game, seat, entity, first + size * entity + cell, cell >= 0, gone)
+                write_place(out, game, seat, entity, first + size * entity + cell, cell >= 0, gone)
             place = first + size * last + games.position[game, own]
-            put(out, game, seat, last, place, has_collected(games, game, own), gone)
+            write_place(out, game, seat, last, place, has_collected(games, game, own), gone)
 
 
 @compiled
 def list_views(
-    position: Any, active: Any, event: Any, goal: Any, steps: Any, maze: Any, begin: Any,
-    order: Any, view: Any,
+    position: Ints, active: Ints, event: Ints, goal: Ints, steps: Ints, maze: Ints,
+    begin: Longs | None, order: Longs, view: Longs,
 ) -> None:  # fmt: skip
     """Fill `view`."""
     games = Games(position, active, event, goal, steps, maze)
@@ -85,7 +89,7 @@ def list_views(
 
 
 @compiled
-def draw_codes(seen: Any, maze: Any, codes: Any, places: Any, out: Any) -> None:
+def draw_codes(seen: Ints, maze: Ints, codes: Longs, places: Longs, out: Codes) -> None:
     """Write the code of every entity into `out` [games, seats, flattened grid].
 
     `codes` [seats, entities, 2] has (entity, code) in the order of drawing; `places` [mazes, cells]
@@ -102,8 +106,8 @@ def draw_codes(seen: Any, maze: Any, codes: Any, places: Any, out: Any) -> None:
 
 @compiled
 def hide_grid(
-    maze: Any, table: Any, view: Any, num_cells: Any, hidden: Any, places: Any, background: Any,
-    columns: int, reach: int, out: Any,
+    maze: Ints, table: Flags | None, view: Longs, num_cells: Longs, hidden: Flags, places: Longs,
+    background: Codes, columns: int, reach: int, out: Codes,
 ) -> None:  # fmt: skip
     """Leave in `out` [games, seats, flattened grid] of the maze only what is within view.
 
@@ -128,8 +132,9 @@ def hide_grid(
 
 @compiled
 def draw_planes(
-    seen: Any, at: Any, maze: Any, table: Any, view: Any, hidden: Any, layers: Any, cells: Any,
-    rows: Any, columns: Any, walls: Any, centred: bool, out: Any,
+    seen: Ints, at: Ints, maze: Ints, table: Flags | None, view: Longs, hidden: Flags,
+    layers: Longs, cells: Ints, rows: Ints, columns: Ints, walls: Codes, centred: bool,
+    out: NDArray[np.float32],
 ) -> None:  # fmt: skip
     """Fill `out` [games, seats, planes, height, width], around the agent's own cell if `centred`.
 

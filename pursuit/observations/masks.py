@@ -57,7 +57,7 @@ def action_masks(
     moves = world.moves[cells] * games.active[:, seats]
     if terminated is not None:
         moves[terminated] = 0
-    return _masks_of(moves, layout.named(layout.stay_of, world), num_actions)
+    return _masks_of(moves, layout.named_views(layout.stay_of, world), num_actions)
 
 
 def _masks_of(moves: NDArray[np.int32], num_moves: int, num_actions: int) -> NDArray[np.bool_]:

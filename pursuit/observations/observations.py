@@ -22,7 +22,7 @@ from pursuit.observations.custom import (
     given_radius,
     is_builtin,
 )
-from pursuit.rules.layout import Games
+from pursuit.rules.layout import Array, Games
 from pursuit.rules.visibility import FLOOR, GOAL, IN_VIEW, OTHER, SELF, TEAM, UNSEEN, WALL
 from pursuit.rules.visibility import PLANES as PLANES
 from pursuit.tasks.task import Task, checked_task
@@ -117,9 +117,7 @@ class Encoder:
             sides = (2 * radius_of(task, self.encoding) + 1,) * 2
         return box(0.0, 1.0, (len(planes_of(task)), *sides), np.float32)
 
-    def encode(
-        self, games: Games, seats: slice = slice(None), out: NDArray[Any] | None = None
-    ) -> NDArray[Any]:
+    def encode(self, games: Games, seats: slice = slice(None), out: Array | None = None) -> Array:
         """[games, seats, *shape]: the observations of these agents in these games.
 
         Raises:
@@ -143,7 +141,7 @@ class Encoder:
             self._fill(games, seats, out)
         return out
 
-    def _fill(self, games: Games, seats: slice, out: NDArray[Any]) -> None:
+    def _fill(self, games: Games, seats: slice, out: Array) -> None:
         """Fill `out`, which is contiguous, with a built-in encoding."""
         order, size, sight = self._order[seats], self.num_cells, self._sight
         seen_from = (*games, sight.table, sight.begin, order)

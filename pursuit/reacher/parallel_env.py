@@ -11,16 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.environments.parallel import SimulatorParallelEnv
+from pursuit.environments.types import Space
 from pursuit.reacher.observations import ENCODINGS, space_of
-from pursuit.reacher.rendering import ArmScene, scene_of
 from pursuit.reacher.rules import ROUNDING
 from pursuit.reacher.simulator import ReacherSimulator
-from pursuit.reacher.single_agent import RENDER_FPS, begin
+from pursuit.reacher.single_agent import RENDER_FPS, ArmGames
 from pursuit.reacher.task import ReacherTask
+from pursuit.rules.layout import Array
 from pursuit.validation import as_array, check_bool, one_of
 
 
-class ReacherParallelEnv(SimulatorParallelEnv):
+class ReacherParallelEnv(ArmGames, SimulatorParallelEnv):
     """One arm; each agent turns one joint: "joint_0" at the base, "joint_1", ...
 
     All agents receive the reward of the arm, and their episodes end together. An agent observes the
@@ -61,7 +62,7 @@ class ReacherParallelEnv(SimulatorParallelEnv):
         seen, joints = space_of(task, observation), task.joints
         own = np.ones(joints if self.own_number else 0, dtype=np.float32)
         low, high = np.concatenate([seen.low, 0 * own]), np.concatenate([seen.high, own])
-        action: gymnasium.Space[Any] = gymnasium.spaces.Box(-1.0, 1.0, (1,), np.float32)
+        action: Space = gymnasium.spaces.Box(-1.0, 1.0, (1,), np.float32)
         if task.discrete_actions:
             action = gymnasium.spaces.Discrete(3)
         far = joints + task.tolerance
@@ -76,9 +77,6 @@ class ReacherParallelEnv(SimulatorParallelEnv):
         )
         self._own = np.eye(joints, len(own), dtype=np.float32)
         self._turns = np.zeros((1, joints))
-
-    def _begin(self, seed: int | None, options: dict[str, Any] | None) -> None:
-        begin(self.simulator, seed, options)
 
     def _move(self, actions: Mapping[str, Any]) -> None:
         for joint, agent in enumerate(self.agents):
@@ -100,7 +98,7 @@ class ReacherParallelEnv(SimulatorParallelEnv):
             raise ValueError(f"{name}={action!r}; {rule}: clip it, or scale it")
         return turn
 
-    def _observe(self) -> NDArray[Any]:
+    def _observe(self) -> Array:
         seen = self.simulator.observe(self.observation)
         return np.hstack([seen.repeat(len(self._own), axis=0), self._own])
 
@@ -111,6 +109,3 @@ class ReacherParallelEnv(SimulatorParallelEnv):
         return np.concatenate([simulator.angles[0], simulator.targets[0], *counts]).astype(
             np.float32
         )
-
-    def _scene(self) -> ArmScene:
-        return scene_of(self.simulator)

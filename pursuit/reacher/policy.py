@@ -4,37 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.reacher.rules import POLICY_STREAM, Arms
 from pursuit.reacher.task import ReacherTask
+from pursuit.rules.layout import Array
 from pursuit.rules.randomness import draw_uniform
 
 
-@dataclass(frozen=True, eq=False)
-class ArmView:
-    """A batch of arms: live arrays of the `ReacherSimulator`, not copies.
+class ArmArrays:
+    """The arrays of a batch of arms (`arms`) under their public names."""
 
-    Attributes:
-        task: the task.
-        arms: the state.
-        streams: [num_games, ...] uint64, the random streams; policies draw with `uniform` and
-            `normal`.
-        observe: `observe(encoding)` -> [num_games, numbers] float32.
-    """
-
-    task: ReacherTask
     arms: Arms
-    streams: NDArray[np.uint64]
-    observe: Callable[[str], NDArray[np.float32]]
-
-    @property
-    def num_games(self) -> int:
-        """Number of arms in the batch."""
-        return len(self.arms.steps)
 
     @property
     def angles(self) -> NDArray[np.float64]:
@@ -50,6 +34,11 @@ class ArmView:
     def ends(self) -> NDArray[np.float64]:
         """[num_games, joints, 2] float64, the end of every link; the last one is the tip."""
         return self.arms.ends
+
+    @property
+    def tips(self) -> NDArray[np.float64]:
+        """[num_games, 2] float64, the positions of the tips; the bases are at (0, 0)."""
+        return self.arms.ends[:, -1]
 
     @property
     def tolerance(self) -> NDArray[np.float64]:
@@ -71,6 +60,29 @@ class ArmView:
         """[num_games] int32, consecutive steps with the tip in reach."""
         return self.arms.held
 
+
+@dataclass(frozen=True, eq=False)
+class ArmView(ArmArrays):
+    """A batch of arms: live arrays of the `ReacherSimulator`, not copies.
+
+    Attributes:
+        task: the task.
+        arms: the state.
+        streams: [num_games, ...] uint64, the random streams; policies draw with `uniform` and
+            `normal`.
+        observe: `observe(encoding)` -> [num_games, numbers] float32.
+    """
+
+    task: ReacherTask
+    arms: Arms
+    streams: NDArray[np.uint64]
+    observe: Callable[[str], NDArray[np.float32]]
+
+    @property
+    def num_games(self) -> int:
+        """Number of arms in the batch."""
+        return len(self.arms.steps)
+
     def uniform(self) -> NDArray[np.float64]:
         """[num_games] float64 in [0, 1), drawn from the random stream of policies."""
         numbers = np.empty(self.num_games)
@@ -88,7 +100,7 @@ class ArmView:
 class ArmPolicy(Protocol):
     """A policy of arms: kinematic, exact or learned."""
 
-    def act(self, view: ArmView) -> NDArray[Any]:
+    def act(self, view: ArmView) -> Array:
         """[num_games, joints] floats in [-1, 1].
 
         Draw random numbers from the view only, so that results do not depend on the batch size.

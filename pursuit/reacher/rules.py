@@ -14,9 +14,11 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pursuit.compilation.compiled import compiled, inlined
-from pursuit.rules.randomness import GOLDEN, mix, next_uniform
+from pursuit.rules.layout import Flags, Ints, Reals, Words
+from pursuit.rules.randomness import next_uniform
 
 STARTS_STREAM, POLICY_STREAM, NUM_STREAMS = 0, 1, 2
 KEPT, RANDOM, FIXED = 0, 1, 2
@@ -40,14 +42,14 @@ class Arms(NamedTuple):
     int32, and tolerance: [arms] float64, as in `ReacherTask`.
     """
 
-    angles: Any
-    target: Any
-    ends: Any
-    held: Any
-    steps: Any
-    free_joints: Any
-    hold: Any
-    tolerance: Any
+    angles: Reals
+    target: Reals
+    ends: Reals
+    held: Ints
+    steps: Ints
+    free_joints: Ints
+    hold: Ints
+    tolerance: Reals
 
 
 class Outcome(NamedTuple):
@@ -57,12 +59,12 @@ class Outcome(NamedTuple):
     bool. episode_lengths: [arms] int32. final: the `Arms` at the end of the last episodes.
     """
 
-    rewards: Any
-    returns: Any
-    episode_returns: Any
-    terminated: Any
-    truncated: Any
-    episode_lengths: Any
+    rewards: NDArray[np.float32]
+    returns: Reals
+    episode_returns: Reals
+    terminated: Flags
+    truncated: Flags
+    episode_lengths: Ints
     final: Arms
 
 
@@ -74,11 +76,11 @@ class NextEpisode(NamedTuple):
     tolerance: float64, as in `Arms`.
     """
 
-    fresh: Any
-    distance: Any
-    free_joints: Any
-    hold: Any
-    tolerance: Any
+    fresh: Flags
+    distance: Reals
+    free_joints: Ints
+    hold: Ints
+    tolerance: Reals
 
 
 class Rules(NamedTuple):
@@ -130,7 +132,7 @@ def cosine_and_sine(angle: float) -> tuple[float, float]:
 
 
 @inlined
-def find_ends(angles: Any, ends: Any) -> None:
+def find_ends(angles: Reals, ends: Reals) -> None:
     """Write the ends [joints, 2] of the links of an arm with these angles [joints]."""
     direction, x, y = 0.0, 0.0, 0.0
     for joint in range(angles.shape[0]):
@@ -168,7 +170,7 @@ def least_radius(joints: int, free_joints: int) -> int:
 
 @inlined
 def begin(
-    arms: Arms, outcome: Outcome, pending: NextEpisode, streams: Any, rules: Rules, arm: int
+    arms: Arms, outcome: Outcome, pending: NextEpisode, streams: Words, rules: Rules, arm: int
 ) -> None:
     """Start an episode: the pose, then the target."""
     joints = arms.angles.shape[1]
@@ -214,8 +216,8 @@ def begin(
 
 @inlined
 def move(
-    arms: Arms, outcome: Outcome, pending: NextEpisode, streams: Any, rules: Rules, arm: int,
-    actions: Any, auto_restart: bool,
+    arms: Arms, outcome: Outcome, pending: NextEpisode, streams: Words, rules: Rules, arm: int,
+    actions: Reals, auto_restart: bool,
 ) -> None:  # fmt: skip
     """Turn the joints of one arm, and set its reward and flags."""
     if outcome.terminated[arm] or outcome.truncated[arm]:
@@ -265,7 +267,7 @@ def keep_final(arms: Arms, outcome: Outcome, arm: int) -> None:
 
 
 @inlined
-def arms_of(arrays: Any) -> tuple[Arms, Outcome, NextEpisode, Any, Rules]:
+def arms_of(arrays: Any) -> tuple[Arms, Outcome, NextEpisode, Words, Rules]:
     """The flat arguments of a kernel as named tuples; `ReacherSimulator` passes them in this order.
 
     They are the fields of `Arms`, of `Outcome` without `final`, of `final`, of `NextEpisode`, the
@@ -277,7 +279,7 @@ def arms_of(arrays: Any) -> tuple[Arms, Outcome, NextEpisode, Any, Rules]:
 
 
 @compiled
-def start_arms(chosen: Any, *arrays: Any) -> None:
+def start_arms(chosen: Flags, *arrays: Any) -> None:
     """Start new episodes in the arms of the mask `chosen` [arms]; `arrays` as in `arms_of`."""
     arms, outcome, pending, streams, rules = arms_of(arrays)
     for arm in range(chosen.shape[0]):
@@ -287,7 +289,7 @@ def start_arms(chosen: Any, *arrays: Any) -> None:
 
 
 @compiled
-def step_arms(actions: Any, auto_restart: bool, *arrays: Any) -> int:
+def step_arms(actions: Reals, auto_restart: bool, *arrays: Any) -> int:
     """Move all arms by actions [arms, joints]; `arrays` as in `arms_of`.
 
     BAD_ACTION, and no arm moves, if an action is out of range or NaN.
@@ -303,7 +305,7 @@ def step_arms(actions: Any, auto_restart: bool, *arrays: Any) -> int:
 
 
 @compiled
-def find_all_ends(angles: Any, ends: Any) -> None:
+def find_all_ends(angles: Reals, ends: Reals) -> None:
     """Write ends [arms, joints, 2] of angles [arms, joints]."""
     for arm in range(angles.shape[0]):
         find_ends(angles[arm], ends[arm])
@@ -311,8 +313,8 @@ def find_all_ends(angles: Any, ends: Any) -> None:
 
 @compiled
 def observe_arms(
-    angles: Any, target: Any, ends: Any, held: Any, steps: Any, free_joints: Any, hold: Any,
-    tolerance: Any, with_angles: bool, out: Any,
+    angles: Reals, target: Reals, ends: Reals, held: Ints, steps: Ints, free_joints: Ints,
+    hold: Ints, tolerance: Reals, with_angles: bool, out: NDArray[np.float32],
 ) -> None:  # fmt: skip
     """Write the observations of all arms into out [arms, numbers] float32.
 
@@ -331,19 +333,3 @@ def observe_arms(
         if with_angles:
             for joint in range(joints):
                 out[arm, 3 + 2 * joints + joint] = angles[arm, joint]
-
-
-@compiled
-def seed_arms(streams: Any, seed: int, first_game: int) -> None:
-    """Seed the streams of all arms; their states depend on (seed, game, stream) only."""
-    for game in range(streams.shape[0]):
-        key = mix(mix(np.uint64(seed) + np.uint64(GOLDEN)) + np.uint64(first_game + game))
-        for stream in range(streams.shape[1]):
-            streams[game, stream] = mix(key + mix(np.uint64(stream + 1)))
-
-
-@compiled
-def seed_arm_starts(streams: Any, arms: Any, seeds: Any) -> None:
-    """Seed the stream of starts of each of `arms`."""
-    for i in range(arms.shape[0]):
-        streams[arms[i], STARTS_STREAM] = mix(mix(seeds[i]) + np.uint64(1))

@@ -10,16 +10,19 @@ from numpy.typing import ArrayLike, NDArray
 from pursuit.memory import check_memory
 from pursuit.reacher import rules
 from pursuit.reacher.observations import encode
-from pursuit.reacher.policy import ArmView
+from pursuit.reacher.policy import ArmArrays, ArmView
 from pursuit.reacher.rules import Arms, NextEpisode, Outcome
-from pursuit.reacher.state import check_fits
+from pursuit.reacher.state import check_values
 from pursuit.reacher.task import LEAST_TOLERANCE, ReacherTask
-from pursuit.simulator.next_episode import slots
+from pursuit.rules.layout import Array
+from pursuit.rules.randomness import GOLDEN
+from pursuit.simulator.batch import BatchSimulator
+from pursuit.simulator.next_episode import fill, game_indices
 from pursuit.simulator.state import SimulatorState
-from pursuit.validation import as_array, check_bool, whole
+from pursuit.validation import as_array
 
 
-class ReacherSimulator:
+class ReacherSimulator(BatchSimulator[ReacherTask], ArmArrays):
     """A batch of arms of one task, stepped together by compiled kernels.
 
     As in `pursuit.Simulator`, an arm restarts in the step that ends its episode, and the results of
@@ -62,16 +65,10 @@ class ReacherSimulator:
     ) -> None:
         if not isinstance(task, ReacherTask):
             raise ValueError(f"task={task!r}; give a pursuit.ReacherTask")
-        num_games = whole("num_games", num_games, 1, 2**63 - 1)
-        first_game = whole("first_game", first_game, 0, 2**62)
-        seed, auto_restart = (
-            whole("seed", seed, 0, 2**64 - 1),
-            check_bool("auto_restart", auto_restart),
-        )
+        super().__init__(task, num_games, seed, first_game, auto_restart)
+        num_games = self.num_games
         needed = num_games * (2 * 8 * (3 * task.joints + 4) + 128)
         check_memory(f"num_games={num_games}", needed, "take fewer games")
-        self.task, self.num_games = task, num_games
-        self.first_game, self.auto_restart = first_game, auto_restart
         self.arms, self.final = _arms(task, num_games), _arms(task, num_games)
         self._coming = NextEpisode(
             fresh=np.ones(num_games, dtype=bool),
@@ -94,59 +91,20 @@ class ReacherSimulator:
             self.episode_lengths,
             self.final,
         )
-        self._kernel_arrays = (
-            *self.arms,
-            *outcome[:-1],
-            *self.final,
-            *self._coming,
-            self.streams,
-            *task.numbers_for_kernels,
-        )
-        self.angles: NDArray[np.float64] = self.arms.angles
-        self.targets: NDArray[np.float64] = self.arms.target
-        self.ends: NDArray[np.float64] = self.arms.ends
-        self.tips: NDArray[np.float64] = self.arms.ends[:, -1]
-        self.held: NDArray[np.int32] = self.arms.held
-        self.steps: NDArray[np.int32] = self.arms.steps
+        self._arrays = (*self.arms, *outcome[:-1], *self.final, *self._coming, self.streams)
+        self._kernel_arrays = (*self._arrays, *task.numbers_for_kernels)
         self._view = ArmView(task, self.arms, self.streams, self.observe)
-        self.last_seed: int | None = None
         self.reset(seed)
 
-    @property
-    def ended(self) -> NDArray[np.bool_]:
-        """[num_games] bool, a new array: terminated or truncated in the last step."""
-        return self.terminated | self.truncated
-
     def seed(self, seed: int, games: ArrayLike | None = None) -> None:
-        """Seed the random streams of each arm with (seed, arm); the next pose is drawn.
+        """As `BatchSimulator.seed`; the next pose is drawn even if the task keeps poses."""
+        super().seed(seed, games)
+        self._coming.fresh[game_indices(games, self.num_games)] = True
 
-        Args:
-            seed: 0 to 2**64 - 1.
-            games: a bool mask or index list; default: all.
+    def _seed_of_streams(self, seed: int) -> np.uint64:
+        return np.uint64((seed + GOLDEN) % 2**64)  # an arm and a maze draw different numbers
 
-        Raises:
-            ValueError: a seed or arm out of range.
-        """
-        seed, chosen = whole("seed", seed, 0, 2**64 - 1), slots(games, self.num_games)
-        fresh = np.empty_like(self.streams)
-        rules.seed_arms(fresh, np.uint64(seed), self.first_game)  # type: ignore[arg-type]
-        self.streams[chosen] = fresh[chosen]
-        self._coming.fresh[chosen] = True
-        self.last_seed = seed if games is None else None
-
-    def reset(self, seed: int | None = None, games: ArrayLike | None = None) -> None:
-        """Start new episodes in all arms, or in those of the bool mask or index list `games`.
-
-        A seed applies to these arms only. With a seed, start poses are drawn even if the task keeps
-        poses.
-
-        Raises:
-            ValueError: a seed or arm out of range.
-        """
-        chosen = np.zeros(self.num_games, dtype=bool)
-        chosen[slots(games, self.num_games)] = True
-        if seed is not None:
-            self.seed(seed, games)
+    def _start(self, chosen: NDArray[np.bool_]) -> None:
         rules.start_arms(chosen, *self._kernel_arrays)
 
     def step(self, actions: ArrayLike) -> None:
@@ -195,14 +153,14 @@ class ReacherSimulator:
         Raises:
             ValueError: a value out of range; nothing is changed then.
         """
-        chosen, task = slots(games, self.num_games), self.task
+        chosen, task = game_indices(games, self.num_games), self.task
         given: dict[str, tuple[ArrayLike | None, float, float]] = {
             "target_distance": (target_distance, -1.0, 1e9),
             "free_joints": (free_joints, 1, task.joints),
             "hold": (hold, 1, task.max_steps),
             "tolerance": (tolerance, LEAST_TOLERANCE, 2.0 * task.joints),
         }
-        waiting: dict[str, NDArray[Any]] = {}
+        waiting: dict[str, Array] = {}
         for name, (value, least, most) in given.items():
             if value is None:
                 continue
@@ -213,64 +171,29 @@ class ReacherSimulator:
             numbers = as_array(name, value, "iu" if whole_only else "iuf", rule)
             if not ((numbers >= least) & (numbers <= most)).all():
                 raise ValueError(f"{name}={value!r}; {rule}")
-            try:
-                waiting[field] = np.broadcast_to(numbers, chosen.shape)
-            except ValueError:
-                raise ValueError(f"{name}={value!r}; give one number, or one per arm") from None
+            waiting[field] = np.empty(len(chosen), dtype=live.dtype)
+            fill(name, waiting[field], numbers)
         for name, numbers in waiting.items():
             getattr(self._coming, name)[chosen] = numbers
 
     def seed_starts(self, games: ArrayLike | None, seeds: ArrayLike) -> None:
-        """Seed the starts: the next pose and target of each arm depend on its seed only.
+        """As `BatchSimulator.seed_starts`; the next pose is drawn even if the task keeps poses."""
+        super().seed_starts(games, seeds)
+        self._coming.fresh[game_indices(games, self.num_games)] = True
 
-        Args:
-            games: a bool mask or index list; None for all.
-            seeds: one whole number from 0 to 2**63 - 1 for all arms, or one for each.
-
-        Raises:
-            ValueError: a seed out of range, or a wrong number of them.
-        """
-        chosen = slots(games, self.num_games)
-        rule = "one whole number from 0 to 2**63 - 1 for all arms, or one for each"
-        numbers = as_array("seeds", seeds, "iu", rule)
-        fits = numbers.ndim == 0 or numbers.shape == chosen.shape
-        if not fits or (numbers.size and not 0 <= int(numbers.min()) <= int(numbers.max()) < 2**63):
-            raise ValueError(f"seeds={seeds!r}; {rule}")
-        each = np.broadcast_to(numbers, chosen.shape).astype(np.uint64)
-        rules.seed_arm_starts(self.streams, chosen, each)
-        self._coming.fresh[chosen] = True
-
-    # -- copies ----------------------------------------------------------------------------------
-
-    def _live(self) -> dict[str, NDArray[Any]]:
+    def _live(self) -> dict[str, Array]:
         own = ("streams", "returns", "terminated", "truncated")
         waiting = {f"next_{name}": array for name, array in self._coming._asdict().items()}
         arms = {name: array for name, array in self.arms._asdict().items() if name != "ends"}
         return {**arms, **{name: getattr(self, name) for name in own}, **waiting}
 
-    def get_state(self, games: ArrayLike | None = None) -> SimulatorState:
-        """Exact copies of the states of all arms, or of those of the index list `games`."""
-        chosen = slots(games, self.num_games)
-        state = SimulatorState(**{name: array[chosen] for name, array in self._live().items()})
-        if self.auto_restart:  # these arms have already restarted
-            state.terminated[:] = state.truncated[:] = False
-        return state
+    def _check_values(self, state: SimulatorState) -> None:
+        check_values(state, self.task)
 
     def set_state(self, state: SimulatorState, games: ArrayLike | None = None) -> None:
-        """Restore copied states in all arms, or in those of `games`.
-
-        Raises:
-            ValueError: a different number of arms or another task, or invalid values. Nothing is
-                changed then.
-        """
-        chosen, live = slots(games, self.num_games), self._live()
-        check_fits(state, live, self.task, len(chosen))
-        if self.auto_restart and (state.terminated | state.truncated).any():
-            raise ValueError("the episode of an arm has ended; reset it, or use auto_restart=False")
-        for name, array in live.items():
-            array[chosen] = getattr(state, name)
+        """As `BatchSimulator.set_state`; the ends of links follow from the angles."""
+        super().set_state(state, games)
         rules.find_all_ends(self.angles, self.ends)
-        self.last_seed = None
 
     def place(
         self,
@@ -299,15 +222,9 @@ class ReacherSimulator:
         if poses[np.arange(self.task.joints) >= free[:, None]].any():
             raise ValueError(f"angles={angles!r}; the angles of locked joints must be 0")
         self.reset(seed, games)
-        chosen = slots(games, self.num_games)
+        chosen = game_indices(games, self.num_games)
         self.angles[chosen], self.targets[chosen] = poses[chosen], places[chosen]
         rules.find_all_ends(self.angles, self.ends)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """For `copy` and `pickle`, which would otherwise separate arrays that share memory."""
-        batch = (self.task, self.num_games, self.first_game, self.auto_restart)
-        written = (self.rewards, self.episode_returns, self.episode_lengths, *self.final)
-        return _copied, (*batch, self.get_state(), tuple(array.copy() for array in written))
 
     # -- observations ----------------------------------------------------------------------------
 
@@ -319,8 +236,9 @@ class ReacherSimulator:
         self, encoding: str = "positions", games: ArrayLike | None = None
     ) -> NDArray[np.float32]:
         """The observations at the end of the last episodes, of all arms or of `games`."""
-        chosen = slots(games, self.num_games)
-        return encode(self.task, Arms(*(array[chosen] for array in self.final)), encoding)
+        chosen = game_indices(games, self.num_games)
+        arms = Arms(*(array[chosen] for array in self.final))  # type: ignore[arg-type]
+        return encode(self.task, arms, encoding)
 
     def view(self) -> ArmView:
         """The view of the arms for policies."""
@@ -353,19 +271,3 @@ def _in_one_turn(angles: NDArray[np.float64]) -> NDArray[np.float64]:
     turned = (angles + np.pi) % (2.0 * np.pi) - np.pi
     turned[turned >= np.pi] = -np.pi  # rounding
     return np.where((angles >= -np.pi) & (angles < np.pi), angles, turned)
-
-
-def _copied(
-    task: ReacherTask,
-    num_games: int,
-    first_game: int,
-    auto_restart: bool,
-    state: SimulatorState,
-    written: tuple[NDArray[Any], ...],
-) -> ReacherSimulator:
-    simulator = ReacherSimulator(task, num_games, 0, first_game, auto_restart)
-    simulator.set_state(state)
-    own = (simulator.rewards, simulator.episode_returns, simulator.episode_lengths)
-    for array, copied in zip((*own, *simulator.final), written, strict=True):
-        array[:] = copied
-    return simulator

@@ -11,62 +11,58 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from pursuit.environments.single_env import SingleEnv, checked_actions
+from pursuit.environments.types import Space
 from pursuit.environments.vector import LockstepVectorEnv
 from pursuit.reacher.observations import ENCODINGS, space_of
 from pursuit.reacher.rendering import ArmScene, scene_of
 from pursuit.reacher.simulator import ReacherSimulator
 from pursuit.reacher.task import ReacherTask, make_reacher_task
 from pursuit.rendering.windows import metadata_of
+from pursuit.rules.layout import Array
 from pursuit.validation import one_of, reset_options, whole
 
 RENDER_FPS = 20
 
 
-def action_space_of(task: ReacherTask) -> gymnasium.Space[Any]:
+def action_space_of(task: ReacherTask) -> Space:
     """Box(-1, 1, [joints]), or MultiDiscrete with 3 actions per joint."""
     if task.discrete_actions:
         return gymnasium.spaces.MultiDiscrete([3] * task.joints)
     return gymnasium.spaces.Box(-1.0, 1.0, (task.joints,), np.float32)
 
 
-def begin(
-    simulator: ReacherSimulator,
-    seed: int | None,
-    options: Any,
-    games: NDArray[np.bool_] | None = None,
-) -> None:
-    """Start new episodes in the arms of a mask, with the options of a `reset`.
-
-    Raises:
-        ValueError: a seed out of range, or an invalid start. Nothing is changed then.
-    """
-    given = reset_options(options, ("angles", "target"))
-    if given:
-        simulator.place(given["angles"], given["target"], seed, games)
-    else:
-        simulator.reset(seed, games)
-
-
-class ArmsOfEnv:
-    """A batch of arms: the methods that `SingleEnv` and `LockstepVectorEnv` need."""
+class ArmGames:
+    """Starts and scenes of arms, for all kinds of environments."""
 
     simulator: ReacherSimulator
-    observation: str
-    action_space: gymnasium.Space[Any]
 
     def _begin(
         self, seed: int | None, options: Any, games: NDArray[np.bool_] | None = None
     ) -> None:
-        begin(self.simulator, seed, options, games)
+        given = reset_options(options, ("angles", "target"))
+        if given:
+            self.simulator.place(given["angles"], given["target"], seed, games)
+        else:
+            self.simulator.reset(seed, games)
 
-    def _checked(self, actions: Any) -> NDArray[Any]:
+    def _scene(self, game: int = 0) -> ArmScene:
+        return scene_of(self.simulator, game)
+
+
+class ArmsOfEnv(ArmGames):
+    """A batch of arms: the methods that `SingleEnv` and `LockstepVectorEnv` need."""
+
+    observation: str
+    action_space: Space
+
+    def _checked(self, actions: Any) -> Array:
         shape = self.action_space.shape or ()
         if not self.simulator.task.discrete_actions:
             return checked_actions(actions, "fiu", shape, "floats in [-1, 1]", None)
         rule = "integers 0 (back), 1 (stay) and 2 (forward)"
         return checked_actions(actions, "iu", shape, rule, (0, 2)) - 1.0
 
-    def _advance(self, actions: Any) -> tuple[NDArray[Any], NDArray[np.bool_], NDArray[np.bool_]]:
+    def _advance(self, actions: Any) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
         simulator = self.simulator
         try:
             simulator.step(actions.reshape(simulator.num_games, -1))
@@ -81,9 +77,6 @@ class ArmsOfEnv:
 
     def _returns(self) -> NDArray[np.float64]:
         return self.simulator.returns
-
-    def _scene(self, game: int = 0) -> ArmScene:
-        return scene_of(self.simulator, game)
 
 
 # skrl looks for Gymnasium's class among the direct bases only.

@@ -2,25 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
 from pursuit.reacher.task import LEAST_TOLERANCE, ReacherTask
-from pursuit.simulator.state import SimulatorState, check_arrays, check_range
+from pursuit.simulator.state import SimulatorState, check_range
 
 
-def check_fits(
-    state: SimulatorState, live: Mapping[str, NDArray[Any]], task: ReacherTask, arms: int
-) -> None:
-    """Check a state for `arms` arms of `task`; `live` are the arrays of the simulator.
-
-    Raises:
-        ValueError: a different number of arms or another task, or invalid values.
-    """
-    check_arrays(state, live, arms)
+def check_values(state: SimulatorState, task: ReacherTask) -> None:
+    """Raise ValueError for values that are impossible in arms of `task`."""
     most = 2.0**31
     limits = {
         "angles": (-np.pi, np.pi),

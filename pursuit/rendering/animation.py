@@ -39,7 +39,7 @@ def save_animation(
 
     Args:
         path: ends in `.gif` or `.mp4`.
-        scenes: at least one, all of mazes of the same height and width, or all of arms.
+        scenes: at least one, all of mazes of the same height and width, of graphs, or of arms.
         fps: frames per second; at most 50 for a GIF.
         size: as for `draw_scene`.
 
@@ -66,8 +66,6 @@ def _frames(path: Path, scenes: Iterable[Drawable], size: int) -> Iterator[NDArr
     for scene in scenes:
         frame = scene.draw(size)
         if shape is not None and frame.shape != shape:
-            frame = _on_canvas(frame, shape)
-        if shape is not None and frame.shape != shape:
             raise ValueError(
                 f"{path}: a picture of {frame.shape[1]}x{frame.shape[0]} after pictures of "
                 f"{shape[1]}x{shape[0]}; give scenes of mazes of the same height and width"
@@ -76,19 +74,6 @@ def _frames(path: Path, scenes: Iterable[Drawable], size: int) -> Iterator[NDArr
         yield frame
     if shape is None:
         raise ValueError(f"{path}: no scenes; an animation needs at least one")
-
-
-def _on_canvas(frame: NDArray[np.uint8], shape: tuple[int, ...]) -> NDArray[np.uint8]:
-    """The picture in another shape, filled with white or cut, if that differs by a tenth at most.
-
-    The pictures of equally large graphs differ by some pixels. Others are returned as they are.
-    """
-    if any(abs(own - wanted) > wanted / 10 for own, wanted in zip(frame.shape, shape, strict=True)):
-        return frame
-    canvas = np.full(shape, 255, dtype=np.uint8)
-    height, width = np.minimum(frame.shape, shape)[:2]
-    canvas[:height, :width] = frame[:height, :width]
-    return canvas
 
 
 @lru_cache(maxsize=1)
@@ -117,10 +102,10 @@ def _write_gif(path: Path, frames: Iterator[NDArray[np.uint8]], fps: float) -> N
     ]
     milliseconds = max(20, round(1000 / fps))
     durations = [milliseconds] * (len(images) - 1) + [max(1500, milliseconds)]
-    rest = images[1:]
+
     # Pillow's optimisation takes ten times as long, and saves a kilobyte per frame.
-    how: dict[str, Any] = {"save_all": True, "append_images": rest, "optimize": False}
-    images[0].save(path, format="GIF", duration=durations, loop=0, **how)
+    options: dict[str, Any] = {"save_all": True, "append_images": images[1:], "optimize": False}
+    images[0].save(path, format="GIF", duration=durations, loop=0, **options)
 
 
 def _write_mp4(path: Path, frames: Iterator[NDArray[np.uint8]], fps: float) -> None:
@@ -132,8 +117,8 @@ def _write_mp4(path: Path, frames: Iterator[NDArray[np.uint8]], fps: float) -> N
         ) from None
     last = next(frames)
     height, width, _ = last.shape
-    how = {"macro_block_size": 2, "quality": 8, "output_params": ["-f", "mp4"]}
-    writer = ffmpeg.write_frames(str(path), (width, height), fps=fps, **how)
+    options = {"macro_block_size": 2, "quality": 8, "output_params": ["-f", "mp4"]}
+    writer = ffmpeg.write_frames(str(path), (width, height), fps=fps, **options)
     writer.send(None)
     try:
         for frame in chain([last], frames):

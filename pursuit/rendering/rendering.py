@@ -178,8 +178,8 @@ def draw_scene(scene: Scene, cell_pixels: int | None = None, size: int = 480) ->
     Args:
         scene: the scene.
         cell_pixels: the side of a cell; None to fit the maze into `size`.
-        size: if `cell_pixels` is None, the maximal longer side of the picture without its footer.
-            It is exceeded if cells would be smaller than 3 pixels.
+        size: if `cell_pixels` is None, the maximal longer side of the picture without its footer,
+            and both sides for a graph. It is exceeded if cells would be smaller than 3 pixels.
 
     Raises:
         ValueError: `cell_pixels` or `size` is too small.
@@ -240,10 +240,13 @@ def _background(
         MIN_CELL_PIXELS, int((side - _wall_pixels(int(side / longest))) / longest)
     )
     wall = _wall_pixels(cell)
-    maze_width, height = int(columns * cell) + wall, int(rows * cell) + wall + 2 * MARGIN
+    maze_width, least = int(columns * cell) + wall, 0
+    if not maze.is_grid and cell_pixels is None:
+        least = side  # the pictures of all graphs of a task are squares of one size
+    height = max(int(rows * cell) + wall, least) + 2 * MARGIN
     font_size = min(18, max(11, max(maze_width, height) // 32))
     longest_count = font_of(font_size).getlength(f"step {max_steps} / {max_steps}")
-    width = 2 * MARGIN + max(maze_width, math.ceil(longest_count))
+    width = 2 * MARGIN + max(maze_width, least, math.ceil(longest_count))
     width, footer_height = width + width % 2, 2 * font_size
     layout = _Layout(cell, wall, (width - maze_width) // 2, width, height, font_size)
     image = Image.new("RGB", (width, height + footer_height + height % 2), WHITE)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 from dataclasses import fields
 from typing import Any
 
@@ -11,20 +12,61 @@ from numpy.typing import NDArray
 from pursuit.mazes.maze import Maze
 from pursuit.reacher.simulator import ReacherSimulator
 from pursuit.reacher.task import ReacherTask
+from pursuit.rules.layout import Array
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.rewards import rewards_text
 from pursuit.tasks.task import Task
 from pursuit.tasks.visibility import agent_choice_text, view_radius_text
 
-State = dict[str, NDArray[Any]]
+State = dict[str, Array]
+Plain = dict[str, Any]
+"""Plain values by name, as in JSON."""
 
 
-class MazeAdapter:
+DIGITS = "0123456789abcdefghijklmnopqrstuv"
+"""The texts of the actions in a maze."""
+
+
+class TaskAdapter:
+    """What the adapters of mazes and arms have in common.
+
+    Attributes:
+        name: the name in files.
+        task_class, simulator_class: the classes of tasks and simulators.
+        action_dtype: the dtype of recorded actions.
+    """
+
+    name: str
+    task_class: type[Any]
+    simulator_class: type[Any]
+    action_dtype: type[np.generic]
+
+    def task(self, settings: Plain) -> Any:
+        """The task with these settings; ValueError for invalid ones."""
+        unknown = set(settings) - {each.name for each in fields(self.task_class)}
+        if unknown:
+            raise ValueError(f"unknown settings of a task: {', '.join(sorted(unknown))}")
+        return self.task_class(**settings)
+
+    def simulator(self, task: Any) -> Any:
+        """A simulator of one game without automatic restarts."""
+        return self.simulator_class(task, auto_restart=False)
+
+    def step(self, simulator: Any, action: Array) -> None:
+        """Step the one game of a simulator."""
+        simulator.step(action[None])
+
+    def rewards(self, simulator: Any, game: int) -> NDArray[np.float32]:
+        """[agents] the rewards of the last step."""
+        return np.atleast_1d(simulator.rewards[game]).copy()
+
+
+class MazeAdapter(TaskAdapter):
     """Adapter for games in mazes. An action has one integer per agent."""
 
-    name = "maze"
+    name, task_class, simulator_class, action_dtype = "maze", Task, Simulator, np.uint8
 
-    def settings(self, task: Task) -> dict[str, Any]:
+    def settings(self, task: Task) -> Plain:
         """The task as plain values, without a reward function (replays store the rewards).
 
         Settings of partial observability are written only if used, so that older versions can read
@@ -40,7 +82,7 @@ class MazeAdapter:
         plain["rewards"] = None if has_reward_function(task) else _rewards_as_text(task)
         return plain
 
-    def task(self, settings: dict[str, Any]) -> Task:
+    def task(self, settings: Plain) -> Any:
         """The task with these settings; ValueError for invalid ones."""
         given = dict(settings)
         mazes = given.pop("mazes", None)
@@ -55,21 +97,14 @@ class MazeAdapter:
         rewards = given.pop("rewards", None)
         if rewards is not None and ":" in str(rewards):
             raise ValueError(f"rewards={rewards!r}; a replay cannot name a function")
-        unknown = set(given) - {each.name for each in fields(Task)}
-        if unknown:
-            raise ValueError(f"unknown settings of a task: {', '.join(sorted(unknown))}")
-        scheme = {} if rewards is None else {"rewards": rewards}
-        return Task(maze=found[0] if len(found) == 1 else tuple(found), **given, **scheme)
+        given |= {} if rewards is None else {"rewards": rewards}
+        return super().task(given | {"maze": found[0] if len(found) == 1 else tuple(found)})
 
     def agents(self, task: Task) -> list[str]:
         """The names of the agents, one for each column of the rewards."""
         return list(task.agent_names)
 
-    def simulator(self, task: Task) -> Simulator:
-        """A simulator of one game without automatic restarts."""
-        return Simulator(task, auto_restart=False)
-
-    def start(self, simulator: Simulator, game: int) -> dict[str, Any]:
+    def start(self, simulator: Simulator, game: int) -> Plain:
         """The start state of the episode, as plain values."""
         return {
             "positions": simulator.positions[game].tolist(),
@@ -77,7 +112,7 @@ class MazeAdapter:
             "maze": int(simulator.maze_index[game]),
         }
 
-    def begin(self, simulator: Simulator, start: dict[str, Any]) -> None:
+    def begin(self, simulator: Simulator, start: Plain) -> None:
         """Start an episode in the game of a simulator; ValueError for an invalid start state."""
         goals = start.get("goals")
         simulator.place(start.get("positions"), goals or None, start.get("maze", 0))  # type: ignore[arg-type]
@@ -95,44 +130,38 @@ class MazeAdapter:
             "events": games.event[game].astype("<i4"),
         }
 
-    def step(self, simulator: Simulator, action: NDArray[Any]) -> None:
-        """Step the one game of a simulator."""
-        simulator.step(action[None].astype(np.int32))
+    def text_of_actions(self, actions: Array) -> list[str]:
+        """One string of digits per agent."""
+        return ["".join(DIGITS[action] for action in row) for row in actions.T]
 
-    def rewards(self, simulator: Simulator, game: int) -> NDArray[np.float32]:
-        """[agents] the rewards of the last step."""
-        return simulator.rewards[game].copy()
+    def actions_of_text(self, text: list[str] | str, task: Task) -> Array:
+        """See `text_of_actions`."""
+        if isinstance(text, str):
+            raise ValueError("actions do not fit world 'maze'")
+        width = task.num_agents
+        if len(text) != width or len({len(row) for row in text}) > 1:
+            raise ValueError(f"actions need {width} rows of equal length, one per agent")
+        actions = np.array([[int(digit, 32) for digit in row] for row in text], np.uint8).T
+        if actions.size and actions.max() >= task.num_actions:
+            raise ValueError(f"action {actions.max()}; actions are 0 to {task.num_actions - 1}")
+        return actions
 
-    def width(self, task: Task) -> int:
-        """The number of values of the actions of one step."""
-        return task.num_agents
 
-
-class ArmAdapter:
+class ArmAdapter(TaskAdapter):
     """Adapter for arms. An action has one number per joint."""
 
-    name = "arm"
+    name, task_class, simulator_class = "arm", ReacherTask, ReacherSimulator
+    action_dtype = np.float64
 
-    def settings(self, task: ReacherTask) -> dict[str, Any]:
+    def settings(self, task: ReacherTask) -> Plain:
         """The task as plain values."""
         return {each.name: getattr(task, each.name) for each in fields(task)}
-
-    def task(self, settings: dict[str, Any]) -> ReacherTask:
-        """The task with these settings; ValueError for invalid ones."""
-        unknown = set(settings) - {each.name for each in fields(ReacherTask)}
-        if unknown:
-            raise ValueError(f"unknown settings of an arm: {', '.join(sorted(unknown))}")
-        return ReacherTask(**settings)
 
     def agents(self, task: ReacherTask) -> list[str]:
         """The names of the agents, one for each column of the rewards."""
         return ["arm"]
 
-    def simulator(self, task: ReacherTask) -> ReacherSimulator:
-        """A simulator of one game without automatic restarts."""
-        return ReacherSimulator(task, auto_restart=False)
-
-    def start(self, simulator: ReacherSimulator, game: int) -> dict[str, Any]:
+    def start(self, simulator: ReacherSimulator, game: int) -> Plain:
         """The start state of the episode, as plain values."""
         arms = simulator.arms
         return {
@@ -143,7 +172,7 @@ class ArmAdapter:
             "tolerance": float(arms.tolerance[game]),
         }
 
-    def begin(self, simulator: ReacherSimulator, start: dict[str, Any]) -> None:
+    def begin(self, simulator: ReacherSimulator, start: Plain) -> None:
         """Start an episode in the game of a simulator; ValueError for an invalid start state."""
         kept = {name: start.get(name) for name in ("free_joints", "hold", "tolerance")}
         simulator.configure(**kept)
@@ -159,23 +188,27 @@ class ArmAdapter:
             "target": arms.target[game].astype("<f8"),
         }
 
-    def step(self, simulator: ReacherSimulator, action: NDArray[Any]) -> None:
-        """Step the one game of a simulator."""
-        simulator.step(action[None])
+    def text_of_actions(self, actions: Array) -> str:
+        """The bytes of the numbers in base64."""
+        return base64.b64encode(np.ascontiguousarray(actions, "<f8").tobytes()).decode("ascii")
 
-    def rewards(self, simulator: ReacherSimulator, game: int) -> NDArray[np.float32]:
-        """[agents] the rewards of the last step."""
-        return simulator.rewards[game : game + 1].copy()
-
-    def width(self, task: ReacherTask) -> int:
-        """The number of values of the actions of one step."""
-        return task.joints
+    def actions_of_text(self, text: list[str] | str, task: ReacherTask) -> Array:
+        """See `text_of_actions`."""
+        if not isinstance(text, str):
+            raise ValueError("actions do not fit world 'arm'")
+        raw, width = base64.b64decode(text, validate=True), task.joints
+        if len(raw) % (8 * width):
+            raise ValueError(f"actions of {len(raw)} bytes; a step has {width} numbers of 8 bytes")
+        actions: Array = np.frombuffer(raw, "<f8").reshape(-1, width)
+        if not (np.abs(actions) <= 1.0 + 1e-6).all():
+            raise ValueError("an action is outside [-1, 1]")
+        return actions
 
 
 VISIBILITY_SETTINGS = ("view_radius", "line_of_sight", "unknown_maze")
 
 
-def visibility_settings(task: Task) -> dict[str, Any]:
+def visibility_settings(task: Task) -> Plain:
     """The settings of partial observability that are in use, as text."""
     radius: Any = task.view_radius
     chosen: Any = {name: getattr(task, name) for name in VISIBILITY_SETTINGS[1:]}
@@ -198,13 +231,12 @@ def _rewards_as_text(task: Task) -> str:
 
 
 Adapter = MazeAdapter | ArmAdapter
-ADAPTERS: dict[str, Any] = {"maze": MazeAdapter(), "arm": ArmAdapter()}
+ADAPTERS: dict[str, Adapter] = {"maze": MazeAdapter(), "arm": ArmAdapter()}
 
 
-def adapter_for(task: Any) -> Any:
+def adapter_for(task: object) -> Adapter:
     """The adapter of a task; ValueError for other objects."""
-    if isinstance(task, Task):
-        return ADAPTERS["maze"]
-    if isinstance(task, ReacherTask):
-        return ADAPTERS["arm"]
+    for adapter in ADAPTERS.values():
+        if isinstance(task, adapter.task_class):
+            return adapter
     raise ValueError(f"task={task!r}; give a pursuit.Task or a pursuit.ReacherTask")

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.replays.adapters import State, adapter_for, has_reward_function
+from pursuit.replays.adapters import Adapter, State, adapter_for, has_reward_function
 from pursuit.replays.replay import Episode, Replay, digest_of
+from pursuit.rules.layout import Array
 from pursuit.validation import whole
 
 WRAPPED = ("step", "reset", "place", "set_state")
@@ -140,14 +141,14 @@ class Recorder:
 class _Track:
     """The recording of an episode in progress."""
 
-    def __init__(self, adapter: Any, simulator: Any, game: int) -> None:
+    def __init__(self, adapter: Adapter, simulator: Any, game: int) -> None:
         self.adapter, self.simulator, self.game = adapter, simulator, game
         self.start = adapter.start(simulator, game)
         self.states: list[State] = [adapter.state(simulator, game)]
-        self.actions: list[NDArray[Any]] = []
+        self.actions: list[Array] = []
         self.rewards: list[NDArray[np.float32]] = []
 
-    def add(self, action: NDArray[Any], final: bool) -> None:
+    def add(self, action: Array, final: bool) -> None:
         """Record a step. `final`: the simulator has already restarted, so read the final state."""
         self.actions.append(np.array(action))
         self.rewards.append(self.adapter.rewards(self.simulator, self.game))
@@ -166,10 +167,9 @@ class _Track:
 
     def episode(self, terminated: bool, truncated: bool) -> Episode:
         """The recorded episode."""
-        kind: Any = np.float64 if self.adapter.name == "arm" else np.uint8
         return Episode(
             self.start,
-            np.stack(self.actions).astype(kind),
+            np.stack(self.actions).astype(self.adapter.action_dtype),
             np.stack(self.rewards),
             terminated,
             truncated,

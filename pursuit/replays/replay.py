@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import hashlib
 import math
 from collections.abc import Iterable
@@ -16,8 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.files import write_atomically
-from pursuit.replays.adapters import ADAPTERS, Adapter, State, adapter_for, has_reward_function
+from pursuit.replays.adapters import (
+    ADAPTERS,
+    Adapter,
+    Plain,
+    State,
+    adapter_for,
+    has_reward_function,
+)
 from pursuit.replays.viewer.data import replay_page
+from pursuit.rules.layout import Array
 from pursuit.validation import as_path, one_of
 from pursuit.version import __version__
 
@@ -42,8 +49,8 @@ class Episode:
         label: label for display.
     """
 
-    start: dict[str, Any]
-    actions: NDArray[Any]
+    start: Plain
+    actions: Array
     rewards: NDArray[np.float32]
     terminated: bool
     truncated: bool
@@ -95,7 +102,7 @@ class Replay:
     own_rewards: bool = False
 
     @property
-    def world(self) -> Any:
+    def world(self) -> Adapter:
         """The adapter of the task."""
         return adapter_for(self.task)
 
@@ -223,7 +230,7 @@ def digest_of(states: Iterable[State]) -> str:
 class _EpisodeFile(msgspec.Struct):
     """The JSON form of an episode: one string of action digits per agent, for an arm base64."""
 
-    start: dict[str, Any]
+    start: Plain
     actions: list[str] | str
     rewards: list[list[float]]
     terminated: bool
@@ -238,7 +245,7 @@ class _File(msgspec.Struct):
     kind: Literal["pursuit replay"]
     form: int
     world: str
-    task: dict[str, Any]
+    task: Plain
     episodes: list[_EpisodeFile]
     title: str = ""
     seed: int | None = None
@@ -248,11 +255,10 @@ class _File(msgspec.Struct):
 
 
 def _file_of(replay: Replay) -> _File:
-    arm = replay.world.name == "arm"
     episodes = [
         _EpisodeFile(
             episode.start,
-            _numbers_text(episode.actions) if arm else _digits(episode.actions),
+            replay.world.text_of_actions(episode.actions),
             [[_short(reward) for reward in column] for column in episode.rewards.T],
             episode.terminated,
             episode.truncated,
@@ -287,39 +293,13 @@ def _replay_of(file: _File) -> Replay:
 
 
 def _episode_of(file: _EpisodeFile, world: Adapter, task: Any) -> Episode:
-    width, agents = world.width(task), world.agents(task)
-    if isinstance(file.actions, str):
-        raw = base64.b64decode(file.actions, validate=True)
-        if len(raw) % (8 * width):
-            raise ValueError(f"actions of {len(raw)} bytes; a step has {width} numbers of 8 bytes")
-        actions: NDArray[Any] = np.frombuffer(raw, "<f8").reshape(-1, width)
-        if not (np.abs(actions) <= 1.0 + 1e-6).all():
-            raise ValueError("an action is outside [-1, 1]")
-    else:
-        if len(file.actions) != width or len({len(row) for row in file.actions}) > 1:
-            raise ValueError(f"actions need {width} rows of equal length, one per agent")
-        actions = np.array([[int(digit, 32) for digit in row] for row in file.actions], np.uint8).T
-        if actions.size and actions.max() >= task.num_actions:
-            raise ValueError(f"action {actions.max()}; actions are 0 to {task.num_actions - 1}")
-    if (world.name == "arm") != isinstance(file.actions, str):
-        raise ValueError(f"actions do not fit world {world.name!r}")
+    agents, actions = world.agents(task), world.actions_of_text(file.actions, task)
     rewards = np.array(file.rewards, dtype=np.float32).reshape(len(agents), -1).T
     if rewards.shape != (len(actions), len(agents)):
         raise ValueError(f"rewards of shape {rewards.shape}, but there are {len(actions)} steps")
     return Episode(
         file.start, actions, rewards, file.terminated, file.truncated, file.digest, file.label
     )
-
-
-DIGITS = "0123456789abcdefghijklmnopqrstuv"
-
-
-def _digits(actions: NDArray[Any]) -> list[str]:
-    return ["".join(DIGITS[action] for action in row) for row in actions.T]
-
-
-def _numbers_text(actions: NDArray[Any]) -> str:
-    return base64.b64encode(np.ascontiguousarray(actions, "<f8").tobytes()).decode("ascii")
 
 
 def _short(reward: np.float32) -> float:

@@ -11,52 +11,26 @@ visibility    which cells an agent sees
 batches       the compiled functions over batches of games
 """
 
-from pursuit.rules.batches import start_games, step_games_of
-from pursuit.rules.captures import captured
-from pursuit.rules.distances import (
-    all_distances,
-    breadth_first,
-    longest_distance,
-)
-from pursuit.rules.layout import (
-    CAPTURED,
-    CHASER,
-    COLLECTED,
-    EAST,
-    EVADER,
-    NORTH,
-    RUNNER,
-    SOUTH,
-    STAY,
-    UNREACHABLE,
-    WAS_CAPTURED,
-    WEST,
-    Games,
-)
-from pursuit.rules.randomness import draw_uniform, next_below, next_uniform, seed_streams
-
-__all__ = [
-    "CAPTURED",
-    "CHASER",
-    "COLLECTED",
-    "EAST",
-    "EVADER",
-    "NORTH",
-    "RUNNER",
-    "SOUTH",
-    "STAY",
-    "UNREACHABLE",
-    "WAS_CAPTURED",
-    "WEST",
-    "Games",
-    "all_distances",
-    "breadth_first",
-    "captured",
-    "draw_uniform",
-    "longest_distance",
-    "next_below",
-    "next_uniform",
-    "seed_streams",
-    "start_games",
-    "step_games_of",
-]
+from pursuit.rules.batches import start_games as start_games
+from pursuit.rules.batches import step_games_of as step_games_of
+from pursuit.rules.captures import captured as captured
+from pursuit.rules.distances import all_distances as all_distances
+from pursuit.rules.distances import breadth_first as breadth_first
+from pursuit.rules.distances import longest_distance as longest_distance
+from pursuit.rules.layout import CAPTURED as CAPTURED
+from pursuit.rules.layout import CHASER as CHASER
+from pursuit.rules.layout import COLLECTED as COLLECTED
+from pursuit.rules.layout import EAST as EAST
+from pursuit.rules.layout import EVADER as EVADER
+from pursuit.rules.layout import NORTH as NORTH
+from pursuit.rules.layout import RUNNER as RUNNER
+from pursuit.rules.layout import SOUTH as SOUTH
+from pursuit.rules.layout import STAY as STAY
+from pursuit.rules.layout import UNREACHABLE as UNREACHABLE
+from pursuit.rules.layout import WAS_CAPTURED as WAS_CAPTURED
+from pursuit.rules.layout import WEST as WEST
+from pursuit.rules.layout import Games as Games
+from pursuit.rules.randomness import draw_uniform as draw_uniform
+from pursuit.rules.randomness import next_below as next_below
+from pursuit.rules.randomness import next_uniform as next_uniform
+from pursuit.rules.randomness import seed_streams as seed_streams

@@ -12,6 +12,7 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pursuit.compilation.compiled import compiled, inlined, subroutine
 from pursuit.rules.layout import (
@@ -24,11 +25,16 @@ from pursuit.rules.layout import (
     TERMINATED,
     TRUNCATED,
     UNCHANGED,
+    Flags,
     Games,
+    Ints,
+    Longs,
     Memory,
     Outcome,
+    Reals,
     Rules,
     Teams,
+    Words,
     World,
     agents_of,
     games_of,
@@ -63,7 +69,7 @@ def keep_final(games: Games, game: int, teams: Teams, outcome: Outcome) -> None:
 
 
 @inlined
-def start_game(memory: Memory, game: int, rules: Rules, world: World, scratch: Any) -> None:
+def start_game(memory: Memory, game: int, rules: Rules, world: World, scratch: Ints) -> None:
     """Start an episode of one game with its pending settings."""
     outcome, pending = outcome_of(memory), next_episode_of(memory)
     for agent in agents_of(rules.teams):
@@ -76,7 +82,7 @@ def start_game(memory: Memory, game: int, rules: Rules, world: World, scratch: A
 
 @subroutine
 def finish_episodes(
-    memory: Memory, rules: Rules, world: World, scratch: Any, auto_restart: bool
+    memory: Memory, rules: Rules, world: World, scratch: Ints, auto_restart: bool
 ) -> None:
     """Copy the last state of games that ended, and restart them if `auto_restart`."""
     games, outcome = games_of(memory), outcome_of(memory)
@@ -88,7 +94,7 @@ def finish_episodes(
 
 
 @inlined
-def fits(memory: Memory, actions: Any, teams: Teams) -> bool:
+def fits(memory: Memory, actions: Ints, teams: Teams) -> bool:
     """Whether the arrays have the shapes of these teams, which also lets the compiler assume them.
 
     The compiler uses the branches and the constant item sizes; the item size of an array itself is
@@ -108,7 +114,7 @@ def fits(memory: Memory, actions: Any, teams: Teams) -> bool:
 
 
 @inlined
-def is_contiguous(strides: Any, layers: int, width: int, size: int) -> bool:
+def is_contiguous(strides: tuple[int, ...], layers: int, width: int, size: int) -> bool:
     """Whether an array [games, layers, width] of items of this size is contiguous."""
     row = width * size
     if strides[0] != layers * row or strides[1] != row or strides[2] != size:  # noqa: SIM103
@@ -117,7 +123,7 @@ def is_contiguous(strides: Any, layers: int, width: int, size: int) -> bool:
 
 
 @inlined
-def all_allowed(actions: Any, num_actions: int) -> bool:
+def all_allowed(actions: Ints, num_actions: int) -> bool:
     """Whether every action is in range."""
     most = np.uint32(0)
     for action in actions.flat:
@@ -127,7 +133,7 @@ def all_allowed(actions: Any, num_actions: int) -> bool:
 
 @inlined
 def step_each(
-    memory: Memory, actions: Any, rules: Rules, world: World, scratch: Any, skip_ended: bool
+    memory: Memory, actions: Ints, rules: Rules, world: World, scratch: Ints, skip_ended: bool
 ) -> None:
     """Step every game, or every game that has not ended if `skip_ended`."""
     games, outcome, plan = games_of(memory), outcome_of(memory), step_scratch_of(scratch)
@@ -147,22 +153,22 @@ def entry_for(chasers: int, evaders: int, runners: int, goals: int) -> Any:
 
     @compiled
     def step_games(
-        agents: Any,
-        goals_: Any,
-        clocks: Any,
-        pending: Any,
-        reals: Any,
-        flags: Any,
-        rewards: Any,
-        streams: Any,
-        numbers: Any,
-        coefficients: Any,
-        mazes: Any,
-        neighbors: Any,
-        facts: Any,
-        tables: Any,
-        scratch: Any,
-        actions: Any,
+        agents: Ints,
+        goals_: Ints,
+        clocks: Ints,
+        pending: Ints,
+        reals: Reals,
+        flags: Flags,
+        rewards: NDArray[np.float32],
+        streams: Words,
+        numbers: Longs,
+        coefficients: Reals,
+        mazes: Longs,
+        neighbors: Ints,
+        facts: Ints,
+        tables: NDArray[np.uint16],
+        scratch: Ints,
+        actions: Ints,
         auto_restart: bool,
     ) -> int:
         """Step every game in place; return OK, or BAD_ACTION without a step.
@@ -206,22 +212,22 @@ def step_games_of(teams: Teams) -> Any:
 
 @compiled
 def start_games(
-    agents: Any,
-    goals: Any,
-    clocks: Any,
-    pending: Any,
-    reals: Any,
-    flags: Any,
-    rewards: Any,
-    streams: Any,
-    numbers: Any,
-    coefficients: Any,
-    mazes: Any,
-    neighbors: Any,
-    facts: Any,
-    tables: Any,
-    scratch: Any,
-    chosen: Any,
+    agents: Ints,
+    goals: Ints,
+    clocks: Ints,
+    pending: Ints,
+    reals: Reals,
+    flags: Flags,
+    rewards: NDArray[np.float32],
+    streams: Words,
+    numbers: Longs,
+    coefficients: Reals,
+    mazes: Longs,
+    neighbors: Ints,
+    facts: Ints,
+    tables: NDArray[np.uint16],
+    scratch: Ints,
+    chosen: Flags,
 ) -> None:
     """Start a new episode in every game of the mask `chosen`."""
     memory = Memory(agents, goals, clocks, pending, reals, flags, rewards, streams)

@@ -6,12 +6,10 @@ The distance of cells a and b of maze m is `tables[table[m] + a * num_cells[m] +
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from pursuit.compilation.compiled import allocating, compiled, inlined, subroutine
-from pursuit.rules.layout import UNREACHABLE, Search, World, stay_of
+from pursuit.rules.layout import UNREACHABLE, Ints, Search, World, stay_of
 
 NO_PATH = 65535
 """UNREACHABLE in a table of uint16."""
@@ -19,13 +17,13 @@ FAR = 2**30
 
 
 @inlined
-def moves_of(world: World) -> Any:
+def moves_of(world: World) -> range:
     """The actions that are moves: four in a maze, as many as the largest degree in a graph."""
     return range(stay_of(world))
 
 
 @compiled
-def breadth_first(neighbors: Any, origin: int, distances: Any, queue: Any) -> int:
+def breadth_first(neighbors: Ints, origin: int, distances: Ints, queue: Ints) -> int:
     """Fill `distances` (all UNREACHABLE) from `origin`; return the number of reached cells."""
     distances[origin] = 0
     queue[0] = origin
@@ -43,7 +41,7 @@ def breadth_first(neighbors: Any, origin: int, distances: Any, queue: Any) -> in
 
 
 @allocating
-def all_distances(neighbors: Any, table: Any) -> None:
+def all_distances(neighbors: Ints, table: Ints) -> None:
     """Fill the [cells, cells] `table` by one breadth-first search per row."""
     queue = np.empty(table.shape[0], dtype=np.int32)
     for origin in range(table.shape[0]):
@@ -52,7 +50,7 @@ def all_distances(neighbors: Any, table: Any) -> None:
 
 
 @allocating
-def longest_distance(neighbors: Any) -> int:
+def longest_distance(neighbors: Ints) -> int:
     """The largest finite distance between two cells, in memory linear in the cells."""
     size = neighbors.shape[0]
     queue = np.empty(size, dtype=np.int32)
@@ -137,7 +135,7 @@ def searched_distance(world: World, search: Search, maze: int, a: int, b: int, l
 
 
 @inlined
-def place_of(first_cell: int, cell: int) -> Any:
+def place_of(first_cell: int, cell: int) -> np.uint64:
     """The index in the arrays of the world of a cell of the maze that begins at `first_cell`.
 
     It is unsigned, as compiled code checks signed indices for negative values.
@@ -153,7 +151,7 @@ def manhattan(world: World, first_cell: int, a: int, b: int) -> int:
 
 
 @inlined
-def begin_field(field: Search, owner: Any, cells: Any, count: int) -> int:
+def begin_field(field: Search, owner: Ints, cells: Ints, count: int) -> int:
     """Start a search from all of `cells[:count]`; return the number of different cells.
 
     For every cell reached, `owner` is the index in the list of the first source nearest to it.
@@ -171,7 +169,7 @@ def begin_field(field: Search, owner: Any, cells: Any, count: int) -> int:
 
 @subroutine
 def spread_field(
-    world: World, maze: int, field: Search, owner: Any, own: int, limit: int, head: int, tail: int
+    world: World, maze: int, field: Search, owner: Ints, own: int, limit: int, head: int, tail: int
 ) -> tuple[int, int]:
     """Continue a search until it reaches `own` or `limit` steps; return the ends of its queue.
 

@@ -20,8 +20,17 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pursuit.compilation.compiled import inlined
+
+Array = NDArray[Any]
+"""An array of any dtype."""
+Ints = NDArray[np.int32]
+Longs = NDArray[np.int64]
+Reals = NDArray[np.float64]
+Words = NDArray[np.uint64]
+Flags = NDArray[np.bool_]
 
 NORTH, SOUTH, EAST, WEST, STAY = range(5)
 """The actions in a maze; see `stay_of` for graphs."""
@@ -96,19 +105,19 @@ class World(NamedTuple):
     tables: uint16, the distances from every cell to every other, maze after maze.
     """
 
-    first_cell: Any
-    num_cells: Any
-    table: Any
-    start_mark: Any
-    directed: Any
-    num_goal_marks: Any
-    goal_marks: Any
-    neighbors: Any
-    row: Any
-    column: Any
-    mark_distance: Any
-    moves: Any
-    tables: Any
+    first_cell: Longs
+    num_cells: Longs
+    table: Longs
+    start_mark: Longs
+    directed: Longs
+    num_goal_marks: Longs
+    goal_marks: Longs
+    neighbors: Ints
+    row: Ints
+    column: Ints
+    mark_distance: Ints
+    moves: Ints
+    tables: NDArray[np.uint16]
 
 
 class Games(NamedTuple):
@@ -122,12 +131,12 @@ class Games(NamedTuple):
     maze: [games], index of the maze.
     """
 
-    position: Any
-    active: Any
-    event: Any
-    goal: Any
-    steps: Any
-    maze: Any
+    position: Ints
+    active: Ints
+    event: Ints
+    goal: Ints
+    steps: Ints
+    maze: Ints
 
 
 class NextEpisode(NamedTuple):
@@ -137,13 +146,13 @@ class NextEpisode(NamedTuple):
         UNCHANGED keeps the present one. It is UNCHANGED after the start of an episode.
     """
 
-    maze: Any
-    num_goals: Any
-    goal_radius: Any
-    goals_around_marks: Any
-    min_start_distance: Any
-    max_start_distance: Any
-    epsilon: Any
+    maze: Ints
+    num_goals: Ints
+    goal_radius: Ints
+    goals_around_marks: Ints
+    min_start_distance: Ints
+    max_start_distance: Ints
+    epsilon: Reals
 
 
 class Outcome(NamedTuple):
@@ -157,20 +166,20 @@ class Outcome(NamedTuple):
     final: the last state of the last finished episode.
     """
 
-    rewards: Any
-    returns: Any
-    collected: Any
-    terminated: Any
-    truncated: Any
-    episode_returns: Any
+    rewards: NDArray[np.floating]
+    returns: Reals
+    collected: Reals
+    terminated: Flags
+    truncated: Flags
+    episode_returns: Reals
     final: Games
 
 
 class Search(NamedTuple):
     """Scratch memory of a search, [cells] int32; `distance` is -1 everywhere between searches."""
 
-    distance: Any
-    queue: Any
+    distance: Ints
+    queue: Ints
 
 
 class StepScratch(NamedTuple):
@@ -181,10 +190,10 @@ class StepScratch(NamedTuple):
     takers: [goals], the number of agents that collect a goal.
     """
 
-    after: Any
-    captors: Any
-    takers: Any
-    captured: Any
+    after: Ints
+    captors: Ints
+    takers: Ints
+    captured: Ints
 
 
 class Memory(NamedTuple):
@@ -202,14 +211,14 @@ class Memory(NamedTuple):
     streams: [games, 1 + agents + 1] uint64, of random numbers.
     """
 
-    agents: Any
-    goals: Any
-    clocks: Any
-    pending: Any
-    reals: Any
-    flags: Any
-    rewards: Any
-    streams: Any
+    agents: Ints
+    goals: Ints
+    clocks: Ints
+    pending: Ints
+    reals: Reals
+    flags: Flags
+    rewards: NDArray[np.float32]
+    streams: Words
 
 
 def allocate(num_games: int, num_agents: int, num_goals: int) -> Memory:
@@ -230,23 +239,23 @@ def allocate(num_games: int, num_agents: int, num_goals: int) -> Memory:
 
 def empty_games(num_games: int, num_agents: int, num_goals: int) -> Games:
     """Games without active agents, with all arrays 0."""
-    return named(games_of, allocate(num_games, num_agents, num_goals))
+    return named_views(games_of, allocate(num_games, num_agents, num_goals))
 
 
 def numbers_of(
     teams: Teams, max_steps: int, num_actions: int, chasers_first: bool, start_at_marks: bool
-) -> Any:
+) -> Longs:
     """[8] int64: the teams and the integer rules, an argument of kernels; see `rules_of`."""
     rest = (max_steps, num_actions, chasers_first, start_at_marks)
     return np.array([*teams, *rest], dtype=np.int64)
 
 
-def scratch_for(num_cells: int, num_agents: int, num_goals: int) -> Any:
+def scratch_for(num_cells: int, num_agents: int, num_goals: int) -> Ints:
     """Scratch memory of the step of one game and of a search over `num_cells` cells."""
     return np.full((SCRATCH_LAYERS, max(num_cells, num_agents, num_goals)), -1, dtype=np.int32)
 
 
-def named(naming: Any, *arrays: Any) -> Any:
+def named_views(naming: Any, *arrays: Any) -> Any:
     """The result of one of the functions below, outside kernels: views of the arrays."""
     return getattr(naming, "py_func", naming)(*arrays)  # the function itself if nothing is compiled
 
@@ -288,7 +297,7 @@ def next_episode_of(memory: Memory) -> NextEpisode:
 
 
 @inlined
-def world_of(mazes: Any, neighbors: Any, facts: Any, tables: Any) -> World:
+def world_of(mazes: Longs, neighbors: Ints, facts: Ints, tables: NDArray[np.uint16]) -> World:
     """The mazes: [GOAL_MARKS + marks, mazes] int64, and [FACT_LAYERS, all cells] int32."""
     return World(
         mazes[FIRST_CELL], mazes[NUM_CELLS], mazes[TABLE], mazes[START_MARK], mazes[DIRECTED],
@@ -304,19 +313,19 @@ def stay_of(world: World) -> int:
 
 
 @inlined
-def teams_of(numbers: Any) -> Teams:
+def teams_of(numbers: Longs) -> Teams:
     """The numbers of agents and goals in `numbers`, the result of `numbers_of`."""
     return Teams(numbers[0], numbers[1], numbers[2], numbers[3])
 
 
 @inlined
-def rewards_of(row: Any) -> RewardCoefficients:
+def rewards_of(row: Reals) -> RewardCoefficients:
     """The coefficients of one role, in the order of the fields of `RewardCoefficients`."""
     return RewardCoefficients(row[0], row[1], row[2], row[3], row[4], row[5])
 
 
 @inlined
-def rules_of(teams: Teams, numbers: Any, coefficients: Any) -> Rules:
+def rules_of(teams: Teams, numbers: Longs, coefficients: Reals) -> Rules:
     """The rules for these teams: `numbers` is the result of `numbers_of`."""
     return Rules(
         teams, numbers[4], numbers[5], numbers[6] != 0, numbers[7] != 0,
@@ -326,13 +335,13 @@ def rules_of(teams: Teams, numbers: Any, coefficients: Any) -> Rules:
 
 
 @inlined
-def search_of(scratch: Any) -> Search:
+def search_of(scratch: Ints) -> Search:
     """The scratch memory of searches."""
     return Search(scratch[SCRATCH_DISTANCE], scratch[SCRATCH_QUEUE])
 
 
 @inlined
-def step_scratch_of(scratch: Any) -> StepScratch:
+def step_scratch_of(scratch: Ints) -> StepScratch:
     """The scratch memory of a step."""
     after, captors = scratch[SCRATCH_AFTER], scratch[SCRATCH_CAPTORS]
     return StepScratch(after, captors, scratch[SCRATCH_TAKERS], scratch[SCRATCH_CAPTURED])
@@ -342,43 +351,43 @@ def step_scratch_of(scratch: Any) -> StepScratch:
 
 
 @inlined
-def agents_of(teams: Teams) -> Any:
+def agents_of(teams: Teams) -> range:
     """All agents."""
     return range(teams.chasers + teams.evaders + teams.runners)
 
 
 @inlined
-def chasers_of(teams: Teams) -> Any:
+def chasers_of(teams: Teams) -> range:
     """The chasers, which come first."""
     return range(teams.chasers)
 
 
 @inlined
-def evaders_of(teams: Teams) -> Any:
+def evaders_of(teams: Teams) -> range:
     """The evaders, after the chasers."""
     return range(teams.chasers, teams.chasers + teams.evaders)
 
 
 @inlined
-def runners_of(teams: Teams) -> Any:
+def runners_of(teams: Teams) -> range:
     """The runners, which come last."""
     return range(teams.chasers + teams.evaders, teams.chasers + teams.evaders + teams.runners)
 
 
 @inlined
-def goals_of(teams: Teams) -> Any:
+def goals_of(teams: Teams) -> range:
     """All goals."""
     return range(teams.goals)
 
 
 @inlined
-def collectors_of(teams: Teams) -> Any:
+def collectors_of(teams: Teams) -> range:
     """The agents that collect goals: evaders and runners."""
     return range(teams.chasers, teams.chasers + teams.evaders + teams.runners)
 
 
 @inlined
-def bit_of(number: int) -> Any:
+def bit_of(number: int) -> np.uint64:
     """The bit of a cell or agent in a 64-bit word; numbers 64 apart share a bit."""
     return np.uint64(1) << (np.uint64(number) & np.uint64(63))
 
@@ -395,6 +404,6 @@ def stream_of(seat: int) -> int:
 
 
 @inlined
-def team_stream(streams: Any) -> int:
+def team_stream(streams: Words) -> int:
     """The index of the stream of a team; it advances only at the start of an episode."""
     return streams.shape[0] - 1

@@ -5,18 +5,21 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from pursuit.compilation.compiled import inlined
 from pursuit.rules.distances import FAR, pair_index
-from pursuit.rules.layout import World, stream_of
+from pursuit.rules.layout import Ints, Words, World, stream_of
 from pursuit.rules.randomness import draw_action
+
+Index = int | np.uint64
+"""Unsigned indices are faster in compiled code."""
 
 
 @inlined
-def towards_nearest(world: World, maze: Any, own: Any, cells: Any, count: int, greedy: Any) -> int:
+def towards_nearest(
+    world: World, maze: int, own: int, cells: Ints, count: int, greedy: Ints
+) -> int:
     """The greedy moves towards all nearest cells of `cells[:count]`; 0 if count is 0.
 
     The code has no branches, as the processor could not predict them.
@@ -33,7 +36,7 @@ def towards_nearest(world: World, maze: Any, own: Any, cells: Any, count: int, g
 
 @inlined
 def away_from_nearest(
-    world: World, maze: Any, own: Any, cells: Any, count: int, greedy: Any
+    world: World, maze: int, own: int, cells: Ints, count: int, greedy: Ints
 ) -> int:
     """The greedy moves away from the first nearest cell of `cells[:count]`; 0 if count is 0."""
     row, nearest = pair_index(world, maze, own, 0), np.int64(2**62)
@@ -48,18 +51,18 @@ def away_from_nearest(
 
 
 @inlined
-def take(
-    actions: Any,
-    game: Any,
-    column: Any,
+def write_action(
+    actions: Ints,
+    game: Index,
+    column: Index,
     mask: int,
     every: int,
     epsilon: float,
     default: float,
     empty: int,
     few: bool,
-    streams: Any,
-    seat: Any,
+    streams: Words,
+    seat: Index,
 ) -> None:
     """Write the action of an agent: a greedy move or, with probability epsilon, any move."""
     share = default if np.isnan(epsilon) else epsilon

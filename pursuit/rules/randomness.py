@@ -7,12 +7,12 @@ the order of the streams of a game see `layout`.
 from __future__ import annotations
 
 from math import ceil
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pursuit.compilation.compiled import compiled, inlined, subroutine
-from pursuit.rules.layout import STARTS_STREAM
+from pursuit.rules.layout import STARTS_STREAM, Reals, Words
 
 GOLDEN = 0x9E3779B97F4A7C15
 """2**64 divided by the golden ratio, made odd: the increment of a stream."""
@@ -33,7 +33,7 @@ PACKED_MASKS = np.array([_packed(mask) for mask in range(1 << PACKED_BITS)], dty
 
 
 @inlined
-def mix(word: Any) -> Any:
+def mix(word: np.uint64) -> np.uint64:
     """The output function of SplitMix64 (Steele, Lea and Flood, 2014)."""
     word = (word ^ (word >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     word = (word ^ (word >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
@@ -41,14 +41,14 @@ def mix(word: Any) -> Any:
 
 
 @inlined
-def next_word(streams: Any, stream: int) -> Any:
+def next_word(streams: Words, stream: int) -> np.uint64:
     """The next 64 random bits of `streams[stream]`, which advances."""
     streams[stream] += np.uint64(GOLDEN)
     return mix(streams[stream])
 
 
 @inlined
-def next_below(streams: Any, stream: int, bound: int) -> int:
+def next_below(streams: Words, stream: int, bound: int) -> int:
     """A uniform integer from 0 to bound - 1 (bias below bound / 2**32)."""
     return np.int64(
         ((next_word(streams, stream) >> np.uint64(32)) * np.uint64(bound)) >> np.uint64(32)
@@ -56,14 +56,14 @@ def next_below(streams: Any, stream: int, bound: int) -> int:
 
 
 @inlined
-def next_uniform(streams: Any, stream: int) -> float:
+def next_uniform(streams: Words, stream: int) -> float:
     """A uniform float64 in [0, 1)."""
     return np.float64(next_word(streams, stream) >> np.uint64(11)) * (1.0 / 9007199254740992.0)
 
 
 @inlined
 def draw_action(
-    greedy: int, every: int, epsilon: float, empty: int, few: bool, streams: Any, stream: int
+    greedy: int, every: int, epsilon: float, empty: int, few: bool, streams: Words, stream: int
 ) -> int:
     """A uniformly random action of the mask `greedy`, or, with probability `epsilon`, of `every`.
 
@@ -84,7 +84,7 @@ def draw_action(
 
 
 @subroutine
-def draw_bit(mask: int, word: Any) -> int:
+def draw_bit(mask: int, word: np.uint64) -> int:
     """The index of a bit of `mask`, drawn by a word of 32 random bits."""
     rest, size = mask, 0
     while rest:
@@ -99,7 +99,7 @@ def draw_bit(mask: int, word: Any) -> int:
 
 
 @compiled
-def seed_streams(streams: Any, seed: int, first_game: int) -> None:
+def seed_streams(streams: Words, seed: int | np.uint64, first_game: int) -> None:
     """Set the state of every stream of every game, a function of (seed, game, stream) only."""
     for game in range(streams.shape[0]):
         key = mix(mix(np.uint64(seed)) + np.uint64(first_game + game))
@@ -108,14 +108,14 @@ def seed_streams(streams: Any, seed: int, first_game: int) -> None:
 
 
 @compiled
-def seed_starts(streams: Any, games: Any, seeds: Any) -> None:
+def seed_starts(streams: Words, games: NDArray[np.intp], seeds: Words) -> None:
     """Set the state of the stream of starts of each of `games` by a seed."""
     for i in range(games.shape[0]):
         streams[games[i], STARTS_STREAM] = mix(mix(seeds[i]) + np.uint64(1))
 
 
 @compiled
-def draw_uniform(streams: Any, stream: int, numbers: Any) -> None:
+def draw_uniform(streams: Words, stream: int, numbers: Reals) -> None:
     """Fill `numbers` [games] with one uniform float64 from `stream` of every game."""
     for game in range(numbers.shape[0]):
         numbers[game] = next_uniform(streams[game], stream)

@@ -14,7 +14,7 @@ kernels with constant team sizes.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,11 +29,11 @@ from pursuit.rules.layout import (
     TRUNCATED,
     WAS_CAPTURED,
     Games,
+    Ints,
     Outcome,
     RewardCoefficients,
     Rules,
     StepScratch,
-    Teams,
     World,
     agents_of,
     bit_of,
@@ -52,43 +52,57 @@ def legal_moves(world: World, maze: int, cell: int) -> int:
     return np.int64(world.moves[place_of(world.first_cell[maze], cell)])
 
 
+class Turn(NamedTuple):
+    """One game of a batch in a step.
+
+    first_cell: the index in the arrays of `world` of the first cell of the game's maze. plan: the
+    decisions of the step.
+    """
+
+    games: Games
+    game: int
+    rules: Rules
+    world: World
+    first_cell: int
+    plan: StepScratch
+    outcome: Outcome
+
+
 @inlined
 def step(
     games: Games,
     game: int,
-    actions: Any,
+    actions: Ints,
     rules: Rules,
     world: World,
     plan: StepScratch,
     outcome: Outcome,
 ) -> int:
     """Step one game; return GOING_ON, TERMINATED or TRUNCATED."""
-    teams, first_cell = rules.teams, world.first_cell[games.maze[game]]
-    steps, stay = games.steps[game] + 1, stay_of(world)
+    turn = Turn(games, game, rules, world, world.first_cell[games.maze[game]], plan, outcome)
+    teams, steps, stay = rules.teams, games.steps[game] + 1, stay_of(world)
     for chaser in chasers_of(teams):
-        plan.after[chaser] = destination(
-            games, game, chaser, actions[game, chaser], world, first_cell
-        )
+        plan.after[chaser] = destination(turn, chaser, actions[game, chaser])
     for evader in evaders_of(teams):
         # A captured agent stays; no branch, as the processor could not predict it.
-        action = stay + (np.int64(actions[game, evader]) - stay) * is_free(games, game, evader)
-        plan.after[evader] = destination(games, game, evader, action, world, first_cell)
+        action = stay + (np.int64(actions[game, evader]) - stay) * is_free(turn, evader)
+        plan.after[evader] = destination(turn, evader, action)
     for runner in runners_of(teams):
-        plan.after[runner] = destination(
-            games, game, runner, actions[game, runner], world, first_cell
-        )
-    num_captured = decide_captures(games, game, rules, plan)
-    collected, goals_left = decide_goals(games, game, teams, plan)
+        plan.after[runner] = destination(turn, runner, actions[game, runner])
+    num_captured = decide_captures(turn)
+    collected, goals_left = decide_goals(turn)
     all_collected = collected > 0 and goals_left == 0
-    end = ended(games, game, rules, num_captured, all_collected, steps)
+    end = ended(turn, num_captured, all_collected, steps)
 
-    add_step_rewards(games, game, rules, world, first_cell, plan, outcome)
-    if num_captured > 0 or collected > 0:
-        add_event_rewards(games, game, rules, plan, outcome, num_captured, collected, end)
-    if rules.chaser.per_evader != 0.0:
-        add_per_evader_rewards(games, game, rules, plan, outcome)
+    add_step_rewards(turn)
+    if num_captured > 0:
+        add_capture_rewards(turn, num_captured, end)
     if collected > 0:
-        count_goals(games, game, teams, plan, outcome)
+        add_goal_rewards(turn, end)
+    if rules.chaser.per_evader != 0.0:
+        add_per_evader_rewards(turn)
+    if collected > 0:
+        count_goals(turn)
     for agent in agents_of(teams):
         games.position[game, agent] = plan.after[agent]
         outcome.returns[game, agent] += outcome.rewards[game, agent]
@@ -106,45 +120,44 @@ def step(
 
 
 @inlined
-def destination(
-    games: Games, game: int, agent: int, action: int, world: World, first_cell: int
-) -> int:
+def destination(turn: Turn, agent: int, action: int) -> int:
     """The cell that an agent's action leads to."""
-    return world.neighbors[place_of(first_cell, games.position[game, agent]), np.uint64(action)]
+    cell = place_of(turn.first_cell, turn.games.position[turn.game, agent])
+    return turn.world.neighbors[cell, np.uint64(action)]
 
 
 @inlined
-def meet(
-    games: Games, game: int, chaser: int, evader: int, rules: Rules, plan: StepScratch
-) -> bool:
+def captures_evader(turn: Turn, chaser: int, evader: int) -> bool:
     """Whether a chaser captures an evader."""
-    cells, after = games.position[game], plan.after
-    return captures(rules.chasers_first, cells[chaser], after[chaser], cells[evader], after[evader])
+    cells, after = turn.games.position[turn.game], turn.plan.after
+    first = turn.rules.chasers_first
+    return captures(first, cells[chaser], after[chaser], cells[evader], after[evader])
 
 
 @inlined
-def decide_captures(games: Games, game: int, rules: Rules, plan: StepScratch) -> int:
+def decide_captures(turn: Turn) -> int:
     """Count the captors of every evader and list the captured evaders; return their number.
 
     If the chasers move first, an evader that one of them reaches does not move. Exact checks are
     made only for evaders that may share a cell with a chaser according to the bits of cells.
     """
+    teams, plan, cells = turn.rules.teams, turn.plan, turn.games.position[turn.game]
     reached = np.uint64(0)
-    for chaser in chasers_of(rules.teams):
+    for chaser in chasers_of(teams):
         reached |= bit_of(plan.after[chaser])
     asked = num_captured = 0
-    for evader in evaders_of(rules.teams):
-        near = reached & (bit_of(games.position[game, evader]) | bit_of(plan.after[evader]))
+    for evader in evaders_of(teams):
+        near = reached & (bit_of(cells[evader]) | bit_of(plan.after[evader]))
         plan.captors[evader] = 0
         plan.captured[asked] = evader
-        asked += (near != 0) * is_free(games, game, evader)
+        asked += (near != 0) * is_free(turn, evader)
     for i in range(asked):
         evader, captors = plan.captured[i], 0
-        for chaser in chasers_of(rules.teams):
-            if rules.chasers_first and plan.after[chaser] == games.position[game, evader]:
-                plan.after[evader] = games.position[game, evader]
-        for chaser in chasers_of(rules.teams):
-            captors += meet(games, game, chaser, evader, rules, plan)
+        for chaser in chasers_of(teams):
+            if turn.rules.chasers_first and plan.after[chaser] == cells[evader]:
+                plan.after[evader] = cells[evader]
+        for chaser in chasers_of(teams):
+            captors += captures_evader(turn, chaser, evader)
         plan.captors[evader] = captors
         plan.captured[num_captured] = evader
         num_captured += captors > 0
@@ -152,14 +165,15 @@ def decide_captures(games: Games, game: int, rules: Rules, plan: StepScratch) ->
 
 
 @inlined
-def decide_goals(games: Games, game: int, teams: Teams, plan: StepScratch) -> tuple[int, int]:
+def decide_goals(turn: Turn) -> tuple[int, int]:
     """Count the agents on every goal; return the numbers of goals collected and left."""
+    teams, plan = turn.rules.teams, turn.plan
     collected = left = 0
     for goal in goals_of(teams):
-        takers, cell = 0, games.goal[game, goal]
+        takers, cell = 0, turn.games.goal[turn.game, goal]
         if cell >= 0:
             for agent in collectors_of(teams):
-                takers += (plan.after[agent] == cell) & may_collect(games, game, agent, teams, plan)
+                takers += (plan.after[agent] == cell) & may_collect(turn, agent)
             collected += takers > 0
             left += takers == 0
         plan.takers[goal] = takers
@@ -167,110 +181,70 @@ def decide_goals(games: Games, game: int, teams: Teams, plan: StepScratch) -> tu
 
 
 @inlined
-def may_collect(games: Games, game: int, agent: int, teams: Teams, plan: StepScratch) -> bool:
+def may_collect(turn: Turn, agent: int) -> bool:
     """Whether an agent is a runner, or an evader that is free and is not captured now."""
-    if agent >= teams.chasers + teams.evaders:
+    if agent >= turn.rules.teams.chasers + turn.rules.teams.evaders:
         return True
-    return (games.active[game, agent] != 0) & (plan.captors[agent] == 0)
+    return (turn.games.active[turn.game, agent] != 0) & (turn.plan.captors[agent] == 0)
 
 
 @inlined
-def ended(
-    games: Games, game: int, rules: Rules, num_captured: int, all_collected: bool, steps: int
-) -> int:
+def ended(turn: Turn, num_captured: int, all_collected: bool, steps: int) -> int:
     """TERMINATED if no evader or no goal is left; else TRUNCATED after the last step."""
     free = -num_captured
-    for evader in evaders_of(rules.teams):
-        free += is_free(games, game, evader)
-    if all_collected or (rules.teams.evaders > 0 and free == 0):
+    for evader in evaders_of(turn.rules.teams):
+        free += is_free(turn, evader)
+    if all_collected or (turn.rules.teams.evaders > 0 and free == 0):
         return TERMINATED
-    return TRUNCATED if steps >= rules.max_steps else GOING_ON
+    return TRUNCATED if steps >= turn.rules.max_steps else GOING_ON
 
 
 @inlined
-def is_free(games: Games, game: int, evader: int) -> int:
+def is_free(turn: Turn, evader: int) -> int:
     """1 if an evader was free before the step, 0 if it had been captured."""
-    return np.int64(games.active[game, evader] != 0)
+    return np.int64(turn.games.active[turn.game, evader] != 0)
 
 
 @inlined
-def count_goals(games: Games, game: int, teams: Teams, plan: StepScratch, outcome: Outcome) -> None:
+def count_goals(turn: Turn) -> None:
     """Add the goals of this step to the goals collected by each agent; shared goals in parts."""
-    for goal in goals_of(teams):
-        for agent in collectors_of(teams):
-            here = plan.after[agent] == games.goal[game, goal]
-            if plan.takers[goal] > 0 and here and may_collect(games, game, agent, teams, plan):
-                outcome.collected[game, agent] += 1.0 / plan.takers[goal]
+    plan, game = turn.plan, turn.game
+    for goal in goals_of(turn.rules.teams):
+        for agent in collectors_of(turn.rules.teams):
+            here = plan.after[agent] == turn.games.goal[game, goal]
+            if plan.takers[goal] > 0 and here and may_collect(turn, agent):
+                turn.outcome.collected[game, agent] += 1.0 / plan.takers[goal]
 
 
 # -- rewards ---------------------------------------------------------------------------------------
 
 
 @inlined
-def add_step_rewards(
-    games: Games,
-    game: int,
-    rules: Rules,
-    world: World,
-    first_cell: int,
-    plan: StepScratch,
-    outcome: Outcome,
-) -> None:
+def add_step_rewards(turn: Turn) -> None:
     """Write the step reward of every agent; 0 for captured evaders."""
-    teams, real = rules.teams, outcome.rewards.dtype.type  # float32; float64 in exact solvers
-    for chaser in chasers_of(teams):
+    rules, events, rewards = turn.rules, turn.games.event[turn.game], turn.outcome.rewards
+    real, game = rewards.dtype.type, turn.game  # float32; float64 in exact solvers
+    for chaser in chasers_of(rules.teams):
         earned = real(rules.chaser.step)
         if rules.chaser.distance != 0.0:
-            away = nearest_evader(games, game, chaser, teams, world, first_cell, plan)
+            away = nearest_evader(turn, chaser)
             earned = real(rules.chaser.step + rules.chaser.distance * away)
-        games.event[game, chaser] = 0
-        outcome.rewards[game, chaser] = earned
-    for evader in evaders_of(teams):
+        events[chaser] = 0
+        rewards[game, chaser] = earned
+    for evader in evaders_of(rules.teams):
         earned = real(rules.evader.step)
         if rules.evader.distance != 0.0:
-            away = nearest_chaser(evader, teams, world, first_cell, plan)
+            away = nearest_chaser(turn, evader)
             earned = real(rules.evader.step + rules.evader.distance * away)
-        games.event[game, evader] = 0
-        free = is_free(games, game, evader) != 0
-        outcome.rewards[game, evader] = earned if free else real(0.0)
-    for runner in runners_of(teams):
+        events[evader] = 0
+        rewards[game, evader] = earned if is_free(turn, evader) != 0 else real(0.0)
+    for runner in runners_of(rules.teams):
         earned = real(rules.runner.step)
         if rules.runner.distance != 0.0:
-            away = nearest_goal(games, game, runner, teams, world, first_cell, plan)
+            away = nearest_goal(turn, runner)
             earned = real(rules.runner.step + rules.runner.distance * away)
-        games.event[game, runner] = 0
-        outcome.rewards[game, runner] = earned
-
-
-@inlined
-def add_event_rewards(
-    games: Games,
-    game: int,
-    rules: Rules,
-    plan: StepScratch,
-    outcome: Outcome,
-    num_captured: int,
-    collected: int,
-    end: int,
-) -> None:
-    """Replace the step reward of agents that have an event."""
-    teams = rules.teams
-    if num_captured > 0:
-        add_capture_rewards(games, game, rules, plan, outcome, num_captured, end)
-    if collected > 0:
-        for evader in evaders_of(teams):
-            if games.active[game, evader] != 0 and plan.captors[evader] == 0:
-                event, earned = goals_taken_by(
-                    games, game, evader, teams, rules.evader, plan, outcome
-                )
-                games.event[game, evader] = event
-                if not pays_step(rules.evader, event, end):
-                    outcome.rewards[game, evader] = earned
-        for runner in runners_of(teams):
-            event, earned = goals_taken_by(games, game, runner, teams, rules.runner, plan, outcome)
-            games.event[game, runner] = event
-            if not pays_step(rules.runner, event, end):
-                outcome.rewards[game, runner] = earned
+        events[runner] = 0
+        rewards[game, runner] = earned
 
 
 @inlined
@@ -280,117 +254,104 @@ def pays_step(rewards: RewardCoefficients, event: int, end: int) -> bool:
 
 
 @inlined
-def add_capture_rewards(
-    games: Games,
-    game: int,
-    rules: Rules,
-    plan: StepScratch,
-    outcome: Outcome,
-    num_captured: int,
-    end: int,
-) -> None:
+def add_capture_rewards(turn: Turn, num_captured: int, end: int) -> None:
     """Write the events and rewards of captures; captors of one evader share its reward equally."""
-    applies, real = not pays_step(rules.chaser, CAPTURED, end), outcome.rewards.dtype.type
+    rules, plan, game = turn.rules, turn.plan, turn.game
+    events, rewards = turn.games.event, turn.outcome.rewards
+    applies, real = not pays_step(rules.chaser, CAPTURED, end), rewards.dtype.type
     for i in range(num_captured):
         evader = plan.captured[i]
         share = rules.chaser.capture / plan.captors[evader]
         for chaser in chasers_of(rules.teams):
-            met = meet(games, game, chaser, evader, rules, plan)
-            event, earned = games.event[game, chaser], outcome.rewards[game, chaser]
+            is_captor = captures_evader(turn, chaser, evader)
+            event, earned = events[game, chaser], rewards[game, chaser]
             more = real(share + (earned if event != 0 else real(0.0)))
-            games.event[game, chaser] = event | (CAPTURED * met)
-            outcome.rewards[game, chaser] = more if met & applies else earned
-        games.event[game, evader] = WAS_CAPTURED
-        outcome.rewards[game, evader] = real(rules.evader.capture)
+            events[game, chaser] = event | (CAPTURED * is_captor)
+            rewards[game, chaser] = more if is_captor & applies else earned
+        events[game, evader] = WAS_CAPTURED
+        rewards[game, evader] = real(rules.evader.capture)
 
 
 @inlined
-def add_per_evader_rewards(
-    games: Games, game: int, rules: Rules, plan: StepScratch, outcome: Outcome
-) -> None:
+def add_goal_rewards(turn: Turn, end: int) -> None:
+    """Replace the step reward of the agents that collect a goal, and write their events."""
+    rules, game = turn.rules, turn.game
+    for evader in evaders_of(rules.teams):
+        if turn.games.active[game, evader] != 0 and turn.plan.captors[evader] == 0:
+            add_goal_reward(turn, evader, rules.evader, end)
+    for runner in runners_of(rules.teams):
+        add_goal_reward(turn, runner, rules.runner, end)
+
+
+@inlined
+def add_goal_reward(turn: Turn, agent: int, rewards: RewardCoefficients, end: int) -> None:
+    """`add_goal_rewards` for one agent."""
+    event, earned = goals_taken_by(turn, agent, rewards)
+    turn.games.event[turn.game, agent] = event
+    if not pays_step(rewards, event, end):
+        turn.outcome.rewards[turn.game, agent] = earned
+
+
+@inlined
+def add_per_evader_rewards(turn: Turn) -> None:
     """Write the reward of every chaser as a sum over the evaders free before the step."""
-    teams, rewards, real = rules.teams, rules.chaser, outcome.rewards.dtype.type
+    teams, rewards, real = turn.rules.teams, turn.rules.chaser, turn.outcome.rewards.dtype.type
     total = real(0.0)
     for evader in evaders_of(teams):
-        if is_free(games, game, evader) != 0:
-            if plan.captors[evader] > 0:
+        if is_free(turn, evader) != 0:
+            if turn.plan.captors[evader] > 0:
                 earned = real(rewards.capture)
             else:
-                event, earned = goals_taken_by(games, game, evader, teams, rewards, plan, outcome)
+                event, earned = goals_taken_by(turn, evader, rewards)
                 earned = earned if event != 0 else real(rewards.step)
             total = real(total + earned)
     for chaser in chasers_of(teams):
-        outcome.rewards[game, chaser] = total
+        turn.outcome.rewards[turn.game, chaser] = total
 
 
 @inlined
-def goals_taken_by(
-    games: Games,
-    game: int,
-    agent: int,
-    teams: Teams,
-    rewards: RewardCoefficients,
-    plan: StepScratch,
-    outcome: Outcome,
-) -> tuple[int, float]:
+def goals_taken_by(turn: Turn, agent: int, rewards: RewardCoefficients) -> tuple[int, float]:
     """The event and reward of a collector; agents on one goal share its reward equally."""
-    real = outcome.rewards.dtype.type
+    plan, real = turn.plan, turn.outcome.rewards.dtype.type
     event, earned = 0, real(0.0)
-    for goal in goals_of(teams):
-        if plan.takers[goal] > 0 and games.goal[game, goal] == plan.after[agent]:
+    for goal in goals_of(turn.rules.teams):
+        if plan.takers[goal] > 0 and turn.games.goal[turn.game, goal] == plan.after[agent]:
             event = COLLECTED
             earned = real(earned + rewards.goal / plan.takers[goal])
     return event, earned
 
 
 @inlined
-def nearest_evader(
-    games: Games,
-    game: int,
-    chaser: int,
-    teams: Teams,
-    world: World,
-    first_cell: int,
-    plan: StepScratch,
-) -> int:
+def nearest_evader(turn: Turn, chaser: int) -> int:
     """The Manhattan distance to the nearest free evader; 0 if there is none."""
-    nearest = -1
-    for evader in evaders_of(teams):
-        if games.active[game, evader] and plan.captors[evader] == 0:
-            away = manhattan(world, first_cell, plan.after[chaser], plan.after[evader])
-            if nearest < 0 or away < nearest:
-                nearest = away
+    plan, nearest = turn.plan, -1
+    for evader in evaders_of(turn.rules.teams):
+        if turn.games.active[turn.game, evader] and plan.captors[evader] == 0:
+            nearest = nearer(turn, nearest, plan.after[chaser], plan.after[evader])
     return max(nearest, 0)
 
 
 @inlined
-def nearest_chaser(
-    evader: int, teams: Teams, world: World, first_cell: int, plan: StepScratch
-) -> int:
+def nearest_chaser(turn: Turn, evader: int) -> int:
     """The Manhattan distance to the nearest chaser; 0 if there is none."""
-    nearest = -1
-    for chaser in chasers_of(teams):
-        away = manhattan(world, first_cell, plan.after[evader], plan.after[chaser])
-        if nearest < 0 or away < nearest:
-            nearest = away
+    plan, nearest = turn.plan, -1
+    for chaser in chasers_of(turn.rules.teams):
+        nearest = nearer(turn, nearest, plan.after[evader], plan.after[chaser])
     return max(nearest, 0)
 
 
 @inlined
-def nearest_goal(
-    games: Games,
-    game: int,
-    runner: int,
-    teams: Teams,
-    world: World,
-    first_cell: int,
-    plan: StepScratch,
-) -> int:
+def nearest_goal(turn: Turn, runner: int) -> int:
     """The Manhattan distance to the nearest goal that is left; 0 if there is none."""
-    nearest = -1
-    for goal in goals_of(teams):
-        if games.goal[game, goal] >= 0 and plan.takers[goal] == 0:
-            away = manhattan(world, first_cell, plan.after[runner], games.goal[game, goal])
-            if nearest < 0 or away < nearest:
-                nearest = away
+    plan, goals, nearest = turn.plan, turn.games.goal[turn.game], -1
+    for goal in goals_of(turn.rules.teams):
+        if goals[goal] >= 0 and plan.takers[goal] == 0:
+            nearest = nearer(turn, nearest, plan.after[runner], goals[goal])
     return max(nearest, 0)
+
+
+@inlined
+def nearer(turn: Turn, nearest: int, a: int, b: int) -> int:
+    """The smaller of a distance, -1 if there is none yet, and that of two cells."""
+    away = manhattan(turn.world, turn.first_cell, a, b)
+    return away if nearest < 0 or away < nearest else nearest

@@ -11,12 +11,10 @@ Both are None if no view is limited: the compiler then removes the checks.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from pursuit.compilation.compiled import inlined
-from pursuit.rules.layout import COLLECTED, Games
+from pursuit.rules.layout import COLLECTED, Flags, Games, Longs
 
 SEES_ALL = -1
 FLOOR, SELF, TEAM, OTHER, GOAL, WALL, UNSEEN = range(7)
@@ -42,7 +40,7 @@ MAZE_PLANES, IN_VIEW_PLANE = PLANES.index("walkable"), len(PLANES)
 
 
 @inlined
-def view_of(begin: Any, games: Games, game: int, agent: int | np.uintp) -> int:
+def view_of(begin: Longs | None, games: Games, game: int, agent: int | np.uintp) -> int:
     """The index in the table of the row of an agent's cell; SEES_ALL without a limit."""
     if begin is None:
         return SEES_ALL
@@ -56,7 +54,7 @@ def view_of(begin: Any, games: Games, game: int, agent: int | np.uintp) -> int:
 
 
 @inlined
-def in_view(table: Any, view: int, cell: int) -> bool:
+def in_view(table: Flags | None, view: int, cell: int) -> bool:
     """Whether a cell is visible in this view."""
     if table is None:
         return True
@@ -64,14 +62,14 @@ def in_view(table: Any, view: int, cell: int) -> bool:
 
 
 @inlined
-def goal_in_view(games: Games, table: Any, view: int, game: int, goal: int) -> int:
+def goal_in_view(games: Games, table: Flags | None, view: int, game: int, goal: int) -> int:
     """The cell of a goal; -1 if it is gone or out of view."""
     cell: int = games.goal[game, goal]
     return cell if cell < 0 or in_view(table, view, cell) else -1
 
 
 @inlined
-def goal_rank(games: Games, table: Any, view: int, game: int, goal: int) -> int:
+def goal_rank(games: Games, table: Flags | None, view: int, game: int, goal: int) -> int:
     """The rank of a goal among the goals sorted by cell; goals gone or out of view come first."""
     cell, rank = goal_in_view(games, table, view, game, goal), 0
     for other in range(games.goal.shape[1]):

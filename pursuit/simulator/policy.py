@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pursuit.mazes.maze import Maze
 from pursuit.mazes.maze_arrays import MazeArrays
 from pursuit.rules import layout
-from pursuit.rules.layout import Games
+from pursuit.rules.layout import Array, Games
 from pursuit.rules.randomness import draw_uniform
 from pursuit.tasks.task import ROLES, Task
 from pursuit.validation import shortened
@@ -36,8 +36,8 @@ class GameArrays:
 
     @property
     def events(self) -> NDArray[np.int32]:
-        """[num_games, num_agents] int32, the events of the last step: a sum of `rules.COLLECTED`,
-        `CAPTURED` and `WAS_CAPTURED`."""
+        """[num_games, num_agents] int32, the events of the last step: a sum of COLLECTED,
+        CAPTURED and WAS_CAPTURED of `pursuit.rules.layout`."""
         return self.games.event
 
     @property
@@ -79,7 +79,7 @@ class GameView(GameArrays):
     streams: NDArray[np.uint64]
     epsilon: NDArray[np.float64]
     mazes: MazeArrays
-    observe: Callable[[str], NDArray[Any]]
+    observe: Callable[[str], Array]
     whole: GameView | None = None
     chosen: NDArray[np.intp] | None = None
 
@@ -112,7 +112,7 @@ class GameView(GameArrays):
     def uniform(self) -> NDArray[np.float64]:
         """[num_games] float64 in [0, 1), from the agent's own random stream, which advances."""
         numbers = np.empty(self.num_games)
-        draw_uniform(self.streams, layout.named(layout.stream_of, self.seat), numbers)
+        draw_uniform(self.streams, layout.named_views(layout.stream_of, self.seat), numbers)
         return numbers
 
 
@@ -212,11 +212,11 @@ class Memory:
         make: returns the initial arrays of a view by name, each [num_games, ...].
     """
 
-    def __init__(self, make: Callable[[GameView], dict[str, NDArray[Any]]]) -> None:
+    def __init__(self, make: Callable[[GameView], dict[str, Array]]) -> None:
         self._make = make
-        self._kept: WeakKeyDictionary[GameView, dict[str, NDArray[Any]]] = WeakKeyDictionary()
+        self._kept: WeakKeyDictionary[GameView, dict[str, Array]] = WeakKeyDictionary()
 
-    def of(self, view: GameView) -> dict[str, NDArray[Any]]:
+    def of(self, view: GameView) -> dict[str, Array]:
         """The live arrays of the whole batch; `view.rows` are the rows of the games of `view`."""
         whole = view.whole or view
         if whole not in self._kept:

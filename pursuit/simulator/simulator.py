@@ -8,23 +8,29 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pursuit import rules
 from pursuit.mazes.maze_arrays import lay_out
 from pursuit.memory import check_memory
 from pursuit.observations.observations import Encoder
-from pursuit.rules import layout
-from pursuit.simulator import next_episode
-from pursuit.simulator.next_episode import slots
+from pursuit.rules import layout, start_games
+from pursuit.rules.layout import Array
+from pursuit.simulator.batch import BatchSimulator
+from pursuit.simulator.next_episode import (
+    check_waiting,
+    fill,
+    fill_epsilon,
+    game_indices,
+    limits_of,
+)
 from pursuit.simulator.policy import GameArrays, GameView, Policy, play_all
-from pursuit.simulator.state import OWN, SimulatorState, check_fits
+from pursuit.simulator.state import OWN, SimulatorState, check_values
 from pursuit.tasks.custom_rewards import step_games_of
 from pursuit.tasks.task import Task, checked_task
-from pursuit.validation import as_array, check_bool, whole
+from pursuit.validation import as_array, one_of, whole_numbers
 
 __all__ = ["Simulator", "SimulatorState"]
 
 
-class Simulator(GameArrays):
+class Simulator(BatchSimulator[Task], GameArrays):
     """A batch of games of one task, stepped together by compiled kernels.
 
     The constructor starts all games. A game restarts in the step that ends its episode, and the
@@ -72,20 +78,14 @@ class Simulator(GameArrays):
         first_game: int = 0,
         auto_restart: bool = True,
     ) -> None:
-        task, num_games = checked_task(task), whole("num_games", num_games, 1, 2**63 - 1)
-        first_game = whole("first_game", first_game, 0, 2**62)
-        seed, auto_restart = (
-            whole("seed", seed, 0, 2**64 - 1),
-            check_bool("auto_restart", auto_restart),
-        )
+        super().__init__(checked_task(task), num_games, seed, first_game, auto_restart)
+        num_games, self.num_agents = self.num_games, task.num_agents
         one = layout.allocate(1, task.num_agents, task.num_goals)
         bytes_of_game = sum(array.nbytes for array in one)
         check_memory(f"num_games={num_games}", num_games * bytes_of_game, "take fewer games")
-        self.task, self.num_games, self.num_agents = task, num_games, task.num_agents
-        self.first_game, self.auto_restart = first_game, auto_restart
         self._actions_shape = (num_games, task.num_agents)
         memory = layout.allocate(num_games, task.num_agents, task.num_goals)
-        self._memory = memory
+        self._arrays = memory
         self._mazes = lay_out(task.mazes)
         # The arguments of all kernels: the batch, the rules, the mazes, scratch memory.
         self._kernel_arrays = (
@@ -96,9 +96,9 @@ class Simulator(GameArrays):
             layout.scratch_for(task.max_cells, task.num_agents, task.num_goals),
         )
         self._step_games = step_games_of(task)
-        self.games: layout.Games = layout.named(layout.games_of, memory)
-        self._outcome: layout.Outcome = layout.named(layout.outcome_of, memory)
-        self._coming: layout.NextEpisode = layout.named(layout.next_episode_of, memory)
+        self.games: layout.Games = layout.named_views(layout.games_of, memory)
+        self._outcome: layout.Outcome = layout.named_views(layout.outcome_of, memory)
+        self._coming: layout.NextEpisode = layout.named_views(layout.next_episode_of, memory)
         self.streams: NDArray[np.uint64] = memory.streams
         self._epsilon: NDArray[np.float64] = memory.reals[:, layout.EPSILON]
         self.next_epsilon: NDArray[np.float64] = self._coming.epsilon
@@ -114,13 +114,7 @@ class Simulator(GameArrays):
         self._encoders: dict[str, Encoder] = {}
         self._views: dict[int, GameView] = {}
         self._coming.min_start_distance[:] = task.min_start_distance
-        self.last_seed: int | None = None
         self.reset(seed)
-
-    @property
-    def ended(self) -> NDArray[np.bool_]:
-        """[num_games] bool, a new array: terminated or truncated in the last step."""
-        return self.terminated | self.truncated
 
     @property
     def epsilon(self) -> NDArray[np.float64]:
@@ -129,38 +123,10 @@ class Simulator(GameArrays):
 
     @epsilon.setter
     def epsilon(self, shares: ArrayLike) -> None:
-        next_episode.fill_epsilon(self._epsilon, shares)
+        fill_epsilon(self._epsilon, shares)
 
-    def seed(self, seed: int, games: ArrayLike | None = None) -> None:
-        """Seed the random streams of each game with (seed, game index).
-
-        Args:
-            seed: 0 to 2**64 - 1.
-            games: a bool mask or index list; default: all.
-
-        Raises:
-            ValueError: a seed or game out of range.
-        """
-        seed, chosen = whole("seed", seed, 0, 2**64 - 1), slots(games, self.num_games)
-        fresh = np.empty_like(self.streams)
-        rules.seed_streams(fresh, np.uint64(seed), self.first_game)  # type: ignore[arg-type]
-        self.streams[chosen] = fresh[chosen]
-        self.last_seed = seed if games is None else None
-
-    def reset(self, seed: int | None = None, games: ArrayLike | None = None) -> None:
-        """Start new episodes in all games, or in those of the bool mask or index list `games`.
-
-        A seed applies to these games only.
-
-        Raises:
-            ValueError: a seed or game out of range.
-        """
-        chosen = np.zeros(self.num_games, dtype=bool)
-        chosen[slots(games, self.num_games)] = True
-        if seed is not None:
-            self.seed(seed, games)
-        start: Any = rules.start_games
-        start(*self._kernel_arrays, chosen)
+    def _start(self, chosen: NDArray[np.bool_]) -> None:
+        start_games(*self._kernel_arrays, chosen)
 
     def step(self, actions: ArrayLike) -> None:
         """Step all games. Results are in the attributes.
@@ -230,63 +196,40 @@ class Simulator(GameArrays):
             ValueError: a value out of range, or distances that no placement satisfies. Nothing is
                 changed then.
         """
-        next_episode.configure(
-            self.task,
-            self._coming,
-            slots(games, self.num_games),
-            epsilon=epsilon,
-            seat=seat,
-            goals_around=goals_around,
-            maze=maze,
-            num_goals=num_goals,
-            goal_radius=goal_radius,
-            min_start_distance=min_start_distance,
-            max_start_distance=max_start_distance,
-        )
+        task, pending, chosen = self.task, self._coming, game_indices(games, self.num_games)
+        seats = slice(None) if seat is None else task.seat(seat)
+        changed: dict[str, Array] = {}
+        if epsilon is not None:
+            changed["epsilon"] = pending.epsilon[chosen]
+            fill_epsilon(changed["epsilon"][:, seats], epsilon)
+        numbers = {
+            "maze": maze,
+            "num_goals": num_goals,
+            "goal_radius": goal_radius,
+            "min_start_distance": min_start_distance,
+            "max_start_distance": max_start_distance,
+        }
+        if goals_around is not None:
+            one_of("goals_around", goals_around, ("start", "marks"))
+            numbers["goals_around_marks"] = int(goals_around == "marks")
+        limits = limits_of(task)
+        for name, value in numbers.items():
+            if value is not None:
+                changed[name] = np.empty(len(chosen), dtype=np.int32)
+                fill(name, changed[name], whole_numbers(name, value, *limits[name]))
+        if changed.keys() - {"epsilon", "goal_radius"}:
+            waiting = {name: array[chosen] for name, array in pending._asdict().items()}
+            check_waiting(task, layout.NextEpisode(**waiting | changed))
+        for name, values in changed.items():
+            getattr(pending, name)[chosen] = values
 
-    def seed_starts(self, games: ArrayLike | None, seeds: ArrayLike) -> None:
-        """Seed the starts: the next start of each game depends on its seed (and settings) only.
-
-        Later starts continue the stream of this seed. Other random streams do not change.
-
-        Args:
-            games: a bool mask or index list; None for all.
-            seeds: one whole number from 0 to 2**63 - 1 for all games, or one for each.
-
-        Raises:
-            ValueError: a seed out of range, or a wrong number of them.
-        """
-        next_episode.seed_starts(self.streams, slots(games, self.num_games), seeds)
-
-    # -- copies ----------------------------------------------------------------------------------
-
-    def _live(self) -> dict[str, NDArray[Any]]:
+    def _live(self) -> dict[str, Array]:
         """The live arrays that make up the state."""
         waiting = {f"next_{name}": array for name, array in self._coming._asdict().items()}
         return {**{name: getattr(self, name) for name in OWN}, "epsilon": self._epsilon, **waiting}
 
-    def get_state(self, games: ArrayLike | None = None) -> SimulatorState:
-        """Exact copies of the states of all games, or of those of the index list `games`."""
-        chosen = slots(games, self.num_games)
-        state = SimulatorState(**{name: array[chosen] for name, array in self._live().items()})
-        if self.auto_restart:  # these games have already restarted
-            state.terminated[:] = state.truncated[:] = False
-        return state
-
-    def set_state(self, state: SimulatorState, games: ArrayLike | None = None) -> None:
-        """Restore copied states in all games, or in those of `games`.
-
-        Raises:
-            ValueError: a different number of games or another task, or an ended game in a simulator
-                with `auto_restart`. Nothing is changed then.
-        """
-        chosen, live = slots(games, self.num_games), self._live()
-        check_fits(state, live, self.task, len(chosen))
-        if self.auto_restart and (state.terminated | state.truncated).any():
-            raise ValueError("the episode of a game has ended; reset it, or use auto_restart=False")
-        for name, array in live.items():
-            array[chosen] = getattr(state, name)
-        self.last_seed = None
+    def _check_values(self, state: SimulatorState) -> None:
+        check_values(state, self.task)
 
     def place(
         self,
@@ -310,17 +253,41 @@ class Simulator(GameArrays):
             ValueError: a cell out of range, two agents or goals in one cell, or missing goals or
                 maze. Nothing is changed then.
         """
-        start = next_episode.start_at(self.task, self._coming, positions, goals, maze)
+        task, count = self.task, self.num_games
+        agents = np.empty((count, task.num_agents), dtype=np.int32)
+        wanted = np.empty((count, task.num_goals), dtype=np.int32)
+        mazes = self._coming.maze.copy() if len(task.mazes) > 1 else np.zeros(count, dtype=np.int32)
+        if maze is not None:
+            fill("maze", mazes, whole_numbers("maze", maze, 0, len(task.mazes) - 1))
+        if (mazes < 0).any():
+            raise ValueError(
+                f"maze is missing; this task has {len(task.mazes)}: give the index of one, or one "
+                "per game"
+            )
+        fill("positions", agents, whole_numbers("positions", positions, 0, task.max_cells - 1))
+        if goals is None and task.num_goals:
+            raise ValueError(f"goals are missing; give cells for {task.num_goals} goals")
+        if goals is not None:
+            cells = whole_numbers("goals", goals, -1, task.max_cells - 1)
+            if cells.size and not task.num_goals:
+                raise ValueError(f"goals={goals!r}; this task has no goals, leave them out")
+            fill("goals", wanted, cells)
+        sizes = np.array([each.num_cells for each in task.mazes])[mazes][:, None]
+        both = np.concatenate([agents, wanted], axis=1)
+        if (both >= sizes).any():
+            game, place = np.argwhere(both >= sizes)[0]
+            raise ValueError(
+                f"cell {both[game, place]} in positions or goals; the cells of maze "
+                f"{task.mazes[mazes[game]].name} are 0 to {sizes[game, 0] - 1}"
+            )
+        ordered = np.sort(both, axis=1)
+        if ((ordered[:, 1:] == ordered[:, :-1]) & (ordered[:, 1:] >= 0)).any():
+            raise ValueError("two agents or goals start in the same cell; give different cells")
         self.reset(seed, games)
-        chosen = slots(games, self.num_games)
+        chosen = game_indices(games, self.num_games)
         live = (self.positions, self.goals, self.maze_index)
-        for array, given in zip(live, start, strict=True):
-            array[chosen] = given[chosen]
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """For `copy` and `pickle`, which would otherwise separate arrays that share memory."""
-        batch = (self.task, self.num_games, self.first_game, self.auto_restart)
-        return _copied, (*batch, self._memory)
+        for array, start in zip(live, (agents, wanted, mazes), strict=True):
+            array[chosen] = start[chosen]
 
     # -- observations ----------------------------------------------------------------------------
 
@@ -332,7 +299,7 @@ class Simulator(GameArrays):
 
     def observe(
         self, encoding: str = "one_hot", seat: int | str | None = None, out: Any = None
-    ) -> NDArray[Any]:
+    ) -> Array:
         """The current observations: a new array, or `out`.
 
         The shape is [num_games, num_agents, ...], or [num_games, ...] for one `seat`.
@@ -344,17 +311,17 @@ class Simulator(GameArrays):
         encoding: str = "one_hot",
         seat: int | str | None = None,
         games: ArrayLike | None = None,
-    ) -> NDArray[Any]:
+    ) -> Array:
         """The observations at the end of the last episodes, of all games or of `games`."""
         final = self._outcome.final
         if games is not None:
-            chosen = slots(games, self.num_games)
+            chosen = game_indices(games, self.num_games)
             final = layout.Games(*(array[chosen] for array in final))
         return self._encode(final, encoding, seat)
 
     def _encode(
         self, games: layout.Games, encoding: str, seat: int | str | None, out: Any = None
-    ) -> NDArray[Any]:
+    ) -> Array:
         encoder = self.encoder(encoding)
         if seat is None:
             return encoder.encode(games, out=out)
@@ -379,13 +346,3 @@ class Simulator(GameArrays):
             ValueError: a wrong shape or number of policies, or a policy of another role.
         """
         play_all(policies, actions, self._actions_shape, self.view)
-
-
-def _copied(
-    task: Task, num_games: int, first_game: int, auto_restart: bool, memory: layout.Memory
-) -> Simulator:
-    simulator = Simulator(task, num_games, first_game=first_game, auto_restart=auto_restart)
-    simulator.last_seed = None
-    for array, copied in zip(simulator._memory, memory, strict=True):
-        array[:] = copied
-    return simulator

@@ -7,9 +7,8 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pursuit.rules.layout import UNCHANGED, NextEpisode
+from pursuit.rules.layout import UNCHANGED, Array, NextEpisode
 from pursuit.simulator.next_episode import check_waiting, limits_of
 from pursuit.tasks.task import Task
 
@@ -29,7 +28,7 @@ class SimulatorState(SimpleNamespace):
     """
 
 
-def check_arrays(state: Any, live: Mapping[str, NDArray[Any]], games: int) -> None:
+def check_arrays(state: object, live: Mapping[str, Array], games: int) -> None:
     """Check the shapes and dtypes of a state of `games` games; `live` are the simulator's arrays.
 
     Raises:
@@ -57,15 +56,8 @@ def check_range(state: SimulatorState, name: str, least: Any, most: Any) -> None
         )
 
 
-def check_fits(
-    state: SimulatorState, live: Mapping[str, NDArray[Any]], task: Task, games: int
-) -> None:
-    """Check a state of `games` games of `task`; `live` are the arrays of the simulator.
-
-    Raises:
-        ValueError: a different number of games or another task, or invalid values.
-    """
-    check_arrays(state, live, games)
+def check_values(state: SimulatorState, task: Task) -> None:
+    """Raise ValueError for values that are impossible in games of `task`."""
     check_range(state, "maze_index", 0, len(task.mazes) - 1)
     sizes = np.array([maze.num_cells for maze in task.mazes])[state.maze_index][:, None]
     check_range(state, "positions", 0, sizes - 1)

@@ -28,7 +28,7 @@ def _with_custom_rewards(entry: Any, function: RewardFunction, task: Task) -> An
     def step_games(*given: Any) -> int:
         *arrays, actions, auto_restart = given
         memory = layout.Memory(*arrays[: len(layout.Memory._fields)])
-        outcome: layout.Outcome = layout.named(layout.outcome_of, memory)
+        outcome: layout.Outcome = layout.named_views(layout.outcome_of, memory)
         before = _copied(memory, roles, distances)
         returns, flags = outcome.returns.copy(), memory.flags.copy()
         if auto_restart:  # the games that ended have restarted, so all games move
@@ -64,7 +64,7 @@ def _copied(memory: layout.Memory, roles: Any, distances: Any) -> Before:
     memory = memory._replace(
         agents=memory.agents.copy(), goals=memory.goals.copy(), clocks=memory.clocks.copy()
     )
-    return moment_of(layout.named(layout.games_of, memory), roles, distances)
+    return moment_of(layout.named_views(layout.games_of, memory), roles, distances)
 
 
 def _checked(rewards: Any, function: RewardFunction, shape: tuple[int, int]) -> NDArray[np.float32]:

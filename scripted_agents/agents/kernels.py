@@ -39,7 +39,7 @@ from pursuit.rules.layout import (
     stream_of,
     world_of,
 )
-from pursuit.rules.lookups import away_from_nearest, take, towards_nearest
+from pursuit.rules.lookups import away_from_nearest, towards_nearest, write_action
 from pursuit.rules.randomness import draw_action
 from pursuit.rules.step import legal_moves
 
@@ -325,7 +325,9 @@ def entry_for(kind: int) -> Any:
                     mask = moves_down(world, maze, field, own)
                 every = legal_moves(world, maze, own)
                 column, share = np.uint64(columns[np.uint64(i)]), epsilon_of[row, seat]
-                take(actions, row, column, mask, every, share, default, empty, False, streams, seat)
+                write_action(
+                    actions, row, column, mask, every, share, default, empty, False, streams, seat
+                )
             forget(field, tail)
 
     return choose_actions

@@ -14,7 +14,7 @@ import numpy as np
 from pursuit.compilation.compiled import compiled, inlined
 from pursuit.rules.batches import MOST_KNOWN
 from pursuit.rules.layout import CHASER, EVADER, RUNNER, Games, stay_of, world_of
-from pursuit.rules.lookups import away_from_nearest, take, towards_nearest
+from pursuit.rules.lookups import away_from_nearest, towards_nearest, write_action
 from pursuit.rules.step import legal_moves
 
 __all__ = ["MOST_KNOWN", "in_rows", "team_entry_for"]
@@ -101,6 +101,8 @@ def team_entry_for(kind: int, num_seats: int, num_targets: int) -> Any:
                 every = legal_moves(world, maze, own)
                 share = epsilon_of[row, seat]
                 into = column + np.uint64(i)
-                take(actions, row, into, mask, every, share, default, empty, True, streams, seat)
+                write_action(
+                    actions, row, into, mask, every, share, default, empty, True, streams, seat
+                )
 
     return choose_actions

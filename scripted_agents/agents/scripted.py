@@ -215,7 +215,7 @@ def is_known_team(kind: int, view: GameView, seats: tuple[int, ...]) -> bool:
         return False
     if view.mazes.neighbors.shape[1] > PACKED_BITS:
         return False
-    in_rows = layout.named(
+    in_rows = layout.named_views(
         known_kernels.in_rows, view.games.position, view.games.active, view.epsilon
     )
     return bool(in_rows)

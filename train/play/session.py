@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.environments.single_agent import fill_seats
-from pursuit.replays.adapters import State, adapter_for
+from pursuit.replays.adapters import MazeAdapter, State
 from pursuit.rules.layout import COLLECTED
 from pursuit.simulator.policy import Policy
 from pursuit.simulator.simulator import Simulator
@@ -68,7 +68,7 @@ class Session:
         """Start the game of this number."""
         self.game, self.outcome = game, None
         self.simulator = self._new_simulator()
-        self.world = adapter_for(self.task)
+        self.world = MazeAdapter()
         self.start = self.world.start(self.simulator, 0)
         self.states: list[State] = [self.world.state(self.simulator, 0)]
         self.actions: list[list[int]] = []

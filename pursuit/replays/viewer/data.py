@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from pursuit.mazes.maze import Maze
 from pursuit.observations.observations import PLANES
-from pursuit.replays.adapters import State
+from pursuit.replays.adapters import Plain, State
 from pursuit.replays.viewer.page import page
-from pursuit.rules.layout import CAPTURED, COLLECTED
+from pursuit.rules.layout import CAPTURED, COLLECTED, Array
 from pursuit.rules.visibility import IN_VIEW
 
 MOVING = PLANES.index("walkable")
@@ -73,9 +73,9 @@ class Builder:
         warnings: messages on episodes that differ from their recordings.
     """
 
-    items: list[dict[str, Any]] = field(default_factory=list)
-    worlds: list[dict[str, Any]] = field(default_factory=list)
-    overlays: list[dict[str, Any]] = field(default_factory=list)
+    items: list[Plain] = field(default_factory=list)
+    worlds: list[Plain] = field(default_factory=list)
+    overlays: list[Plain] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
 
     def add(self, replay: Any, extras: Extras = Extras()) -> None:
@@ -111,7 +111,7 @@ class Builder:
             fill(item, replay, episode, played.states, extras)
             self.items.append(item)
 
-    def data(self, title: str) -> dict[str, Any]:
+    def data(self, title: str) -> Plain:
         """The data for `player.js`."""
         return {
             "title": title,
@@ -120,13 +120,13 @@ class Builder:
             "overlays": self.overlays,
         }
 
-    def _world(self, world: dict[str, Any]) -> int:
+    def _world(self, world: Plain) -> int:
         if world not in self.worlds:
             self.worlds.append(world)
         return self.worlds.index(world)
 
     def _maze(
-        self, item: dict[str, Any], replay: Any, episode: Any, states: list[State], extras: Extras
+        self, item: Plain, replay: Any, episode: Any, states: list[State], extras: Extras
     ) -> None:
         task = replay.task
         maze = task.mazes[int(episode.start.get("maze") or 0)]
@@ -147,7 +147,7 @@ class Builder:
         if extras.seat is not None and len(states) <= MOST_SEEN_STEPS:
             self._observed(item, replay, episode, extras)
 
-    def _observed(self, item: dict[str, Any], replay: Any, episode: Any, extras: Extras) -> None:
+    def _observed(self, item: Plain, replay: Any, episode: Any, extras: Extras) -> None:
         task, simulator = replay.task, replay.world.simulator(replay.task)
         seat, encoding = task.seat(extras.seat), extras.encoding
         replay.world.begin(simulator, episode.start)
@@ -174,7 +174,7 @@ class Builder:
             item["observed"] = {"encoding": encoding, "steps": rows}
 
     def _arm(
-        self, item: dict[str, Any], replay: Any, episode: Any, states: list[State], extras: Extras
+        self, item: Plain, replay: Any, episode: Any, states: list[State], extras: Extras
     ) -> None:
         task = replay.task
         tolerance = float(episode.start.get("tolerance") or task.tolerance)
@@ -184,10 +184,10 @@ class Builder:
         item["events"] = []
 
 
-def maze_data(maze: Maze, agents: Sequence[str], num_goals: int) -> dict[str, Any]:
+def maze_data(maze: Maze, agents: Sequence[str], num_goals: int) -> Plain:
     """The world of `maze_board.js`."""
     height, width = maze.picture_size
-    graph: dict[str, Any] = {}
+    graph: Plain = {}
     if not maze.is_grid:
         graph = {"neighbors": maze.neighbors.tolist(), "names": list(maze.cell_names)}
     return graph | {
@@ -202,11 +202,11 @@ def maze_data(maze: Maze, agents: Sequence[str], num_goals: int) -> dict[str, An
     }
 
 
-def side_data(side: Side) -> dict[str, Any]:
+def side_data(side: Side) -> Plain:
     """An overlay of `player.js`: values in float32, probabilities in 1/255, actions as bits."""
     given = next(a for a in (side.values, side.learned, side.optimal) if a is not None)
     actions = [a.shape[2] for a in (side.learned, side.optimal) if a is not None]
-    found: dict[str, Any] = {
+    found: Plain = {
         "name": side.name,
         "seat": side.seat,
         "other": side.other,
@@ -244,7 +244,7 @@ def replay_page(replays: Mapping[str, Any] | Sequence[Any], title: str = "") -> 
     return page(title or "pursuit replay", builder.data(title))
 
 
-def _plain(numbers: NDArray[Any]) -> list[float]:
+def _plain(numbers: Array) -> list[float]:
     if not np.isfinite(numbers).all():
         raise ValueError("a reward or observation is not finite; viewers show finite numbers")
     return [_plain_number(n) for n in numbers.tolist()]
@@ -259,12 +259,12 @@ def _first(found: NDArray[np.bool_]) -> int | None:
     return int(np.argmax(found)) if found.any() else None
 
 
-def _held(path: NDArray[Any]) -> NDArray[Any]:
+def _held(path: Array) -> Array:
     """The path with -1 replaced by the last cell before it."""
     steps = np.where(path >= 0, np.arange(len(path)), 0)
-    held: NDArray[Any] = path[np.maximum.accumulate(steps)]
+    held: Array = path[np.maximum.accumulate(steps)]
     return held
 
 
-def _bytes(array: NDArray[Any]) -> str:
+def _bytes(array: Array) -> str:
     return base64.b64encode(np.ascontiguousarray(array).tobytes()).decode("ascii")

@@ -8,9 +8,9 @@ import numpy as np
 import pettingzoo
 import pytest
 from broken_environments import BROKEN, Broken, returning
+from conformance import ConformanceError, check_parallel_env
 
 from pursuit import chase_v0, heist_v0, maze_v0, race_v0
-from pursuit.environments.conformance import ConformanceError, check_parallel_env
 from pursuit.environments.parallel import PursuitParallelEnv
 from pursuit.mazes.maze import Maze
 from pursuit.observations.observations import ENCODINGS

@@ -9,7 +9,6 @@ from typing import Any
 
 import cloudpickle
 import numpy as np
-import pettingzoo
 import pytest
 
 from pursuit import chase_v0, heist_v0, maze_v0, race_v0
@@ -46,13 +45,6 @@ def game(request: pytest.FixtureRequest) -> tuple[Any, dict[str, Any]]:
 
 
 @pytest.mark.parametrize("observation", ENCODINGS)
-def test_parallel_api(game: tuple[Any, dict[str, Any]], observation: str) -> None:
-    module, settings = game
-    env = module.parallel_env(observation=observation, **settings)
-    pettingzoo_test.parallel_api_test(env, num_cycles=250)
-
-
-@pytest.mark.parametrize("observation", ENCODINGS)
 def test_turn_based_api(game: tuple[Any, dict[str, Any]], observation: str) -> None:
     module, settings = game
     env = module.env(observation=observation, max_steps=30, **settings)
@@ -63,7 +55,6 @@ def test_turn_based_api(game: tuple[Any, dict[str, Any]], observation: str) -> N
 def test_seeds(game: tuple[Any, dict[str, Any]]) -> None:
     module, settings = game
     pettingzoo_test.seed_test(lambda: module.env(**settings), num_cycles=50)
-    pettingzoo_test.parallel_seed_test(lambda: module.parallel_env(**settings), num_cycles=50)
 
 
 def test_state(game: tuple[Any, dict[str, Any]]) -> None:
@@ -145,16 +136,6 @@ def test_render_without_a_mode_warns() -> None:
     env.reset(seed=0)
     with pytest.warns(UserWarning, match="render_mode"):
         assert env.render() is None
-
-
-@pytest.mark.parametrize("task", MODULES)
-def test_the_registry_makes_the_environments_of_the_modules(task: str) -> None:
-    made = pettingzoo.make("parallel", f"pursuit/{task}-v0", maze="3x3", observation="cells")
-    own = MODULES[task].parallel_env(maze="3x3", observation="cells")
-    assert isinstance(made, PursuitParallelEnv) and made.task == own.task
-    expected = own.reset(seed=4)[0]
-    for agent, observed in made.reset(seed=4)[0].items():
-        assert (observed == expected[agent]).all()
 
 
 def test_module_functions_are_documented_by_task() -> None:
@@ -276,18 +257,6 @@ def test_numpy_integers_are_actions() -> None:
 def test_bad_settings(settings: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         chase_v0.parallel_env(**settings)
-
-
-def test_an_unknown_setting_is_an_unknown_keyword() -> None:
-    for make in (chase_v0.parallel_env, chase_v0.env, chase_v0.raw_env):
-        with pytest.raises(TypeError, match="keyword argument 'chasers'; the settings are maze"):
-            make(chasers=2)
-
-
-@pytest.mark.parametrize("seed", [-1, 2**64, 1.5, "1", True, [1]])
-def test_bad_seeds(seed: Any) -> None:
-    with pytest.raises(ValueError, match=r"seed=.*; it is (a whole number|at least|at most)"):
-        chase_v0.parallel_env().reset(seed=seed)
 
 
 @pytest.mark.parametrize(

@@ -26,14 +26,25 @@ NORTH, EAST, STAY = 0, 2, 4
 GAMES = 4
 GRIDS: dict[str, tuple[str, str, dict[str, Any]]] = {
     "chase": ("chase", "chaser", {}),
-    "caught in a team": ("chase", "evader_1", {"num_chasers": 2, "num_evaders": 3}),
-    "heist": ("heist", "evader", {"maze": ["3x3", "4x4"]}),
-    "maze": ("maze", "runner", {"stay_action": True}),
+    "caught in a team": (
+        "chase",
+        "evader_1",
+        {"num_chasers": 2, "num_evaders": 3, "observation": "index"},
+    ),
+    "heist": ("heist", "evader", {"maze": ["3x3", "4x4"], "observation": "cells"}),
+    "maze": ("maze", "runner", {"stay_action": True, "observation": "planes"}),
+    "race": ("race", "runner_1", {"stay_action": True}),
     "masks observed": ("maze", "runner", {"mask_in_observation": True}),
+    "masks of ones observed": (
+        "maze",
+        "runner",
+        {"mask_in_observation": True, "mask_bumps": False},
+    ),
 }
 ARMS: dict[str, dict[str, Any]] = {
     "kept": {"tolerance": 0.7},
     "random": {"tolerance": 0.7, "start": "random", "joints": 3},
+    "hold": {"tolerance": 0.9, "joints": 1, "hold": 2, "observation": "positions_angles"},
     "discrete": {"tolerance": 0.7, "discrete_actions": True},
 }
 
@@ -147,6 +158,14 @@ def test_a_mask_can_be_combined_with_positions() -> None:
     mask = np.array([False, True, False])
     envs.reset(options={"positions": [1, 3], "reset_mask": mask})
     assert envs.simulator.positions.tolist() == [[0, 4], [1, 3], [0, 4]]
+
+
+@pytest.mark.parametrize("form", ["chase", "kept"])
+def test_one_seed_seeds_each_game_with_its_index(form: str) -> None:
+    envs, _ = pair(form, AutoresetMode.NEXT_STEP)
+    envs.reset(seed=9)
+    alone = type(envs.simulator)(envs.task, 1, seed=9, first_game=3)
+    np.testing.assert_array_equal(envs.simulator.streams[3], alone.streams[0])
 
 
 def test_one_seed_is_that_of_the_whole_batch_in_every_mode() -> None:

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import networkx
 import numpy as np
 import pytest
+from conformance import check_parallel_env
 from PIL import Image
 
 import pursuit
 from pursuit import chase_v0
-from pursuit.environments.conformance import check_parallel_env
 from pursuit.mazes.graph_generation import GRAPHS
 from pursuit.mazes.maze import MAX_TABLE_CELLS, Maze
 from pursuit.rendering.animation import save_animation
@@ -267,14 +266,14 @@ def test_suites_of_graphs_are_generated_from_their_seeds() -> None:
     assert len(task.mazes) == 10 and task.num_actions == 6
 
 
-def test_replays_of_graphs_of_almost_equal_size_are_one_animation(tmp_path: Path) -> None:
-    """Their pictures differ by a few pixels; those of other sizes are refused."""
-
-    def scene(height: int, width: int) -> Any:
-        return SimpleNamespace(draw=lambda size: np.full((height, width, 3), 255, dtype=np.uint8))
-
-    save_animation(tmp_path / "a.gif", [scene(490, 476), scene(500, 478), scene(480, 470)])
+def test_the_pictures_of_all_graphs_have_one_size(tmp_path: Path) -> None:
+    mazes = [*pursuit.load_suite("roads-5x5-test/0-5"), pursuit.generate_graph("hexagonal", 3, 9)]
+    scenes = [Scene(maze, (AgentMark("chaser_0", 0),), (), 0, 9) for maze in mazes]
+    save_animation(tmp_path / "a.gif", scenes)
     with Image.open(tmp_path / "a.gif") as image:
-        assert image.size == (476, 490)
-    with pytest.raises(ValueError, match="a picture of 600x490 after pictures of 476x490"):
-        save_animation(tmp_path / "b.gif", [scene(490, 476), scene(490, 600)])
+        frames: int = image.n_frames  # type: ignore[attr-defined]
+        assert image.size == (480, 510) and frames == len(scenes)
+    with pytest.raises(ValueError, match=r"a picture of \d+x\d+ after pictures of 480x510"):
+        save_animation(
+            tmp_path / "b.gif", [scenes[0], Scene(pursuit.load_maze("7x7"), (), (), 0, 9)]
+        )

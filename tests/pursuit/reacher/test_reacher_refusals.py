@@ -8,11 +8,10 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
-from test_reacher_simulator import assert_equal, snapshot
+from simulated import refused
 
 from pursuit import ReacherSimulator, ReacherTask, reacher_v0
 from pursuit.reacher.task import make_reacher_task
-from pursuit.simulator.state import SimulatorState
 
 ID = "pursuit/Reacher-v0"
 
@@ -64,10 +63,8 @@ def test_an_unknown_setting_is_an_unknown_keyword() -> None:
 def test_nothing_moves_when_an_action_is_refused(actions: Any, auto_restart: bool) -> None:
     simulator = ReacherSimulator(ReacherTask(2), 2, auto_restart=auto_restart)
     simulator.step(np.ones((2, 2)))
-    before = snapshot(simulator)
-    with pytest.raises(ValueError, match="action"):
+    with refused(simulator, "action"):
         simulator.step(actions)
-    assert_equal(snapshot(simulator), before)
 
 
 def test_rounding_is_clipped() -> None:
@@ -92,10 +89,8 @@ def test_rounding_is_clipped() -> None:
 )
 def test_nothing_changes_when_a_start_is_refused(angles: Any, targets: Any, message: str) -> None:
     simulator = ReacherSimulator(ReacherTask(2), 2)
-    before = snapshot(simulator)
-    with pytest.raises(ValueError, match=message):
+    with refused(simulator, message):
         simulator.place(angles, targets, seed=3)
-    assert_equal(snapshot(simulator), before)
 
 
 def test_targets_are_checked_with_the_tolerance_of_the_new_episode() -> None:
@@ -146,10 +141,8 @@ def test_locked_joints_restrict_poses_and_targets() -> None:
 )
 def test_invalid_settings_change_nothing(settings: dict[str, Any]) -> None:
     simulator = ReacherSimulator(ReacherTask(2), 2)
-    before = snapshot(simulator)
-    with pytest.raises(ValueError, match=r"=.*; "):
+    with refused(simulator, "=.*; |give one for all"):
         simulator.configure(**settings)
-    assert_equal(snapshot(simulator), before)
 
 
 def test_other_invalid_arguments() -> None:
@@ -167,13 +160,6 @@ def test_other_invalid_arguments() -> None:
     for seed in (-1, 2**64, 1.5, "1", True):
         with pytest.raises(ValueError, match="seed="):
             simulator.reset(seed=seed)  # type: ignore[arg-type]
-    for games in ([2], [-3], [0.5], "all"):
-        with pytest.raises(ValueError, match="games"):
-            simulator.reset(games=games)  # type: ignore[arg-type]
-    for seeds in (-1, [1, 2, 3], 0.5, 2**63):
-        with pytest.raises(ValueError, match="seeds="):
-            simulator.seed_starts(None, seeds)
-    assert isinstance(simulator.get_state(), SimulatorState)
 
 
 @pytest.mark.parametrize(
@@ -199,11 +185,3 @@ def test_invalid_environments(settings: dict[str, Any], message: str) -> None:
     ):
         with pytest.raises(ValueError, match=message):
             make()
-
-
-def test_an_unknown_setting_of_an_environment() -> None:
-    for make in (gymnasium.make, gymnasium.make_vec):
-        with pytest.raises(TypeError, match="keyword argument 'links'; the settings are joints"):
-            make(ID, links=2)
-    with pytest.raises(TypeError, match="keyword argument 'links'; the settings are joints"):
-        reacher_v0.env(links=2)

@@ -5,7 +5,6 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.vector import AutoresetMode
 
 pytest.importorskip("stable_baselines3")
 from stable_baselines3 import PPO, TD3
@@ -39,28 +38,6 @@ def test_stable_baselines_checks_and_trains() -> None:
     env = StableBaselinesVecEnv(ReacherVectorEnv(ReacherTask(max_steps=20), 4))
     learner = TD3("MlpPolicy", env, learning_starts=40, batch_size=32, device="cpu").learn(120)
     assert learner.num_timesteps == 120
-
-
-@pytest.mark.parametrize("mode", AutoresetMode)
-def test_ends_of_episodes_of_stable_baselines(mode: AutoresetMode) -> None:
-    task = ReacherTask(max_steps=4, tolerance=0.5)
-    env = StableBaselinesVecEnv(ReacherVectorEnv(task, 9, autoreset_mode=mode))
-    reference = ReacherVectorEnv(task, 9, autoreset_mode="SAME_STEP")
-    env.seed(3)
-    assert (env.reset() == reference.reset(seed=[*range(3, 12)])[0]).all()
-    rng, kinds = np.random.default_rng(0), set()
-    for _ in range(40):
-        actions = rng.uniform(-1, 1, (9, 2)).astype(np.float32)
-        observations, rewards, dones, infos = env.step(actions)
-        seen, amounts, terminations, truncations, expected = reference.step(actions)
-        assert (observations == seen).all() and (rewards == amounts).all()
-        assert (dones == (terminations | truncations)).all()
-        for arm in np.flatnonzero(dones):
-            kinds.add(infos[arm]["TimeLimit.truncated"])
-            assert infos[arm]["TimeLimit.truncated"] == truncations[arm]
-            assert (infos[arm]["terminal_observation"] == expected["final_obs"][arm]).all()
-            assert infos[arm]["episode"]["l"] == expected["final_info"]["episode_length"][arm]
-    assert kinds == {True, False}
 
 
 def test_supersuit_vectorises_the_team_of_joints() -> None:

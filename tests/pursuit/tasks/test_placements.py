@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.stats import chisquare
-from simulated import MARKED, play
+from simulated import MARKED, play, refused
 
 from pursuit.mazes.generation import generate_maze
 from pursuit.mazes.maze import UNREACHABLE, Maze, load_maze
@@ -279,14 +279,10 @@ def test_place_starts_an_episode_in_the_given_cells() -> None:
 def test_place_refuses_invalid_starts_and_changes_nothing(positions: Any, goals: Any) -> None:
     simulator = Simulator(make_task("heist", maze="5x5"), 2, auto_restart=False)
     play(simulator, 3)
-    before = simulator.get_state()
-    with pytest.raises(ValueError):
+    with refused(simulator):
         simulator.place(positions, goals)
-    with pytest.raises(ValueError, match="seed"):
+    with refused(simulator, "seed"):
         simulator.place([0, 1], [2, 3, 4], seed=-1)
-    after = simulator.get_state()
-    for name in vars(before):
-        np.testing.assert_array_equal(getattr(after, name), getattr(before, name))
 
 
 def test_place_needs_a_maze_if_there_are_several() -> None:

@@ -110,6 +110,7 @@ def test_whole_numbers_of_numpy_become_python_ones() -> None:
         ({"max_steps": 0}, "max_steps=0; it is at least 1"),
         ({"max_steps": 2**31}, "max_steps=2147483648"),
         ({"num_goals": 1.0}, "num_goals=1.0; it is a whole number"),
+        ({"num_evaders": 1.5}, r"num_evaders=1\.5; it is a whole number"),
         ({"stay_action": "no"}, "stay_action='no'; it is True or False"),
         (
             {"move_order": "evaders_first"},

@@ -1,0 +1,151 @@
+"""The base class of the simulators of games in mazes and of arms."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pursuit.rules.layout import Array
+from pursuit.rules.randomness import seed_starts, seed_streams
+from pursuit.simulator.next_episode import fill, game_indices
+from pursuit.simulator.state import SimulatorState, check_arrays
+from pursuit.validation import check_bool, checked_seed, whole, whole_numbers
+
+AnyTask = TypeVar("AnyTask")
+Arrays = tuple[Array, ...]
+
+
+class BatchSimulator(ABC, Generic[AnyTask]):
+    """Seeds, restarts, saved states and copies of a batch of games.
+
+    Subclasses set the arrays `streams`, `terminated` and `truncated`, and `_arrays`, and call
+    `reset` at the end of their constructor.
+
+    Args:
+        task, num_games, seed, first_game, auto_restart: as of `pursuit.Simulator`.
+
+    Raises:
+        ValueError: counts or seeds out of range.
+    """
+
+    streams: NDArray[np.uint64]
+    terminated: NDArray[np.bool_]
+    truncated: NDArray[np.bool_]
+    _arrays: Arrays
+    """All arrays that `step`, `reset`, `seed` and `configure` change."""
+
+    def __init__(
+        self, task: AnyTask, num_games: int, seed: int, first_game: int, auto_restart: bool
+    ) -> None:
+        self.task, self.num_games = task, whole("num_games", num_games, 1, 2**63 - 1)
+        self.first_game = whole("first_game", first_game, 0, 2**62)
+        checked_seed(seed)
+        self.auto_restart = check_bool("auto_restart", auto_restart)
+        self.last_seed: int | None = None
+
+    @abstractmethod
+    def _start(self, chosen: NDArray[np.bool_]) -> None:
+        """Start new episodes in the games of a mask."""
+
+    @abstractmethod
+    def _live(self) -> dict[str, Array]:
+        """The live arrays that make up the state."""
+
+    @abstractmethod
+    def _check_values(self, state: SimulatorState) -> None:
+        """Raise ValueError unless the values of a state, whose arrays fit, are possible."""
+
+    @property
+    def ended(self) -> NDArray[np.bool_]:
+        """[num_games] bool, a new array: terminated or truncated in the last step."""
+        return self.terminated | self.truncated
+
+    def seed(self, seed: int, games: ArrayLike | None = None) -> None:
+        """Seed the random streams of each game with (seed, game index).
+
+        Args:
+            seed: 0 to 2**64 - 1.
+            games: a bool mask or index list; default: all.
+
+        Raises:
+            ValueError: a seed or game out of range.
+        """
+        seed, chosen = checked_seed(seed), game_indices(games, self.num_games)
+        fresh = np.empty_like(self.streams)
+        seed_streams(fresh, self._seed_of_streams(seed), self.first_game)
+        self.streams[chosen] = fresh[chosen]
+        self.last_seed = seed if games is None else None
+
+    def _seed_of_streams(self, seed: int) -> np.uint64:
+        return np.uint64(seed)
+
+    def reset(self, seed: int | None = None, games: ArrayLike | None = None) -> None:
+        """Start new episodes in all games, or in those of the bool mask or index list `games`.
+
+        A seed applies to these games only.
+
+        Raises:
+            ValueError: a seed or game out of range.
+        """
+        chosen = np.zeros(self.num_games, dtype=bool)
+        chosen[game_indices(games, self.num_games)] = True
+        if seed is not None:
+            self.seed(seed, games)
+        self._start(chosen)
+
+    def seed_starts(self, games: ArrayLike | None, seeds: ArrayLike) -> None:
+        """Seed the starts: the next start of each game depends on its seed (and settings) only.
+
+        Later starts continue the stream of this seed. Other random streams do not change.
+
+        Args:
+            games: a bool mask or index list; None for all.
+            seeds: one whole number from 0 to 2**63 - 1 for all games, or one for each.
+
+        Raises:
+            ValueError: a seed out of range, or a wrong number of them.
+        """
+        chosen = game_indices(games, self.num_games)
+        each = np.zeros(len(chosen), dtype=np.uint64)
+        fill("seeds", each, whole_numbers("seeds", seeds, 0, 2**63 - 1))
+        seed_starts(self.streams, chosen, each)
+
+    def get_state(self, games: ArrayLike | None = None) -> SimulatorState:
+        """Exact copies of the states of all games, or of those of the index list `games`."""
+        chosen = game_indices(games, self.num_games)
+        state = SimulatorState(**{name: array[chosen] for name, array in self._live().items()})
+        if self.auto_restart:  # these games have already restarted
+            state.terminated[:] = state.truncated[:] = False
+        return state
+
+    def set_state(self, state: SimulatorState, games: ArrayLike | None = None) -> None:
+        """Restore copied states in all games, or in those of `games`.
+
+        Raises:
+            ValueError: a different number of games or another task, or an ended game in a simulator
+                with `auto_restart`. Nothing is changed then.
+        """
+        chosen, live = game_indices(games, self.num_games), self._live()
+        check_arrays(state, live, len(chosen))
+        self._check_values(state)
+        if self.auto_restart and (state.terminated | state.truncated).any():
+            raise ValueError("the episode of a game has ended; reset it, or use auto_restart=False")
+        for name, array in live.items():
+            array[chosen] = getattr(state, name)
+        self.last_seed = None
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """For `copy` and `pickle`, which would otherwise separate arrays that share memory."""
+        batch = (self.task, self.num_games, 0, self.first_game, self.auto_restart)
+        return _copied, (type(self), batch, self._arrays)
+
+
+def _copied(kind: type[Any], batch: tuple[Any, ...], arrays: Arrays) -> Any:
+    simulator = kind(*batch)
+    simulator.last_seed = None
+    for array, copied in zip(simulator._arrays, arrays, strict=True):
+        array[:] = copied
+    return simulator
