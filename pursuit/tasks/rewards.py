@@ -5,12 +5,12 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Annotated, Any
 
 from pursuit.plugins import Registry
 from pursuit.tasks.moments import ROLES as ROLES
 from pursuit.tasks.moments import After, Before
-from pursuit.validation import FrozenDict, check_fields, declared, flag, number
+from pursuit.validation import Flag, FrozenDict, Rule, check_fields, number
 
 RewardFunction = Callable[[Before, Any, After], Any]
 """`f(before, actions, after)` -> [games, agents], the reward of every agent for the step.
@@ -26,10 +26,13 @@ MOST_REWARD = 1e30
 
 
 def _coefficient(name: str, value: Any) -> float:
-    found = number(name, value)
-    if abs(found) > MOST_REWARD:
+    coefficient = number(name, value)
+    if abs(coefficient) > MOST_REWARD:
         raise ValueError(f"{name}={value}; rewards are float32: give at most {MOST_REWARD:g}")
-    return found
+    return coefficient
+
+
+Coefficient = Annotated[float, Rule(_coefficient)]
 
 
 @dataclass(frozen=True)
@@ -55,12 +58,12 @@ class Rewards:
             distance or `on_completion`.
     """
 
-    step: float = declared(_coefficient, 0.0)
-    capture: float = declared(_coefficient, 0.0)
-    goal: float = declared(_coefficient, 0.0)
-    distance: float = declared(_coefficient, 0.0)
-    on_completion: bool = flag(False)
-    per_evader: bool = flag(False)
+    step: Coefficient = 0.0
+    capture: Coefficient = 0.0
+    goal: Coefficient = 0.0
+    distance: Coefficient = 0.0
+    on_completion: Flag = False
+    per_evader: Flag = False
 
     def __post_init__(self) -> None:
         check_fields(self)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,12 +31,13 @@ from pursuit.tasks.visibility import (
     visibility_of,
 )
 from pursuit.validation import (
+    Flag,
     FrozenDict,
+    Rule,
+    Whole,
+    WholeFrom1,
     check_fields,
     choice,
-    count,
-    declared,
-    flag,
     is_int,
     named_settings,
     one_of,
@@ -48,6 +49,7 @@ ACTIONS = ("north", "south", "east", "west", "stay")
 """The actions on a grid; in a graph, moves have numbers."""
 MOVE_ORDERS = ("simultaneous", "chasers_first")
 STARTS = ("random", "marks")
+Agents = Annotated[AgentChoice | Sequence[str] | str, Rule(check_agent_choice)]
 
 
 def _kept_mazes(name: str, given: Any) -> Any:
@@ -108,23 +110,23 @@ class Task:
         ValueError: an invalid setting, or settings that contradict each other.
     """
 
-    maze: str | Path | Maze | Sequence[str | Path | Maze] = declared(_kept_mazes, default="5x5")
-    num_chasers: int = count(0, default=0)
-    num_evaders: int = count(0, default=0)
-    num_runners: int = count(0, default=0)
-    num_goals: int = count(0, default=0)
-    max_steps: int = count(1, default=200)
-    stay_action: bool = flag(False)
-    move_order: str = choice(MOVE_ORDERS, default="simultaneous")
-    start: str = choice(STARTS, default="random")
-    min_start_distance: int = count(1, default=1)
-    rewards: str | Mapping[str, Rewards] | RewardFunction = declared(check_rewards, default="goal")
-    view_radius: ViewRadius | Mapping[str, int | None] | str = declared(
-        check_view_radius, default=None
+    maze: Annotated[str | Path | Maze | Sequence[str | Path | Maze], Rule(_kept_mazes)] = "5x5"
+    num_chasers: Whole = 0
+    num_evaders: Whole = 0
+    num_runners: Whole = 0
+    num_goals: Whole = 0
+    max_steps: WholeFrom1 = 200
+    stay_action: Flag = False
+    move_order: Annotated[str, choice(*MOVE_ORDERS)] = "simultaneous"
+    start: Annotated[str, choice(*STARTS)] = "random"
+    min_start_distance: WholeFrom1 = 1
+    rewards: Annotated[str | Mapping[str, Rewards] | RewardFunction, Rule(check_rewards)] = "goal"
+    view_radius: Annotated[ViewRadius | Mapping[str, int | None] | str, Rule(check_view_radius)] = (
+        None
     )
-    line_of_sight: AgentChoice | Sequence[str] | str = declared(check_agent_choice, default=False)
-    unknown_maze: AgentChoice | Sequence[str] | str = declared(check_agent_choice, default=False)
-    name: str = declared(_kept_name, default="custom")
+    line_of_sight: Agents = False
+    unknown_maze: Agents = False
+    name: Annotated[str, Rule(_kept_name)] = "custom"
 
     def __post_init__(self) -> None:
         check_fields(self)

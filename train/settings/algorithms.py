@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from pursuit.plugins import Registry
-from train.settings.checks import Count, NotNegative, Positive, Share, check
+from pursuit.validation import check
+from train.settings.checks import Count, NotNegative, Positive, Share
 from train.settings.hyperparameters import Activation, Hyperparameters, Momentum, NetworkSettings
 from train.settings.off_policy import (
     DDPGSettings,

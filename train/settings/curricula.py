@@ -11,16 +11,8 @@ from curricula import Curriculum, Schedule
 from curricula.levels import SCORES
 from curricula.schedules import SHAPES, UNITS
 from pursuit.plugins import Registry
-from train.settings.checks import (
-    Positive,
-    Settings,
-    Share,
-    at_least,
-    check,
-    one_of,
-    passes,
-    rule,
-)
+from pursuit.validation import at_least, check, choice, passes, rule
+from train.settings.checks import Positive, Settings, Share
 
 AXES = (
     "opponent-epsilon",
@@ -85,7 +77,7 @@ class AxisSettings(CurriculumSettings):
 
 
 Length = Annotated[float, rule(lambda value: 0 <= value < inf, "must be finite and at least 0")]
-Unit = Annotated[str, one_of(*UNITS)]
+Unit = Annotated[str, choice(*UNITS)]
 SolvedWithin = Annotated[
     float,
     rule(
@@ -112,7 +104,7 @@ def check_unit(name: str, value: float, unit: str) -> None:
 class ScheduleSettings(AxisSettings):
     """One value for all games, set by a schedule."""
 
-    schedule: Annotated[str, one_of(*SHAPES)] = "linear"
+    schedule: Annotated[str, choice(*SHAPES)] = "linear"
     """constant, linear, cosine, step (by 1 every schedule_every), exponential (multiplied by
     schedule_factor every schedule_every) or piecewise (schedule_points)."""
     schedule_unit: Unit = "share"
@@ -232,7 +224,7 @@ class LearningProgressSettings(StagedSettings):
 class LevelReplaySettings(CurriculumSettings):
     """Prioritised level replay (Jiang et al., 2021): levels with a high score are replayed."""
 
-    level_score: Annotated[str, one_of(*SCORES)] = "regret"
+    level_score: Annotated[str, choice(*SCORES)] = "regret"
     """Score of levels: regret (to the exact optimum), value_loss, or learnability (p(1 - p), with p
     the success rate)."""
     level_buffer: Annotated[int, at_least(2)] = 2048
@@ -262,7 +254,7 @@ class LevelReplaySettings(CurriculumSettings):
 class LearnabilitySettings(LevelReplaySettings):
     """Level replay by learnability p(1 - p), with p the success rate (Rutherford et al., 2024)."""
 
-    level_score: Annotated[str, one_of(*SCORES)] = "learnability"
+    level_score: Annotated[str, choice(*SCORES)] = "learnability"
     """Score of levels: regret (to the exact optimum), value_loss, or learnability (p(1 - p), with p
     the success rate)."""
     solved_within: SolvedWithin = 1.5

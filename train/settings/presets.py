@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
-from pursuit.validation import one_of
+from pursuit.validation import check, one_of
 from train.settings.algorithms import (
     HYPERPARAMETERS,
     A2CSettings,
@@ -23,7 +23,6 @@ from train.settings.algorithms import (
     TD3Settings,
     hyperparameter_form,
 )
-from train.settings.checks import check
 from train.settings.curricula import CurriculumSettings, ScheduleSettings, curriculum_form
 
 TUNED = "tuned"

@@ -9,8 +9,7 @@ from typing import Any, TypeVar, get_type_hints
 
 import msgspec
 
-from pursuit.validation import did_you_mean, shortened
-from train.settings.checks import check, rules_of
+from pursuit.validation import check, did_you_mean, rules_of, shortened
 from train.settings.common import RunSettings
 
 Form = TypeVar("Form")
@@ -63,7 +62,7 @@ def typed(form: type[Any], given: Mapping[str, Any]) -> dict[str, Any]:
     found = {}
     for name in (name for name in names_of(form) if name in given):
         value, hint = given[name], hints[name]
-        if not any(rule.other_types for rule in rules_of(form, name)):
+        if not any(rule.other_types for rule in rules_of(form)[name]):
             try:
                 value = msgspec.convert(value, hint)
             except (msgspec.ValidationError, OverflowError):

@@ -9,9 +9,10 @@ from typing import Annotated, Any
 
 from pursuit.observations.custom import check_observation
 from pursuit.plugins import Registry
+from pursuit.validation import Rule, at_least, check, passes
 from scripted_agents.environments import AGENTS, agent_name, is_custom_policy
 from train.settings.algorithms import Hyperparameters, PPOSettings, hyperparameter_form
-from train.settings.checks import NotNegative, Rule, at_least, check, passes, threads_from
+from train.settings.checks import NotNegative, threads_from
 from train.settings.common import RunSettings
 from train.settings.task import AGENT, TaskSettings
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
-from pursuit import validation
 from pursuit.mazes.suite_files import PREFIX, is_suite
 from pursuit.observations.custom import check_observation
 from pursuit.reacher.observations import ENCODINGS as ARM_ENCODINGS
@@ -19,8 +18,9 @@ from pursuit.tasks.visibility import (
     check_view_radius,
     view_radius_text,
 )
+from pursuit.validation import Rule, check, choice, one_of, rule
 from scripted_agents.environments import agent_name
-from train.settings.checks import RANDOM_MOVES, Rule, Settings, check, one_of, rule
+from train.settings.checks import RANDOM_MOVES, Settings
 
 REACHER = "reacher"
 AGENT = Rule(lambda _, name: agent_name(name))
@@ -101,7 +101,7 @@ class TaskSettings(Settings):
     """None: A*. Otherwise random, equilibrium, searching (chasers also sweeping, belief; these
     three respect the limited view), the folder of a run, a saved Stable-Baselines3 model (.zip), or
     package.module:Name of a user-defined policy."""
-    opponent_policy: Annotated[str, one_of("sampled", "greedy")] = "sampled"
+    opponent_policy: Annotated[str, choice("sampled", "greedy")] = "sampled"
     """Policy of a learned opponent: sampled (from its distribution), or greedy (the most probable
     action)."""
     opponent_observation: str | None = None
@@ -119,7 +119,7 @@ class TaskSettings(Settings):
             f"task={self.task!r} is not a game in mazes; use {', '.join(TASK_NAMES)} here, and the "
             "arm in `pursuit train`, `baseline`, `render` or a sweep (ReacherSettings in Python)",
         )
-        validation.one_of("task", self.task, (*TASK_NAMES, REACHER))
+        one_of("task", self.task, (*TASK_NAMES, REACHER))
 
     @property
     def agent(self) -> str:
@@ -150,7 +150,7 @@ class ReacherSettings(Settings):
 
     OBSERVATION: ClassVar[str] = "positions"
 
-    task: Annotated[str, one_of(REACHER)] = REACHER
+    task: Annotated[str, choice(REACHER)] = REACHER
     """reacher (for the options of games in mazes see --task chase --help)."""
     joints: int = 2
     """Number of joints, 1 to 8; links have length 1."""
@@ -185,7 +185,7 @@ class ReacherSettings(Settings):
 
     def check_observation(self, name: str) -> None:
         """ValueError unless this observation exists."""
-        validation.one_of("observation", name, ARM_ENCODINGS)
+        one_of("observation", name, ARM_ENCODINGS)
 
 
 AnyTask = TaskSettings | ReacherSettings

@@ -19,7 +19,7 @@ from pursuit.reacher.task import LEAST_TOLERANCE
 from pursuit.rules import UNREACHABLE
 from pursuit.tasks.placements import check_placeable
 from pursuit.tasks.task import Task
-from train.settings.checks import check
+from pursuit.validation import check
 from train.settings.curricula import AXIS_PARTS, AxisSettings
 from train.teaching.context import AnyContext, ArmContext, CurriculumContext
 from train.teaching.mazes import training_mazes

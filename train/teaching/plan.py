@@ -21,7 +21,7 @@ from curricula import (
     Uniform,
 )
 from curricula.schedules import Schedule
-from train.settings.checks import check
+from pursuit.validation import check
 from train.settings.curricula import (
     CURRICULA,
     CURRICULUM_PARTS,

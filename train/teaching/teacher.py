@@ -12,10 +12,9 @@ import torch
 from numpy.typing import NDArray
 
 from curricula import Change, Curriculum, Outcomes, Progress
-from pursuit.validation import as_array
+from pursuit.validation import as_array, check
 from train.environments.hooks import EpisodeHook
 from train.files import write_csv
-from train.settings.checks import check
 from train.settings.curricula import MazeReplaySettings
 from train.teaching.optimum import Optima
 from train.teaching.plan import Plan
