@@ -128,7 +128,7 @@ def checked_seed(seed: Any) -> int:
     return whole("seed", seed, 0, 2**64 - 1)
 
 
-def some_seed() -> int:
+def random_seed() -> int:
     """A random seed from the operating system."""
     return int(np.random.SeedSequence().generate_state(1, np.uint64)[0])
 
@@ -228,7 +228,7 @@ Flag = Annotated[bool, Rule(check_bool)]
 
 
 @cache
-def rules_of(form: type[Any]) -> Mapping[str, tuple[Rule, ...]]:
+def rules_of(form: Any) -> Mapping[str, tuple[Rule, ...]]:
     """The rules of the fields of a dataclass, by name."""
     hints = get_type_hints(form, include_extras=True)
     return {

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from typing import Annotated, Any
 
-from pursuit.plugins import Registry
+from pursuit.plugins import Registry, accepts
 from pursuit.tasks.moments import ROLES as ROLES
 from pursuit.tasks.moments import After, Before
 from pursuit.validation import Flag, FrozenDict, Rule, check_fields, number
@@ -114,20 +113,7 @@ def is_rewards(part: Any) -> bool:
             isinstance(rewards, Rewards) and (role == "chaser" or not rewards.per_evader)
             for role, rewards in part.items()
         )
-    return callable(part) and not isinstance(part, type) and takes_three(part)
-
-
-def takes_three(function: Callable[..., Any]) -> bool:
-    """Whether a function accepts three arguments; True if its signature is unknown."""
-    try:
-        signature = inspect.signature(function)
-    except ValueError:  # some functions written in C
-        return True
-    try:
-        signature.bind(None, None, None)
-    except TypeError:
-        return False
-    return True
+    return callable(part) and not isinstance(part, type) and accepts(part, None, None, None)
 
 
 REWARDS: Registry[Mapping[str, Rewards] | RewardFunction] = Registry(
