@@ -47,7 +47,17 @@ def stage_indices(stages: NDArray[np.float64], values: NDArray[np.float64]) -> N
     return indices
 
 
-class Scheduled(Resumable):
+class OneValue(Resumable):
+    """A curriculum that samples its current `value` for all games."""
+
+    value: float
+
+    def sample(self, num_games: int, rng: np.random.Generator) -> NDArray[np.float64]:
+        """[num_games] the current value for all games."""
+        return np.full(num_games, self.value)
+
+
+class Scheduled(OneValue):
     """One value for all games, given by a schedule.
 
     Args:
@@ -81,10 +91,6 @@ class Scheduled(Resumable):
         reason = f"{schedule.shape} schedule at {now:.6g} {schedule.unit}"
         return [Change(self.value, self.value, self.value, reason)]
 
-    def sample(self, num_games: int, rng: np.random.Generator) -> NDArray[np.float64]:
-        """[num_games] the current value for all games."""
-        return np.full(num_games, self.value)
-
 
 class Uniform(Resumable):
     """Stages drawn uniformly during the whole run: a control experiment.
@@ -113,7 +119,7 @@ class Uniform(Resumable):
         return rng.choice(self.stages, num_games)
 
 
-class Shuffled(Resumable):
+class Shuffled(OneValue):
     """All stages in a random order, then the last (hardest) one: a control experiment.
 
     Args:
@@ -135,7 +141,7 @@ class Shuffled(Resumable):
         self.reported: int | None = None
 
     @property
-    def value(self) -> float:
+    def value(self) -> float:  # type: ignore[override]
         """The current stage."""
         last = self.turn >= len(self.order)
         return float(self.stages[-1] if last else self.stages[self.order[self.turn]])
@@ -150,10 +156,6 @@ class Shuffled(Resumable):
         over = self.turn >= len(self.order)
         reason = "shuffled stages are over" if over else f"shuffled, turn {self.turn + 1}"
         return [Change(self.value, self.value, self.value, reason)]
-
-    def sample(self, num_games: int, rng: np.random.Generator) -> NDArray[np.float64]:
-        """[num_games] the current value for all games."""
-        return np.full(num_games, self.value)
 
 
 class SuccessGated(Resumable):

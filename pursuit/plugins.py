@@ -10,6 +10,7 @@ environment variable PURSUIT_ALLOW).
 from __future__ import annotations
 
 import hashlib
+import inspect
 import os
 import re
 import sys
@@ -137,18 +138,21 @@ def look_in(folder: Path | str) -> None:
         _folders.append(path)
 
 
+def _custom_folders() -> list[str]:
+    """The folders of `look_in` and PURSUIT_LOOK_IN."""
+    return [*_folders, *filter(None, os.environ.get(LOOK_IN, "").split(os.pathsep))]
+
+
 def _search_path() -> list[str]:
     """The folders with custom modules."""
-    given = [folder for folder in os.environ.get(LOOK_IN, "").split(os.pathsep) if folder]
-    return list(dict.fromkeys([*(p or os.getcwd() for p in sys.path), *_folders, *given]))
+    return list(dict.fromkeys([*(p or os.getcwd() for p in sys.path), *_custom_folders()]))
 
 
 def environment() -> dict[str, str]:
     """Environment variables that pass the allowed modules and their folders to a subprocess."""
     sources = (source_of(module_of(name)) for name in sorted(_resolved))
     homes = [str(found[0]) for found in sources if found and "site-packages" not in found[0].parts]
-    given = [folder for folder in os.environ.get(LOOK_IN, "").split(os.pathsep) if folder]
-    folders = dict.fromkeys([*_folders, *given, *homes])
+    folders = dict.fromkeys([*_custom_folders(), *homes])
     return {ALLOW: ",".join(allowed()), LOOK_IN: os.pathsep.join(folders)}
 
 
@@ -163,7 +167,8 @@ def source_of(module: str) -> tuple[Path, list[Path]] | None:
     loaded = getattr(sys.modules.get(top), "__file__", None)
     if top == "__main__" or loaded is None:
         spec = PathFinder.find_spec(top, _search_path()) if top != "__main__" else None
-        loaded = loaded if spec is None else spec.origin or _namespace(spec)
+        if spec is not None:  # of a namespace package (without `__init__.py`) its first folder
+            loaded = spec.origin or next(iter(spec.submodule_search_locations or ()), None)
     if loaded is None:
         return None
     path = Path(loaded).resolve()
@@ -171,11 +176,6 @@ def source_of(module: str) -> tuple[Path, list[Path]] | None:
         package = path if path.is_dir() else path.parent
         return package.parent, sorted(package.rglob("*.py"))
     return (path.parent, [path]) if path.is_file() else None
-
-
-def _namespace(spec: Any) -> str | None:
-    """The folder of a namespace package (without `__init__.py`)."""
-    return next(iter(spec.submodule_search_locations or ()), None)
 
 
 def sha256_of(module: str) -> str | None:
@@ -197,6 +197,17 @@ def sha256_of(module: str) -> str | None:
 
 
 # -- the registries --------------------------------------------------------------------------------
+
+
+def accepts(function: Any, *arguments: Any) -> bool:
+    """Whether a function can be called with these arguments; True if its signature is unknown."""
+    try:
+        inspect.signature(function).bind(*arguments)
+    except TypeError:
+        return False
+    except ValueError:  # some functions written in C
+        return True
+    return True
 
 
 @cache
@@ -271,13 +282,13 @@ class Registry(Generic[Part]):
             return self._checked(f"{name!r} ({value})", self._import(name, value))
         raise ValueError(self.unknown(name))
 
-    def take(self, given: Any) -> Part:
+    def resolved(self, part: Any) -> Part:
         """The part with this name; an object is returned as it is.
 
         Raises:
             ValueError: as `get`.
         """
-        return self.get(given) if isinstance(given, str) else self._checked(repr(given), given)
+        return self.get(part) if isinstance(part, str) else self._checked(repr(part), part)
 
     def check(self, name: object) -> None:
         """Raise ValueError unless `name` is built-in or `get` finds it."""

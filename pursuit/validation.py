@@ -1,55 +1,40 @@
-"""Validated fields of frozen dataclasses.
+"""Checks of arguments of functions, and rules of the fields of frozen dataclasses.
 
     @dataclass(frozen=True)
     class Settings:
-        steps: int = count(1, default=200)
-        order: str = choice(("first", "last"), default="first")
+        steps: Annotated[int, at_least(1)] = 200
+        order: Annotated[str, choice("first", "last")] = "first"
 
         def __post_init__(self) -> None:
             check_fields(self)
 
-A check is a function of the name and the value of a field. It returns the value to store, or raises
-a ValueError with the value and the allowed range. `whole`, `number`, `check_bool`, `one_of` and
-`whole_numbers` check arguments of functions in the same way.
+The rules of a field are in its annotation. `whole`, `number`, `check_bool`, `one_of` and other
+functions of a name and a value check arguments; `Rule(whole)` makes a rule of such a function.
 """
 
 from __future__ import annotations
 
 import errno
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import field, fields
+from dataclasses import dataclass, fields
 from difflib import get_close_matches
+from functools import cache
 from math import inf, isfinite
 from pathlib import Path
-from typing import Any, NoReturn, TypeVar
+from typing import Annotated, Any, NoReturn, TypeVar, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 
 Key = TypeVar("Key")
 Value = TypeVar("Value")
-Check = Callable[[str, Any], Any]
 MOST_SHOWN = 100
 
 
-def declared(check: Check, default: Any) -> Any:
-    """A field with this check."""
-    return field(default=default, metadata={"check": check})
-
-
-def count(least: int, default: int) -> Any:
-    """A field for a whole number from `least` to 2**31 - 1."""
-    return declared(lambda name, value: whole(name, value, least), default)
-
-
-def flag(default: bool) -> Any:
-    """A field for True or False."""
-    return declared(check_bool, default)
-
-
-def choice(choices: Sequence[str], default: str) -> Any:
-    """A field for one of `choices`."""
-    return declared(lambda name, value: one_of(name, value, choices), default)
+def check(condition: bool, message: str) -> None:
+    """Raise ValueError(message) unless `condition`."""
+    if not condition:
+        raise ValueError(message)
 
 
 def one_of(what: str, value: Any, choices: Collection[str]) -> Any:
@@ -143,7 +128,7 @@ def checked_seed(seed: Any) -> int:
     return whole("seed", seed, 0, 2**64 - 1)
 
 
-def some_seed() -> int:
+def random_seed() -> int:
     """A random seed from the operating system."""
     return int(np.random.SeedSequence().generate_state(1, np.uint64)[0])
 
@@ -187,12 +172,85 @@ def as_array(name: str, value: Any, kinds: str, rule: str) -> NDArray[Any]:
     return array
 
 
+# -- rules of fields -------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Rule:
+    """The allowed values of a field of a dataclass.
+
+    Attributes:
+        checked: (name, value) -> the value to store; ValueError for a value that is not allowed.
+        other_types: whether files may give values of other types, which `checked` converts.
+    """
+
+    checked: Callable[[str, Any], Any]
+    other_types: bool = False
+
+
+def rule(holds: Callable[[Any], bool], text: str) -> Rule:
+    """Values for which `holds` is true; `text` describes them in messages."""
+
+    def checked(name: str, value: Any) -> Any:
+        try:
+            allowed = holds(value)
+        except TypeError:  # such as a comparison of a number with a string
+            allowed = False
+        check(allowed, f"{name}={value}; {text}")
+        return value
+
+    return Rule(checked)
+
+
+def at_least(least: int) -> Rule:
+    """Numbers not below `least`."""
+    return rule(lambda value: value >= least, f"give at least {least}")
+
+
+def choice(*choices: str) -> Rule:
+    """One of these strings."""
+    return Rule(lambda name, value: one_of(name, value, choices))
+
+
+def passes(function: Callable[[Any], object]) -> Rule:
+    """Values for which `function` raises no ValueError."""
+
+    def checked(name: str, value: Any) -> Any:
+        function(value)
+        return value
+
+    return Rule(checked)
+
+
+Whole = Annotated[int, Rule(whole)]
+WholeFrom1 = Annotated[int, Rule(lambda name, value: whole(name, value, 1))]
+Flag = Annotated[bool, Rule(check_bool)]
+
+
+@cache
+def rules_of(form: Any) -> Mapping[str, tuple[Rule, ...]]:
+    """The rules of the fields of a dataclass, by name."""
+    hints = get_type_hints(form, include_extras=True)
+    return {
+        name: tuple(each for each in getattr(hint, "__metadata__", ()) if isinstance(each, Rule))
+        for name, hint in hints.items()
+    }
+
+
 def check_fields(settings: Any) -> None:
-    """Check every declared field of a frozen dataclass, and store the checked values."""
-    for each in fields(settings):
-        if "check" in each.metadata:
-            kept = each.metadata["check"](each.name, getattr(settings, each.name))
-            object.__setattr__(settings, each.name, kept)
+    """Apply the rules of all fields of a frozen dataclass, and store the values that they return.
+
+    None is allowed where it is the default.
+    """
+    for field in fields(settings):
+        value = getattr(settings, field.name)
+        if value is not None or field.default is not None:
+            for each in rules_of(type(settings))[field.name]:
+                value = each.checked(field.name, value)
+                object.__setattr__(settings, field.name, value)
+
+
+# -- settings by name ------------------------------------------------------------------------------
 
 
 def named_settings(function: str, settings: dict[str, Any], known: Sequence[str]) -> dict[str, Any]:

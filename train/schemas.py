@@ -16,7 +16,7 @@ from pursuit.validation import did_you_mean
 
 Form = TypeVar("Form")
 
-_WORDS = {
+WORDS = {
     "int": "a whole number",
     "float": "a number",
     "bool": "true or false",
@@ -80,4 +80,4 @@ def _names_in(form: Any) -> list[str]:
 
 
 def _word(kind: str) -> str:
-    return _WORDS.get(kind.strip(), kind.strip())
+    return WORDS.get(kind.strip(), kind.strip())

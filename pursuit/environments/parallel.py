@@ -29,7 +29,7 @@ from pursuit.rules.layout import Array
 from pursuit.simulator.policy import Policy, play, seat_policies
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task, checked_task, make_task
-from pursuit.validation import check_bool, reset_options, some_seed
+from pursuit.validation import check_bool, random_seed, reset_options
 
 RENDER_FPS = 5
 
@@ -116,7 +116,7 @@ class SimulatorParallelEnv(Rendered, ParallelEnv[str, Any, Any]):
                 changed then.
         """
         if seed is None and not self._seeded:
-            seed = some_seed()
+            seed = random_seed()
         self._begin(seed, options)
         if seed is not None:
             self.np_random = np.random.default_rng(seed)

@@ -21,7 +21,7 @@ from pursuit.environments.types import AnySimulator, AnyTask, Info, Options, Spa
 from pursuit.rendering.rendering import Drawable
 from pursuit.rendering.windows import Rendered
 from pursuit.rules.layout import Array
-from pursuit.validation import as_array, checked_seed, some_seed
+from pursuit.validation import as_array, checked_seed, random_seed
 
 MAKERS = (gymnasium.make.__code__, gymnasium.make_vec.__code__)
 """The functions that read no limit of a task from a `TaskSpec`."""
@@ -176,7 +176,7 @@ class SingleEnv(GamesOfWorld, SpecWithLimit, Rendered, gymnasium.Env[Any, Any]):
         if seed is not None:
             seed = checked_seed(seed)
         elif not self._seeded:
-            seed = some_seed()
+            seed = random_seed()
         self._begin(seed, options)
         super().reset(seed=seed)
         self._seeded = True

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pursuit.environments.single_env import GamesOfWorld, SpecWithLimit, row_of
 from pursuit.environments.types import AnySimulator, Info, Options, Space
 from pursuit.rules.layout import Array
-from pursuit.validation import checked_seed, is_int, some_seed, whole
+from pursuit.validation import checked_seed, is_int, random_seed, whole
 
 RESET_MASK = "reset_mask"
 """Gymnasium's name of the option with the games to reset."""
@@ -133,7 +133,7 @@ class LockstepVectorEnv(GamesOfWorld, SpecWithLimit, gymnasium.vector.VectorEnv[
         listed = None if seed is None or is_int(seed) else self._checked_seeds(seed)
         first = None if seed is None or listed is not None else checked_seed(seed)
         if not self._seeded and first is None and (listed is None or None in listed):
-            first = some_seed() if self._first_seed is None else self._first_seed
+            first = random_seed() if self._first_seed is None else self._first_seed
         own, streams = first, self.simulator.streams.copy()
         if listed is not None:
             self._seed_each(listed, first, chosen)

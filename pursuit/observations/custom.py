@@ -101,7 +101,7 @@ class CustomEncoding:
     def __init__(self, task: Task, encoding: Any) -> None:
         if isinstance(encoding, str):
             check_observation(encoding)
-        part = OBSERVATIONS.take(encoding)
+        part = OBSERVATIONS.resolved(encoding)
         self.task, self.encoding = task, encoding
         self.part: Observation = part() if isinstance(part, type) else part
         self.space = self.part.space(task)

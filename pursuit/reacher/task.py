@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pursuit.validation import (
+    Flag,
+    Rule,
+    WholeFrom1,
     check_fields,
     choice,
-    count,
-    declared,
-    flag,
     named_settings,
     number,
     whole,
@@ -27,11 +27,12 @@ LEAST_TURN = 1e-4
 LEAST_TOLERANCE = 1e-6
 """Smaller tolerances are affected by rounding, so minimal steps would not be computable."""
 STARTS = ("kept", "random", "fixed")
+Joints = Annotated[int, Rule(lambda name, value: whole(name, value, 1, MAX_JOINTS))]
 
 
-def _number(least: float, most: float, default: float) -> Any:
-    """A field for a number in this range."""
-    return declared(lambda name, value: number(name, value, least, most), default)
+def _number(least: float, most: float) -> Rule:
+    """Numbers in this range."""
+    return Rule(lambda name, value: number(name, value, least, most))
 
 
 @dataclass(frozen=True)
@@ -58,14 +59,14 @@ class ReacherTask:
         ValueError: an invalid value; the message names the rule and the remedy.
     """
 
-    joints: int = declared(lambda name, value: whole(name, value, 1, MAX_JOINTS), default=2)
-    start: str = choice(STARTS, default="kept")
-    hold: int = count(1, default=1)
-    tolerance: float = _number(LEAST_TOLERANCE, math.inf, default=0.2)
-    max_steps: int = count(1, default=400)
-    max_turn: float = _number(LEAST_TURN, math.pi, default=0.1)
-    effort: float = _number(0.0, 1e30, default=0.01)  # rewards are float32
-    discrete_actions: bool = flag(False)
+    joints: Joints = 2
+    start: Annotated[str, choice(*STARTS)] = "kept"
+    hold: WholeFrom1 = 1
+    tolerance: Annotated[float, _number(LEAST_TOLERANCE, math.inf)] = 0.2
+    max_steps: WholeFrom1 = 400
+    max_turn: Annotated[float, _number(LEAST_TURN, math.pi)] = 0.1
+    effort: Annotated[float, _number(0.0, 1e30)] = 0.01  # rewards are float32
+    discrete_actions: Flag = False
 
     def __post_init__(self) -> None:
         check_fields(self)

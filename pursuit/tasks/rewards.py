@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Annotated, Any
 
-from pursuit.plugins import Registry
+from pursuit.plugins import Registry, accepts
 from pursuit.tasks.moments import ROLES as ROLES
 from pursuit.tasks.moments import After, Before
-from pursuit.validation import FrozenDict, check_fields, declared, flag, number
+from pursuit.validation import Flag, FrozenDict, Rule, check_fields, number
 
 RewardFunction = Callable[[Before, Any, After], Any]
 """`f(before, actions, after)` -> [games, agents], the reward of every agent for the step.
@@ -26,10 +25,13 @@ MOST_REWARD = 1e30
 
 
 def _coefficient(name: str, value: Any) -> float:
-    found = number(name, value)
-    if abs(found) > MOST_REWARD:
+    coefficient = number(name, value)
+    if abs(coefficient) > MOST_REWARD:
         raise ValueError(f"{name}={value}; rewards are float32: give at most {MOST_REWARD:g}")
-    return found
+    return coefficient
+
+
+Coefficient = Annotated[float, Rule(_coefficient)]
 
 
 @dataclass(frozen=True)
@@ -55,12 +57,12 @@ class Rewards:
             distance or `on_completion`.
     """
 
-    step: float = declared(_coefficient, 0.0)
-    capture: float = declared(_coefficient, 0.0)
-    goal: float = declared(_coefficient, 0.0)
-    distance: float = declared(_coefficient, 0.0)
-    on_completion: bool = flag(False)
-    per_evader: bool = flag(False)
+    step: Coefficient = 0.0
+    capture: Coefficient = 0.0
+    goal: Coefficient = 0.0
+    distance: Coefficient = 0.0
+    on_completion: Flag = False
+    per_evader: Flag = False
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -111,20 +113,7 @@ def is_rewards(part: Any) -> bool:
             isinstance(rewards, Rewards) and (role == "chaser" or not rewards.per_evader)
             for role, rewards in part.items()
         )
-    return callable(part) and not isinstance(part, type) and takes_three(part)
-
-
-def takes_three(function: Callable[..., Any]) -> bool:
-    """Whether a function accepts three arguments; True if its signature is unknown."""
-    try:
-        signature = inspect.signature(function)
-    except ValueError:  # some functions written in C
-        return True
-    try:
-        signature.bind(None, None, None)
-    except TypeError:
-        return False
-    return True
+    return callable(part) and not isinstance(part, type) and accepts(part, None, None, None)
 
 
 REWARDS: Registry[Mapping[str, Rewards] | RewardFunction] = Registry(

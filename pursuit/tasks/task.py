@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,12 +31,14 @@ from pursuit.tasks.visibility import (
     visibility_of,
 )
 from pursuit.validation import (
+    Flag,
     FrozenDict,
+    Rule,
+    Whole,
+    WholeFrom1,
+    check,
     check_fields,
     choice,
-    count,
-    declared,
-    flag,
     is_int,
     named_settings,
     one_of,
@@ -48,9 +50,10 @@ ACTIONS = ("north", "south", "east", "west", "stay")
 """The actions on a grid; in a graph, moves have numbers."""
 MOVE_ORDERS = ("simultaneous", "chasers_first")
 STARTS = ("random", "marks")
+Agents = Annotated[AgentChoice | Sequence[str] | str, Rule(check_agent_choice)]
 
 
-def _kept_mazes(name: str, given: Any) -> Any:
+def _checked_mazes(name: str, given: Any) -> Any:
     """One maze unchanged; several as a tuple, so that later changes of a list have no effect."""
     if isinstance(given, (str, Path, Maze)):
         return given
@@ -64,11 +67,10 @@ def _kept_mazes(name: str, given: Any) -> Any:
     return mazes
 
 
-def _kept_name(name: str, given: Any) -> Any:
-    """`given` if it is a string; ValueError otherwise."""
-    if not isinstance(given, str):
-        raise ValueError(f"{name}={given!r}; give a string")
-    return given
+def _checked_name(name: str, value: Any) -> Any:
+    """`value` if it is a string; ValueError otherwise."""
+    check(isinstance(value, str), f"{name}={value!r}; give a string")
+    return value
 
 
 @dataclass(frozen=True)
@@ -108,23 +110,23 @@ class Task:
         ValueError: an invalid setting, or settings that contradict each other.
     """
 
-    maze: str | Path | Maze | Sequence[str | Path | Maze] = declared(_kept_mazes, default="5x5")
-    num_chasers: int = count(0, default=0)
-    num_evaders: int = count(0, default=0)
-    num_runners: int = count(0, default=0)
-    num_goals: int = count(0, default=0)
-    max_steps: int = count(1, default=200)
-    stay_action: bool = flag(False)
-    move_order: str = choice(MOVE_ORDERS, default="simultaneous")
-    start: str = choice(STARTS, default="random")
-    min_start_distance: int = count(1, default=1)
-    rewards: str | Mapping[str, Rewards] | RewardFunction = declared(check_rewards, default="goal")
-    view_radius: ViewRadius | Mapping[str, int | None] | str = declared(
-        check_view_radius, default=None
+    maze: Annotated[str | Path | Maze | Sequence[str | Path | Maze], Rule(_checked_mazes)] = "5x5"
+    num_chasers: Whole = 0
+    num_evaders: Whole = 0
+    num_runners: Whole = 0
+    num_goals: Whole = 0
+    max_steps: WholeFrom1 = 200
+    stay_action: Flag = False
+    move_order: Annotated[str, choice(*MOVE_ORDERS)] = "simultaneous"
+    start: Annotated[str, choice(*STARTS)] = "random"
+    min_start_distance: WholeFrom1 = 1
+    rewards: Annotated[str | Mapping[str, Rewards] | RewardFunction, Rule(check_rewards)] = "goal"
+    view_radius: Annotated[ViewRadius | Mapping[str, int | None] | str, Rule(check_view_radius)] = (
+        None
     )
-    line_of_sight: AgentChoice | Sequence[str] | str = declared(check_agent_choice, default=False)
-    unknown_maze: AgentChoice | Sequence[str] | str = declared(check_agent_choice, default=False)
-    name: str = declared(_kept_name, default="custom")
+    line_of_sight: Agents = False
+    unknown_maze: Agents = False
+    name: Annotated[str, Rule(_checked_name)] = "custom"
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -138,42 +140,44 @@ class Task:
         self._check_visibility()
 
     def _check_that_it_can_end(self) -> None:
-        if self.num_agents == 0:
-            raise ValueError("a task without agents; give num_chasers, num_evaders or num_runners")
+        check(
+            self.num_agents > 0,
+            "a task without agents; give num_chasers, num_evaders or num_runners",
+        )
         for role, other in (("chaser", "evader"), ("evader", "chaser")):
-            if self.count(role) and not self.count(other) and not self.num_goals:
-                raise ValueError(
-                    f"num_{role}s={self.count(role)}, num_{other}s=0 and no goals: the game cannot "
-                    f"terminate; give num_{other}s or num_goals"
-                )
+            check(
+                self.count(role) == 0 or self.count(other) > 0 or self.num_goals > 0,
+                f"num_{role}s={self.count(role)}, num_{other}s=0 and no goals: the game cannot "
+                f"terminate; give num_{other}s or num_goals",
+            )
 
     def _check_collectors(self) -> None:
-        if self.num_runners and not self.num_goals:
-            raise ValueError(
-                f"num_runners={self.num_runners} and num_goals=0; runners collect goals: give "
-                "num_goals of at least 1"
-            )
-        if self.num_goals and not (self.num_runners or self.num_evaders):
-            raise ValueError(
-                f"num_goals={self.num_goals}, but only runners and evaders collect goals; give "
-                "num_runners or num_evaders"
-            )
+        check(
+            self.num_runners == 0 or self.num_goals > 0,
+            f"num_runners={self.num_runners} and num_goals=0; runners collect goals: give "
+            "num_goals of at least 1",
+        )
+        check(
+            self.num_goals == 0 or self.num_runners > 0 or self.num_evaders > 0,
+            f"num_goals={self.num_goals}, but only runners and evaders collect goals; give "
+            "num_runners or num_evaders",
+        )
 
     def _check_start_distance(self) -> None:
-        if self.min_start_distance > 1 and not (self.num_chasers and self.num_evaders):
-            raise ValueError(
-                f"min_start_distance={self.min_start_distance}: a path distance between chasers "
-                f"and evaders, but num_chasers={self.num_chasers} and num_evaders="
-                f"{self.num_evaders}; leave it out"
-            )
+        check(
+            self.min_start_distance <= 1 or (self.num_chasers > 0 and self.num_evaders > 0),
+            f"min_start_distance={self.min_start_distance}: a path distance between chasers and "
+            f"evaders, but num_chasers={self.num_chasers} and num_evaders={self.num_evaders}; "
+            "leave it out",
+        )
 
     def _check_maze(self, maze: Maze) -> None:
         needed = self.num_agents + self.num_goals
-        if needed > maze.num_cells:
-            raise ValueError(
-                f"{self.num_agents} agents and {self.num_goals} goals need {needed} different "
-                f"cells; maze {maze.name} has {maze.num_cells}. Use fewer, or a larger maze"
-            )
+        check(
+            needed <= maze.num_cells,
+            f"{self.num_agents} agents and {self.num_goals} goals need {needed} different cells; "
+            f"maze {maze.name} has {maze.num_cells}. Use fewer, or a larger maze",
+        )
         if self.num_goals and not maze.is_connected:
             raise ValueError(
                 f"maze {maze.name} has {maze.num_components} unconnected parts, so a goal could be "
@@ -226,10 +230,8 @@ class Task:
 
     @cached_property
     def _limits(self) -> tuple[Limit, ...]:
-        radius: Any = self.view_radius
-        in_line: Any = self.line_of_sight
-        unknown: Any = self.unknown_maze
-        return limits_of(self.agent_names, radius, in_line, unknown)
+        checked: Any = (self.view_radius, self.line_of_sight, self.unknown_maze)
+        return limits_of(self.agent_names, *checked)
 
     @cached_property
     def sight(self) -> Visibility:

@@ -274,16 +274,12 @@ def limits_of(
             if agent not in known:
                 raise ValueError(f"{name} of " + unknown_name("agent", agent, sorted(known)))
 
-    def radius_of(agent: str) -> int | None:
-        if not isinstance(radius, dict):
-            return radius
-        return radius.get(agent, radius.get(agent.split("_")[0]))
+    def limit_of(agent: str, role: str) -> Limit:
+        own = radius.get(agent, radius.get(role)) if isinstance(radius, dict) else radius
+        chosen = (
+            names if isinstance(names, bool) else agent in names or role in names
+            for names in (in_line, unknown)
+        )
+        return Limit(own, *chosen)
 
-    def chosen(agent: str, names: AgentChoice) -> bool:
-        if isinstance(names, bool):
-            return names
-        return agent in names or agent.split("_")[0] in names
-
-    return tuple(
-        Limit(radius_of(agent), chosen(agent, in_line), chosen(agent, unknown)) for agent in agents
-    )
+    return tuple(limit_of(agent, agent.split("_")[0]) for agent in agents)

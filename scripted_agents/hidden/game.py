@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,12 +14,12 @@ from pursuit.rules import captured
 from pursuit.tasks.task import MOVE_ORDERS
 from pursuit.tasks.visibility import visible_cells
 from pursuit.validation import (
+    Flag,
+    Rule,
+    Whole,
     as_array,
     check_fields,
     choice,
-    count,
-    declared,
-    flag,
     number,
     whole,
 )
@@ -34,10 +34,6 @@ SUM_TOLERANCE = 1e-9
 Role = Literal["chaser", "evader"]
 
 
-def _radius(name: str, value: Any) -> int | None:
-    return None if value is None else whole(name, value)
-
-
 @dataclass(frozen=True)
 class VisibilityRules:
     """The rules of a chase with a limited view, except for maze and opponent.
@@ -46,13 +42,13 @@ class VisibilityRules:
         ValueError: a value that is not allowed.
     """
 
-    role: Role = choice(("chaser", "evader"), "chaser")
-    view_radius: int | None = declared(_radius, None)
-    line_of_sight: bool = flag(False)
-    discount: float = declared(number, 0.95)
-    move_order: MoveOrder = choice(MOVE_ORDERS, "simultaneous")
-    stay_action: bool = flag(False)
-    min_start_distance: int = count(0, 1)
+    role: Annotated[Role, choice("chaser", "evader")] = "chaser"
+    view_radius: Annotated[int | None, Rule(whole)] = None
+    line_of_sight: Flag = False
+    discount: Annotated[float, Rule(number)] = 0.95
+    move_order: Annotated[MoveOrder, choice(*MOVE_ORDERS)] = "simultaneous"
+    stay_action: Flag = False
+    min_start_distance: Whole = 1
 
     def __post_init__(self) -> None:
         check_fields(self)

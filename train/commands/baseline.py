@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Annotated
 
+from pursuit.validation import at_least
 from scripted_agents import why_not_team_chase
 from scripted_agents.tours.tour import MAX_EXACT_GOALS, expected_tour_length, num_states
 from train.commands.parse import default_task, options_in, parse
@@ -20,7 +21,7 @@ from train.evaluation.contest import GameContest
 from train.evaluation.joint_contest import MAX_EVALUATED_WORK
 from train.evaluation.suite_contest import SuiteContest
 from train.runs.unused_settings import check_unused_task_settings
-from train.settings.checks import Settings, at_least
+from train.settings.checks import Settings
 from train.settings.task import AnyTask, TaskSettings
 
 

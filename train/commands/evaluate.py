@@ -10,6 +10,7 @@ from typing import Annotated, Any
 import tyro
 
 from pursuit.replays.replay import with_suffix
+from pursuit.validation import at_least
 from train.commands.parse import parse, print_warnings, warn
 from train.commands.scores import (
     certificate_of,
@@ -29,7 +30,7 @@ from train.evaluation.suite_report import summary_of
 from train.files import check_folder, check_new_files, reserved, write_json
 from train.runs.tasks import agent_of, task_of
 from train.runs.unused_settings import check_unused_task_settings
-from train.settings.checks import Settings, at_least, check
+from train.settings.checks import Settings, check
 from train.settings.task import AnyTask, ReacherSettings, TaskSettings, in_maze
 
 

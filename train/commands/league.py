@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from pursuit.tasks.task import Task
+from pursuit.validation import at_least
 from scripted_agents.environments import is_agent
 from train.commands.parse import parse, print_warnings
 from train.files import check_output_folder, hold, write_json, write_text
 from train.reports.tables import ResultTable, print_table
 from train.runs.provenance import command_line
-from train.settings.checks import Settings, at_least, check
+from train.settings.checks import Settings, check
 from train.settings.self_play import MEMBERS, ROLES
 
 if TYPE_CHECKING:

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 import tyro
 
+from pursuit.validation import at_least, passes
 from scripted_agents import (
     InverseKinematics,
     LeastStepsPolicy,
@@ -22,7 +23,7 @@ from train.evaluation.arm_contest import ArmContest
 from train.files import check_folder, check_new_files
 from train.runs.pictures import save_replay
 from train.runs.unused_settings import check_unused_task_settings
-from train.settings.checks import Settings, at_least, check, passes
+from train.settings.checks import Settings, check
 from train.settings.reading import names_of
 from train.settings.task import AnyTask, TaskSettings
 

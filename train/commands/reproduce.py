@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
+from pursuit.validation import at_least
 from train.commands.parse import parse
 from train.commands.sweep import SweepWatch, resumable
 from train.files import check_output_folder
-from train.settings.checks import Settings, at_least, check
+from train.settings.checks import Settings, check
 
 if TYPE_CHECKING:
     from train.experiments.replication.plan import Replication

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.mazes.maze import Maze, load_maze
+from pursuit.validation import choice, rule
 from scripted_agents import (
     AStarChaser,
     AStarEvader,
@@ -30,7 +31,7 @@ from train.commands.parse import parse
 from train.commands.progress import ProgressLine
 from train.files import check_new_files
 from train.reports.figures import BLUE, FORMATS, ORANGE, draw_cells, pyplot, save
-from train.settings.checks import RANDOM_MOVES, Settings, check, check_default, one_of, rule
+from train.settings.checks import RANDOM_MOVES, Settings, check, check_default
 
 METHODS = ("value-iteration", "double-oracle", "fictitious-play")
 PLAYS = 1000
@@ -47,7 +48,7 @@ class SolveCommand(Settings):
 
     maze: str = "5x5"
     """A shipped maze (2x2 ... 9x9, 15x15, also -tree and -open), or the path of a maze file."""
-    method: Annotated[str, one_of(*METHODS)] = METHODS[0]
+    method: Annotated[str, choice(*METHODS)] = METHODS[0]
     """value-iteration; or, with NashConv per iteration, double-oracle or fictitious-play."""
     discount: float = 0.95
     """Discount of each step, in (0, 1)."""
@@ -65,7 +66,7 @@ class SolveCommand(Settings):
     """Cell of the evader in the left figure; by default likewise."""
     view_radius: int | None = None
     """Bound the optimum of one agent with this observation radius in path steps, against A*."""
-    role: Annotated[str, one_of("chaser", "evader")] = "chaser"
+    role: Annotated[str, choice("chaser", "evader")] = "chaser"
     """The agent with the limited view: chaser or evader."""
     opponent_epsilon: Annotated[float, RANDOM_MOVES] = 0.2
     """Probability of random moves of its A* opponent."""

@@ -15,9 +15,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
+from pursuit.validation import at_least, choice
 from train.commands.parse import parse
 from train.files import check_output_folder
-from train.settings.checks import Settings, at_least, check, one_of
+from train.settings.checks import Settings, check
 
 if TYPE_CHECKING:
     from train.experiments.study import Study
@@ -41,7 +42,7 @@ class SweepCommand(Settings):
     """short or full, if the file has both; by default short."""
     out: Path | None = None
     """The folder of the sweep; by default sweeps/NAME, of the full version sweeps/NAME-full."""
-    executor: Annotated[str, one_of("local", "ray")] = "local"
+    executor: Annotated[str, choice("local", "ray")] = "local"
     """local: processes of this machine, one core each. ray: tasks of a Ray cluster."""
     workers: Annotated[int, at_least(0)] = 0
     """Parallel local processes; 0: one per core."""

@@ -17,8 +17,9 @@ from scripted_agents.environments import POLICIES
 from train.files import read_json
 from train.schemas import read_as
 from train.settings.algorithms import LEARNERS
+from train.settings.axes import AXIS_PARTS
 from train.settings.common import NETWORKS
-from train.settings.curricula import AXIS_PARTS, CURRICULUM_PARTS
+from train.settings.curricula import CURRICULUM_PARTS
 from train.settings.self_play import ROLES, SAMPLING_PARTS
 
 PARTS, COMMAND = "parts", "command"

@@ -6,39 +6,16 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from pursuit.plugins import Registry
-from train.settings.checks import Count, NotNegative, Positive, Share, check
-from train.settings.hyperparameters import Activation, Hyperparameters, Momentum, NetworkSettings
-from train.settings.off_policy import (
-    DDPGSettings,
-    DQNSettings,
-    NFSPSettings,
-    SACSettings,
-    TD3Settings,
-)
-
-__all__ = [
-    "HYPERPARAMETERS",
-    "LEARNERS",
-    "A2CSettings",
-    "ActorCriticSettings",
-    "CrossEntropySettings",
-    "DDPGSettings",
-    "DQNSettings",
-    "Hyperparameters",
-    "MMDSettings",
-    "NFSPSettings",
-    "NetworkSettings",
-    "PPOSettings",
-    "QLearningSettings",
-    "RNaDSettings",
-    "ReferenceSettings",
-    "ReinforceSettings",
-    "RolloutSettings",
-    "SACSettings",
-    "TD3Settings",
-    "hyperparameter_form",
-    "is_algorithm",
-]
+from pursuit.validation import check
+from train.settings.checks import Count, NotNegative, Positive, Share
+from train.settings.hyperparameters import Activation, Momentum
+from train.settings.hyperparameters import Hyperparameters as Hyperparameters
+from train.settings.hyperparameters import NetworkSettings as NetworkSettings
+from train.settings.off_policy import DDPGSettings as DDPGSettings
+from train.settings.off_policy import DQNSettings as DQNSettings
+from train.settings.off_policy import NFSPSettings as NFSPSettings
+from train.settings.off_policy import SACSettings as SACSettings
+from train.settings.off_policy import TD3Settings as TD3Settings
 
 
 @dataclass(frozen=True)

@@ -9,18 +9,8 @@ from math import inf
 from typing import Annotated, Any
 
 from pursuit.plugins import Registry
-from train.settings.checks import (
-    CLOCKS,
-    MOST_FRAMES,
-    PRECISIONS,
-    SEED,
-    SHARE,
-    Settings,
-    check,
-    one_of,
-    passes,
-    rule,
-)
+from pursuit.validation import check, choice, passes, rule
+from train.settings.checks import CLOCKS, MOST_FRAMES, PRECISIONS, SEED, SHARE, Settings
 
 NETWORKS: Registry[Any] = Registry(
     "network",
@@ -72,7 +62,7 @@ class RunSettings(Settings):
     with more than 5 moves 0.25 / moves."""
     seconds: float | None = None
     """Budget of training time in seconds, without evaluations."""
-    clock: Annotated[str, one_of(*CLOCKS)] = "wall"
+    clock: Annotated[str, choice(*CLOCKS)] = "wall"
     """Clock of the budget in seconds: wall, or processor (processor time of this run on all cores,
     which depends less on other programs)."""
     frames: int | None = None
@@ -83,10 +73,10 @@ class RunSettings(Settings):
     """Seed of the games, the networks, the exploration and the opponents."""
     device: str = "cpu"
     """Device of the networks: cpu or cuda. Games are always simulated on the CPU."""
-    precision: Annotated[str, one_of(*PRECISIONS)] = "auto"
+    precision: Annotated[str, choice(*PRECISIONS)] = "auto"
     """Of the training: float32, bfloat16, or auto (bfloat16 where the hardware supports it).
     Policies are evaluated in float32."""
-    fused: Annotated[str, one_of("auto", "off")] = "auto"
+    fused: Annotated[str, choice("auto", "off")] = "auto"
     """auto: compiled gradient kernels where network and task allow them; off: torch autograd only.
     `update` in results.json says which was used."""
 

@@ -7,51 +7,32 @@ from dataclasses import dataclass
 from math import inf
 from typing import Annotated, Any, ClassVar
 
-from curricula import Curriculum, Schedule
+from curricula import (
+    Curriculum,
+    LearningProgress,
+    LevelReplay,
+    PoolReplay,
+    Schedule,
+    Scheduled,
+    Shuffled,
+    SuccessGated,
+    Uniform,
+)
 from curricula.levels import SCORES
 from curricula.schedules import SHAPES, UNITS
 from pursuit.plugins import Registry
-from train.settings.checks import (
-    Positive,
-    Settings,
-    Share,
-    at_least,
-    check,
-    one_of,
-    passes,
-    rule,
-)
-
-AXES = (
-    "opponent-epsilon",
-    "goal-spread-fixed",
-    "goal-spread-start",
-    "start-distance",
-    "num-goals",
-    "maze-size",
-    "loops",
-    "target-distance",
-    "free-joints",
-    "hold",
-    "tolerance",
-)
-"""Task parameters that a curriculum can vary from easy to hard; the last four are of the arm."""
-
-
-def is_axis(part: Any) -> bool:
-    """Whether a user-defined object is a `Maker` of an axis."""
-    return callable(getattr(part, "make", None)) and hasattr(part, "scripted")
-
-
-AXIS_PARTS: Registry[Any] = Registry(
-    "axis", "a train.teaching.axes.Maker", is_axis, plural="axes", ours=("auto", *AXES)
-)
-"""User-defined axes."""
+from pursuit.validation import at_least, check, choice, passes, rule
+from train.settings.axes import AXES, AXIS_PARTS, Axis, is_axis
+from train.settings.checks import Positive, Settings, Share
 
 
 @dataclass(frozen=True)
 class CurriculumSettings(Settings):
     """No curriculum: the task itself from the start."""
+
+    def build(self, axis: Any, seed: int) -> Curriculum:
+        """A new curriculum over the values of an `Axis`, or over levels if that is None."""
+        raise NotImplementedError
 
     @property
     def solved_within(self) -> float:
@@ -85,7 +66,7 @@ class AxisSettings(CurriculumSettings):
 
 
 Length = Annotated[float, rule(lambda value: 0 <= value < inf, "must be finite and at least 0")]
-Unit = Annotated[str, one_of(*UNITS)]
+Unit = Annotated[str, choice(*UNITS)]
 SolvedWithin = Annotated[
     float,
     rule(
@@ -112,7 +93,7 @@ def check_unit(name: str, value: float, unit: str) -> None:
 class ScheduleSettings(AxisSettings):
     """One value for all games, set by a schedule."""
 
-    schedule: Annotated[str, one_of(*SHAPES)] = "linear"
+    schedule: Annotated[str, choice(*SHAPES)] = "linear"
     """constant, linear, cosine, step (by 1 every schedule_every), exponential (multiplied by
     schedule_factor every schedule_every) or piecewise (schedule_points)."""
     schedule_unit: Unit = "share"
@@ -132,7 +113,7 @@ class ScheduleSettings(AxisSettings):
             check_unit("schedule_length", self.schedule_length, self.schedule_unit)
         if self.schedule in ("step", "exponential"):
             check_unit("schedule_every", self.schedule_every, self.schedule_unit)
-        self.build(1.0, 0.0)
+        self.schedule_between(1.0, 0.0)
 
     def points(self) -> tuple[tuple[float, float], ...]:
         """`schedule_points` as pairs of numbers."""
@@ -145,7 +126,7 @@ class ScheduleSettings(AxisSettings):
                 "0:1,0.5:0.2"
             ) from None
 
-    def build(self, easiest: float, hardest: float) -> Schedule:
+    def schedule_between(self, easiest: float, hardest: float) -> Schedule:
         """The schedule between these two values."""
         return Schedule(
             self.schedule,
@@ -157,6 +138,10 @@ class ScheduleSettings(AxisSettings):
             self.schedule_factor,
             self.points(),
         )
+
+    def build(self, axis: Axis, seed: int) -> Curriculum:
+        """As in `CurriculumSettings`; ValueError for a schedule that does not match the ends."""
+        return Scheduled(self.schedule_between(axis.easiest, axis.hardest), axis.whole)
 
 
 @dataclass(frozen=True)
@@ -175,6 +160,10 @@ class StagedSettings(AxisSettings):
 @dataclass(frozen=True)
 class UniformSettings(StagedSettings):
     """A control: stages are drawn uniformly during the whole run."""
+
+    def build(self, axis: Axis, seed: int) -> Curriculum:
+        """As in `CurriculumSettings`."""
+        return Uniform(axis.stages(self.num_stages))
 
 
 @dataclass(frozen=True)
@@ -195,10 +184,23 @@ class TurnSettings(StagedSettings):
 class ReversedSettings(TurnSettings):
     """A control: linearly from hard to easy, then the hardest stage."""
 
+    def build(self, axis: Axis, seed: int) -> Curriculum:
+        """As in `CurriculumSettings`."""
+        # At the end of `schedule_length` it jumps from the easiest value back to the hardest.
+        length, hard, easy = self.schedule_length, axis.hardest, axis.easiest
+        points = ((0.0, hard), (0.999 * length, easy), (length, hard)) if length else ()
+        shape = "piecewise" if length else "constant"
+        return Scheduled(Schedule(shape, hard, hard, self.schedule_unit, points=points), axis.whole)
+
 
 @dataclass(frozen=True)
 class ShuffledSettings(TurnSettings):
     """A control: the stages in random order, then the hardest stage."""
+
+    def build(self, axis: Axis, seed: int) -> Curriculum:
+        """As in `CurriculumSettings`."""
+        stages = axis.stages(self.num_stages)
+        return Shuffled(stages, self.schedule_length, self.schedule_unit, seed)
 
 
 @dataclass(frozen=True)
@@ -215,6 +217,11 @@ class SuccessGatedSettings(StagedSettings):
     """An episode is a success only within this many times the exact optimum of its start. 0: as the
     task defines success."""
 
+    def build(self, axis: Axis, seed: int) -> Curriculum:
+        """As in `CurriculumSettings`."""
+        stages = axis.stages(self.num_stages)
+        return SuccessGated(stages, self.promote_at, self.demote_at, self.window)
+
 
 @dataclass(frozen=True)
 class LearningProgressSettings(StagedSettings):
@@ -227,12 +234,17 @@ class LearningProgressSettings(StagedSettings):
     explore_share: Share = 0.2
     """Fraction of games in stages drawn uniformly."""
 
+    def build(self, axis: Axis, seed: int) -> Curriculum:
+        """As in `CurriculumSettings`."""
+        stages = axis.stages(self.num_stages)
+        return LearningProgress(stages, self.average_fast, self.average_slow, self.explore_share)
+
 
 @dataclass(frozen=True)
 class LevelReplaySettings(CurriculumSettings):
     """Prioritised level replay (Jiang et al., 2021): levels with a high score are replayed."""
 
-    level_score: Annotated[str, one_of(*SCORES)] = "regret"
+    level_score: Annotated[str, choice(*SCORES)] = "regret"
     """Score of levels: regret (to the exact optimum), value_loss, or learnability (p(1 - p), with p
     the success rate)."""
     level_buffer: Annotated[int, at_least(2)] = 2048
@@ -257,12 +269,22 @@ class LevelReplaySettings(CurriculumSettings):
         """Whether the score is value_loss."""
         return self.level_score == "value_loss"
 
+    def build(self, axis: None, seed: int) -> Curriculum:
+        """As in `CurriculumSettings`."""
+        return LevelReplay(
+            self.level_score,
+            self.level_buffer,
+            self.replay_share,
+            self.level_temperature,
+            self.staleness,
+        )
+
 
 @dataclass(frozen=True)
 class LearnabilitySettings(LevelReplaySettings):
     """Level replay by learnability p(1 - p), with p the success rate (Rutherford et al., 2024)."""
 
-    level_score: Annotated[str, one_of(*SCORES)] = "learnability"
+    level_score: Annotated[str, choice(*SCORES)] = "learnability"
     """Score of levels: regret (to the exact optimum), value_loss, or learnability (p(1 - p), with p
     the success rate)."""
     solved_within: SolvedWithin = 1.5
@@ -285,6 +307,11 @@ class MazeReplaySettings(CurriculumSettings):
     """Number of mazes in each exact scoring, at most those of the suite."""
     score_every: Annotated[int, at_least(1)] = 25_000
     """Frames between two scorings."""
+
+    def build(self, axis: Axis, seed: int) -> Curriculum:
+        """As in `CurriculumSettings`."""
+        how_replayed = (self.replay_share, self.level_temperature, self.staleness)
+        return PoolReplay(len(axis.mazes), self.num_scored, *how_replayed)
 
 
 @dataclass(frozen=True)

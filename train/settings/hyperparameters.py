@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
-from train.settings.checks import Count, Positive, Settings, Share, one_of, rule
+from pursuit.validation import choice, rule
+from train.settings.checks import Count, Positive, Settings, Share
 
-Activation = Annotated[str, one_of("relu", "tanh")]
+Activation = Annotated[str, choice("relu", "tanh")]
 Momentum = Annotated[float, rule(lambda value: 0 <= value < 1, "must be in [0, 1)")]
 
 
@@ -19,7 +20,7 @@ class Hyperparameters(Settings):
     """Games simulated in parallel."""
     gamma: Share = 0.95
     """Discount factor."""
-    recurrent: Annotated[str | None, one_of("gru")] = None
+    recurrent: Annotated[str | None, choice("gru")] = None
     """Recurrent layer between the hidden layers and the output: gru, or None."""
     SELF_PLAY_ONLY: ClassVar[bool] = False
     """Whether the algorithm is for self-play only."""

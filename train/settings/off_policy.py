@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
-from train.settings.checks import Count, Finite, NotNegative, Positive, Share, check, one_of, rule
+from pursuit.validation import check, choice, rule
+from train.settings.checks import Count, Finite, NotNegative, Positive, Share
 from train.settings.hyperparameters import NetworkSettings
 
 Frames = Annotated[int, rule(lambda value: value >= 0, "must be at least 0")]
-Noise = Annotated[str, one_of("gaussian", "ornstein-uhlenbeck", "none")]
+Noise = Annotated[str, choice("gaussian", "ornstein-uhlenbeck", "none")]
 
 
 @dataclass(frozen=True)

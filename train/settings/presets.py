@@ -3,28 +3,27 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+import tomllib
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
-from pursuit.validation import one_of
+from pursuit.validation import check, one_of
 from train.settings.algorithms import (
     HYPERPARAMETERS,
-    A2CSettings,
     ActorCriticSettings,
-    DDPGSettings,
-    DQNSettings,
     Hyperparameters,
     NetworkSettings,
     PPOSettings,
-    QLearningSettings,
-    ReinforceSettings,
-    RolloutSettings,
-    TD3Settings,
     hyperparameter_form,
 )
-from train.settings.checks import check
 from train.settings.curricula import CurriculumSettings, ScheduleSettings, curriculum_form
+
+
+def _content_of(name: str) -> dict[str, Any]:
+    """The content of a TOML file beside this module."""
+    return tomllib.loads(Path(__file__).with_name(name).read_text("utf-8"))
+
 
 TUNED = "tuned"
 SIZES = ("num_games", "rollout_steps", "minibatch_size")
@@ -79,6 +78,16 @@ class TaskProfile:
         return on_the_way(self.cells, 25, 81) if far else 0.0
 
     @property
+    def recurrent_and_near(self) -> bool:
+        """Whether the network is recurrent, and evaders or goals are never far."""
+        return self.recurrent and not self.far_evader and not self.far_goals
+
+    @property
+    def many_joints(self) -> bool:
+        """Whether an arm has more than two joints."""
+        return self.joints > 2
+
+    @property
     def unseen_mazes(self) -> bool:
         """Whether a runner learns to plan in any maze."""
         return self.many_mazes and self.random_start and self.role == "runner"
@@ -101,120 +110,14 @@ def towards(near: Any, far: Any, share: float, discount: bool) -> Any:
         return far
     if discount:
         return 1.0 - between(1.0 - near, 1.0 - far, share)
-    found = between(near, far, share)
-    return round(found / 256) * 256 if isinstance(near, int) else found
+    value = between(near, far, share)
+    return round(value / 256) * 256 if isinstance(near, int) else value
 
 
-# The settings of the thesis. Settings that its tables do not list are RLlib's defaults of 2020.
-
-# Table A.5. RLlib collected 4000 frames with few environments; 20 games × 200 steps are that many.
-_PPO = PPOSettings(
-    num_games=20,
-    rollout_steps=200,
-    minibatch_size=128,
-    epochs=30,
-    learning_rate=5e-5,
-    anneal=False,
-    gamma=0.99,
-    gae_lambda=1.0,
-    clip=0.5,
-    kl_target=0.01,
-    kl_coef=0.2,
-    entropy_coef=0.0,
-    value_coef=1.0,
-    max_grad_norm=1e9,
-    width=256,
-    activation="tanh",
-    shared=False,
-)
-
-# Of DDPG and TD3. RLlib had one game. Its Ornstein-Uhlenbeck noise has a sigma of 0.2, which it
-# scales by 0.1 and the range of an action, 2.
-_CONTINUOUS: dict[str, Any] = {
-    "num_games": 1,
-    "rollout_steps": 1,
-    "gradient_steps": 1,
-    "batch_size": 512,
-    "learning_rate": 1e-3,
-    "critic_learning_rate": 1e-3,
-    "anneal": False,
-    "gamma": 0.99,
-    "tau": 0.001,
-    "max_grad_norm": 1e9,
-    "noise": "ornstein-uhlenbeck",
-    "noise_start": 0.04,
-    "noise_end": 0.04,
-    "noise_theta": 0.15,
-    "n_steps": 1,
-    "width": 256,
-}
-
+TUNED_RULES, _THESIS = _content_of("tuned.toml"), _content_of("thesis.toml")
+THESIS_ALGORITHMS: dict[str, str] = {name: own.pop("algorithm") for name, own in _THESIS.items()}
 THESIS: dict[str, Hyperparameters] = {
-    "thesis-ppo": _PPO,
-    # Table A.3, with "use critic: False": no baseline is subtracted from the returns. RLlib's PPO
-    # of 2020 first ignored that option with generalised advantages, its default, and later refused
-    # the combination. The version that the thesis used is unknown.
-    "thesis-reacher-ppo": replace(_PPO, critic=False, kl_target=0.005, clip=0.3, width=512),
-    # Table A.6 (no critic, no generalised advantages). RLlib's batch of 200 frames in fragments of
-    # 20: 10 games × 20 steps. It did not standardise advantages.
-    "thesis-a2c": A2CSettings(
-        num_games=10,
-        rollout_steps=20,
-        learning_rate=1e-4,
-        anneal=False,
-        gamma=0.99,
-        gae=False,
-        critic=False,
-        standardize_advantages=False,
-        entropy_coef=0.01,
-        max_grad_norm=40.0,
-        width=256,
-        activation="tanh",
-        shared=False,
-    ),
-    # Table A.4 (dueling, prioritised, 50 000 transitions). RLlib: one game, a batch of 32 for every
-    # 4 frames, epsilon 1 to 0.02 over 10 000 frames, the target network copied every 500 frames,
-    # the exponent of the importance weights 0.4 throughout.
-    "thesis-dqn": DQNSettings(
-        num_games=1,
-        rollout_steps=4,
-        gradient_steps=1,
-        batch_size=32,
-        buffer_size=50_000,
-        learning_starts=1000,
-        target_update_interval=125,
-        learning_rate=5e-4,
-        anneal=False,
-        gamma=0.99,
-        max_grad_norm=40.0,
-        epsilon_end=0.02,
-        exploration_frames=10_000,
-        double=True,
-        dueling=True,
-        prioritized=True,
-        importance_exponent_end=0.4,
-        n_steps=1,
-        width=256,
-        activation="tanh",
-    ),
-    # Table A.1. RLlib: a gradient step for every frame after 1500, the exponent of the importance
-    # weights 0.4 throughout.
-    "thesis-ddpg": DDPGSettings(
-        **_CONTINUOUS,
-        buffer_size=5000,
-        learning_starts=1500,
-        prioritized=True,
-        importance_exponent_end=0.4,
-    ),
-    # Table A.2, and the thesis' Ornstein-Uhlenbeck noise.
-    "thesis-td3": TD3Settings(
-        **_CONTINUOUS,
-        buffer_size=10_000,
-        learning_starts=10_000,
-        policy_delay=2,
-        target_noise=0.2,
-        target_noise_clip=0.5,
-    ),
+    name: HYPERPARAMETERS[THESIS_ALGORITHMS[name]](**own) for name, own in _THESIS.items()
 }
 PRESETS = (TUNED, *THESIS)
 
@@ -226,7 +129,7 @@ def preset_algorithm(preset: str) -> str | None:
         ValueError: an unknown preset.
     """
     one_of("preset", preset, PRESETS)
-    return None if preset == TUNED else preset.removeprefix("thesis-").removeprefix("reacher-")
+    return None if preset == TUNED else THESIS_ALGORITHMS[preset]
 
 
 def hyperparameters(
@@ -251,91 +154,28 @@ def hyperparameters(
     return hyper
 
 
-_BOTH_GRADIENTS = (A2CSettings, ReinforceSettings)
-TUNED_SETTINGS: tuple[tuple[Any, Callable[[TaskProfile], float], dict[str, Any]], ...] = (
-    # Random opponents need averages over visits. A discount bounds values of rewards per step.
-    (QLearningSettings, lambda s: s.task != "maze", {"learning_rate_power": 0.7}),
-    (QLearningSettings, lambda s: s.task != "maze" and s.role == "evader", {"gamma": 0.95}),
-    (DQNSettings, lambda s: s.role == "runner", {"gamma": 0.98}),
-    (DQNSettings, lambda s: s.role == "runner" and s.task != "race", {"gamma": 0.99}),
-    (_BOTH_GRADIENTS, lambda s: s.task == "maze", {"gamma_end": 0.99}),
-    (
-        A2CSettings,
-        lambda s: s.task == "maze" or s.role == "chaser",
-        {"standardize_advantages": False, "entropy_coef": 0.04},
-    ),
-    (PPOSettings, lambda s: s.role == "runner", {"gamma": 0.99}),
-    (
-        PPOSettings,
-        lambda s: s.role in ("runner", "chaser"),
-        {"entropy_coef": 0.1, "value_coef": 2.0},
-    ),
-    (PPOSettings, lambda s: s.many_goals * (s.role in ("runner", "chaser")), {"value_coef": 0.5}),
-    (
-        PPOSettings,
-        lambda s: s.many_goals * (s.role == "runner" and s.task == "maze"),
-        {"gamma_end": 0.997},
-    ),
-    (NetworkSettings, lambda s: s.far_evader, {"gamma": 0.98}),
-    (
-        RolloutSettings,
-        lambda s: s.far_evader,
-        {"entropy_coef": 0.06, "value_coef": 0.5, "gae_lambda": 0.8},
-    ),
-    (
-        PPOSettings,
-        lambda s: s.far_goals,
-        {"num_games": 2048, "minibatch_size": 8192, "learning_rate": 8e-3},
-    ),
-    (_BOTH_GRADIENTS, lambda s: s.far_goals, {"gamma": 0.97}),
-    # Longer sequences: a chaser with view radius 2 on 5x5 ended 0.8 % above the certified optimum
-    # with these, and 1.5 % with sequences of 16 steps (1.5 M frames, seed 100).
-    (
-        PPOSettings,
-        lambda s: s.recurrent and not s.far_evader and not s.far_goals,
-        {"num_games": 512, "rollout_steps": 32, "gae_lambda": 0.95},
-    ),
-)
-"""(class, condition, values): applied in order to hyperparameters of this class. Where `condition`
-gives a share below 1, values are interpolated by that share."""
-
-
 def tuned(algorithm: str, setting: TaskProfile) -> Hyperparameters:
-    """Our tuned hyperparameters: the defaults of each class, changed by the profile of the task.
+    """Our tuned hyperparameters: the defaults of each class, changed by the rules of `tuned.toml`.
 
-    The defaults were tuned on maze 5x5 with 3 goals. In larger mazes rewards are farther away, so
-    that exploration is longer. See `curriculum_for` for the curriculum.
-
-    Runners are evaluated by tour length, but the optimal tour for discounted rewards is longer: on
-    5x5 with 3 goals by 0.49 % at discount 0.95 and 0 at 0.99, with 8 goals by 0.35 % at 0.99. PPO
-    and DQN learn with 0.99. REINFORCE does not learn with 0.99 from the start, and a third of the
-    runs of A2C end with long tours. So both anneal the discount from 0.95 to 0.99. PPO anneals it
-    from 0.99 to 0.997 with many goals. Discounts are constant in races and heists.
-
-    PPO standardises advantages. With an entropy bonus of 0.1 and a value loss of four times the
-    usual weight, the final gap of runners is half as large, that of chasers a fifth. With eight
-    goals some runs with this weight end with long tours.
-
-    The standard deviation of A2C's advantages in a maze is 0.2 at first and 0.07 later. Scaling it
-    to 1 would make the entropy bonus 5 to 15 times weaker: some policies became deterministic
-    before they solved any episode.
+    See `curriculum_for` for the curriculum.
     """
     hyper = hyperparameter_form(algorithm)()
     if algorithm not in HYPERPARAMETERS or hyper.SELF_PLAY_ONLY:  # their defaults are used
         return hyper
-    if setting.task == "reacher" and isinstance(hyper, ActorCriticSettings):
-        return tuned_for_arms(hyper, setting.joints)
-    if setting.unseen_mazes and isinstance(hyper, PPOSettings):  # see docs/results/unseen_mazes.md
-        hyper = replace(hyper, learning_rate=1e-3, epochs=3, minibatch_size=1024)
-        return replace(hyper, gamma=0.97, entropy_coef=0.02)
-    for form, where, values in TUNED_SETTINGS:
-        share = float(where(setting))
-        if isinstance(hyper, form) and share:
+    table = "unseen_mazes" if setting.unseen_mazes and algorithm == "ppo" else "mazes"
+    for rule in TUNED_RULES["arms" if setting.task == "reacher" else table]:
+        applies = (
+            algorithm in rule["algorithms"]
+            and setting.task in rule.get("tasks", [setting.task])
+            and setting.role in rule.get("roles", [setting.role])
+        )
+        share = float(getattr(setting, rule["share"])) if "share" in rule else 1.0
+        if applies and share > 0.0:
             changed = {}
-            for name, far in values.items():
-                near, discount = getattr(hyper, name), name.startswith("gamma")
-                near = hyper.gamma if near is None else near
-                changed[name] = towards(near, far, share, discount)
+            for name, far in rule["values"].items():
+                near = getattr(hyper, name)
+                near = hyper.gamma if near is None else near  # of gamma_end
+                changed[name] = towards(near, far, share, name.startswith("gamma"))
             hyper = replace(hyper, **changed)
     return hyper
 
@@ -344,12 +184,12 @@ def for_budget(hyper: Hyperparameters, frames: int) -> Hyperparameters:
     """For a budget in frames: fewer games, and as many minibatches, where few iterations fit."""
     if not isinstance(hyper, PPOSettings):
         return hyper
-    steps = hyper.rollout_steps
-    most = max(frames // (ITERATIONS * steps), FEWEST_GAMES)
+    most = max(frames // (ITERATIONS * hyper.rollout_steps), FEWEST_GAMES)
     if hyper.num_games <= most:
         return hyper
-    games, parts = 2 ** (most.bit_length() - 1), hyper.num_games * steps // hyper.minibatch_size
-    return replace(hyper, num_games=games, minibatch_size=games * steps // parts)
+    games = 2 ** (most.bit_length() - 1)  # the largest power of two
+    size = hyper.minibatch_size * games // hyper.num_games
+    return replace(hyper, num_games=games, minibatch_size=size)
 
 
 def for_episodes(own: CurriculumSettings, episodes: float) -> CurriculumSettings:
@@ -359,21 +199,6 @@ def for_episodes(own: CurriculumSettings, episodes: float) -> CurriculumSettings
         return own
     least = min(CURRICULUM_EPISODES / episodes, LONGEST)
     return replace(own, schedule_length=max(own.schedule_length, least))
-
-
-def tuned_for_arms(hyper: ActorCriticSettings, joints: int) -> ActorCriticSettings:
-    """Tuned hyperparameters of actor-critic algorithms on an arm, with separate networks.
-
-    Returns are far larger than in mazes, so the value loss would dominate shared hidden layers. PPO
-    starts with a wide distribution and an annealed entropy bonus. After one minute with 2 joints it
-    was 10.5 % above the minimum steps, and 16.2 % with a narrower distribution, no bonus and a
-    discount of 0.9.
-    """
-    hyper = replace(hyper, shared=False, width=64)
-    if not isinstance(hyper, PPOSettings):
-        return replace(hyper, gamma=0.9, entropy_coef=0.0, learning_rate=3e-3)
-    hyper = replace(hyper, rollout_steps=8, minibatch_size=2048, learning_rate=5e-3)
-    return replace(hyper, width=128, learning_rate=2e-3) if joints > 2 else hyper
 
 
 def curriculum_for(

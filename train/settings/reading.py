@@ -9,24 +9,16 @@ from typing import Any, TypeVar, get_type_hints
 
 import msgspec
 
-from pursuit.validation import did_you_mean, shortened
-from train.settings.checks import check, rules_of
+from pursuit.validation import check, did_you_mean, rules_of, shortened
+from train.schemas import WORDS
 from train.settings.common import RunSettings
 
 Form = TypeVar("Form")
 
-TYPES = {
-    "tuple": "a list of strings",
-    "bool": "true or false",
-    "int": "a whole number",
-    "float": "a number",
-    "str": "a string",
-}
+KINDS = {"tuple": "a list of strings", **WORDS}
 """The types of settings in messages; the first match is used."""
 INNER = frozenset({"task", "hyper", "curriculum_settings", "chaser", "evader"})
 """Fields of run settings that are themselves settings."""
-
-
 RENAMED = {"judged": "num_scored", "judge_every": "score_every"}
 """Former names of settings: the new ones, for messages."""
 
@@ -63,11 +55,11 @@ def typed(form: type[Any], given: Mapping[str, Any]) -> dict[str, Any]:
     found = {}
     for name in (name for name in names_of(form) if name in given):
         value, hint = given[name], hints[name]
-        if not any(rule.other_types for rule in rules_of(form, name)):
+        if not any(rule.other_types for rule in rules_of(form)[name]):
             try:
                 value = msgspec.convert(value, hint)
             except (msgspec.ValidationError, OverflowError):
-                word = next(word for kind, word in TYPES.items() if kind in str(hint))
+                word = next(word for kind, word in KINDS.items() if kind in str(hint))
                 if callable(value):  # settings are saved, so they hold names
                     word = f"its name, 'package.module:{getattr(value, '__name__', 'Name')}'"
                 raise ValueError(f"{name}={shortened(value)}; give {word}") from None

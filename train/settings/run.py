@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Generic, TypeVar
 
+from pursuit.validation import check, choice, rule
 from train.settings.algorithms import Hyperparameters, PPOSettings
-from train.settings.checks import check, one_of, rule, threads_from
+from train.settings.checks import threads_from
 from train.settings.common import RunSettings
 from train.settings.curricula import (
     CurriculumSettings,
@@ -73,10 +74,10 @@ class TrainSettings(RunSettings, Generic[S]):
     """Observation of the network. In mazes: index (one_hot computed faster), one_hot, positions,
     cells, walls, planes, window:R (convolutions), or package.module:Name of a user-defined one. For
     the arm: positions or positions_angles. auto: the first of these."""
-    evaluate: Annotated[str, one_of("greedy", "sampled")] = "greedy"
+    evaluate: Annotated[str, choice("greedy", "sampled")] = "greedy"
     """Policy of the evaluations during training: greedy (the most probable action) or sampled. The
     final results have both."""
-    first_layer: Annotated[str, one_of("auto", "bag", "dense")] = "auto"
+    first_layer: Annotated[str, choice("auto", "bag", "dense")] = "auto"
     """Form of the first layer for observation index: bag, dense, or auto (the faster one)."""
     threads: Annotated[int, threads_from(0)] = 0
     """Threads of torch. 0: one per core; with a budget in seconds one or all, whichever is faster;

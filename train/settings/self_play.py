@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from inspect import signature
 from typing import Annotated, Any
 
 from pursuit.observations.custom import check_observation
-from pursuit.plugins import Registry
+from pursuit.plugins import Registry, accepts
+from pursuit.validation import Rule, at_least, check, passes
 from scripted_agents.environments import AGENTS, agent_name, is_custom_policy
 from train.settings.algorithms import Hyperparameters, PPOSettings, hyperparameter_form
-from train.settings.checks import NotNegative, Rule, at_least, check, passes, threads_from
+from train.settings.checks import NotNegative, threads_from
 from train.settings.common import RunSettings
 from train.settings.task import AGENT, TaskSettings
 
@@ -25,19 +25,10 @@ NASH_SAMPLING = ("double-oracle", "psro")
 """Sampling rules that draw opponents from a Nash mixture of the payoff matrix."""
 
 
-def is_sampling_rule(given: Any) -> bool:
-    """Whether an object can be called with a pool, its payoffs and the progress."""
-    try:
-        signature(given).bind(None, None, 0.0)
-    except (TypeError, ValueError):
-        return False
-    return callable(given)
-
-
 SAMPLING_PARTS: Registry[Any] = Registry(
     "sampling",
     "a function (pool, payoffs, progress) -> probabilities of the members of the pool",
-    is_sampling_rule,
+    lambda part: accepts(part, None, None, 0.0),
     "sampling",
     SAMPLING,
 )

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
-from pursuit import validation
 from pursuit.mazes.suite_files import PREFIX, is_suite
 from pursuit.observations.custom import check_observation
 from pursuit.reacher.observations import ENCODINGS as ARM_ENCODINGS
@@ -19,8 +18,9 @@ from pursuit.tasks.visibility import (
     check_view_radius,
     view_radius_text,
 )
+from pursuit.validation import Rule, check, choice, one_of, rule
 from scripted_agents.environments import agent_name
-from train.settings.checks import RANDOM_MOVES, Rule, Settings, check, one_of, rule
+from train.settings.checks import RANDOM_MOVES, Settings
 
 REACHER = "reacher"
 AGENT = Rule(lambda _, name: agent_name(name))
@@ -36,22 +36,23 @@ Steps = Annotated[
 ]
 
 
-def kept_text_of_rewards(name: str, given: Any) -> str:
-    """Rewards normalised to one string."""
+def _text_of_rewards(name: str, given: Any) -> str:
     text = rewards_text(given)
     if text != "default":
         check_rewards(name, text)
     return text
 
 
-def kept_text_of_radius(name: str, given: Any) -> str | None:
-    """View radii normalised to one string; None if unlimited."""
-    return view_radius_text(check_view_radius(name, given))
-
-
-def kept_text_of_agents(name: str, given: Any) -> str:
-    """Roles and agents normalised to one string."""
-    return agent_choice_text(check_agent_choice(name, given))
+# They are stored as text, so that equal settings are equal.
+RewardsText = Annotated[str, Rule(_text_of_rewards, other_types=True)]
+RadiusText = Annotated[
+    str | None,
+    Rule(lambda name, given: view_radius_text(check_view_radius(name, given)), other_types=True),
+]
+AgentsText = Annotated[
+    str,
+    Rule(lambda name, given: agent_choice_text(check_agent_choice(name, given)), other_types=True),
+]
 
 
 @dataclass(frozen=True)
@@ -83,17 +84,17 @@ class TaskSettings(Settings):
     """Order of moves: simultaneous, or chasers_first."""
     min_start_distance: int = 1
     """Minimum distance in steps between chasers and evaders at the start, in tasks with both."""
-    rewards: Annotated[str, Rule(kept_text_of_rewards, other_types=True)] = "default"
+    rewards: RewardsText = "default"
     """default, goal, completion, distance or zero_sum; or coefficients such as
     step=-0.1,capture=2 or chaser.step=-0.1,evader.capture=-2 (of step, capture, goal, distance,
     on_completion, per_evader); or package.module:Name of a user-defined function."""
-    view_radius: Annotated[str | None, Rule(kept_text_of_radius, other_types=True)] = None
+    view_radius: RadiusText = None
     """Observation radius in path steps: a number for all agents, or by role or agent, such as
     chaser=2,evader_0=3. None: unlimited. The scripted astar, random and equilibrium ignore it."""
-    line_of_sight: Annotated[str, Rule(kept_text_of_agents, other_types=True)] = ""
+    line_of_sight: AgentsText = ""
     """Agents that see along rows and columns only, up to the next wall: all (or no value), or roles
     and agents such as chaser,evader_0."""
-    unknown_maze: Annotated[str, Rule(kept_text_of_agents, other_types=True)] = ""
+    unknown_maze: AgentsText = ""
     """Agents that know only the visible part of the maze: all (or no value), or roles/agents."""
     opponent_epsilon: Annotated[float, RANDOM_MOVES] = 0.2
     """Probability of a random move of the scripted opponents, in [0, 1]."""
@@ -101,7 +102,7 @@ class TaskSettings(Settings):
     """None: A*. Otherwise random, equilibrium, searching (chasers also sweeping, belief; these
     three respect the limited view), the folder of a run, a saved Stable-Baselines3 model (.zip), or
     package.module:Name of a user-defined policy."""
-    opponent_policy: Annotated[str, one_of("sampled", "greedy")] = "sampled"
+    opponent_policy: Annotated[str, choice("sampled", "greedy")] = "sampled"
     """Policy of a learned opponent: sampled (from its distribution), or greedy (the most probable
     action)."""
     opponent_observation: str | None = None
@@ -119,7 +120,7 @@ class TaskSettings(Settings):
             f"task={self.task!r} is not a game in mazes; use {', '.join(TASK_NAMES)} here, and the "
             "arm in `pursuit train`, `baseline`, `render` or a sweep (ReacherSettings in Python)",
         )
-        validation.one_of("task", self.task, (*TASK_NAMES, REACHER))
+        one_of("task", self.task, (*TASK_NAMES, REACHER))
 
     @property
     def agent(self) -> str:
@@ -150,7 +151,7 @@ class ReacherSettings(Settings):
 
     OBSERVATION: ClassVar[str] = "positions"
 
-    task: Annotated[str, one_of(REACHER)] = REACHER
+    task: Annotated[str, choice(REACHER)] = REACHER
     """reacher (for the options of games in mazes see --task chase --help)."""
     joints: int = 2
     """Number of joints, 1 to 8; links have length 1."""
@@ -180,12 +181,11 @@ class ReacherSettings(Settings):
 
     def build(self) -> ReacherTask:
         """The task itself; ValueError for settings that it does not allow."""
-        given = {each.name: getattr(self, each.name) for each in fields(self)}
-        return ReacherTask(**{name: value for name, value in given.items() if name != "task"})
+        return ReacherTask(**{name: own for name, own in vars(self).items() if name != "task"})
 
     def check_observation(self, name: str) -> None:
         """ValueError unless this observation exists."""
-        validation.one_of("observation", name, ARM_ENCODINGS)
+        one_of("observation", name, ARM_ENCODINGS)
 
 
 AnyTask = TaskSettings | ReacherSettings

@@ -19,39 +19,12 @@ from pursuit.reacher.task import LEAST_TOLERANCE
 from pursuit.rules import UNREACHABLE
 from pursuit.tasks.placements import check_placeable
 from pursuit.tasks.task import Task
-from train.settings.checks import check
-from train.settings.curricula import AXIS_PARTS, AxisSettings
+from pursuit.validation import check
+from train.settings.axes import AXIS_PARTS, Apply
+from train.settings.axes import Axis as Axis
+from train.settings.curricula import AxisSettings
 from train.teaching.context import AnyContext, ArmContext, CurriculumContext
 from train.teaching.mazes import training_mazes
-
-Apply = Callable[[Any, NDArray[np.intp], NDArray[np.float64]], None]
-
-
-@dataclass(frozen=True)
-class Axis:
-    """A task parameter and its range from easy to hard.
-
-    Attributes:
-        name: one of `train.settings.curricula.AXES`, or that of a user-defined axis.
-        easiest, hardest: the ends of the range.
-        apply: (simulator, games [n], values [n]); sets the values for the next episodes of `games`.
-        whole: whether values are whole numbers.
-        mazes: the mazes of the training games, if these vary; the last one is the task's.
-        ordered: False if the values are indices that are not ordered by difficulty.
-    """
-
-    name: str
-    easiest: float
-    hardest: float
-    apply: Apply
-    whole: bool = True
-    mazes: tuple[Maze, ...] = ()
-    ordered: bool = True
-
-    def stages(self, count: int) -> list[float]:
-        """At most `count` different, evenly spaced values from easy to hard."""
-        values = np.linspace(self.easiest, self.hardest, count)
-        return list(dict.fromkeys((np.round(values) if self.whole else values).tolist()))
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pursuit.reacher.task import ReacherTask
 from pursuit.simulator.policy import Policy
 from pursuit.tasks.task import Task
-from train.settings.checks import check
+from pursuit.validation import check
 from train.teaching.optimum import Optimum, arm_optimum, optimum_of
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from pursuit.mazes.maze import Maze, library_names, load_maze
 from pursuit.mazes.suite_files import is_suite
 from pursuit.tasks.task import Task
-from train.settings.checks import check
+from pursuit.validation import check
 
 TITLE = "maze "
 """Begins the line with the name before the text of a maze in settings."""

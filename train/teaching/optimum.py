@@ -38,54 +38,6 @@ class Optimum:
     steps: Callable[..., NDArray[np.float64]]
 
 
-class Optima:
-    """The optimum of the current episode of every game, computed on demand.
-
-    Args:
-        optimum: of a start; None if unknown.
-        num_games: number of games.
-    """
-
-    def __init__(self, optimum: Optimum | None, num_games: int) -> None:
-        self.optimum = optimum
-        self._values = np.full(num_games, np.nan)
-        self._starts: list[tuple[NDArray[Any], ...]] = []
-        # A ticket is an index into `_values` followed by the recorded starts in order.
-        self._tickets = np.arange(num_games)
-        self._next = num_games
-
-    def record_starts(self, simulator: Any, games: NDArray[np.intp]) -> None:
-        """Record the starts of the new episodes of `games` [n]."""
-        if self.optimum is not None:
-            self._starts.append(self.optimum.starts(simulator, games))
-            before, self._next = self._next, self._next + len(games)
-            self._tickets[games] = np.arange(before, self._next)
-
-    def tickets(self, games: NDArray[np.intp]) -> NDArray[np.intp]:
-        """[n], for `resolve`: tickets of the current episodes of `games` [n]."""
-        return self._tickets[games]
-
-    def resolve(self, tickets: NDArray[np.intp]) -> NDArray[np.float64]:
-        """[n] float64, the optimum for each ticket; NaN if unknown. Invalidates all tickets."""
-        if self._starts:
-            assert self.optimum is not None
-            parts = (np.concatenate(part) for part in zip(*self._starts, strict=True))
-            self._values = np.concatenate([self._values, self.optimum.steps(*parts)])
-        found: NDArray[np.float64] = self._values[tickets]
-        self.restore(self._values[self._tickets])
-        return found
-
-    def restore(self, values: NDArray[np.float64]) -> None:
-        """Set the optima [num_games] of the current episodes. Invalidates all tickets."""
-        self._values, self._starts = values.copy(), []
-        self._next = len(values)
-        self._tickets = np.arange(self._next)
-
-    def values(self) -> NDArray[np.float64]:
-        """[num_games] float64, the optima of the current episodes. Invalidates all tickets."""
-        return self.resolve(self._tickets)
-
-
 def _maze_starts(simulator: Simulator, games: NDArray[np.intp]) -> tuple[NDArray[Any], ...]:
     """The maze indices [n], and the cells of agents and goals [n, ...], of games."""
     return simulator.maze_index[games], simulator.positions[games], simulator.goals[games]

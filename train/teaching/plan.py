@@ -3,44 +3,24 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from curricula import (
-    Curriculum,
-    LearningProgress,
-    LevelReplay,
-    PoolReplay,
-    Scheduled,
-    Shuffled,
-    SuccessGated,
-    Uniform,
-)
-from curricula.schedules import Schedule
-from train.settings.checks import check
+from curricula import Curriculum
+from pursuit.validation import check
+from train.settings.axes import Axis
 from train.settings.curricula import (
     CURRICULA,
     CURRICULUM_PARTS,
     AxisSettings,
     CurriculumSettings,
-    LearnabilitySettings,
-    LearningProgressSettings,
-    LevelReplaySettings,
-    MazeLearnabilitySettings,
     MazeReplaySettings,
     OwnCurriculum,
-    ReversedSettings,
     ScheduleSettings,
     ShuffledSettings,
     StagedSettings,
-    SuccessGatedSettings,
-    UniformSettings,
 )
-from train.teaching.axes import Axis, axis_of, maker_of
+from train.teaching.axes import axis_of, configure, maker_of
 from train.teaching.context import AnyContext, CurriculumContext
 from train.teaching.mazes import training_mazes
 from train.teaching.optimum import Optimum
@@ -70,8 +50,11 @@ class Plan:
     scorer: RegretScorer | None = None
 
     def curriculum(self) -> Curriculum:
-        """A new curriculum."""
-        return make_curriculum(self.name, self.settings, self.axis, self.seed)
+        """A new curriculum; ValueError for a schedule that does not match the ends of the axis."""
+        custom = None if self.name in CURRICULA else CURRICULUM_PARTS.get(self.name)
+        if isinstance(custom, OwnCurriculum):
+            return custom.make(self.settings, self.axis, self.seed)
+        return self.settings.build(self.axis, self.seed)
 
 
 def plan_curriculum(
@@ -144,11 +127,14 @@ def plan_pool(name: str, settings: MazeReplaySettings, context: Any, seed: int) 
     )
     scorer = RegretScorer(task, context.agent, context.opponents, settings.SCORE)
 
-    def apply(simulator: Any, games: NDArray[np.intp], values: NDArray[np.float64]) -> None:
-        simulator.configure(games, maze=values.astype(np.int64))
-
+    # The values are indices of mazes.
     axis = Axis(
-        f"{settings.SCORE}-of mazes", 0.0, mazes - 1.0, apply, mazes=task.mazes, ordered=False
+        f"{settings.SCORE}-of mazes",
+        0.0,
+        mazes - 1.0,
+        configure("maze"),
+        mazes=task.mazes,
+        ordered=False,
     )
     return Plan(name, settings, axis, task, None, seed, scorer)
 
@@ -171,75 +157,3 @@ def training_task(name: str, settings: CurriculumSettings, task: Any) -> Any:
         return task
     mazes = training_mazes(varied, settings.curriculum_mazes, task)
     return replace(task, maze=mazes)
-
-
-# -- curricula from their settings -----------------------------------------------------------------
-
-
-def make_curriculum(
-    name: str, settings: CurriculumSettings, axis: Axis | None, seed: int
-) -> Curriculum:
-    """A new curriculum; ValueError for a schedule that does not match the ends of the axis."""
-    own = None if name in CURRICULA else CURRICULUM_PARTS.get(name)
-    if isinstance(own, OwnCurriculum):
-        return own.make(settings, axis, seed)
-    return CURRICULUM_MAKERS[type(settings)](settings, axis, seed)
-
-
-def _replay(settings: LevelReplaySettings, axis: None, seed: int) -> Curriculum:
-    return LevelReplay(
-        settings.level_score,
-        settings.level_buffer,
-        settings.replay_share,
-        settings.level_temperature,
-        settings.staleness,
-    )
-
-
-def _gated(settings: SuccessGatedSettings, axis: Axis, seed: int) -> Curriculum:
-    stages = axis.stages(settings.num_stages)
-    return SuccessGated(stages, settings.promote_at, settings.demote_at, settings.window)
-
-
-def _progress(settings: LearningProgressSettings, axis: Axis, seed: int) -> Curriculum:
-    rates = settings.average_fast, settings.average_slow
-    return LearningProgress(axis.stages(settings.num_stages), *rates, settings.explore_share)
-
-
-def _shuffled(settings: ShuffledSettings, axis: Axis, seed: int) -> Curriculum:
-    when = settings.schedule_length, settings.schedule_unit
-    return Shuffled(axis.stages(settings.num_stages), *when, seed)
-
-
-def _reversed(settings: ReversedSettings, axis: Axis, seed: int) -> Curriculum:
-    # At the end of `schedule_length` it jumps from the easiest value back to the hardest.
-    length, hardest = settings.schedule_length, axis.hardest
-    points = ((0.0, hardest), (0.999 * length, axis.easiest), (length, hardest)) if length else ()
-    shape = "piecewise" if length else "constant"
-    return Scheduled(
-        Schedule(shape, hardest, hardest, settings.schedule_unit, points=points), axis.whole
-    )
-
-
-def _scheduled(settings: ScheduleSettings, axis: Axis, seed: int) -> Curriculum:
-    return Scheduled(settings.build(axis.easiest, axis.hardest), axis.whole)
-
-
-def _pool(settings: MazeReplaySettings, axis: Axis, seed: int) -> Curriculum:
-    rest = (settings.replay_share, settings.level_temperature, settings.staleness)
-    return PoolReplay(len(axis.mazes), settings.num_scored, *rest)
-
-
-CURRICULUM_MAKERS: dict[type[CurriculumSettings], Callable[[Any, Any, int], Curriculum]] = {
-    ScheduleSettings: _scheduled,
-    SuccessGatedSettings: _gated,
-    LearningProgressSettings: _progress,
-    LevelReplaySettings: _replay,
-    LearnabilitySettings: _replay,
-    MazeReplaySettings: _pool,
-    MazeLearnabilitySettings: _pool,
-    UniformSettings: lambda settings, axis, seed: Uniform(axis.stages(settings.num_stages)),
-    ReversedSettings: _reversed,
-    ShuffledSettings: _shuffled,
-}
-"""(settings, axis, seed) -> a curriculum, by the class of the settings."""

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from pursuit.simulator.policy import Policy
 from pursuit.tasks.task import Task
+from pursuit.validation import check
 from scripted_agents import mean_over_starts
 from train.evaluation.games import best_reply, other_role
 from train.evaluation.suite_tables import (
@@ -20,7 +21,6 @@ from train.evaluation.suite_tables import (
     pairs_of_values,
     tables_of,
 )
-from train.settings.checks import check
 
 REGRET, LEARNABILITY = "regret", "learnability"
 

@@ -12,19 +12,20 @@ import torch
 from numpy.typing import NDArray
 
 from curricula import Change, Curriculum, Outcomes, Progress
-from pursuit.validation import as_array
+from pursuit.validation import as_array, check
 from train.environments.hooks import EpisodeHook
 from train.files import write_csv
-from train.settings.checks import check
 from train.settings.curricula import MazeReplaySettings
-from train.teaching.optimum import Optima
 from train.teaching.plan import Plan
 
 LEVELS = "levels"
 LOG = "curriculum.csv"
-NUMBERS = ("frames", "episodes", "seconds", "progress", "mean", "low", "high")
-REASON = "reason"
+COLUMNS = ("frames", "episodes", "seconds", "progress", "mean", "low", "high", "reason")
 """Columns of `curriculum.csv`: the sampled values over time, with the reason of each change."""
+
+
+NO_OUTCOMES = tuple(np.zeros(0, dtype) for dtype in (float, bool, float, np.int64, float))
+"""Values, successes, returns, lengths and regrets of no episodes."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,12 @@ class Teacher(EpisodeHook):
         self.rng = np.random.default_rng([plan.seed, 0xC0551])
         games = simulator.num_games
         self.episodes = 0
-        self.playing, self._optima = np.zeros(games), Optima(plan.optimum, games)
+        self.playing = np.zeros(games)
+        # The starts of the current episodes, and their optima where they have been computed.
+        self.optimum, self._optima = plan.optimum, np.full(games, np.nan)
+        self._starts: tuple[NDArray[Any], ...] = ()
+        if self.optimum is not None:
+            self._starts = self.optimum.starts(simulator, np.arange(games))
         self.applied = np.full(games, np.nan)
         self.error_sums, self.error_counts = np.zeros(games), np.zeros(games)
         self.rows: list[dict[str, Any]] = []
@@ -105,29 +111,46 @@ class Teacher(EpisodeHook):
 
     def after_restart(self, games: NDArray[np.intp]) -> None:
         """Record the starts of `games`, for their optima."""
-        self._optima.record_starts(self.simulator, games)
+        if self.optimum is not None:
+            self._optima[games] = np.nan
+            for starts, new in zip(
+                self._starts, self.optimum.starts(self.simulator, games), strict=True
+            ):
+                starts[games] = new
 
     def episode_ended(self, games: NDArray[np.bool_]) -> None:
         """Record the outcomes of the episodes in the mask, which have just ended."""
         simulator, metrics = self.simulator, self.metrics
         chosen = games.nonzero()[0]
         won, returns = metrics.won(simulator)[chosen], metrics.returns(simulator)[chosen]
-        tickets = self._optima.tickets(chosen)
-        self._ended.append((self.playing[chosen], won, returns, simulator.steps[chosen], tickets))
+        outcome = (self.playing[chosen], won, returns, simulator.steps[chosen])
+        starts = (part[chosen] for part in self._starts)
+        self._ended.append((*outcome, self._optima[chosen], *starts))
 
     @property
     def optima(self) -> NDArray[np.float64]:
         """[num_games] float64, the least steps of the current episodes; NaN where unknown."""
-        self._collect()
-        return self._optima.values()
+        self._optima = self._with_optima(self._optima, self._starts)
+        return self._optima
+
+    def _with_optima(
+        self, optima: NDArray[np.float64], starts: Sequence[NDArray[Any]]
+    ) -> NDArray[np.float64]:
+        """`optima` [n] with those of `starts` [n, ...] where they are NaN, solved together."""
+        missing = np.isnan(optima)
+        if self.optimum is not None and missing.any():
+            optima[missing] = self.optimum.steps(*(part[missing] for part in starts))
+        return optima
 
     def _collect(self) -> None:
         """Convert the recorded episodes to outcomes, all together for speed."""
         if not self._ended:
             return
-        values, won, returns, steps, tickets = map(np.concatenate, zip(*self._ended, strict=True))
+        values, won, returns, steps, optima, *starts = map(
+            np.concatenate, zip(*self._ended, strict=True)
+        )
         self._ended = []
-        lengths, optima = steps.astype(np.int64), self._optima.resolve(tickets)
+        lengths, optima = steps.astype(np.int64), self._with_optima(optima, starts)
         if not self.metrics.few_steps_are_good:
             regrets = np.maximum(1.0 - lengths / optima, 0.0)
             near = lengths * self.solved_within >= optima
@@ -166,13 +189,9 @@ class Teacher(EpisodeHook):
                 mazes = pool.to_score(self.rng)
                 pool.note(mazes, self.scorer.scores(self.scored_policy, mazes))
         self._collect()
-        if self._outcomes:
-            values, won, returns, lengths, regrets = map(
-                np.concatenate, zip(*self._outcomes, strict=True)
-            )
-        else:
-            values = returns = regrets = np.zeros(0)
-            won, lengths = np.zeros(0, dtype=bool), np.zeros(0, dtype=np.int64)
+        values, won, returns, lengths, regrets = map(
+            np.concatenate, zip(NO_OUTCOMES, *self._outcomes, strict=True)
+        )
         errors = np.concatenate(self._errors) if self._errors else np.full(len(values), np.nan)
         self._clear()
         self.episodes += len(values)
@@ -228,10 +247,8 @@ class Teacher(EpisodeHook):
         )
         load_curriculum(self.curriculum, state["curriculum"])
         for name, tensor in state["arrays"].items():
-            if name == "optima":
-                self._optima.restore(tensor.numpy())
-            else:
-                getattr(self, name)[:] = tensor.numpy()
+            own = self._optima if name == "optima" else getattr(self, name)
+            own[:] = tensor.numpy()
         self.episodes = state["episodes"]
         self.rows = [dict(row) for row in state["rows"]]
         self.rng.bit_generator.state = _parsed(state["rng"])
@@ -283,13 +300,10 @@ def row_of(change: Change, progress: Progress) -> dict[str, Any]:
         "episodes": int(progress.episodes),
         "seconds": round(progress.seconds, 3),
         "progress": round(progress.share, 6),
-        "mean": change.mean,
-        "low": change.low,
-        "high": change.high,
-        "reason": change.reason,
+        **vars(change),
     }
 
 
 def write_log(folder: Path, rows: Sequence[dict[str, Any]]) -> None:
     """Write `curriculum.csv`."""
-    write_csv(folder / LOG, rows, (*NUMBERS, REASON))
+    write_csv(folder / LOG, rows, COLUMNS)

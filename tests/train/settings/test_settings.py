@@ -10,11 +10,12 @@ from typing import Annotated, Any
 
 import pytest
 
+from pursuit.validation import at_least, choice, passes, rules_of
 from train.runs.parts import settings_of
 from train.runs.saved import from_plain
 from train.self_play.parts import self_play_from_plain, self_play_settings_of
 from train.settings.algorithms import HYPERPARAMETERS
-from train.settings.checks import Count, Settings, Share, at_least, one_of, passes, rules_of
+from train.settings.checks import Count, Settings, Share
 from train.settings.curricula import CURRICULA
 from train.settings.reading import names_of
 from train.settings.run import TrainSettings
@@ -36,7 +37,7 @@ class Example(Settings):
     count: Count = 3
     share: Share = 0.5
     least: Annotated[int | None, at_least(2)] = None
-    order: Annotated[str, one_of("first", "last")] = "first"
+    order: Annotated[str, choice("first", "last")] = "first"
     text: Annotated[str, passes(no_lines)] = ""
     free: int = -1
 
@@ -73,7 +74,7 @@ def test_every_number_of_a_learner_has_a_rule() -> None:
     for form in HYPERPARAMETERS.values():
         for name, value in vars(form()).items():
             if type(value) in (int, float) and name not in free:
-                assert rules_of(form, name), (form, name)
+                assert rules_of(form)[name], (form, name)
 
 
 @pytest.mark.parametrize(
