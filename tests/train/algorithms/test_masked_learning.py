@@ -31,7 +31,7 @@ from train.algorithms.registry import ALGORITHMS, Build, entry
 from train.commands.parse import parse
 from train.commands.train import TrainCommand, _defaults
 from train.evaluation.games import table_in
-from train.experiments.kinds import start
+from train.kinds import start
 from train.networks.actor_critic import ActorCritic
 from train.networks.fused_actor_critic import LossCoefficients
 from train.networks.layers import Hidden

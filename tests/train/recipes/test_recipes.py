@@ -20,7 +20,7 @@ from scripted_agents import NearestGoalRunner, RandomAgent
 from scripted_agents.environments import make_vector_env
 from train.commands.evaluate import evaluate
 from train.commands.league import league
-from train.experiments.kinds import start
+from train.kinds import start
 from train.networks.policy import LearnedPolicy
 from train.recipes import stable_baselines, supersuit_sharing
 from train.runs.folder import RUN
