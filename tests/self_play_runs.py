@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.simulator.policy import GameView
-from train.experiments.kinds import resume, start
+from train.kinds import resume, start
 from train.runs.folder import SELF_PLAY, new_folder
 from train.runs.loop import Run
 from train.self_play.learners import learning_side

@@ -233,13 +233,9 @@ class Parsed(BaseException):
 
 def parses(words: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
     """Parse a command as the real one does, and stop there."""
-    if words[:2] == ["python", "-m"]:
-        run, arguments = import_module(words[2]).main, words[3:]
-        module: Any = import_module("train.recipes.common")
-    else:
-        assert words[1] in COMMANDS, f"no such command: {' '.join(words)}"
-        run, arguments = command(words[1]), words[2:]
-        module = sys.modules[run.__module__]
+    assert words[1] in COMMANDS, f"no such command: {' '.join(words)}"
+    run, arguments = command(words[1]), words[2:]
+    module: Any = sys.modules[run.__module__]
     real = module.parse
 
     def stop(*given: Any, **named: Any) -> Any:
@@ -268,10 +264,9 @@ def test_the_commands_of_a_page_parse(page: str, folder: Path) -> None:
             words = words[: words.index(cut)] if cut in words else words
         if words[0] == "pursuit":
             check_shipped(words)
-        ours = words[0] == "pursuit" or (words[:2] == ["python", "-m"] and "train." in words[2])
         if words[0] == "make":
             assert words[1] in targets, words
-        elif words[:2] == ["python", "-m"] and not ours:
+        elif words[:2] == ["python", "-m"]:
             assert find_spec(words[2]), words
         elif words[0] == "python" and words[1] != "-m":
             assert (ROOT / words[1]).is_file(), words
@@ -280,7 +275,7 @@ def test_the_commands_of_a_page_parse(page: str, folder: Path) -> None:
             assert known or is_reference(words[1]), f"no such command: {' '.join(words)}"
         elif words[1:2] == ["maze"] and "--out" in words:  # later commands read the file
             main(words[1:])
-        elif ours:
+        elif words[0] == "pursuit":
             with pytest.MonkeyPatch.context() as own:
                 parses(words, own)
 

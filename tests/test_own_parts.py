@@ -25,8 +25,8 @@ from scripted_agents.environments import make_env, make_vector_env
 from train.commands.main import main
 from train.environments.simulator_env import SimulatorEnv
 from train.evaluation.games import is_table_in
-from train.experiments.kinds import resume, start
 from train.experiments.methods import methods
+from train.kinds import resume, start
 from train.networks.policy import Seat, sees_cells_only
 from train.runs.folder import RUN, SELF_PLAY, load_checkpoint
 from train.runs.parts import contest_of, parts_of, settings_of

@@ -11,12 +11,12 @@ from __future__ import annotations
 
 import argparse
 import tempfile
-from pathlib import Path
 from time import perf_counter
 from typing import Any
 
+from train.kinds import start
+from train.runs.folder import RUN
 from train.runs.parts import settings_of
-from train.runs.single import make_run
 
 CASES: dict[str, dict[str, Any]] = {
     "goal-spread-start": {},
@@ -58,7 +58,7 @@ def share(curriculum: str, maze: str, seconds: float, more: dict[str, Any]) -> t
         curriculum=curriculum, **more,
     )  # fmt: skip
     with tempfile.TemporaryDirectory() as folder:
-        run = make_run(settings, Path(folder))
+        run = start(RUN, settings, folder)
         teacher = run.trainee.teacher
         inside = Stopwatch()
         for name in ("before_restart", "after_restart", "episode_ended", "update"):

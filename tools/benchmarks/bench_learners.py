@@ -16,7 +16,7 @@ from time import process_time
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
-from train.experiments.kinds import KINDS, start
+from train.kinds import KINDS, start
 from train.machine import processor
 from train.runs.folder import RUN, SELF_PLAY
 

@@ -28,7 +28,7 @@ from pursuit.tasks.task import make_task
 from scripted_agents.environments import make_vector_env
 from train.evaluation.contest import GameContest
 from train.evaluation.scores import optimality_gap
-from train.experiments.kinds import start
+from train.kinds import start
 from train.machine import has_fast_bfloat16
 from train.networks.actor_critic import ActorCritic
 from train.networks.layers import Hidden
@@ -158,7 +158,7 @@ def gap(limit: float, target: float = 0.02) -> None:
     for budget in budgets:
         run = our_run(TrainSettings(MAZE, tuned("ppo", profile_of(MAZE)), seconds=budget))
         run.train()
-        reached = run.metrics.rows[-1]["optimality_gap"]
+        reached = run.rows[-1]["optimality_gap"]
         print(f"  ours {budget:5.0f} s: gap {100 * reached:.2f} %", flush=True)
         if reached <= target:
             found["ours"] = budget
@@ -291,7 +291,7 @@ import json, sys, tempfile, warnings
 from pathlib import Path
 from time import process_time
 import torch
-from train.experiments.kinds import start
+from train.kinds import start
 from train.runs.parts import settings_of
 from train.runs.folder import RUN
 warnings.simplefilter("ignore")

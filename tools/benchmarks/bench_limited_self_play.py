@@ -18,8 +18,8 @@ import train
 from pursuit.simulator.policy import Policy
 from scripted_agents.environments import scripted_policy
 from train.evaluation.matchups import discounted_steps
-from train.experiments.kinds import open_run
 from train.files import write_text
+from train.kinds import open_run
 from train.runs.tasks import task_of
 from train.self_play.parts import self_play_settings_of
 from train.settings.self_play import ROLES

@@ -22,7 +22,7 @@ from pursuit.mazes.maze import load_maze
 from scripted_agents import cop_number, solve_chase, solve_in_turns
 from scripted_agents.joint import equilibrium
 from train.evaluation.exploitability import exploitability
-from train.experiments.kinds import start
+from train.kinds import start
 from train.runs.folder import SELF_PLAY
 from train.runs.loop import Run
 from train.self_play.parts import self_play_settings_of
@@ -104,7 +104,7 @@ import json, sys, tempfile, warnings
 from pathlib import Path
 from time import process_time
 import torch
-from train.experiments.kinds import start
+from train.kinds import start
 from train.runs.folder import SELF_PLAY
 from train.self_play.parts import self_play_settings_of
 warnings.simplefilter("ignore")

@@ -7,19 +7,28 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter, strftime
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Self, TypeVar
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from train.commands.parse import print_warnings
 from train.files import check_folder
-from train.runs.folder import CONFIG, check_new, load_final, load_results
+from train.runs.folder import (
+    CONFIG,
+    Plain,
+    check_new,
+    is_complete,
+    load_final,
+    load_results,
+)
 from train.runs.forms import Final
 from train.runs.provenance import allow_options
 
 if TYPE_CHECKING:
-    from train.runs.loop import Run
+    from train.runs.loop import AnySettings, Run, Trainee
+
+T = TypeVar("T", bound="Trainee")
 
 QUIET = 2.0
 """Work of fewer seconds is not reported."""
@@ -103,7 +112,9 @@ class RunCommand:
     """Write figures, a replay and a report at the end; --resume adds them after --no-report."""
 
 
-def start_or_resume(kind: str, settings: Any, given: RunCommand, name: str) -> tuple[Run, Final]:
+def start_or_resume(
+    kind: str, settings: AnySettings, given: RunCommand, name: str
+) -> tuple[Run, Final]:
     """The run that a command starts or resumes, and the settings of its final results.
 
     Args:
@@ -126,7 +137,7 @@ def start_or_resume(kind: str, settings: Any, given: RunCommand, name: str) -> t
         check_new(out)
     else:
         check_folder(folder)
-    from train.experiments.kinds import resume, start  # torch is slow to import
+    from train.kinds import resume, start  # torch is slow to import
 
     with print_warnings():
         run = start(kind, settings, out, final) if folder is None else resume(folder, kind)
@@ -134,36 +145,43 @@ def start_or_resume(kind: str, settings: Any, given: RunCommand, name: str) -> t
 
 
 def finish_run(
-    run: Run, episodes: int, again: str, before: Callable[[], None] = lambda: None
-) -> dict[str, Any]:
-    """Train until the end of the budget or Ctrl-C; then evaluate, and return the results.
+    run: Run[T],
+    episodes: int,
+    again: str,
+    present: Callable[[Run[T], Plain], None] | None,
+    before: Callable[[], None] = lambda: None,
+) -> Plain:
+    """Train until the end of the budget or Ctrl-C; then evaluate, draw, and return the results.
 
-    For a complete run the existing results are returned.
+    For a complete run the existing results are drawn and returned.
 
     Args:
         run: new or resumed.
         episodes: of the final evaluation.
         again: the command that resumes it.
+        present: writes the figures and the report, as `Run.present`; None for none.
         before: called before the final evaluation.
     """
-    from train.experiments.kinds import is_complete  # torch is slow to import
-
     print(f"folder: {run.folder}", flush=True)
-    if is_complete(run.folder):
-        return load_results(run.folder)
-    if run.progress < 1.0:
-        with TrainingProgress() as watch:
-            run.train(watch)
-    if run.stopped:
-        again += allow_options(run.folder / CONFIG)
-        print(f"interrupted; resume with: {again} --resume {run.folder}", file=sys.stderr)
-    try:
-        before()
-        return run.results(episodes)
-    except KeyboardInterrupt:
-        hint = f"interrupted before the final evaluation; resume with: {again} --resume"
-        print(f"{hint} {run.folder}", file=sys.stderr)
-        raise
+    run.present = present
+    content = load_results(run.folder) if is_complete(run.folder) else None
+    if content is None:
+        if run.progress < 1.0:
+            with TrainingProgress() as watch:
+                run.train(watch)
+        if run.stopped:
+            again += allow_options(run.folder / CONFIG)
+            print(f"interrupted; resume with: {again} --resume {run.folder}", file=sys.stderr)
+        try:
+            before()
+            content = run.results(episodes)
+        except KeyboardInterrupt:
+            hint = f"interrupted before the final evaluation; resume with: {again} --resume"
+            print(f"{hint} {run.folder}", file=sys.stderr)
+            raise
+    if present is not None:
+        present(run, content)
+    return content
 
 
 def exit_after_signal(run: Run) -> None:

@@ -41,7 +41,7 @@ def print_reference(held: Mapping[str, Any], contest: Any) -> None:
         return
     print(Reference(**held).line())
     if isinstance(contest, GameContest) and held["kind"] == "best known":
-        why = contest.with_full_view.why_not_joint()
+        why = in_full_view(contest).why_not_joint()
         if why is not None:
             print(f"no exact optimum: {why}")
 
@@ -50,11 +50,16 @@ def announce_solution(contest: Any, interrupted: bool) -> None:
     """Print to stderr that a whole game is being solved, if this takes seconds or more."""
     if not isinstance(contest, GameContest) or contest.task.num_agents == 1 or interrupted:
         return
-    solved = replace(contest.with_full_view, most_work=MAX_EVALUATED_WORK)
+    solved = replace(in_full_view(contest), most_work=MAX_EVALUATED_WORK)
     if solved.is_exact or joint_work(solved.task) <= MAX_WORK or solved.why_not_joint():
         return
     states = count_joint_states(solved.task)
     print(f"solving the whole game exactly, {states:,} states ...", file=sys.stderr)
+
+
+def in_full_view(contest: GameContest) -> GameContest:
+    """The contest, without a limited view of its agent."""
+    return contest.with_full_view if contest.is_limited else contest
 
 
 def print_bounds(contest: ArmContest) -> None:

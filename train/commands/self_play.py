@@ -24,7 +24,7 @@ from train.commands.progress import (
 )
 from train.files import write_text
 from train.reports.tables import print_table
-from train.runs.folder import CURVE, REPORT, SELF_PLAY
+from train.runs.folder import CURVE, REPORT, SELF_PLAY, Plain
 from train.self_play.learners import checked_names, learning_side, unchecked_self_play
 from train.settings.algorithms import Hyperparameters
 from train.settings.checks import check
@@ -60,6 +60,7 @@ class Options(SelfPlaySettings):
 
 if TYPE_CHECKING:
     from train.runs.loop import Run
+    from train.self_play.trainee import SelfPlay
 
 
 @dataclass(frozen=True)
@@ -90,11 +91,8 @@ def self_play(arguments: Sequence[str]) -> None:
         f"{task.num_evaders} evader(s); opponents: {sampling}"
     )
     run.trainee.tell = ProgressLine()
-    if given.report:
-        run.present = present
-    content = finish_run(run, final.episodes, "pursuit self-play")
-    if run.present is not None:
-        present(run.trainee, run.folder, run.metrics.rows, content)
+    drawn = present if given.report else None
+    content = finish_run(run, final.episodes, "pursuit self-play", drawn)
     show(run, content)
     exit_after_signal(run)
 
@@ -177,22 +175,21 @@ def other_options(side: LearningSide, hyper: Hyperparameters) -> Any:
     return make_dataclass("Others", options, frozen=True)()
 
 
-def present(
-    trainee: Any, folder: Path, rows: list[dict[str, float]], content: dict[str, Any]
-) -> None:
+def present(run: Run[SelfPlay], content: Plain) -> None:
     """Write the figures, the tables and the report; as `Run.present`."""
     from train.experiments.methods import METHODS, methods  # torch is slow to import
     from train.self_play.payoffs import matches_table
     from train.self_play.report import draw_self_play, write_self_play_report
 
+    trainee, folder = run.trainee, run.folder
     title = f"Self-play on {trainee.task.mazes[0].name} ({trainee.settings.sampling})"
-    draw_self_play(folder / CURVE, rows, title, trainee.settings.budget_unit)
+    draw_self_play(folder / CURVE, run.rows, title, trainee.settings.budget_unit)
     write_self_play_report(folder, trainee, title, content)
     matches_table(content["matches"]).write(folder)
     write_text(folder / METHODS, methods([folder]))
 
 
-def show(run: Run, content: dict[str, Any]) -> None:
+def show(run: Run[SelfPlay], content: Plain) -> None:
     """Print the results."""
     from train.self_play.payoffs import legend_of, matches_table
     from train.self_play.report import describe_exploitability

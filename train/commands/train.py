@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from train.commands.parse import (
@@ -26,7 +25,7 @@ from train.commands.scores import (
 from train.evaluation.arm_contest import ArmContest
 from train.evaluation.scores import Score
 from train.files import write_text
-from train.runs.folder import CURVE, REPLAY, REPORT, RUN
+from train.runs.folder import CURVE, REPLAY, REPORT, RUN, Plain
 from train.runs.pictures import draw_learning_curve, save_replay
 from train.runs.report import describe_loops, headline, of_solved, write_report
 from train.runs.tasks import default_settings, task_of
@@ -81,24 +80,19 @@ def train(arguments: Sequence[str]) -> None:
     run, final = start_or_resume(RUN, given.settings, given, given.settings.task.label)
     trainee: SingleAgent = run.trainee
     print(trainee.contest.line())
-    from train.runs.saved import load_settings  # torch is slow to import
-
-    if hint := team_hint(load_settings(run.folder).task):
+    if hint := team_hint(trainee.parts.settings.task):
         print(hint)
-    if (form := getattr(trainee.learner, "update_form", None)) is not None:
-        print(f"update: {form}")
+    if trainee.update_form is not None:
+        print(f"update: {trainee.update_form}")
     if trainee.teacher is not None:
         print(f"curriculum: {trainee.teacher.name}, over {trainee.teacher.describes}")
-    if given.report:
-        run.present = present
     content = finish_run(
         run,
         final.episodes,
         "pursuit train",
+        present if given.report else None,
         lambda: announce_solution(trainee.contest, run.stopped),
     )
-    if run.present is not None:
-        present(trainee, run.folder, run.metrics.rows, content)
     show(run, content)
     exit_after_signal(run)
 
@@ -138,20 +132,19 @@ def _defaults(arguments: Sequence[str]) -> TrainCommand[Any]:
     return TrainCommand(settings, first.preset)
 
 
-def present(
-    trainee: Any, folder: Path, rows: list[dict[str, float]], content: dict[str, Any]
-) -> None:
+def present(run: Run[SingleAgent], content: Plain) -> None:
     """Write the figures, the report and the replay of a run; as `Run.present`."""
     from train.experiments.methods import METHODS, methods  # torch is slow to import
     from train.runs.saved import load_settings
 
-    contest, teacher, settings = trainee.contest, trainee.teacher, load_settings(folder)
+    trainee, folder, settings = run.trainee, run.folder, load_settings(run.folder)
+    contest, teacher = trainee.contest, trainee.teacher
     title = f"{contest.line().split(', at most')[0]}; {content['algorithm'].upper()}"
     if teacher is not None:
         title += f"; {teacher.name}"
     draw_learning_curve(
         folder / CURVE,
-        rows,
+        run.rows,
         content["scores"],
         title,
         teacher.rows if teacher is not None else None,
@@ -165,17 +158,15 @@ def present(
     write_report(folder, settings, final, trainee.policy, content)
 
 
-def show(run: Run, content: dict[str, Any]) -> None:
+def show(run: Run[SingleAgent], content: Plain) -> None:
     """Print the results of a run."""
-    from train.runs.saved import load_settings  # torch is slow to import
-
-    trainee: SingleAgent = run.trainee
+    trainee = run.trainee
     print()
     scores = [Score(**score) for score in content["scores"]]
     print_scores(scores, trainee.contest, certificate_of(trainee.contest))
     if isinstance(trainee.contest, ArmContest):
         print_bounds(trainee.contest)
-    evaluation, settings = content["evaluation"], load_settings(run.folder)
+    evaluation, settings = content["evaluation"], trainee.parts.settings
     column = content["objective"]["column"]
     if evaluation["optimality_gap"] is not None and column == "mean_steps":
         how = "exactly" if evaluation["exact"] else "on the same starts"

@@ -64,7 +64,7 @@ def view(arguments: Sequence[str]) -> None:
 
 def report_again(folder: Path, out: Path | None) -> Path:
     """Write the report of a run again, from the files in its folder."""
-    from train.experiments.kinds import KINDS, open_run  # torch is slow to import
+    from train.kinds import KINDS, open_run  # torch is slow to import
     from train.runs.opponents import load_policy
     from train.runs.parts import contest_of
     from train.runs.saved import load_settings

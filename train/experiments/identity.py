@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any
 
 from scripted_agents.environments import AGENTS
-from train.experiments.kinds import with_mazes
 from train.files import write_bytes
+from train.kinds import with_mazes
 from train.runs.folder import CHECKPOINT, CONFIG
 from train.runs.provenance import provenance
 from train.runs.stable_baselines import description_of

@@ -23,9 +23,9 @@ from train.experiments.identity import (
     fingerprint,
     with_policies,
 )
-from train.experiments.kinds import is_complete, read_settings, write_config
 from train.files import LOCK, write_json
-from train.runs.folder import CHECKPOINT, CONFIG
+from train.kinds import read_settings, write_config
+from train.runs.folder import CHECKPOINT, CONFIG, is_complete
 from train.runs.forms import Final
 from train.settings.checks import check
 

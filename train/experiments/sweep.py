@@ -24,9 +24,9 @@ from train.experiments.forms import (
     check_table,
 )
 from train.experiments.identity import fingerprint, frozen_mazes, inputs_of
-from train.experiments.kinds import KINDS
 from train.experiments.search import draw_samples
 from train.experiments.study import Study, TrainingRun, job_name
+from train.kinds import KINDS
 from train.runs.folder import RUN
 from train.schemas import read_as
 from train.settings.checks import check

@@ -22,9 +22,9 @@ from typing import Any
 from filelock import FileLock
 
 from pursuit.plugins import environment, from_train
-from train.experiments.kinds import open_run
 from train.experiments.study import CALL, ERROR, OUTCOME, PROGRESS, status_of
 from train.files import read_json, write_json, write_text
+from train.kinds import open_run
 from train.runs.folder import CONFIG, load_final
 from train.runs.loop import Run
 

@@ -1,25 +1,30 @@
-"""Data parallel training in two processes, each with half of the games.
+"""Data parallel training in several processes, each with an equal share of the games.
 
-Both processes start with the same weights and average their gradients before each step of Adam, so
+All processes start with the same weights and average their gradients before each step of Adam, so
 that the weights stay equal. Gradients are exchanged in shared memory without a name, which is freed
-when both processes have ended. All other messages go through two connected sockets, so that a
-waiting process notices if the other one ends. The second process only reacts to messages.
+when all processes have ended. All other messages go through sockets that connect the process of the
+run with each of the others, so that a waiting process notices if one ends. The others only react to
+messages.
 
-`torch.distributed` is slower: an all_reduce by gloo of PPO's 27,013 weights took 1.2 to 1.4 ms of
-each processor, this exchange takes 0.23 to 0.31 ms. A gradient step with its part of the rollout
-takes 10 ms.
+`torch.distributed` is slower: in two processes an all_reduce by gloo of PPO's 27,013 weights took
+1.2 to 1.4 ms of each processor, this exchange takes 0.23 to 0.31 ms. A gradient step with its part
+of the rollout takes 10 ms.
 """
 
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import hashlib
 import os
 import pickle
 import signal
 import traceback
 import warnings
+from itertools import chain
 from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
 from multiprocessing.util import Finalize
 from pathlib import Path
 from typing import Any
@@ -30,75 +35,94 @@ from numpy.typing import NDArray
 
 from pursuit.plugins import environment
 from train.algorithms.learner import averaged_buffers
-from train.runs.folder import CHECKPOINT
+from train.algorithms.ppo import PPO
+from train.runs.folder import CHECKPOINT, Plain
 from train.runs.parts import parts_of
 from train.runs.threads import can_fork, prepare_torch
 from train.runs.training_state import build_env_and_learner, training_state
 from train.settings.checks import check
-from train.settings.run import TrainSettings
+from train.settings.run import AgentSettings
 
 END_TIMEOUT = 1.0
 """Seconds that a process has to end by itself after the connection is closed."""
 
+SharedNumbers = ctypes.Array[ctypes.c_float]
+
 
 class ProcessEnded(ChildProcessError):
-    """The other process has ended or failed."""
+    """Another process of the run has ended or failed."""
 
 
 class Replica:
-    """One of the two processes, with its connection to the other one.
+    """One of the processes, with its connections.
 
     Args:
-        connection: to the other process.
-        shared: four times as many float32 as there are weights.
-        rank: 0 in the process of the run, 1 in the second one.
+        connections: of the process of the run to each other process; of these to that one.
+        shared: for each process twice as many float32 as there are weights.
+        rank: 0 in the process of the run, 1, 2, ... in the others.
+        processes: their number.
     """
 
-    def __init__(self, connection: Any, shared: Any, rank: int) -> None:
-        self.connection, self.rank = connection, rank
-        # Two slots each, used alternately, so that the faster process does not overwrite a slot
-        # that the other one still reads.
-        self.slots = torch.frombuffer(shared, dtype=torch.float32).view(2, 2, -1)
+    def __init__(
+        self, connections: list[Connection], shared: SharedNumbers, rank: int, processes: int
+    ) -> None:
+        self.connections, self.rank, self.processes = connections, rank, processes
+        # Two slots each, used alternately, so that a fast process does not overwrite a slot that
+        # another one still reads.
+        self.slots = torch.frombuffer(shared, dtype=torch.float32).view(2, processes, -1)
         self.turn = 0
 
-    def send(self, content: Any) -> None:
-        """Send a message; if the other process has ended, `receive` reports it."""
+    def send(self, content: object, to: int = 0) -> None:
+        """Send a message by a connection; if that process has ended, `receive` reports it."""
         with contextlib.suppress(OSError):
             # pickled here, as multiprocessing would put tensors into named shared memory
-            self.connection.send_bytes(pickle.dumps(content))
+            self.connections[to].send_bytes(pickle.dumps(content))
 
-    def receive(self) -> Any:
-        """The next message; ProcessEnded if the other process ended, its exception if it failed."""
+    def receive(self, source: int = 0) -> Any:
+        """The next message of a connection; ProcessEnded if the process there has ended, its
+        exception if it failed."""
         try:
-            content = pickle.loads(self.connection.recv_bytes())
+            content = pickle.loads(self.connections[source].recv_bytes())
         except (EOFError, OSError):
-            raise ProcessEnded(self.end_reason()) from None
+            raise ProcessEnded(self.end_reason(source)) from None
         if isinstance(content, Exception):
             raise content
         return content
 
+    def wait_for_all(self) -> None:
+        """Wait until all processes have called this.
+
+        The process of the run tells the last one first: two processes send at the same time.
+        """
+        *others, last = range(len(self.connections))
+        for number in others:
+            self.receive(number)
+        self.send(None, last)
+        self.receive(last)
+        for number in others:
+            self.send(None, number)
+
     def average(self, tensors: list[torch.Tensor]) -> None:
-        """Replace every tensor by its mean over both processes, which must have equal shapes."""
+        """Replace every tensor by its mean over the processes, which must have equal shapes."""
         sizes = [tensor.numel() for tensor in tensors]
         slots = self.slots[self.turn, :, : sum(sizes)]
         self.turn = 1 - self.turn
         torch.cat([tensor.reshape(-1) for tensor in tensors], out=slots[self.rank])
-        self.send(None)
-        self.receive()
-        mean: Any = slots.sum(dim=0).mul_(0.5)
-        for tensor, part in zip(tensors, mean.split(sizes), strict=True):
+        self.wait_for_all()
+        mean = slots.sum(dim=0).mul_(1.0 / self.processes)
+        for tensor, part in zip(tensors, mean.split(sizes), strict=True):  # type: ignore[no-untyped-call]
             tensor.copy_(part.view_as(tensor))
 
-    def end_reason(self) -> str:
-        """The reason why the other process has ended."""
+    def end_reason(self, source: int) -> str:
+        """The reason why the process at a connection has ended."""
         return "the process of the run has ended"
 
 
-class SecondProcess(Replica):
-    """The second process, as seen from the first one.
+class OtherProcesses(Replica):
+    """The other processes, as seen from that of the run.
 
-    It is forked if this process has a single thread, which takes no time. Otherwise it is spawned,
-    which takes seconds, as it imports torch.
+    They are forked if this process has a single thread, which takes no time. Otherwise they are
+    spawned, which takes seconds, as they import torch.
 
     Args:
         settings: of the run.
@@ -107,32 +131,40 @@ class SecondProcess(Replica):
         state: of the trainee in a checkpoint; None for a new run.
 
     Raises:
-        ProcessEnded: it could not be started.
-        ValueError: the checkpoint is from a run with one process.
+        ProcessEnded: one could not be started.
+        ValueError: the checkpoint is from a run with another number of processes.
     """
 
     def __init__(
         self,
-        settings: TrainSettings[Any],
-        learner: Any,
+        settings: AgentSettings,
+        learner: PPO,
         folder: Path,
-        state: dict[str, Any] | None = None,
+        state: Plain | None = None,
     ) -> None:
+        count = settings.processes
         context: Any = get_context("fork" if can_fork() else "spawn")
         kept = [*learner.network.parameters(), *averaged_buffers(learner.network)]
         weights = sum(each.numel() for each in kept)
-        shared = context.RawArray("f", 4 * weights)
-        ours, theirs = context.Pipe()
-        super().__init__(ours, shared, 0)
+        shared = context.RawArray(ctypes.c_float, 2 * count * weights)
+        super().__init__([], shared, 0, count)
         self.folder, self.learner = folder, learner
-        given = (ours, theirs, shared, settings, environment())
-        self.process = context.Process(target=serve, args=given, name="second process", daemon=True)
-        self.process.start()
-        theirs.close()
-        self.close = Finalize(self, end, (ours, self.process), exitpriority=0)
-        self.send(state)
+        self.workers: list[BaseProcess] = []
+        self.close = Finalize(self, end, (self.connections, self.workers), exitpriority=0)
         try:
-            self.check_equal_weights(self.receive())
+            for rank in range(1, count):
+                ours, theirs = context.Pipe()
+                self.connections.append(ours)
+                # A forked process inherits our ends of all connections so far.
+                given = (self.connections, theirs, shared, rank, settings, environment())
+                name = f"process {rank + 1}"
+                worker = context.Process(target=serve, args=given, name=name, daemon=True)
+                worker.start()
+                self.workers.append(worker)
+                theirs.close()
+                self.send(state, rank - 1)
+            for number in range(count - 1):
+                self.check_equal_weights(self.receive(number))
         except Exception:
             self.close()
             raise
@@ -141,36 +173,44 @@ class SecondProcess(Replica):
     def iterate(
         self, progress: float, seconds: float
     ) -> tuple[dict[str, float], list[NDArray[Any]], list[NDArray[Any]]]:
-        """An iteration of both processes: the values for the log, and the returns and lengths of
-        the episodes that ended in the second one."""
-        self.send((progress, seconds))
-        figures = self.learner.iterate(progress)
-        others, returns, lengths = self.receive()
-        both = {name: 0.5 * (value + others[name]) for name, value in figures.items()}
-        return both, returns, lengths
+        """An iteration of all processes: the values for the log, and the returns and lengths of the
+        episodes that ended in the others."""
+        for number in range(len(self.connections)):
+            self.send((progress, seconds), number)
+        own = self.learner.iterate(progress)
+        others, returns, lengths = zip(*self._answers(), strict=True)
+        figures = [own, *others]
+        mean = {name: sum(each[name] for each in figures) / self.processes for name in own}
+        return mean, [*chain(*returns)], [*chain(*lengths)]
 
-    def state(self) -> dict[str, Any]:
-        """The state of the second process for a checkpoint, without the weights, which are equal.
+    def _answers(self) -> list[Any]:
+        """A message of each other process."""
+        return [self.receive(number) for number in range(len(self.connections))]
+
+    def states(self) -> list[Plain]:
+        """The states of the others for a checkpoint, without the weights, which are equal.
 
         Raises:
             RuntimeError: the weights differ.
         """
-        self.send(None)
-        state, digest = self.receive()
-        self.check_equal_weights(digest)
-        found: dict[str, Any] = state
-        return found
+        for number in range(len(self.connections)):
+            self.send(None, number)
+        answers = self._answers()
+        for _, digest in answers:
+            self.check_equal_weights(digest)
+        return [state for state, _ in answers]
 
     def check_equal_weights(self, digest: bytes) -> None:
-        """RuntimeError if the weights of the second process differ."""
+        """RuntimeError if the weights of another process differ."""
         if digest != digest_of(self.learner):
-            raise RuntimeError("the two processes of this run have different weights")
+            raise RuntimeError("the processes of this run have different weights")
 
-    def end_reason(self) -> str:
+    def end_reason(self, source: int) -> str:
         """The reason, and what the user can do."""
-        text = "the second process of this run has ended"
-        self.process.join(END_TIMEOUT)
-        code = self.process.exitcode
+        worker = self.workers[source]
+        text = f"process {source + 2} of this run has ended"
+        worker.join(END_TIMEOUT)
+        code = worker.exitcode
         if code == 1:  # multiprocessing has printed the error
             return f"{text}: see above. A script that starts it needs `if __name__ == '__main__':`"
         if code is not None and code < 0:
@@ -180,25 +220,33 @@ class SecondProcess(Replica):
         return f"{text}; the last checkpoint is kept: resume the run by --resume"
 
 
-def end(connection: Any, process: Any) -> None:
-    """End the second process; also called at garbage collection."""
-    connection.close()
-    process.join(END_TIMEOUT)
-    process.kill()
-    process.join()
+def end(connections: list[Connection], workers: list[BaseProcess]) -> None:
+    """End the other processes; also called at garbage collection."""
+    for connection in connections:
+        connection.close()
+    for worker in workers:
+        worker.join(END_TIMEOUT)
+        worker.kill()
+        worker.join()
 
 
 def serve(
-    ours: Any, theirs: Any, shared: Any, settings: TrainSettings[Any], variables: dict[str, str]
+    inherited: list[Connection],
+    connection: Connection,
+    shared: SharedNumbers,
+    rank: int,
+    settings: AgentSettings,
+    variables: dict[str, str],
 ) -> None:
-    """The main function of the second process, until that of the run ends."""
+    """The main function of another process, until that of the run ends."""
     # A terminal sends signals to all its processes; the process of the run handles them.
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)
-    ours.close()
+    for other in inherited:
+        other.close()
     os.environ.update(variables)
     warnings.simplefilter("ignore")  # the first process prints them
-    replica = Replica(theirs, shared, 1)
+    replica = Replica([connection], shared, rank, settings.processes)
     try:
         serve_messages(replica, settings)
     except ProcessEnded:
@@ -206,13 +254,12 @@ def serve(
     except ValueError as error:
         replica.send(ValueError(str(error)))
     except Exception:
-        replica.send(
-            ProcessEnded(f"the second process of this run failed:\n{traceback.format_exc()}")
-        )
+        text = f"process {rank + 1} of this run failed:\n{traceback.format_exc()}"
+        replica.send(ProcessEnded(text))
 
 
-def serve_messages(replica: Replica, settings: TrainSettings[Any]) -> None:
-    """Build the learner for the other half of the games, and handle messages."""
+def serve_messages(replica: Replica, settings: AgentSettings) -> None:
+    """Build the learner for a share of the games, and handle messages."""
     prepare_torch(1, settings.seed)
     parts, state = parts_of(settings, replica.rank), replica.receive()
     if state is None:
@@ -220,9 +267,14 @@ def serve_messages(replica: Replica, settings: TrainSettings[Any]) -> None:
         apart = np.random.SeedSequence([settings.seed, replica.rank])
         torch.manual_seed(int(apart.generate_state(1, np.uint64)[0]))  # for the actions
     else:
-        check("partner" in state, "the checkpoint is from a run with processes=1")
-        env, teacher, learner = build_env_and_learner(parts, {**state, **state["partner"]})
-        torch.set_rng_state(state["partner"]["torch_rng"])
+        # "partner" stands in checkpoints of two processes that earlier versions wrote.
+        others = state.get("partners", [state["partner"]] if "partner" in state else [])
+        count = 1 + len(others)
+        check(count == settings.processes, f"the checkpoint is from a run with processes={count}")
+        own = others[replica.rank - 1]
+        env, teacher, learner = build_env_and_learner(parts, {**state, **own})
+        torch.set_rng_state(own["torch_rng"])
+    assert isinstance(learner, PPO)
     learner.average = replica.average
     replica.send(digest_of(learner))
     while True:
@@ -242,7 +294,7 @@ def serve_messages(replica: Replica, settings: TrainSettings[Any]) -> None:
         env.finished_lengths.clear()
 
 
-def digest_of(learner: Any) -> bytes:
+def digest_of(learner: PPO) -> bytes:
     """A digest of the bits of the weights."""
     digest = hashlib.sha256()
     for weight in learner.network.state_dict().values():

@@ -15,7 +15,7 @@ from typing import Any
 from pursuit.mazes.maze import library_names
 from pursuit.mazes.suite_files import is_suite
 from pursuit.plugins import check_trusted
-from train.files import LOCK, check_utf8, is_leftover, read_json, write_csv, write_json
+from train.files import LOCK, check_utf8, is_leftover, read_json, write_json
 from train.runs import forms
 from train.runs.provenance import COMMAND, PARTS, command_line, provenance
 from train.schemas import read_as
@@ -36,6 +36,9 @@ FORMAT = 5
 
 RUN, SIDE, SELF_PLAY = "single", "side", "self-play"
 """Kinds of runs: a single agent; one role of self-play, saved as a policy; self-play."""
+
+Plain = dict[str, Any]
+"""Values by name: the content of a JSON file, or of a checkpoint (then also tensors)."""
 
 
 def check_new(path: Path) -> None:
@@ -77,7 +80,7 @@ def save_config(
     write_json(folder / CONFIG, {**plain, PARTS: provenance(settings), COMMAND: command_line()})
 
 
-def load_config(folder: Path | str) -> tuple[str, dict[str, Any]]:
+def load_config(folder: Path | str) -> tuple[str, Plain]:
     """The kind of a run, and its settings; a maze file is replaced by its text, with
     its name.
 
@@ -91,7 +94,7 @@ def load_config(folder: Path | str) -> tuple[str, dict[str, Any]]:
     return kind, plain
 
 
-def read_config(folder: Path) -> tuple[str, dict[str, Any]]:
+def read_config(folder: Path) -> tuple[str, Plain]:
     """As `load_config`, but without checking user-defined parts, which the caller must not load."""
     path = folder / CONFIG
     if not os.path.exists(path):  # unlike Path.exists() also for names that are too long
@@ -119,19 +122,24 @@ def load_final(folder: Path) -> forms.Final:
     return read_as(forms.Config, read_json(path), path, forms.RESTORE).final
 
 
-def load_results(folder: Path | str) -> dict[str, Any]:
+def load_results(folder: Path | str) -> Plain:
     """The content of `results.json`; ValueError if it is missing or damaged."""
     return forms.read_results(Path(folder) / RESULTS, RUN)
 
 
-def save_checkpoint(folder: Path, state: dict[str, Any]) -> None:
+def is_complete(folder: Path) -> bool:
+    """Whether the budget of a run is spent and its results are written."""
+    return (folder / RESULTS).exists() and not load_results(folder)["interrupted"]
+
+
+def save_checkpoint(folder: Path, state: Plain) -> None:
     """Write `checkpoint.pt`: tensors and plain values only."""
     from train.tensors import write_tensors  # torch is slow to import
 
     write_tensors(folder / CHECKPOINT, {"format": FORMAT, **state})
 
 
-def load_checkpoint(folder: Path | str) -> dict[str, Any]:
+def load_checkpoint(folder: Path | str) -> Plain:
     """Read `checkpoint.pt` without running code from the file.
 
     Raises:
@@ -174,29 +182,6 @@ def misfit(folder: Path, error: Exception) -> ValueError:
         f"{folder / CHECKPOINT}: does not match the settings in {CONFIG}{how}; one of them is from "
         "another run or damaged: restore it from a copy"
     )
-
-
-class MetricsFile:
-    """`metrics.csv`: one row per evaluation, written after each of them.
-
-    Args:
-        folder: of the run.
-        up_to_frames: frames of a resumed run. Later rows are dropped, as they will be repeated. The
-            file must exist, as every checkpoint follows a row. None starts a new file.
-        column: the column of the objective, which every row must have.
-    """
-
-    def __init__(self, folder: Path, up_to_frames: int | None = None, column: str = "") -> None:
-        self.path = folder / METRICS
-        self.rows: list[dict[str, float]] = []
-        if up_to_frames is not None:
-            rows = read_metrics(folder, *([column] if column else []))
-            self.rows = [row for row in rows if row["frames"] <= up_to_frames]
-
-    def add(self, row: dict[str, float]) -> None:
-        """Append a row, and write the file atomically."""
-        self.rows.append(row)
-        write_csv(self.path, self.rows)
 
 
 def read_metrics(folder: Path | str, *columns: str) -> list[dict[str, float]]:

@@ -5,6 +5,7 @@ Files may have further fields, as later versions may add some.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -37,8 +38,9 @@ class Config(msgspec.Struct, kw_only=True):
     final: Final = Final()
 
 
-class Objective(msgspec.Struct):
-    """The objective of a run."""
+@dataclass(frozen=True)
+class Objective:
+    """The objective of a run: a column of `metrics.csv`."""
 
     column: str
     unit: str

@@ -6,14 +6,17 @@ import contextlib
 import os
 import shutil
 from collections.abc import Callable, Iterator
+from copy import copy
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter, process_time
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, Generic, Protocol, Self
 
 import torch
+from filelock import BaseFileLock
 from torchrl.record.loggers import TensorboardLogger
+from typing_extensions import TypeVar  # with defaults, which Python has from 3.13 on
 
 from train.files import cannot_write, write_csv, write_json
 from train.runs.folder import (
@@ -21,15 +24,27 @@ from train.runs.folder import (
     CONFIG,
     CURVE,
     METRICS,
+    MISFITS,
     REPLAY,
     RESULTS,
-    MetricsFile,
+    Plain,
+    misfit,
+    read_metrics,
     save_checkpoint,
 )
+from train.runs.forms import Objective
 from train.runs.interruption import Diverged, Interruption
 from train.runs.provenance import recorded_parts
-from train.runs.threads import ThreadChoice, random_states, set_random_states
+from train.runs.threads import (
+    ThreadChoice,
+    check_device,
+    prepare_torch,
+    random_states,
+    set_random_states,
+)
 from train.runs.versions import machine, versions
+from train.settings.run import AgentSettings, TrainSettings
+from train.settings.self_play import SelfPlaySettings
 from train.tensors import first_not_finite
 
 BRIEF_EPISODES, BRIEF_STEPS = 2, 2
@@ -38,14 +53,7 @@ BRIEF_EPISODES, BRIEF_STEPS = 2, 2
 EVALUATIONS = 20
 """Number of evaluations, each with a checkpoint, over the budget."""
 
-
-@dataclass(frozen=True)
-class Objective:
-    """The objective of a run: a column of `metrics.csv`."""
-
-    column: str
-    unit: str
-    less_is_better: bool = True
+AnySettings = AgentSettings | SelfPlaySettings
 
 
 class Clock(Protocol):
@@ -90,17 +98,17 @@ class Trainee(Protocol):
     def log_fields(self, row: dict[str, float]) -> list[str]:
         """The fields of the log line of an evaluation."""
 
-    def results(self, interrupted: bool, episodes: int) -> dict[str, Any]:
+    def results(self, interrupted: bool, episodes: int) -> Plain:
         """The final evaluation as plain values: "task", "maze", "algorithm", "evaluation" ..."""
 
-    def brief(self) -> Any:
+    def brief(self) -> Self:
         """A copy for a dry run: its `results` are of a few steps of a few episodes, and nothing
         large is solved. It shares the learners."""
 
-    def state_dict(self) -> dict[str, Any]:
+    def state_dict(self) -> Plain:
         """Tensors and plain values from which a resumed run continues exactly."""
 
-    def learned(self) -> dict[str, Any]:
+    def learned(self) -> Plain:
         """The part of `state_dict` that is learned; it must stay finite."""
 
     def save_beside(self, folder: Path) -> None:
@@ -124,6 +132,13 @@ class Budget:
     threads: int = 0
     clock: str = "wall"
 
+    @classmethod
+    def of(cls, settings: AnySettings) -> Budget:
+        """The budget in the settings of a run."""
+        several = isinstance(settings, TrainSettings) and settings.processes > 1
+        threads = 1 if several else settings.threads
+        return cls(settings.seconds, settings.frames, threads, settings.clock)
+
     @property
     def free_threads(self) -> bool:
         """Whether torch's threads are chosen during the run, for a budget of wall time."""
@@ -146,11 +161,19 @@ class Budget:
         return min(seconds / (self.seconds or 1.0), 1.0)
 
 
-Report = Callable[["Run", dict[str, float]], None]
-Present = Callable[[Any, Path, list[dict[str, float]], dict[str, Any]], None]
+class Parts(Protocol):
+    """What the settings of a run describe, built and checked once: what a trainee is made of."""
+
+    @property
+    def settings(self) -> AnySettings: ...  # noqa: D102 -- see the class
 
 
-class Run:
+T = TypeVar("T", bound=Trainee, default=Any)
+P = TypeVar("P", bound=Parts)
+S = TypeVar("S", bound=AnySettings)
+
+
+class Run(Generic[T]):
     """A trainee in a run folder.
 
     Args:
@@ -162,47 +185,51 @@ class Run:
     Attributes:
         trainee, folder, budget: the arguments.
         seconds: training time by the budget's clock, without evaluations.
-        metrics: the evaluations.
+        rows: the evaluations, of `metrics.csv`.
         stopped: whether it was interrupted before the end of its budget.
         exit_status: 0, or the exit status for the signal that interrupted it.
         lock: the lock of the folder, if any.
-        present: (trainee, folder, rows of `metrics.csv`, results) writes the figures and the report
-            of a finished run; None if there are none. A dry run calls it before training.
+        present: (run, results) writes the figures and the report of a finished run; None if there
+            are none. A dry run calls it before training.
     """
 
     def __init__(
-        self, trainee: Any, folder: Path, budget: Budget, state: dict[str, Any] | None = None
+        self, trainee: T, folder: Path, budget: Budget, state: Plain | None = None
     ) -> None:
-        # Any: callers use more of the trainee than the protocol has.
         self.trainee, self.folder, self.budget, self.stopped = trainee, folder, budget, False
         self.seconds, self.evaluations, self.exit_status = 0.0, 0, 0
-        self.lock: Any = None
-        self.present: Present | None = None
+        self.lock: BaseFileLock | None = None
+        self.present: Callable[[Run[T], Plain], None] | None = None
+        self.rows: list[dict[str, float]] = []
         self._saved_frames = 0
         if state is not None:
             self.seconds, self.evaluations = state["seconds"], state["evaluations"]
             set_random_states(state)
             self._saved_frames = trainee.frames
-        column = trainee.objective.column
-        self.metrics = MetricsFile(folder, None if state is None else trainee.frames, column)
-        self._drop_row_of_interruption()
+            self.rows = self._rows_of_checkpoint()
 
-    def _drop_row_of_interruption(self) -> None:
-        """Drop a last row that was added by an interruption: other runs do not have it."""
-        rows = self.metrics.rows
+    def _rows_of_checkpoint(self) -> list[dict[str, float]]:
+        """The rows of `metrics.csv` up to the checkpoint: later evaluations will be repeated.
+
+        A last row that was added by an interruption is dropped: other runs do not have it. The file
+        must exist, as every checkpoint follows a row.
+        """
+        rows = read_metrics(self.folder, self.trainee.objective.column)
+        rows = [row for row in rows if row["frames"] <= self.trainee.frames]
         done = [
             int(EVALUATIONS * self.budget.progress(row["seconds"], int(row["frames"])))
             for row in [{"seconds": 0.0, "frames": 0.0}, *rows][-2:]
         ]
         if rows and rows[-1]["frames"] > 0 and done[0] == done[1]:
             rows.pop()
+        return rows
 
     @property
     def progress(self) -> float:
         """Share of the budget used, in [0, 1]."""
         return self.budget.progress(self.seconds, self.trainee.frames)
 
-    def train(self, report: Report = lambda run, row: None) -> None:
+    def train(self, report: Report[T] = lambda run, row: None) -> None:
         """Train until the end of the budget; Ctrl-C or SIGTERM stops after the current iteration.
 
         Args:
@@ -220,7 +247,7 @@ class Run:
             contextlib.closing(trainee),
             self._tensorboard() as board,
         ):
-            if trainee.evaluates_first and not self.metrics.rows:
+            if trainee.evaluates_first and not self.rows:
                 self._record({}, board, report)
             self.dry_run()
             while self.progress < 1.0 and not self.stopped:
@@ -245,29 +272,33 @@ class Run:
                     self._record(figures, board, report, due=False)
 
     def dry_run(self) -> None:
-        """Build the results once, with tiny sizes, and draw them into a temporary folder.
+        """Build the results once, with tiny sizes, and draw them, in a temporary folder.
 
         So what cannot be evaluated or drawn is an error before training. The run does not depend on
         it.
         """
         states, threads = random_states(), torch.get_num_threads()
-        small = self.trainee.brief()
-        content = self._content(small.results(False, BRIEF_EPISODES))
-        if self.present is not None:
-            evaluation = {k: float(v or 0.0) for k, v in content["evaluation"].items()}
-            rows = self.metrics.rows or [{"frames": 0.0, "seconds": 0.0, **evaluation}]
-            with TemporaryDirectory() as temporary:
-                folder = Path(temporary) / self.folder.name
-                folder.mkdir()
-                shutil.copy(self.folder / CONFIG, folder / CONFIG)
-                write_csv(folder / METRICS, rows)
-                write_json(folder / RESULTS, content)
-                self.present(small, folder, rows, content)
+        with TemporaryDirectory() as temporary:
+            small = copy(self)
+            small.trainee, small.folder = self.trainee.brief(), Path(temporary) / self.folder.name
+            small.folder.mkdir()
+            if (self.folder / CONFIG).exists():
+                shutil.copy(self.folder / CONFIG, small.folder)
+            content = small.results(BRIEF_EPISODES)
+            if self.present is not None:
+                evaluation = {k: float(v or 0.0) for k, v in content["evaluation"].items()}
+                small.rows = self.rows or [{"frames": 0.0, "seconds": 0.0, **evaluation}]
+                write_csv(small.folder / METRICS, small.rows)
+                self.present(small, content)
         torch.set_num_threads(threads)
         set_random_states(states)
 
     def _record(
-        self, figures: dict[str, float], board: Any, report: Report, due: bool = True
+        self,
+        figures: dict[str, float],
+        board: TensorboardLogger,
+        report: Report[T],
+        due: bool = True,
     ) -> None:
         """Evaluate, and save the row and the checkpoint.
 
@@ -283,7 +314,8 @@ class Run:
                 **figures,
             }
         self._check_learned()
-        self.metrics.add(row)
+        self.rows.append(row)
+        write_csv(self.folder / METRICS, self.rows)
         if due:
             self.trainee.forget_episodes()
         self.save()
@@ -294,7 +326,7 @@ class Run:
         report(self, row)
 
     @contextlib.contextmanager
-    def _tensorboard(self) -> Iterator[Any]:
+    def _tensorboard(self) -> Iterator[TensorboardLogger]:
         """The TensorBoard logger, closed at the end."""
         with self._writes_tensorboard():
             board = TensorboardLogger("tensorboard", str(self.folder))
@@ -341,39 +373,24 @@ class Run:
             "lower learning_rate"
         )
 
-    def _own_state(self) -> dict[str, Any]:
-        """The state of the run itself, without its trainee."""
-        return {
-            "seconds": self.seconds,
-            "evaluations": self.evaluations,
-            **random_states(),
-        }
-
     def save(self) -> None:
         """Write the checkpoint, from which a resumed run continues exactly."""
-        save_checkpoint(self.folder, {"trainee": self.trainee.state_dict(), **self._own_state()})
+        state = {"seconds": self.seconds, "evaluations": self.evaluations, **random_states()}
+        save_checkpoint(self.folder, {"trainee": self.trainee.state_dict(), **state})
         self._saved_frames = self.trainee.frames
         self.trainee.save_beside(self.folder)
 
-    def results(self, episodes: int = 1000) -> dict[str, Any]:
+    def results(self, episodes: int = 1000) -> Plain:
         """Evaluate the trained policy and the references, and write `results.json`.
 
         Figures of earlier results are deleted, so that commands draw new ones.
         """
-        if (self.folder / CHECKPOINT).exists():  # the last save may have been interrupted
-            self.trainee.save_beside(self.folder)
-        content = self._content(self.trainee.results(self.stopped, episodes))
-        for name in (CURVE, REPLAY):
-            (self.folder / name).unlink(missing_ok=True)
-        write_json(self.folder / RESULTS, content)
-        return content
-
-    def _content(self, evaluated: dict[str, Any]) -> dict[str, Any]:
-        """The content of `results.json`, with the results of the trainee."""
         trainee = self.trainee
+        if (self.folder / CHECKPOINT).exists():  # the last save may have been interrupted
+            trainee.save_beside(self.folder)
         content = {
             "kind": trainee.kind,
-            **evaluated,
+            **trainee.results(self.stopped, episodes),
             "objective": asdict(trainee.objective),
             "frames": trainee.frames,
             "seconds": round(self.seconds, 3),
@@ -384,6 +401,46 @@ class Run:
             "versions": versions(),
             "machine": machine(),
         }
-        if trainee.evaluates_first and self.metrics.rows:
-            content["at_start"] = self.metrics.rows[0]
+        if trainee.evaluates_first and self.rows:
+            content["at_start"] = self.rows[0]
+        for name in (CURVE, REPLAY):
+            (self.folder / name).unlink(missing_ok=True)
+        write_json(self.folder / RESULTS, content)
         return content
+
+
+Report = Callable[[Run[T], dict[str, float]], None]
+
+
+# -- a run from its settings -----------------------------------------------------------------------
+
+
+def build_parts(parts_of: Callable[[S], P], settings: S) -> P:
+    """The parts of a run, built by `parts_of` after torch has been configured for it.
+
+    Raises:
+        ValueError: settings that cannot run here.
+    """
+    check_device(settings.device)
+    prepare_torch(Budget.of(settings).first_threads, settings.seed)
+    return parts_of(settings)
+
+
+def build_run(
+    trainee_of: Callable[[P, Path, Plain | None], T],
+    parts: P,
+    folder: Path,
+    state: Plain | None = None,
+) -> Run[T]:
+    """The run of `build_parts` in its folder, new or from a checkpoint.
+
+    Raises:
+        ValueError: a checkpoint that does not match the settings.
+    """
+    try:
+        trainee = trainee_of(parts, folder, None if state is None else state["trainee"])
+        return Run(trainee, folder, Budget.of(parts.settings), state)
+    except MISFITS as error:
+        if state is None:
+            raise
+        raise misfit(folder, error) from error

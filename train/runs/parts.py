@@ -13,16 +13,19 @@ from typing import Any
 
 from pursuit.memory import check_memory
 from train.algorithms.registry import Algorithm, Build, entry
+from train.environments.arm_env import ArmEnv
+from train.environments.simulator_env import SimulatorEnv
 from train.evaluation.suite_contest import SuiteContest
-from train.networks.policy import NO_WALLS, Player
+from train.networks.arm_policy import ArmSeat
+from train.networks.policy import NO_WALLS, Player, Seat
 from train.runs.saved import player_of, unchecked_settings
 from train.runs.threads import uses_bfloat16
-from train.runs.worlds import GridWorld, World, world_of
+from train.runs.worlds import AnyContest, GridWorld, World, world_of
 from train.settings.algorithms import Hyperparameters
 from train.settings.checks import check, evaluation_seed
 from train.settings.common import check_min_probability
 from train.settings.off_policy import ReplaySettings
-from train.settings.run import SHARED_OUT, TrainSettings
+from train.settings.run import SHARED_OUT, AgentSettings
 from train.settings.task import AnyTask, in_maze
 from train.teaching.plan import Plan, plan_curriculum
 from train.teaching.teacher import Teacher
@@ -36,33 +39,35 @@ class Parts:
     """The parts of a run.
 
     Attributes:
+        settings: of the run.
         world: the task with its opponents.
         plan: of the curriculum; None without one.
         seat: the learning agent in the training games.
         algorithm, hyper: the algorithm and its hyperparameters.
         build: options of building the learner on this machine.
-        rank: of the process in data parallel training (`data_parallel.py`), 0 or 1.
+        rank: of the process in data parallel training (`data_parallel.py`), from 0.
     """
 
+    settings: AgentSettings
     world: World
     plan: Plan | None
-    seat: Any
+    seat: Seat | ArmSeat
     algorithm: Algorithm
     hyper: Hyperparameters
     build: Build
     rank: int = 0
 
-    def games(self) -> tuple[Any, Teacher | None]:
+    def games(self) -> tuple[SimulatorEnv | ArmEnv, Teacher | None]:
         """The training environment, and the teacher in it."""
         games = self.hyper.num_games
         first_game = self.rank * games
-        made = self.world.games(self.seat, games, self.build.seed, self.plan, first_game)
-        if made[1] is not None and self.rank:
-            made[1].rng = made[1].rng.spawn(1)[0]  # independent samples of the curriculum
-        return made
+        env, teacher = self.world.games(self.seat, games, self.build.seed, self.plan, first_game)
+        if teacher is not None and self.rank:
+            teacher.rng = teacher.rng.spawn(self.rank)[-1]  # independent samples of the curriculum
+        return env, teacher
 
 
-def parts_of(settings: TrainSettings[Any], rank: int = 0) -> Parts:
+def parts_of(settings: AgentSettings, rank: int = 0) -> Parts:
     """The parts of a run; in data parallel training those of the process with this rank.
 
     Raises:
@@ -120,9 +125,10 @@ def parts_of(settings: TrainSettings[Any], rank: int = 0) -> Parts:
             "policy without memory; leave out recurrent and frame_stack, or use level-replay",
         )
     check_sizes(hyper, seat)
-    if settings.processes == 2:
-        hyper = replace(hyper, **{name: getattr(hyper, name) // 2 for name in SHARED_OUT})
-    return Parts(world, plan, seat, algorithm, hyper, build_of(settings), rank)
+    if settings.processes > 1:
+        shares = {name: getattr(hyper, name) // settings.processes for name in SHARED_OUT}
+        hyper = replace(hyper, **shares)
+    return Parts(settings, world, plan, seat, algorithm, hyper, build_of(settings), rank)
 
 
 def check_sizes(hyper: Hyperparameters, seat: Player) -> None:
@@ -146,7 +152,7 @@ def check_sizes(hyper: Hyperparameters, seat: Player) -> None:
         check_memory(what, needed, "lower it")
 
 
-def settings_of(**flat: Any) -> TrainSettings[Any]:
+def settings_of(**flat: Any) -> AgentSettings:
     """Settings by their names on the command line, with defaults from `preset`; validated.
 
     `settings_of(algorithm="dqn", maze="7x7", task="maze", seconds=60, learning_rate=1e-3)`.
@@ -178,7 +184,7 @@ def settings_of(**flat: Any) -> TrainSettings[Any]:
     return settings
 
 
-def build_of(settings: TrainSettings[Any]) -> Build:
+def build_of(settings: AgentSettings) -> Build:
     """The options of building a learner on this machine."""
     bfloat16 = uses_bfloat16(settings.precision, settings.device)
     fused = settings.fused == "auto"
@@ -198,6 +204,6 @@ def suite_contest_of(
     return SuiteContest(*opponents, episodes, evaluation_seed(seed), exact)
 
 
-def contest_of(settings: AnyTask, episodes: int, seed: int = 0) -> Any:
+def contest_of(settings: AnyTask, episodes: int, seed: int = 0) -> AnyContest:
     """The contest of a task, without a run; `seed` is a seed of evaluations."""
     return world_of(settings).contest(episodes, evaluation_seed(seed))

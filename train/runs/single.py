@@ -5,14 +5,16 @@ from __future__ import annotations
 from copy import copy
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from scripted_agents.environments import AGENTS
+from train.algorithms.ppo import PPO
 from train.evaluation.contest import GameContest
 from train.evaluation.hidden_contest import Certificate
 from train.evaluation.joint_contest import MAX_EVALUATED_WORK, MAX_WORK
+from train.evaluation.maze_contest import MazeContest
 from train.evaluation.objective_gap import UNKNOWN, ObjectiveGap, objective_gap
 from train.evaluation.scores import (
     BEST_RETURN,
@@ -22,15 +24,14 @@ from train.evaluation.scores import (
     Score,
     optimality_gap,
 )
-from train.runs.data_parallel import SecondProcess
-from train.runs.folder import MISFITS, RUN, misfit
-from train.runs.loop import BRIEF_EPISODES, BRIEF_STEPS, Budget, Clock, Objective, Run
-from train.runs.parts import Parts, parts_of
-from train.runs.threads import check_device, prepare_torch
+from train.runs.data_parallel import OtherProcesses
+from train.runs.folder import RUN, Plain
+from train.runs.forms import Objective
+from train.runs.loop import BRIEF_EPISODES, BRIEF_STEPS, Clock
+from train.runs.parts import Parts
 from train.runs.training_state import build_env_and_learner, training_state
-from train.runs.worlds import world_of
+from train.runs.worlds import AnyContest, GridWorld
 from train.settings.checks import check
-from train.settings.run import TrainSettings
 from train.settings.task import TaskSettings
 from train.teaching.teacher import write_log
 
@@ -51,7 +52,7 @@ class SingleAgent:
 
     Attributes:
         parts, simulator, env, learner, teacher: its parts; no teacher without a curriculum.
-        replica: the second process of data parallel training; None without one.
+        replicas: the other processes of data parallel training; None without any.
         contest, optimum: of the evaluations, and the exact optimum if it is known.
         policy: the learner's current policy, greedy or sampled.
     """
@@ -59,10 +60,10 @@ class SingleAgent:
     kind: ClassVar[str] = RUN
     evaluates_first: ClassVar[bool] = False
 
-    def __init__(self, parts: Parts, evaluate: str, state: dict[str, Any] | None = None) -> None:
+    def __init__(self, parts: Parts, evaluate: str, state: Plain | None = None) -> None:
         self.parts, self.evaluated = parts, evaluate
-        self.replica: SecondProcess | None = None
-        self._final_contest: Any = None
+        self.replicas: OtherProcesses | None = None
+        self._final_contest: AnyContest | None = None
         self._solved_work = 0
         self.env, self.teacher, self.learner = build_env_and_learner(parts, state)
         self.simulator = self.env.simulator
@@ -70,7 +71,7 @@ class SingleAgent:
         if self.teacher is not None:
             draws = parts.algorithm.learns_distribution
             self.teacher.scored_policy = self.learner.policy(greedy=not draws)
-        self.contest = parts.world.contest(EPISODES)
+        self.contest: AnyContest = parts.world.contest(EPISODES)
         self.optimum = self.contest.optimal()
         measure = self.contest.measure
         self.objective = Objective(measure.column, measure.name, measure.less_is_better)
@@ -78,17 +79,22 @@ class SingleAgent:
     @property
     def frames(self) -> int:
         """Environment steps, summed over games and processes."""
-        return int(self.learner.frames) * (1 if self.replica is None else 2)
+        return int(self.learner.frames) * self.parts.settings.processes
+
+    @property
+    def update_form(self) -> str | None:
+        """The form of the gradient steps; None for a learner without any."""
+        form: str | None = getattr(self.learner, "update_form", None)
+        return form
 
     def iterate(self, clock: Clock) -> dict[str, float]:
         """One iteration of the learner, after an update of the curriculum."""
         progress = clock.progress
         if self.teacher is not None:
             self.teacher.update(progress, self.frames, clock.seconds)
-        if self.replica is None:
-            own: dict[str, float] = self.learner.iterate(progress)
-            return own
-        figures, returns, lengths = self.replica.iterate(progress, clock.seconds)
+        if self.replicas is None:
+            return self.learner.iterate(progress)
+        figures, returns, lengths = self.replicas.iterate(progress, clock.seconds)
         self.env.finished_returns += returns
         self.env.finished_lengths += lengths
         return figures
@@ -134,20 +140,20 @@ class SingleAgent:
             parts.append(f"gap {100 * row['optimality_gap']:+7.2f} %")
         return parts
 
-    def final_contest(self, episodes: int, most_work: int = MAX_WORK) -> Any:
+    def final_contest(self, episodes: int, most_work: int = MAX_WORK) -> AnyContest:
         """The contest of the final results, with exact solutions of games of up to `most_work`.
 
         It is cached with its solutions for later calls with at most this work.
         """
         kept = self._final_contest
         if kept is None or kept.episodes != episodes or self._solved_work < most_work:
-            contest: Any = self.parts.world.contest(episodes)
-            own = isinstance(contest, GameContest)
-            self._final_contest = replace(contest, most_work=most_work) if own else contest
-            self._solved_work = most_work
-        return self._final_contest
+            kept = self.parts.world.contest(episodes)
+            if isinstance(kept, GameContest):
+                kept = replace(kept, most_work=most_work)
+            self._final_contest, self._solved_work = kept, most_work
+        return kept
 
-    def results(self, interrupted: bool, episodes: int) -> dict[str, Any]:
+    def results(self, interrupted: bool, episodes: int) -> Plain:
         """Scores of the references and of the trained policy, greedy and sampled."""
         # An interrupted run should end soon.
         most = MAX_WORK if interrupted else MAX_EVALUATED_WORK
@@ -163,43 +169,41 @@ class SingleAgent:
             "algorithm": self.parts.algorithm.name,
             "curriculum": "none" if plan is None else plan.name,
             "seed": build.seed,
-            **({} if self.replica is None else {"processes": 2}),
+            **({} if self.replicas is None else {"processes": self.replicas.processes}),
             **evaluation_of(scores, self.evaluated, objective, certificate, contest),
             "device": build.device,
             "precision": build.precision,
-            **self._update(),
+            **({} if self.update_form is None else {"update": self.update_form}),
         }
 
     def brief(self) -> SingleAgent:
         """As `Trainee`. User-defined opponents are built anew, as they may have random streams of
         their own."""
-        small, given = copy(self), self.parts.world.settings
-        if isinstance(given, TaskSettings):
-            given = replace(given, max_steps=min(given.max_steps, BRIEF_STEPS))
-        contest: Any = world_of(given).contest(BRIEF_EPISODES)
-        own: Any = self.contest
-        if isinstance(given, TaskSettings) and given.opponent in (None, *AGENTS):
-            contest = replace(contest, opponents=own.opponents)
+        small, contest = copy(self), self.parts.world.contest(BRIEF_EPISODES)
+        if isinstance(contest, MazeContest):
+            settings = self.parts.world.settings
+            assert isinstance(settings, TaskSettings)
+            scripted = settings.opponent in (None, *AGENTS)
+            contest = replace(
+                contest,
+                task=replace(contest.task, max_steps=min(contest.task.max_steps, BRIEF_STEPS)),
+                opponents=contest.opponents if scripted else GridWorld(settings).opponents,
+            )
         if isinstance(contest, GameContest):
             contest = replace(contest, most_work=0, search_seconds=0.0)
         small.contest = small._final_contest = contest
         small._solved_work = MAX_EVALUATED_WORK
         return small
 
-    def _update(self) -> dict[str, str]:
-        """The form of the gradient steps, if there is one."""
-        form = getattr(self.learner, "update_form", None)
-        return {} if form is None else {"update": form}
-
-    def state_dict(self) -> dict[str, Any]:
-        """Learner, teacher and games, with the memories of policies; of both processes."""
+    def state_dict(self) -> Plain:
+        """Learner, teacher and games, with the memories of policies; of all processes."""
         state = training_state(self.env, self.teacher, self.learner)
         state["algorithm"] = self.parts.algorithm.name
-        if self.replica is not None:
-            state["partner"] = self.replica.state()
+        if self.replicas is not None:
+            state["partners"] = self.replicas.states()
         return state
 
-    def learned(self) -> dict[str, Any]:
+    def learned(self) -> Plain:
         """The state of the learner."""
         return {"learner": self.learner.state_dict()}
 
@@ -209,10 +213,10 @@ class SingleAgent:
             write_log(folder, self.teacher.rows)
 
     def close(self) -> None:
-        """Release the resources of the learner, and end the second process."""
+        """Release the resources of the learner, and end the other processes."""
         self.learner.close()
-        if self.replica is not None:
-            self.replica.close()
+        if self.replicas is not None:
+            self.replicas.close()
 
 
 def measured(measure: Measure, score: Score) -> float:
@@ -227,8 +231,8 @@ def evaluation_of(
     evaluated: str,
     objective: ObjectiveGap = UNKNOWN,
     certificate: Certificate | None = None,
-    contest: Any = None,
-) -> dict[str, Any]:
+    contest: AnyContest | None = None,
+) -> Plain:
     """ "evaluation", "reference" and "scores" of `results.json`; `objective` is the objective gap.
 
     With a limited view the optimum is an interval (`certificate`). Without `contest` there is no
@@ -281,26 +285,15 @@ def evaluation_of(
     }
 
 
-def make_run(
-    settings: TrainSettings[Any], folder: Path, state: dict[str, Any] | None = None
-) -> Run:
-    """The run of these settings in its folder, new or from a checkpoint.
+def single_agent(parts: Parts, folder: Path, state: Plain | None = None) -> SingleAgent:
+    """The trainee of a run in its folder, with its other processes; new or restored.
 
     Raises:
-        ValueError: settings that cannot run here, or a checkpoint that does not match them.
+        One of `MISFITS`: a state of other settings.
     """
-    check_device(settings.device)
-    threads = 1 if settings.processes == 2 else settings.threads
-    budget = Budget(settings.seconds, settings.frames, threads, settings.clock)
-    prepare_torch(budget.first_threads, settings.seed)
-    parts = parts_of(settings)
-    try:
-        saved = None if state is None else state["trainee"]
-        trainee = SingleAgent(parts, settings.evaluate, saved)
-        if settings.processes == 2:
-            trainee.replica = SecondProcess(settings, trainee.learner, folder, saved)
-        return Run(trainee, folder, budget, state)
-    except MISFITS as error:
-        if state is None:
-            raise
-        raise misfit(folder, error) from error
+    settings = parts.settings
+    trainee = SingleAgent(parts, settings.evaluate, state)
+    if settings.processes > 1:
+        assert isinstance(trainee.learner, PPO)
+        trainee.replicas = OtherProcesses(settings, trainee.learner, folder, state)
+    return trainee

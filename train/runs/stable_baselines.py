@@ -2,8 +2,8 @@
 
 The settings in a model file of Stable-Baselines3 are partly pickled, and unpickling can run code.
 So only the weights are loaded (`torch.load(weights_only=True)`), and layers are derived from their
-shapes. Task and observation are read from a description file next to the model, which the recipes
-write. For a model of `model.save()` they are arguments.
+shapes. Task and observation are read from a description file next to the model, which
+`save_stable_baselines` writes. For a model of `model.save()` they are arguments.
 """
 
 from __future__ import annotations

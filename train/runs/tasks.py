@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import fields, replace
+from functools import lru_cache
 from typing import Any
 
 from pursuit.mazes.maze import Maze
 from pursuit.mazes.suite_files import PREFIX, is_suite
+from pursuit.tasks.rewards import REWARDS
 from pursuit.tasks.task import Task, make_task
 from train.settings.checks import check
 from train.settings.presets import (
@@ -26,31 +28,27 @@ DEFAULTS_BY = ("algorithm", "curriculum", "recurrent", "gamma", "frames")
 
 
 def task_of(settings: TaskSettings) -> Task:
-    """The task of these settings, with its maze loaded.
+    """The task of these settings, with its maze loaded; one object for equal settings.
 
     Raises:
         ValueError: no such maze, or settings that the task does not allow.
     """
-    given = {
-        field.name: getattr(settings, field.name)
-        for field in fields(settings)
-        if field.name.startswith("num_") and getattr(settings, field.name) is not None
-    }
-    if settings.rewards != "default":
-        given["rewards"] = settings.rewards
-    return make_task(
-        settings.task,
-        maze=maze_of(settings.maze),
-        max_steps=settings.max_steps,
-        stay_action=settings.stay_action,
-        move_order=settings.move_order,
-        min_start_distance=settings.min_start_distance,
-        start=settings.start,
-        view_radius=settings.view_radius,
-        line_of_sight=settings.line_of_sight,
-        unknown_maze=settings.unknown_maze,
-        **given,
-    )
+    names = [field.name for field in fields(Task) if hasattr(settings, field.name)]
+    given = {name: getattr(settings, name) for name in names}
+    # None, and the rewards "default", are those of the named task.
+    changed = {name: value for name, value in given.items() if value is not None}
+    if settings.rewards == "default":
+        del changed["rewards"]
+    changed["maze"] = maze_of(settings.maze)
+    if REWARDS.origin(settings.rewards) is not None:  # the function of a name may change
+        return make_task(settings.task, **changed)
+    return _built_once(settings.task, **changed)
+
+
+@lru_cache(maxsize=4)
+def _built_once(name: str, **changed: Any) -> Task:
+    """As `make_task`: tasks are immutable, and a run needs its task in several places."""
+    return make_task(name, **changed)
 
 
 def check_one_maze(task: Task, what: str) -> None:

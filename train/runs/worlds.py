@@ -68,7 +68,7 @@ class GridWorld:
 
     def games(
         self,
-        seat: Seat,
+        seat: Seat | ArmSeat,
         num_games: int,
         seed: int,
         plan: Plan | None,
@@ -83,6 +83,7 @@ class GridWorld:
             plan: of the curriculum; None without one.
             first_game: index of the first game among those of the seed.
         """
+        assert isinstance(seat, Seat)
         number, policies = fill_seats(seat.task, seat.agent, self.opponents)
         metrics = EpisodeMetrics(
             lambda games: won_by(games, number),
@@ -119,13 +120,14 @@ class ArmWorld:
 
     def games(
         self,
-        seat: ArmSeat,
+        seat: Seat | ArmSeat,
         num_games: int,
         seed: int,
         plan: Plan | None,
         first_game: int = 0,
     ) -> tuple[ArmEnv, Teacher | None]:
         """As in `GridWorld`."""
+        assert isinstance(seat, ArmSeat)
         simulator = ReacherSimulator(seat.task, num_games, seed, first_game, auto_restart=False)
         metrics = EpisodeMetrics(lambda arms: arms.terminated, lambda arms: arms.returns)
         teacher = None if plan is None else Teacher(plan, simulator, metrics)
@@ -137,6 +139,7 @@ class ArmWorld:
 
 
 World = GridWorld | ArmWorld
+AnyContest = GameContest | SuiteContest | ArmContest
 
 
 def world_of(settings: AnyTask) -> World:

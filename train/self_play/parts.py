@@ -47,6 +47,7 @@ class SelfPlayParts:
     """The parts of self-play.
 
     Attributes:
+        settings: of the run.
         task: the game.
         sides: the parts of each role that learns.
         frozen: the policy of each role that does not.
@@ -54,6 +55,7 @@ class SelfPlayParts:
         discount: of the exact game.
     """
 
+    settings: SelfPlaySettings
     task: Task
     sides: dict[str, SideParts]
     frozen: dict[str, Policy]
@@ -104,6 +106,8 @@ def self_play_parts(settings: SelfPlaySettings) -> SelfPlayParts:
         if role not in settings.learning
         for name in [str(getattr(settings, role))]
     }
+    steps = settings.episode_steps or (task.max_steps if task.num_goals else SHORT)
+    training = replace(task, max_steps=steps) if steps < task.max_steps else task
     sides: dict[str, SideParts] = {}
     for role in settings.learning:
         own = side_settings(settings, role)
@@ -118,13 +122,10 @@ def self_play_parts(settings: SelfPlaySettings) -> SelfPlayParts:
             discount,
             # Returns of up to 1 / (1 - gamma) steps would make the value loss dominate.
             1.0 - discount if settings.task.rewards == "zero_sum" else 1.0,
-            min(
-                settings.episode_steps or (task.max_steps if task.num_goals else SHORT),
-                task.max_steps,
-            ),
+            training,
             own.min_probability or 0.0,
         )
-    return SelfPlayParts(task, sides, frozen, scripted, discount)
+    return SelfPlayParts(settings, task, sides, frozen, scripted, discount)
 
 
 def check_sides(settings: SelfPlaySettings, task: Task) -> None:

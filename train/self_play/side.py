@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from pursuit.simulator.policy import Policy
 from pursuit.simulator.simulator import Simulator
+from pursuit.tasks.task import Task
 from train.algorithms.learner import Learner
 from train.algorithms.registry import Algorithm, Build
 from train.environments.hooks import EpisodeHook
@@ -84,7 +85,7 @@ class SideParts:
         algorithm, hyper, build: the algorithm, its hyperparameters, and its build options.
         discount: of the exact game.
         scale: of the rewards.
-        episode_steps: of training.
+        training: the task of the training games, with short episodes.
         min_probability: of actions of the evaluated policy.
     """
 
@@ -94,7 +95,7 @@ class SideParts:
     build: Build
     discount: float
     scale: float
-    episode_steps: int
+    training: Task
     min_probability: float
 
 
@@ -120,7 +121,7 @@ class Side:
         task, role = parts.seat.task, parts.seat.agent
         games = parts.hyper.num_games // task.count(role)
         given: Any = {"seed": parts.build.seed, "first_game": number * 2**20, "auto_restart": False}
-        self.simulator = Simulator(replace(task, max_steps=parts.episode_steps), games, **given)
+        self.simulator = Simulator(parts.training, games, **given)
         self.opponents = Opponents(
             self.simulator,
             role,

@@ -21,17 +21,9 @@ from train.evaluation.games import (
 from train.evaluation.hidden_contest import SECONDS
 from train.evaluation.joint_contest import MAX_WORK
 from train.evaluation.matchups import can_solve, match
-from train.runs.folder import (
-    CONFIG,
-    MISFITS,
-    SELF_PLAY,
-    SIDE,
-    misfit,
-    save_checkpoint,
-    save_config,
-)
-from train.runs.loop import BRIEF_STEPS, Budget, Clock, Objective, Run
-from train.runs.threads import check_device, prepare_torch
+from train.runs.folder import CONFIG, SELF_PLAY, SIDE, save_checkpoint, save_config
+from train.runs.forms import Objective
+from train.runs.loop import BRIEF_STEPS, Clock, build_parts, build_run
 from train.runs.training_state import policy_memories, restore_policy_memories
 from train.self_play.meta_game import Payoffs
 from train.self_play.metrics import (
@@ -51,7 +43,6 @@ from train.settings.self_play import (
     NASH_SAMPLING,
     ROLES,
     LearningSide,
-    SelfPlaySettings,
     self_play_ppo,
 )
 
@@ -71,8 +62,7 @@ class SelfPlay:
     `pursuit evaluate`, `render` and `league`, and `pool/` with the snapshots.
 
     Args:
-        settings: of the run.
-        parts: of these settings.
+        parts: of the run.
         folder: of the run.
         state: of `state_dict`; None for a new run.
 
@@ -94,13 +84,14 @@ class SelfPlay:
     evaluates_first: ClassVar[bool] = True
 
     def __init__(
-        self,
-        settings: SelfPlaySettings,
-        parts: SelfPlayParts,
-        folder: Path,
-        state: dict[str, Any] | None = None,
+        self, parts: SelfPlayParts, folder: Path, state: dict[str, Any] | None = None
     ) -> None:
-        self.settings, self.parts, self.folder, self.task = settings, parts, folder, parts.task
+        self.settings, self.parts, self.folder, self.task = (
+            parts.settings,
+            parts,
+            folder,
+            parts.task,
+        )
         self.sides = {
             role: Side(own, ROLES.index(role), None if state is None else state["sides"][role])
             for role, own in parts.sides.items()
@@ -110,9 +101,9 @@ class SelfPlay:
             side.opponents.policy.pool = self.pools[other_role(role)]
         self.on_snapshot: Callable[[SelfPlay], object] = lambda trainee: None
         self.tell: Callable[[str, float], None] = lambda what, share: None
-        self.rng = np.random.default_rng(settings.seed)
+        self.rng = np.random.default_rng(parts.settings.seed)
         self.taken, self.progress, self.is_brief, self.last = 0, 0.0, False, dict[str, float]()
-        given = (tuple(self.sides), parts.discount, settings.seed)
+        given = (tuple(self.sides), parts.discount, parts.settings.seed)
         self.payoffs = Payoffs(self.task, self.pools, *given)
         self.mixtures: dict[str, dict[str, float]] = {}
         if state is not None:
@@ -121,7 +112,7 @@ class SelfPlay:
         # The objective depends on the game alone: every learned policy is a table.
         exact = can_solve(self.task, self.policy("chaser"), self.policy("evader"), MAX_EXACT_WORK)
         column, unit = ("nash_conv", "discounted steps") if exact else ("steps", "steps")
-        self.objective = Objective(column, unit)
+        self.objective = Objective(column, unit, less_is_better=True)
 
     def _pool(self, role: str) -> OpponentPool:
         if role in self.sides:
@@ -316,7 +307,7 @@ class SelfPlay:
             task = replace(self.settings.task, opponent_policy="sampled", mask_bumps=False)
             settings = replace(self.settings, task=task, **roles, **alone, **budget)
             with TemporaryDirectory() as folder:
-                run = make_self_play(settings, Path(folder))
+                run = build_run(SelfPlay, build_parts(self_play_parts, settings), Path(folder))
                 what = f"approximate best response against the {role}"
                 if not self.is_brief:
                     run.train(lambda run, row, what=what: self.tell(what, run.progress))  # type: ignore[misc]
@@ -377,24 +368,3 @@ class SelfPlay:
         """Close the learners."""
         for side in self.sides.values():
             side.learner.close()
-
-
-def make_self_play(
-    settings: SelfPlaySettings, folder: Path, state: dict[str, Any] | None = None
-) -> Run:
-    """A run of self-play in its folder, new or from a checkpoint.
-
-    Raises:
-        ValueError: settings that cannot run here, or a checkpoint that does not match.
-    """
-    check_device(settings.device)
-    budget = Budget(settings.seconds, settings.frames, settings.threads, settings.clock)
-    prepare_torch(budget.first_threads, settings.seed)
-    parts = self_play_parts(settings)
-    if state is None:
-        return Run(SelfPlay(settings, parts, folder), folder, budget)
-    try:
-        trainee = SelfPlay(settings, parts, folder, state["trainee"])
-        return Run(trainee, folder, budget, state)
-    except MISFITS as error:
-        raise misfit(folder, error) from error

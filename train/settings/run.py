@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Generic, TypeVar
 
-from pursuit.validation import check, choice, rule
+from pursuit.validation import at_least, check, choice
 from train.settings.algorithms import Hyperparameters, PPOSettings
 from train.settings.checks import threads_from
 from train.settings.common import RunSettings
@@ -21,14 +21,14 @@ from train.settings.task import AnyTask, TaskSettings
 
 S = TypeVar("S", bound=Hyperparameters, covariant=True)
 ALIKE = (CurriculumSettings, ScheduleSettings, UniformSettings, ReversedSettings, ShuffledSettings)
-"""Curricula that do not depend on outcomes, so that they are equal in two processes."""
+"""Curricula that do not depend on outcomes, so that they are equal in all processes."""
 SHARED_OUT = ("num_games", "minibatch_size")
-"""Hyperparameters that data parallel training divides between its two processes."""
+"""Hyperparameters that data parallel training divides between its processes."""
 
 
-def check_two_processes(settings: TrainSettings[Any]) -> None:
+def check_several_processes(settings: TrainSettings[Any]) -> None:
     """ValueError for settings that data parallel training does not support."""
-    hyper, own = settings.hyper, settings.curriculum_settings
+    hyper, own, count = settings.hyper, settings.curriculum_settings, settings.processes
     alike = type(own) in ALIKE and getattr(own, "schedule_unit", "share") != "episodes"
     found = [
         ("algorithm", settings.algorithm, settings.algorithm == "ppo", "use ppo"),
@@ -46,10 +46,10 @@ def check_two_processes(settings: TrainSettings[Any]) -> None:
     ]
     for name in SHARED_OUT:
         value = getattr(hyper, name, 0)
-        fits = value % 2 == 0 and value >= 4
-        found.append((name, value, fits, "use an even number of at least 4"))
+        fits = value % count == 0 and value >= 2 * count
+        found.append((name, value, fits, f"use a multiple of {count} of at least {2 * count}"))
     for name, value, fits, instead in found:
-        check(fits, f"{name}={value!r} with processes=2; {instead}, or use processes=1")
+        check(fits, f"{name}={value!r} with processes={count}; {instead}, or use processes=1")
 
 
 @dataclass(frozen=True)
@@ -82,9 +82,9 @@ class TrainSettings(RunSettings, Generic[S]):
     threads: Annotated[int, threads_from(0)] = 0
     """Threads of torch. 0: one per core; with a budget in seconds one or all, whichever is faster;
     with clock processor one."""
-    processes: Annotated[int, rule(lambda value: value in (1, 2), "must be 1 or 2")] = 1
-    """2: data parallel training of ppo in two processes with one thread each. Each one has half of
-    the games and of every minibatch."""
+    processes: Annotated[int, at_least(1)] = 1
+    """N above 1: data parallel training of ppo in N processes with one thread each, which share the
+    games and every minibatch equally."""
 
     def __post_init__(self) -> None:
         if self.observation == "auto":
@@ -102,5 +102,9 @@ class TrainSettings(RunSettings, Generic[S]):
             f"curriculum={self.curriculum!r} with {type(self.curriculum_settings).__name__}; give "
             f"{curriculum_form(self.curriculum).__name__}",
         )
-        if self.processes == 2:
-            check_two_processes(self)
+        if self.processes > 1:
+            check_several_processes(self)
+
+
+AgentSettings = TrainSettings[Hyperparameters]
+"""The settings of a run of one agent, with any algorithm."""

@@ -182,8 +182,8 @@ def test_the_folder_of_a_run_is_an_opponent_in_gymnasium(evader: str) -> None:
 
 
 def test_paths_are_texts_too(evader: str) -> None:
-    from train.experiments.kinds import read_settings
     from train.experiments.methods import methods
+    from train.kinds import read_settings
     from train.runs.folder import load_checkpoint, load_config, read_metrics
     from train.runs.saved import load_settings
 

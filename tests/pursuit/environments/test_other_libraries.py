@@ -86,7 +86,9 @@ def test_the_data_collector_of_minari() -> None:
 
 
 def test_stable_baselines() -> None:
-    assert run("Stable-Baselines3")["model"].num_timesteps == 4096
+    names = run("Stable-Baselines3")
+    assert names["model"].num_timesteps == 4096
+    assert names["scores"][-1].name == "learned" and names["scores"][-1].exact
 
 
 def test_torchrl() -> None:

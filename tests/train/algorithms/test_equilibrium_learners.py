@@ -13,12 +13,13 @@ from matrix_games import MatrixEnv, exploitability, play
 from train.algorithms.nfsp import NFSP, Reservoir
 from train.algorithms.registry import Build, entry
 from train.algorithms.regularized import MAGNET
+from train.kinds import start
 from train.networks.distributions import DISTRIBUTION
 from train.networks.fused_actor_critic import LossCoefficients
+from train.runs.folder import SELF_PLAY
 from train.runs.opponents import load_policy
 from train.runs.parts import settings_of
 from train.self_play.parts import self_play_settings_of
-from train.self_play.trainee import make_self_play
 
 # Rock, paper, scissors by three rules: the payoffs of the first player, and the equilibrium
 # strategy of both. The last game has a fourth action that is worse than all others.
@@ -231,7 +232,7 @@ def test_what_a_run_of_fictitious_play_saves_and_evaluates_is_the_average(tmp_pa
     small = {"num_games": 24, "batch_size": 32, "learning_starts": 0, "width": 8}
     given: Any = {"algorithm": "nfsp", **small}
     settings = self_play_settings_of(maze="3x3", frames=4000, snapshots=2, **given)
-    run = make_self_play(settings, tmp_path)
+    run = start(SELF_PLAY, settings, tmp_path)
     run.train()
     for role, side in run.trainee.sides.items():
         learner: Any = side.learner

@@ -15,7 +15,7 @@ from scripted_agents import RandomAgent
 from train.algorithms.a2c import Reinforce, a2c_loss
 from train.algorithms.registry import ALGORITHMS, Algorithm, Build, entry, register
 from train.commands.train import _defaults
-from train.experiments.kinds import start
+from train.kinds import start
 from train.networks.fused_actor_critic import LossCoefficients
 from train.runs.folder import RUN, new_folder
 from train.runs.loop import Run

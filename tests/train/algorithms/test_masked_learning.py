@@ -31,7 +31,7 @@ from train.algorithms.registry import ALGORITHMS, Build, entry
 from train.commands.parse import parse
 from train.commands.train import TrainCommand, _defaults
 from train.evaluation.games import table_in
-from train.experiments.kinds import start
+from train.kinds import start
 from train.networks.actor_critic import ActorCritic
 from train.networks.fused_actor_critic import LossCoefficients
 from train.networks.layers import Hidden
@@ -251,14 +251,6 @@ def test_loaded_policies_use_the_masks_of_their_training(masked_run: Path) -> No
         bumps += ~fits & ~simulator.ended
         simulator.step(actions)
     assert bumps[1::2].sum() > 20 and bumps[::2].sum() == 0
-
-
-def test_learners_without_masks_are_not_given_any(tmp_path: Path) -> None:
-    pytest.importorskip("stable_baselines3")
-    from train.recipes.stable_baselines import Recipe
-
-    with pytest.raises(ValueError, match="not supported by these learners"):
-        Recipe(task=TaskSettings(mask_bumps=True), out=tmp_path / "model.zip")
 
 
 def test_the_command_line_takes_the_flags_of_a_task() -> None:

@@ -30,7 +30,7 @@ from train.algorithms.q_learning import (
     learn,
 )
 from train.environments.simulator_env import SimulatorEnv
-from train.experiments.kinds import start
+from train.kinds import start
 from train.networks.policy import Seat
 from train.runs.folder import RUN
 from train.runs.opponents import load_policy

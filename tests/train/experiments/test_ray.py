@@ -11,10 +11,10 @@ import pytest
 from test_sweeps import TINY, silent, write
 
 from train.experiments.executors import run_locally, run_on_ray
-from train.experiments.kinds import open_run
 from train.experiments.study import status_of
 from train.experiments.sweep import load_sweep
 from train.experiments.tables import collect
+from train.kinds import open_run
 
 # -- Ray -------------------------------------------------------------------------------------------
 
@@ -120,4 +120,4 @@ def test_control_c_keeps_the_progress_of_ray_tasks(cluster: Any, tmp_path: Path)
     for run, status in zip(sweep.runs, statuses, strict=True):
         if status == "interrupted":
             found = open_run(out / "runs" / run.name)
-            assert found.trainee.frames > 0 and found.metrics.rows
+            assert found.trainee.frames > 0 and found.rows

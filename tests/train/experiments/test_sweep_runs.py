@@ -13,10 +13,10 @@ import pytest
 from filelock import FileLock, Timeout
 
 from pursuit import load_maze
-from train.experiments.kinds import KINDS, open_run, start
 from train.experiments.study import prepare, status_of
 from train.experiments.sweep import load_sweep
 from train.experiments.tables import collect
+from train.kinds import KINDS, open_run, start
 from train.runs.folder import RUN
 
 MAZE = "+-+-+\n|   |\n+ + +\n|   |\n+-+-+\n"

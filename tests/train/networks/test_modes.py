@@ -17,7 +17,7 @@ from scripted_agents import AStarEvader
 from train.algorithms.registry import Build, entry
 from train.environments.simulator_env import SimulatorEnv
 from train.evaluation.contest import GameContest
-from train.experiments.kinds import start
+from train.kinds import start
 from train.networks.continuous import polyak_update
 from train.networks.policy import LearnedPolicy, Seat
 from train.runs.folder import RUN, SELF_PLAY, load_checkpoint

@@ -12,8 +12,8 @@ from scripted_agents import InverseKinematics, LeastStepsPolicy, least_steps
 from train.commands.main import main
 from train.evaluation.arm_contest import ArmContest, bounds_of
 from train.evaluation.scores import optimality_gap
-from train.experiments.kinds import open_run, start
 from train.experiments.sweep import load_sweep
+from train.kinds import open_run, start
 from train.runs.folder import RUN
 from train.runs.opponents import load_opponent, load_policy
 from train.runs.parts import contest_of, parts_of, settings_of

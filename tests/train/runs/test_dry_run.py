@@ -17,7 +17,7 @@ from pursuit.simulator.policy import GameView
 from pursuit.tasks.task import Task
 from scripted_agents.environments import POLICIES
 from train.commands.main import main
-from train.experiments.kinds import start
+from train.kinds import start
 from train.runs.folder import METRICS, RESULTS, RUN, SELF_PLAY, load_checkpoint, load_results
 from train.runs.loop import Run
 
@@ -142,7 +142,7 @@ def test_what_cannot_be_evaluated_is_an_error_before_training(
         ("trainee.limited_best_responses", {"view_radius": "1"}),
         ("trainee.exact_best_responses", {"num_chasers": 2}),
         ("trainee.whole_game", {"num_evaders": 2}),
-        ("trainee.make_self_play", {"num_evaders": 2}),
+        ("trainee.build_run", {"num_evaders": 2}),
     ],
 )
 def test_what_self_play_cannot_evaluate_is_an_error_before_training(

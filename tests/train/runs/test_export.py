@@ -21,7 +21,7 @@ import train
 from pursuit.replays.adapters import MazeAdapter
 from scripted_agents import AStarChaser
 from train.commands.main import main
-from train.experiments.kinds import start
+from train.kinds import start
 from train.networks.layers import Hidden
 from train.networks.policy import Seat
 from train.networks.q_network import QNetwork

@@ -11,8 +11,8 @@ import pytest
 
 from pursuit import Replay, make_task
 from train.commands.main import main
-from train.experiments.kinds import start
 from train.files import check_new_files, hold, only_one, remove_leftovers, reserved, write_text
+from train.kinds import start
 from train.runs.folder import RUN, check_new
 from train.runs.parts import settings_of
 

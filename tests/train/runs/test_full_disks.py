@@ -17,8 +17,8 @@ from pursuit import Recorder
 from pursuit.environments.parallel import scene_of
 from pursuit.rendering.animation import save_animation
 from train.commands.main import main
-from train.experiments.kinds import start
 from train.experiments.tables import collect
+from train.kinds import start
 from train.runs import loop
 from train.runs.folder import RUN
 from train.runs.parts import settings_of

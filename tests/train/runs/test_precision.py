@@ -9,7 +9,7 @@ import pytest
 from self_play_runs import make_run
 
 from train.evaluation.scores import Score
-from train.experiments.kinds import start
+from train.kinds import start
 from train.networks.layers import Trunk
 from train.runs.folder import RUN, load_results, new_folder
 from train.runs.opponents import load_policy

@@ -1,4 +1,4 @@
-"""Data parallel training in two processes: results, resumption, and exits."""
+"""Data parallel training in several processes: results, resumption, and exits."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,7 @@ from train.algorithms.fused_rollouts import select
 from train.algorithms.learner import clip_gradients
 from train.algorithms.ppo import PPO
 from train.experiments.identity import fingerprint
-from train.experiments.kinds import open_run, start
+from train.kinds import open_run, start
 from train.networks.fused_actor_critic import LossCoefficients
 from train.runs.data_parallel import ProcessEnded, digest_of
 from train.runs.folder import CHECKPOINT, RUN, load_checkpoint, save_checkpoint
@@ -41,7 +42,7 @@ TWO = {**RUNNER, "processes": 2}
 
 @pytest.fixture(autouse=True)
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The second process is forked, which is fast; only the last tests spawn it."""
+    """The other processes are forked, which is fast; only the last tests spawn them."""
     monkeypatch.setattr("train.runs.data_parallel.can_fork", lambda: True)
     monkeypatch.setattr("train.runs.loop.EVALUATIONS", 4)
     monkeypatch.setattr("train.runs.single.EPISODES", 10)
@@ -55,9 +56,9 @@ def weights_of(run: Run) -> list[torch.Tensor]:
 
 
 def plainly(settings: Any) -> list[torch.Tensor]:
-    """The weights after the run, by both halves one after the other in this process."""
-    learners, generators = [], []
-    for rank in (0, 1):
+    """The weights after the run, by all shares one after the other in this process."""
+    learners, generators, count = list[Any](), [], settings.processes
+    for rank in range(count):
         prepare_torch(1, settings.seed)
         learners.append(build_env_and_learner(parts_of(settings, rank), None)[2])
         if rank:
@@ -66,39 +67,44 @@ def plainly(settings: Any) -> list[torch.Tensor]:
         generators.append(torch.get_rng_state())
     hyper, network = learners[0].settings, learners[0].network
     adam = torch.optim.Adam(network.parameters(), eps=hyper.adam_epsilon, fused=True)
-    while 2 * learners[0].frames < settings.frames:
-        progress = 2 * learners[0].frames / settings.frames
+    while count * learners[0].frames < settings.frames:
+        progress = count * learners[0].frames / settings.frames
         adam.param_groups[0]["lr"] = learners[0].annealed(hyper.learning_rate, progress)
         entropy_coef = learners[0].annealed(hyper.entropy_coef, progress)
-        halves = []
+        shares = []
         for rank, learner in enumerate(learners):
             torch.set_rng_state(generators[rank])
             frames = learner.collect()
             orders = [torch.randperm(len(frames["advantage"])) for _ in range(hyper.epochs)]
             size = hyper.minibatch_size
             chosen = [c for order in orders for c in torch.split(order, size) if len(c) == size]
-            halves.append([select(frames, c) for c in chosen])
+            shares.append([select(frames, c) for c in chosen])
             generators[rank] = torch.get_rng_state()
-        for minibatches in zip(*halves, strict=True):
+        for minibatches in zip(*shares, strict=True):
             gradients = []
             for learner, minibatch in zip(learners, minibatches, strict=True):
                 leaves = list(learner.network.parameters())
                 coefficients = LossCoefficients(hyper.clip, hyper.value_coef, entropy_coef)
                 learner.update.set_gradients(minibatch, coefficients)
                 gradients.append([weight.grad.clone() for weight in leaves])
-            for weight, *both in zip(network.parameters(), *gradients, strict=True):
-                weight.grad = (both[0] + both[1]) / 2
+            for weight, *all_of_it in zip(network.parameters(), *gradients, strict=True):
+                weight.grad = torch.stack(all_of_it).sum(dim=0) * (1.0 / count)
             clip_gradients(list(network.parameters()), hyper.max_grad_norm)
             adam.step()
-            learners[1].network.load_state_dict(network.state_dict())
+            for learner in learners[1:]:
+                learner.network.load_state_dict(network.state_dict())
     return [weight.detach() for weight in network.parameters()]
 
 
-@pytest.mark.parametrize("activation", ["relu", "tanh"])  # with gradients written out, and not
-def test_two_processes_learn_the_same_as_one_from_both_halves(
-    tmp_path: Path, activation: str
+@pytest.mark.parametrize(
+    "processes, activation",
+    [(2, "relu"), (2, "tanh"), (3, "relu")],  # with gradients written out, and not
+)
+def test_several_processes_learn_the_same_as_one_from_all_shares(
+    processes: int, activation: str, tmp_path: Path
 ) -> None:
-    settings = tiny("ppo", **TWO, epochs=2, activation=activation)
+    more = {"minibatch_size": 66, "processes": processes}  # 24 games
+    settings = tiny("ppo", **{**TWO, **more}, epochs=2, activation=activation)
     run = start(RUN, settings, tmp_path / "run")
     fresh = weights_of(run)
     run.train()
@@ -109,16 +115,23 @@ def test_two_processes_learn_the_same_as_one_from_both_halves(
         torch.testing.assert_close(one, other, rtol=0, atol=0)
 
 
-def test_both_processes_have_the_same_weights_after_every_iteration(tmp_path: Path) -> None:
-    run = start(RUN, tiny("ppo", **TWO, kl_target=0.001, kl_coef=0.2), tmp_path / "run")
+@pytest.mark.parametrize("processes", [2, 3])
+def test_all_processes_have_the_same_weights_after_every_iteration(
+    processes: int, tmp_path: Path
+) -> None:
+    more = {"minibatch_size": 66, "processes": processes, "kl_target": 0.001, "kl_coef": 0.2}
+    run = start(RUN, tiny("ppo", **{**TWO, **more}), tmp_path / "run")
     trainee, digests, weight = run.trainee, [], 0.0
 
-    def compare(run: Run, row: dict[str, float]) -> None:
-        trainee.replica.send(None)
-        digests.append((trainee.replica.receive()[1], digest_of(trainee.learner)))
+    def compare(run: Run[Any], row: dict[str, float]) -> None:
+        for number in range(processes - 1):
+            trainee.replicas.send(None, number)
+        others = [trainee.replicas.receive(number)[1] for number in range(processes - 1)]
+        digests.append({digest_of(trainee.learner), *others})
 
     run.train(compare)
-    assert len(set(digests)) > 4 and all(one == other for one, other in digests)
+    assert len(digests) > 4 and all(len(equal) == 1 for equal in digests)
+    assert digests[0] != digests[-1]
     weight = trainee.learner.kl_coef
     assert weight != 0.2 and weight > 0  # adapted, by the divergence of both
 
@@ -131,15 +144,17 @@ def test_weights_that_differ_are_noticed(tmp_path: Path) -> None:
         run.train()
 
 
-def test_the_games_of_both_are_those_of_one_process() -> None:
+@pytest.mark.parametrize("count", [2, 3])
+def test_the_games_of_all_are_those_of_one_process(count: int) -> None:
     def games(processes: int, rank: int) -> dict[str, torch.Tensor]:
-        settings = tiny("ppo", **RUNNER, processes=processes, seed=7)
+        more = {"minibatch_size": 66, "processes": processes}
+        settings = tiny("ppo", **RUNNER, **more, seed=7)
         return simulator_tensors(build_env_and_learner(parts_of(settings, rank), None)[0].simulator)
 
-    whole, halves = games(1, 0), [games(2, rank) for rank in (0, 1)]
+    whole, shares = games(1, 0), [games(count, rank) for rank in range(count)]
     for name, state in whole.items():
-        both = torch.cat([half[name] for half in halves])
-        torch.testing.assert_close(both, state, rtol=0, atol=0, equal_nan=True)
+        joined = torch.cat([share[name] for share in shares])
+        torch.testing.assert_close(joined, state, rtol=0, atol=0, equal_nan=True)
 
 
 def test_episodes_of_both_are_logged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -174,25 +189,39 @@ def test_two_processes_beat_random_by_far(tmp_path: Path) -> None:
         {**CHASER, "curriculum": "opponent-epsilon"},
         {"curriculum": "uniform", "schedule_unit": None},
         {"task": "reacher", "joints": 2, "curriculum": "target-distance"},
+        {"processes": 3, "minibatch_size": 66, "curriculum": "uniform", "schedule_unit": None},
     ],
     ids=lambda flat: " ".join(map(str, flat.values())),
 )
-def test_two_processes_resume(flat: dict[str, Any], tmp_path: Path) -> None:
+def test_several_processes_resume(flat: dict[str, Any], tmp_path: Path) -> None:
     given = {name: value for name, value in {**TWO, **flat}.items() if value is not None}
     if flat.get("task") == "reacher":
         given = {**flat, "processes": 2, "max_steps": 12}
     check_resumption(RUN, tiny("ppo", **given), tmp_path)
     state = load_checkpoint(tmp_path / "whole")["trainee"]
-    assert set(state["partner"]) == {"teacher", "simulator", "memories", "finished", "torch_rng"}
+    others = state["partners"]
+    assert len(others) == given["processes"] - 1
+    for other in others:
+        assert set(other) == {"teacher", "simulator", "memories", "finished", "torch_rng"}
     if flat.get("curriculum") == "uniform":  # its own stages
-        mine, others = (s["teacher"]["arrays"]["playing"] for s in (state, state["partner"]))
-        assert not torch.equal(mine, others)
+        playing = [each["teacher"]["arrays"]["playing"] for each in (state, *others)]
+        assert not any(torch.equal(a, b) for a, b in combinations(playing, 2))
 
 
-def test_a_checkpoint_without_the_second_process_is_refused(tmp_path: Path) -> None:
+def test_a_checkpoint_of_two_processes_of_an_earlier_version_resumes(tmp_path: Path) -> None:
     start(RUN, tiny("ppo", **TWO), tmp_path / "run").train()
     saved = load_checkpoint(tmp_path / "run")
-    del saved["trainee"]["partner"]
+    [saved["trainee"]["partner"]] = saved["trainee"].pop("partners")
+    save_checkpoint(tmp_path / "run", saved)
+    again = open_run(tmp_path / "run")
+    assert again.progress == 1.0
+    again.trainee.close()
+
+
+def test_a_checkpoint_of_another_number_of_processes_is_refused(tmp_path: Path) -> None:
+    start(RUN, tiny("ppo", **TWO), tmp_path / "run").train()
+    saved = load_checkpoint(tmp_path / "run")
+    del saved["trainee"]["partners"]
     save_checkpoint(tmp_path / "run", saved)
     with pytest.raises(ValueError, match=r"does not match .*from a run with processes=1"):
         open_run(tmp_path / "run")
@@ -202,8 +231,8 @@ def test_a_checkpoint_without_the_second_process_is_refused(tmp_path: Path) -> N
 def test_runs_of_one_process_have_no_second_process_and_another_name(tmp_path: Path) -> None:
     run = start(RUN, tiny("ppo", **RUNNER), tmp_path / "run")
     run.train()
-    assert open_run(tmp_path / "run").trainee.replica is None
-    assert "partner" not in load_checkpoint(tmp_path / "run")["trainee"]
+    assert open_run(tmp_path / "run").trainee.replicas is None
+    assert "partners" not in load_checkpoint(tmp_path / "run")["trainee"]
     digests = {n: fingerprint(RUN, tiny("ppo", **RUNNER, processes=n), 9, {}) for n in (1, 2)}
     assert digests[1] != digests[2]
 
@@ -221,12 +250,14 @@ def train_and(run: Run, act: Callable[[Run], object]) -> None:
     run.train(report)
 
 
-def test_a_killed_second_process_ends_the_run_which_resumes_from_its_checkpoint(
-    tmp_path: Path,
+@pytest.mark.parametrize("processes", [2, 3])
+def test_a_killed_process_ends_the_run_which_resumes_from_its_checkpoint(
+    processes: int, tmp_path: Path
 ) -> None:
-    run = start(RUN, tiny("ppo", **TWO), tmp_path / "run")
-    process = run.trainee.replica.process
-    with pytest.raises(ProcessEnded, match=r"killed by signal 9 .*--resume"):
+    more = {"minibatch_size": 66, "processes": processes}
+    run = start(RUN, tiny("ppo", **{**TWO, **more}), tmp_path / "run")
+    process = run.trainee.replicas.workers[-1]
+    with pytest.raises(ProcessEnded, match=f"process {processes} .*killed by signal 9 .*--resume"):
         train_and(run, lambda run: os.kill(process.pid, signal.SIGKILL))
     assert process.exitcode == -signal.SIGKILL and not multiprocessing.active_children()
     again = open_run(tmp_path / "run")
@@ -237,7 +268,7 @@ def test_a_killed_second_process_ends_the_run_which_resumes_from_its_checkpoint(
 
 def test_a_second_process_killed_before_the_first_checkpoint_leaves_none(tmp_path: Path) -> None:
     run = start(RUN, tiny("ppo", **TWO), tmp_path / "run")
-    os.kill(run.trainee.replica.process.pid, signal.SIGKILL)
+    os.kill(run.trainee.replicas.workers[0].pid, signal.SIGKILL)
     with pytest.raises(ProcessEnded, match=r"killed by signal 9 .*the run has no checkpoint yet"):
         run.train()
     assert not (tmp_path / "run" / CHECKPOINT).exists()
@@ -263,7 +294,7 @@ def test_an_error_of_the_second_process_is_raised_by_the_run(
 
 def test_the_second_process_ends_with_the_run_for_any_reason(tmp_path: Path) -> None:
     run = start(RUN, tiny("ppo", **TWO), tmp_path / "run")
-    process = run.trainee.replica.process
+    process = run.trainee.replicas.workers[0]
     for number in (signal.SIGINT, signal.SIGTERM):  # the process of the run says what follows
         os.kill(process.pid, number)
     with pytest.raises(KilledError):
@@ -338,8 +369,8 @@ def memory_files() -> set[str]:
 @pytest.mark.parametrize(
     "flat, words",
     [
-        ({"processes": 3}, "processes=3; must be 1 or 2"),
-        ({"processes": 0}, "processes=0; must be 1 or 2"),
+        ({"processes": 3}, "minibatch_size=64 with processes=3; use a multiple of 3 of at least 6"),
+        ({"processes": 0}, "processes=0; give at least 1"),
         ({"algorithm": "a2c"}, "algorithm='a2c' with processes=2; use ppo"),
         ({"device": "cuda"}, "device='cuda' with processes=2; use cpu"),
         (
@@ -348,7 +379,7 @@ def memory_files() -> set[str]:
         ),
         ({"threads": 2}, "threads=2 with processes=2; leave it out"),
         ({"recurrent": "gru"}, "recurrent='gru' with processes=2; leave it out"),
-        ({"num_games": 25}, "num_games=25 with processes=2; .* an even number"),
+        ({"num_games": 25}, "num_games=25 with processes=2; .* multiple of 2"),
         ({"minibatch_size": 2}, "minibatch_size=2 with processes=2; .* at least 4"),
         ({"curriculum": "success-gated", "solved_within": 0.0}, "curriculum='success-gated' with"),
         ({"curriculum": "level-replay"}, "others depend on the episodes"),

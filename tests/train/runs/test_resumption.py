@@ -18,7 +18,7 @@ from self_play_runs import side_by
 from tensorboard.backend.event_processing.event_multiplexer import EventMultiplexer
 
 from train.algorithms.registry import ALGORITHMS, entry
-from train.experiments.kinds import resume, start
+from train.kinds import resume, start
 from train.runs.folder import RUN, SELF_PLAY, load_checkpoint, read_metrics
 from train.runs.loop import Run
 from train.runs.parts import settings_of

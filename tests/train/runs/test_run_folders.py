@@ -22,8 +22,8 @@ from train.commands import progress
 from train.commands import train as train_command
 from train.commands.main import main
 from train.experiments.identity import fingerprint
-from train.experiments.kinds import open_run, start
 from train.files import hold
+from train.kinds import open_run, start
 from train.runs.folder import (
     RUN,
     SELF_PLAY,
@@ -277,7 +277,7 @@ def test_a_run_that_was_interrupted_has_the_rows_of_one_that_was_not(
     whole.train()
     run = start(kind, settings, tmp_path / "run")
     run.train(interrupted)
-    assert run.stopped and run.metrics.rows[-1]["frames"] % 512 != 0
+    assert run.stopped and run.rows[-1]["frames"] % 512 != 0
     run.lock.release()
     run = open_run(tmp_path / "run")
     run.train()

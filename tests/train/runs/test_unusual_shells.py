@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 
 from train.commands.main import main
-from train.experiments.kinds import start
 from train.files import read_json
+from train.kinds import start
 from train.runs.folder import RUN
 from train.runs.parts import settings_of
 from train.runs.provenance import allow_options

@@ -135,12 +135,12 @@ def test_best_responses_have_a_budget_of_the_unit_of_the_run(
     budgets = []
     budget: dict[str, Any] = {"frames": frames} | ({} if frames else {"seconds": 0.05})
 
-    def noted(settings: Any, folder: Path) -> Any:
+    def noted(settings: Any) -> Any:
         budgets.append((settings.seconds, settings.frames))
-        return make(settings, folder)
+        return parts_of(settings)
 
-    make = trainee.make_self_play
-    monkeypatch.setattr(trainee, "make_self_play", noted)
+    parts_of = trainee.self_play_parts
+    monkeypatch.setattr(trainee, "self_play_parts", noted)
     task = {"task": "heist", "maze": "2x2", "num_goals": 2, "max_steps": 10}
     run = make_run(tmp_path / "run", task=task, best_response_seconds=0.03, **budget)
     run.train()

@@ -25,7 +25,7 @@ from scripted_agents import (
 )
 from scripted_agents.environments import chosen_policies, roles_of_agent
 from train.commands.main import main
-from train.experiments.kinds import resume
+from train.kinds import resume
 from train.play.setup import name_of
 from train.runs.folder import RESULTS, RUN
 from train.runs.opponents import opponents_of, policy_in_seat

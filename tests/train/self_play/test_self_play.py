@@ -33,7 +33,7 @@ from train.environments.simulator_env import SimulatorEnv
 from train.evaluation.exploitability import exploitability, nash_conv, team_exploitability
 from train.evaluation.games import table_in
 from train.evaluation.matchups import discounted_steps, match, play_pair
-from train.experiments.kinds import open_run, start
+from train.kinds import open_run, start
 from train.networks.policy import Seat
 from train.runs.folder import SELF_PLAY
 from train.runs.loop import Run
@@ -231,7 +231,7 @@ def test_the_default_settings_come_near_an_equilibrium(tmp_path: Path) -> None:
     task = TaskSettings(maze="3x3-tree", rewards="zero_sum")
     run = start(SELF_PLAY, SelfPlaySettings(task=task, frames=400_000), tmp_path / "run")
     run.train()
-    first, last = run.metrics.rows[0], run.metrics.rows[-1]
+    first, last = run.rows[0], run.rows[-1]
     assert last["nash_conv"] < 0.03 * first["nash_conv"]
 
 
@@ -280,7 +280,7 @@ def test_a_killed_run_resumes_bit_for_bit(tmp_path: Path, sampling: str) -> None
         p.state_dict() for p in again.trainee.pools.values()
     ]
     timing = ("seconds", "frames_per_second")
-    for one, two in zip(whole.metrics.rows, again.metrics.rows, strict=True):
+    for one, two in zip(whole.rows, again.rows, strict=True):
         assert {k: v for k, v in one.items() if k not in timing} == {
             k: v for k, v in two.items() if k not in timing
         }
@@ -360,7 +360,7 @@ def test_teams_networks_and_algorithms_of_every_kind(tmp_path: Path, changes: An
         assert set(found) == {"against_chaser", "against_evader"}
         assert sum(name.endswith("best_response") for name in results) == 1
         assert ("nash_conv" in results["evaluation"]) == (kind == "exact")
-        assert ("nash_conv" in run.metrics.rows[-1]) == (kind == "exact")
+        assert ("nash_conv" in run.rows[-1]) == (kind == "exact")
         if kind == "approximate":  # a whole game: what is paid is known exactly all the same
             whole = results["whole_game"]
             assert whole["nash_conv"] == pytest.approx(sum(whole["gains"].values()))
@@ -375,8 +375,8 @@ def test_a_frozen_side_stays_as_it_is(tmp_path: Path) -> None:
     first = make_run(tmp_path / "first", evader="astar", frames=8000)
     assert list(first.trainee.sides) == ["chaser"]
     first.train()
-    assert "evader_vs_astar" not in first.metrics.rows[-1]
-    row = {**first.metrics.rows[-1], "chaser_exploitability": -1e-12}
+    assert "evader_vs_astar" not in first.rows[-1]
+    row = {**first.rows[-1], "chaser_exploitability": -1e-12}
     assert "(chaser 0.000, evader" in " ".join(format_row(row))
     results = first.results(20)
     told = describe_exploitability(results)

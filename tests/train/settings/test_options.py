@@ -10,7 +10,7 @@ import pytest
 from self_play_runs import make_settings, side_by
 
 from train.commands.main import main
-from train.experiments.kinds import open_run, start, write_config
+from train.kinds import open_run, start, write_config
 from train.runs.folder import RUN, SELF_PLAY, new_folder
 from train.runs.parts import settings_of
 from train.runs.unused_settings import check_unused_settings

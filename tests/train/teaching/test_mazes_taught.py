@@ -12,7 +12,7 @@ from curricula import Outcomes, PoolReplay
 from pursuit.tasks.task import make_task
 from scripted_agents import AStarChaser, AStarEvader, NearestGoalRunner, RandomAgent
 from train.evaluation.suite_contest import SuiteContest
-from train.experiments.kinds import start
+from train.kinds import start
 from train.runs.folder import RUN
 from train.runs.parts import parts_of, settings_of
 from train.runs.worlds import GridWorld
@@ -147,7 +147,7 @@ def test_a_run_judges_its_mazes_and_plays_the_hard_ones(name: str, tmp_path: Pat
     pool = teacher.curriculum
     assert pool.rounds >= 7 and (pool.scores[:10] >= 0).all()
     assert run.trainee.simulator.task.mazes == run.trainee.contest.task.mazes
-    assert "lesson" not in run.metrics.rows[-1] and teacher.rows
+    assert "lesson" not in run.rows[-1] and teacher.rows
     exact = teacher.scorer.scores(teacher.scored_policy, np.arange(10))
     assert np.isfinite(exact).all()
 

@@ -15,14 +15,14 @@ from pursuit.tasks.task import make_task
 from scripted_agents import AStarChaser, best_response, tour_lengths
 from train.commands.main import main
 from train.evaluation.games import won_by
-from train.experiments.kinds import start
 from train.files import read_csv
+from train.kinds import start
 from train.runs.folder import RUN, load_checkpoint
-from train.runs.loop import Run
+from train.runs.loop import Run, build_run
 from train.runs.opponents import load_policy
-from train.runs.parts import settings_of
+from train.runs.parts import parts_of, settings_of
 from train.runs.saved import load_settings
-from train.runs.single import make_run
+from train.runs.single import single_agent
 from train.settings.axes import AXES as AXIS_NAMES
 from train.settings.curricula import CURRICULA, CurriculumSettings
 from train.teaching.axes import AXIS_MAKERS
@@ -195,8 +195,8 @@ def test_stages_lie_on_the_axis_and_the_last_is_the_task(name: str, tmp_path: Pa
     run.train()
     assert seen <= {1.0, 2.0, 3.0} and len(seen) >= (1 if name == "success-gated" else 3)
     assert run.trainee.contest.task.num_goals == 3  # evaluated at the final difficulty, always
-    assert {"stage", "on_hardest", "training_success"} <= set(run.metrics.rows[-1])
-    assert all(0.0 <= row.get("on_hardest", 0.0) <= 1.0 for row in run.metrics.rows)
+    assert {"stage", "on_hardest", "training_success"} <= set(run.rows[-1])
+    assert all(0.0 <= row.get("on_hardest", 0.0) <= 1.0 for row in run.rows)
 
 
 def test_the_share_of_the_hardest_stage_counts_frames_not_episodes(tmp_path: Path) -> None:
@@ -250,7 +250,9 @@ def test_a_level_is_played_again_exactly() -> None:
 
 def test_the_regret_of_an_episode_is_against_the_optimum_of_its_own_start(tmp_path: Path) -> None:
     for flat in (MAZE, {**CHASE, "role": "chaser"}, {**CHASE, "role": "evader"}):
-        run = make_run(settings_of(**flat, curriculum="level-replay"), tmp_path)
+        run = start(
+            RUN, settings_of(**flat, curriculum="level-replay"), tmp_path / flat.get("role", "x")
+        )
         simulator, teacher = run.trainee.simulator, teacher_of(run)
         maze, seat = simulator.task.mazes[0], run.trainee.env.seat
         run.trainee.env.restart()
@@ -281,7 +283,7 @@ def test_the_regret_of_an_episode_is_against_the_optimum_of_its_own_start(tmp_pa
 
 def test_positive_advantages_belong_to_their_episodes(tmp_path: Path) -> None:
     flat = {**MAZE, "curriculum": "level-replay", "level_score": "value_loss"}
-    run = make_run(settings_of(**flat), tmp_path)
+    run = start(RUN, settings_of(**flat), tmp_path)
     teacher, rng = teacher_of(run), np.random.default_rng(0)
     sums: dict[int, list[float]] = {game: [] for game in range(64)}
     wanted = []
@@ -303,7 +305,7 @@ def test_positive_advantages_belong_to_their_episodes(tmp_path: Path) -> None:
     ids=repr,
 )
 def test_samples_of_a_curriculum_are_finite_numbers(tmp_path: Path, sampled: Any) -> None:
-    run = make_run(settings_of(**CHASE, curriculum="start-distance"), tmp_path)
+    run = start(RUN, settings_of(**CHASE, curriculum="start-distance"), tmp_path)
     teacher, games = teacher_of(run), np.arange(2)
     before = teacher.simulator.get_state().next_max_start_distance.copy()
     teacher.curriculum.sample = lambda num_games, rng: sampled  # type: ignore[method-assign]
@@ -322,7 +324,7 @@ def test_a_checkpoint_of_another_curriculum_is_refused(tmp_path: Path) -> None:
     before = (tmp_path / "checkpoint.pt").read_bytes()
     other = settings_of(**small, curriculum="learning-progress")
     with pytest.raises(ValueError, match="checkpoint has curriculum 'uniform'"):
-        make_run(other, tmp_path, load_checkpoint(tmp_path))
+        build_run(single_agent, parts_of(other), tmp_path, load_checkpoint(tmp_path))
     assert (tmp_path / "checkpoint.pt").read_bytes() == before
 
 

@@ -1,4 +1,4 @@
-"""The kinds of runs, single-agent and self-play: creating, opening and resuming them."""
+"""Runs of every kind, of one agent and of self-play: started, opened and resumed."""
 
 from __future__ import annotations
 
@@ -18,30 +18,27 @@ from train.runs.folder import (
     RESULTS,
     RUN,
     SELF_PLAY,
+    Plain,
     check_new,
+    is_complete,
     load_checkpoint,
     load_config,
-    load_results,
     save_config,
 )
 from train.runs.forms import Final
-from train.runs.loop import Run
+from train.runs.loop import AnySettings, Run, build_parts, build_run
 from train.runs.parts import parts_of, settings_of
 from train.runs.provenance import check_sources
 from train.runs.saved import from_plain
-from train.runs.single import make_run
+from train.runs.single import single_agent
 from train.runs.tasks import maze_text_of
-from train.runs.threads import check_device
 from train.runs.unused_settings import check_unused_settings
-from train.self_play.parts import (
-    self_play_from_plain,
-    self_play_parts,
-    self_play_settings_of,
-)
-from train.self_play.trainee import make_self_play
+from train.self_play.parts import self_play_from_plain, self_play_parts, self_play_settings_of
+from train.self_play.trainee import SelfPlay
 from train.settings.checks import check
 from train.settings.run import TrainSettings
 from train.settings.self_play import SelfPlaySettings
+from train.settings.task import TaskSettings
 from train.teaching.mazes import as_text, names_in
 
 
@@ -53,17 +50,17 @@ class Kind:
         settings: their class.
         settings_of: makes and validates settings from values by command line name.
         from_plain: makes settings from `config.json`.
-        check: raises ValueError for settings that cannot run.
-        make: makes a run from settings, folder, and the state of a checkpoint (None for a new run).
+        parts_of: checks settings, and builds the parts of a run; ValueError if it cannot run.
+        trainee_of: makes the trainee from parts, folder and state (None for a new run).
         again: the command that resumes a run.
         pictures: the files that this command draws from the results.
     """
 
-    settings: type[Any]
-    settings_of: Callable[..., Any]
-    from_plain: Callable[[dict[str, Any], str], Any]
-    check: Callable[[Any], object]
-    make: Callable[[Any, Path, dict[str, Any] | None], Run]
+    settings: type[AnySettings]
+    settings_of: Callable[..., AnySettings]
+    from_plain: Callable[[Plain, str], AnySettings]
+    parts_of: Callable[[Any], Any]
+    trainee_of: Callable[[Any, Path, Plain | None], Any]
     again: str
     pictures: tuple[str, ...]
 
@@ -74,7 +71,7 @@ KINDS = {
         settings_of,
         from_plain,
         parts_of,
-        make_run,
+        single_agent,
         "pursuit train",
         (CURVE, REPLAY, REPORT),
     ),
@@ -83,14 +80,14 @@ KINDS = {
         self_play_settings_of,
         self_play_from_plain,
         self_play_parts,
-        make_self_play,
+        SelfPlay,
         "pursuit self-play",
         (CURVE, REPORT),
     ),
 }
 
 
-def start(kind: str, settings: Any, path: Path | str, final: Final | None = None) -> Run:
+def start(kind: str, settings: AnySettings, path: Path | str, final: Final | None = None) -> Run:
     """Make a run in a new folder, lock the folder, and write `config.json`.
 
     Args:
@@ -107,46 +104,47 @@ def start(kind: str, settings: Any, path: Path | str, final: Final | None = None
             is made), or the folder is not empty or used by another process.
     """
     one_of("kind of run", kind, list(KINDS))
-    form = KINDS[kind].settings
-    check(isinstance(settings, form), f"settings={shortened(settings)}; give {form.__name__}")
+    own = KINDS[kind]
+    check(
+        isinstance(settings, own.settings),
+        f"settings={shortened(settings)}; give {own.settings.__name__}",
+    )
     path = as_path("path", path)
     check_new(path)
-    check_device(settings.device)
-    KINDS[kind].check(settings)
+    parts = build_parts(own.parts_of, settings)
     check_unused_settings(settings)
     lock = hold(path, "run", shared=True)
     check_new(path)
     remove_leftovers(path)
-    run = KINDS[kind].make(settings, path, None)
+    run = build_run(own.trainee_of, parts, path)
     run.lock = lock
     write_config(kind, settings, path, final)
     return run
 
 
-def write_config(kind: str, settings: Any, folder: Path, final: Final | None = None) -> None:
+def write_config(
+    kind: str, settings: AnySettings, folder: Path, final: Final | None = None
+) -> None:
     """Write `config.json`, with maze files replaced by their text."""
-    plain = replace(with_mazes(settings), task=settings.task)
-    save_config(folder, kind, plain, maze_text_of(settings.task), final)
-
-
-def with_mazes(settings: Any) -> Any:
-    """The same settings with maze files replaced by their text."""
-    task = settings.task
-    if hasattr(task, "maze"):
-        task = replace(task, maze=as_text(task.maze))
-    own = getattr(settings, "curriculum_settings", None)
-    given = getattr(own, "curriculum_mazes", None)
-    if own is None or given is None:
-        return replace(settings, task=task)
-    texts = ",".join(map(as_text, names_in(given)))
-    return replace(
-        settings,
-        task=task,
-        curriculum_settings=replace(own, curriculum_mazes=texts),
+    plain: Any = with_mazes(settings)
+    save_config(
+        folder, kind, replace(plain, task=settings.task), maze_text_of(settings.task), final
     )
 
 
-def read_settings(folder: Path | str) -> tuple[str, Any]:
+def with_mazes(settings: AnySettings) -> AnySettings:
+    """The same settings with maze files replaced by their text."""
+    changed: dict[str, Any] = {}
+    if isinstance(settings.task, TaskSettings):
+        changed["task"] = replace(settings.task, maze=as_text(settings.task.maze))
+    own: Any = getattr(settings, "curriculum_settings", None)
+    if (given := getattr(own, "curriculum_mazes", None)) is not None:
+        texts = ",".join(map(as_text, names_in(given)))
+        changed["curriculum_settings"] = replace(own, curriculum_mazes=texts)
+    return replace(settings, **changed)
+
+
+def read_settings(folder: Path | str) -> tuple[str, AnySettings]:
     """The kind of a run and its settings; ValueError without a run, or for a side of self-play."""
     folder = Path(folder)
     kind, plain = load_config(folder)
@@ -165,27 +163,17 @@ def open_run(folder: Path | str) -> Run:
     """
     folder = as_path("folder", folder)
     kind, settings = read_settings(folder)
+    own = KINDS[kind]
     check_sources(folder / CONFIG, settings, resuming=True)
     lock = hold(folder, "run", shared=True)
     remove_leftovers(folder)
-    begun = (folder / CHECKPOINT).exists()
-    state = load_checkpoint(folder) if begun else None
+    state = load_checkpoint(folder) if (folder / CHECKPOINT).exists() else None
     try:
-        run = KINDS[kind].make(settings, folder, state)
+        run = build_run(own.trainee_of, build_parts(own.parts_of, settings), folder, state)
     except ValueError as error:
         raise error if str(folder) in str(error) else ValueError(f"{folder}: {error}") from None
     run.lock = lock
     return run
-
-
-def is_complete(folder: Path) -> bool:
-    """Whether the budget of a run is spent and its results are written."""
-    return (folder / RESULTS).exists() and not load_results(folder)["interrupted"]
-
-
-def is_drawn(folder: Path, kind: str) -> bool:
-    """Whether the figures of its results exist."""
-    return all((folder / name).exists() for name in KINDS[kind].pictures)
 
 
 def resume(folder: Path | str, kind: str) -> Run:
@@ -201,8 +189,9 @@ def resume(folder: Path | str, kind: str) -> Run:
         found == kind,
         f"{folder}: a run of kind {found!r}; resume it by `{KINDS[found].again} --resume {folder}`",
     )
+    drawn = all((folder / name).exists() for name in KINDS[kind].pictures)
     check(
-        not is_complete(folder) or not is_drawn(folder, kind),
+        not is_complete(folder) or not drawn,
         f"{folder}: complete; its budget is spent. See {folder / RESULTS}",
     )
     return open_run(folder)

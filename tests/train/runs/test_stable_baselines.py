@@ -1,4 +1,4 @@
-"""Recipes for other libraries: they run and learn, and their models are usable opponents."""
+"""Saved Stable-Baselines3 models: they are tables, opponents and members of leagues."""
 
 from __future__ import annotations
 
@@ -11,32 +11,47 @@ import numpy as np
 import pytest
 
 pytest.importorskip("stable_baselines3")
-pytest.importorskip("supersuit")
 
-from pursuit import make_task
+from pursuit import make_task, race_v0
 from pursuit.environments.stable_baselines import StableBaselinesVecEnv
 from pursuit.simulator.simulator import Simulator
 from scripted_agents import NearestGoalRunner, RandomAgent
 from scripted_agents.environments import make_vector_env
 from train.commands.evaluate import evaluate
 from train.commands.league import league
-from train.experiments.kinds import start
+from train.kinds import start
 from train.networks.policy import LearnedPolicy
-from train.recipes import stable_baselines, supersuit_sharing
 from train.runs.folder import RUN
 from train.runs.opponents import load_opponent
 from train.runs.parts import contest_of, settings_of
-from train.runs.stable_baselines import description_of, load_stable_baselines
+from train.runs.stable_baselines import (
+    description_of,
+    load_stable_baselines,
+    save_stable_baselines,
+)
+from train.runs.tasks import task_of
 from train.runs.worlds import GridWorld
 from train.settings.task import TaskSettings
 
 
 @pytest.fixture(scope="module")
 def models(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    folder = tmp_path_factory.mktemp("models")
-    for algorithm in ("ppo", "dqn"):
-        arguments = ["--algorithm", algorithm, "--maze", "3x3", "--frames", "30000"]
-        stable_baselines.main([*arguments, "--out", str(folder / f"{algorithm}.zip")])
+    """Models that have learned, with their descriptions."""
+    from stable_baselines3 import DQN, PPO
+
+    folder, layers = tmp_path_factory.mktemp("models"), {"net_arch": [128, 128]}
+    given: dict[str, Any] = {"gamma": 0.95, "seed": 0, "policy_kwargs": layers, "device": "cpu"}
+    settings: dict[Any, dict[str, Any]] = {
+        PPO: {"n_steps": 32, "batch_size": 1024, "n_epochs": 4, "learning_rate": 2e-3},
+        DQN: {"learning_rate": 1e-3, "buffer_size": 200_000, "learning_starts": 5_000,
+              "batch_size": 512, "train_freq": 1, "target_update_interval": 2_000},
+    }  # fmt: skip
+    for form, own in settings.items():
+        games = make_vector_env("chase", "chaser", 64 if form is PPO else 32, maze="3x3")
+        model = form("MlpPolicy", StableBaselinesVecEnv(games), **given, **own)
+        model.learn(30_000)
+        name = form.__name__.lower()
+        save_stable_baselines(model, folder / name, name, TaskSettings(maze="3x3"), "one_hot")
     return {name: folder / f"{name}.zip" for name in ("ppo", "dqn")}
 
 
@@ -78,23 +93,32 @@ def test_a_saved_model_is_an_opponent(models: dict[str, Path], tmp_path: Path) -
         settings_of(maze="3x3", frames=1, opponent=str(models["ppo"]))
 
 
+def mean_length(task: TaskSettings, policy: Any, episodes: int = 1000) -> float:
+    """Mean episode length if all agents play `policy`."""
+    simulator = Simulator(task_of(task), episodes, 0, auto_restart=False)
+    actions = np.zeros((episodes, simulator.num_agents), dtype=np.int32)
+    while not simulator.ended.all():
+        simulator.act([policy] * simulator.num_agents, actions)
+        simulator.step(actions)
+    return float(simulator.steps.mean())
+
+
 @pytest.mark.slow
-def test_runners_share_their_network_through_supersuit(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    out = tmp_path / "runners.zip"
-    arguments = ["--maze", "3x3", "--num-goals", "2", "--frames", "30000", "--out", str(out)]
-    supersuit_sharing.main(arguments)
-    steps = {
-        line[:26].strip(): float(line.split()[-2])
-        for line in capsys.readouterr().out.splitlines()
-        if line.endswith("steps")
-    }
-    assert steps["learned, shared, sampled"] < 0.6 * steps["random"]
-    assert steps["nearest goal"] < steps["random"]
+def test_runners_share_their_network_through_supersuit(tmp_path: Path) -> None:
+    supersuit = pytest.importorskip("supersuit")
+    from stable_baselines3 import PPO
+
     task = TaskSettings("race", maze="3x3", num_runners=2, num_goals=2)
-    again = supersuit_sharing.mean_length(task, NearestGoalRunner())
-    assert abs(again - steps["nearest goal"]) < 0.01
+    game = race_v0.parallel_env(maze="3x3", num_runners=2, num_goals=2, observation="one_hot")
+    games = supersuit.pettingzoo_env_to_vec_env_v1(game)
+    envs = supersuit.concat_vec_envs_v1(games, 16, base_class="stable_baselines3")
+    given: dict[str, Any] = {"n_steps": 64, "batch_size": 512, "n_epochs": 4, "gamma": 0.95}
+    model = PPO("MlpPolicy", envs, learning_rate=2e-3, ent_coef=0.01, device="cpu", **given)
+    model.learn(30_000)
+    save_stable_baselines(model, tmp_path / "runners.zip", "ppo", task, "one_hot")
+    learned = load_stable_baselines(tmp_path / "runners.zip", greedy=False)
+    assert mean_length(task, learned) < 0.6 * mean_length(task, RandomAgent())
+    assert mean_length(task, NearestGoalRunner()) < mean_length(task, RandomAgent())
 
 
 @pytest.fixture(scope="module")
@@ -232,25 +256,6 @@ def test_no_code_in_a_model_is_run(models: dict[str, Path], tmp_path: Path) -> N
     with pytest.raises(ValueError, match="damaged"):
         load_stable_baselines(path)
     assert not (tmp_path / "owned").exists()
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ["--algorithm", "sac"],
-        ["--observation", "index"],
-        ["--seconds", "0"],
-        ["--out", "model.pt"],
-        ["--maze", "12x13"],
-    ],
-)
-def test_invalid_options_are_refused_with_one_line(
-    arguments: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit) as exit_:
-        stable_baselines.main(arguments)
-    assert exit_.value.code == 2
-    assert len(capsys.readouterr().err.strip().splitlines()) == 1
 
 
 def test_the_drawn_policy_follows_the_distribution(models: dict[str, Path]) -> None:

@@ -1,1 +1,0 @@
-"""Example scripts that train learners of other libraries in the environments of Pursuit."""
