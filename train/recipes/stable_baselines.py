@@ -73,7 +73,7 @@ def run(recipe: Recipe) -> None:
     """Train, save, load the weights again, and compare."""
     import stable_baselines3
 
-    contest = contest_of(recipe.task, 1000)
+    contest: Any = contest_of(recipe.task, 1000)
     games = 32 if recipe.algorithm == "dqn" else 64
     vec_env = StableBaselinesVecEnv(vector_env(contest, games, recipe.observation))
     vec_env.seed(recipe.seed)

@@ -13,6 +13,7 @@ from typing import Any
 
 from pursuit.memory import check_memory
 from train.algorithms.registry import Algorithm, Build, entry
+from train.evaluation.contests import AnyContest
 from train.evaluation.suite_contest import SuiteContest
 from train.networks.policy import NO_WALLS, Player
 from train.runs.saved import player_of, unchecked_settings
@@ -198,6 +199,6 @@ def suite_contest_of(
     return SuiteContest(*opponents, episodes, evaluation_seed(seed), exact)
 
 
-def contest_of(settings: AnyTask, episodes: int, seed: int = 0) -> Any:
+def contest_of(settings: AnyTask, episodes: int, seed: int = 0) -> AnyContest:
     """The contest of a task, without a run; `seed` is a seed of evaluations."""
     return world_of(settings).contest(episodes, evaluation_seed(seed))

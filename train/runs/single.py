@@ -10,9 +10,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from scripted_agents.environments import AGENTS
+from scripted_agents.limits import MAX_EVALUATED_WORK, MAX_WORK
 from train.evaluation.contest import GameContest
-from train.evaluation.hidden_contest import Certificate
-from train.evaluation.joint_contest import MAX_EVALUATED_WORK, MAX_WORK
+from train.evaluation.contests import AnyContest
 from train.evaluation.objective_gap import UNKNOWN, ObjectiveGap, objective_gap
 from train.evaluation.scores import (
     BEST_RETURN,
@@ -62,7 +62,7 @@ class SingleAgent:
     def __init__(self, parts: Parts, evaluate: str, state: dict[str, Any] | None = None) -> None:
         self.parts, self.evaluated = parts, evaluate
         self.replica: SecondProcess | None = None
-        self._final_contest: Any = None
+        self._final_contest: AnyContest | None = None
         self._solved_work = 0
         self.env, self.teacher, self.learner = build_env_and_learner(parts, state)
         self.simulator = self.env.simulator
@@ -134,18 +134,16 @@ class SingleAgent:
             parts.append(f"gap {100 * row['optimality_gap']:+7.2f} %")
         return parts
 
-    def final_contest(self, episodes: int, most_work: int = MAX_WORK) -> Any:
+    def final_contest(self, episodes: int, most_work: int = MAX_WORK) -> AnyContest:
         """The contest of the final results, with exact solutions of games of up to `most_work`.
 
         It is cached with its solutions for later calls with at most this work.
         """
         kept = self._final_contest
         if kept is None or kept.episodes != episodes or self._solved_work < most_work:
-            contest: Any = self.parts.world.contest(episodes)
-            own = isinstance(contest, GameContest)
-            self._final_contest = replace(contest, most_work=most_work) if own else contest
-            self._solved_work = most_work
-        return self._final_contest
+            kept = self.parts.world.contest(episodes).solved_up_to(most_work)
+            self._final_contest, self._solved_work = kept, most_work
+        return kept
 
     def results(self, interrupted: bool, episodes: int) -> dict[str, Any]:
         """Scores of the references and of the trained policy, greedy and sampled."""
@@ -157,14 +155,13 @@ class SingleAgent:
             scores.append(contest.score("learned, sampled", self.learner.policy(greedy=False)))
         build, plan = self.parts.build, self.parts.plan
         objective = objective_gap(contest, self.parts.hyper.last_gamma)
-        certificate = contest.certificate() if isinstance(contest, GameContest) else None
         return {
             **contest.describe(),
             "algorithm": self.parts.algorithm.name,
             "curriculum": "none" if plan is None else plan.name,
             "seed": build.seed,
             **({} if self.replica is None else {"processes": 2}),
-            **evaluation_of(scores, self.evaluated, objective, certificate, contest),
+            **evaluation_of(scores, self.evaluated, objective, contest),
             "device": build.device,
             "precision": build.precision,
             **self._update(),
@@ -226,18 +223,16 @@ def evaluation_of(
     scores: list[Score],
     evaluated: str,
     objective: ObjectiveGap = UNKNOWN,
-    certificate: Certificate | None = None,
-    contest: Any = None,
+    contest: AnyContest | None = None,
 ) -> dict[str, Any]:
     """ "evaluation", "reference" and "scores" of `results.json`; `objective` is the objective gap.
 
-    With a limited view the optimum is an interval (`certificate`). Without `contest` there is no
-    reference.
+    With a limited view the optimum is an interval. Without `contest` there is no reference.
     """
     by_name = {score.name: score for score in scores}
     learned = by_name["learned" if evaluated == "greedy" else "learned, sampled"]
     optimum = by_name.get("optimal")
-    certified = {}
+    certificate, certified = None if contest is None else contest.certificate(), {}
     if certificate is not None and learned.discounted_steps is not None:
         certified = {
             "discount": certificate.discount,
