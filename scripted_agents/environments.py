@@ -26,7 +26,8 @@ from scripted_agents.agents.searchers import (
 )
 from scripted_agents.duel.best_response import MoveOrder
 from scripted_agents.hidden.beliefs import BeliefChaser, check_duel
-from scripted_agents.joint.optimal import OptimalChaser, OptimalEvader, check_optimal
+from scripted_agents.joint.optimal import OptimalChaser, OptimalEvader
+from scripted_agents.limits import check_optimal
 
 DEFAULTS: dict[str, type[Scripted]] = {
     "chaser": AStarChaser,

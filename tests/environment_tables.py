@@ -1,5 +1,5 @@
-"""The tables of the pages of environments and of the API, made of the code: signatures, docstrings,
-spaces, rewards, names.
+"""The tables of the pages of environments, of the API and of exact solutions, made of the code:
+signatures, docstrings, spaces, rewards, names, references, limits.
 
     PYTHONPATH=. python tests/environment_tables.py      # writes them anew into docs/
 
@@ -8,12 +8,14 @@ A page holds a table between `<!-- table: NAME -->` and `<!-- end -->`; tests/te
 
 from __future__ import annotations
 
+import ast
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import MISSING, fields
 from enum import Enum
 from importlib import import_module
 from inspect import Parameter, getdoc, signature
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +30,8 @@ from pursuit.reacher import observations as arm_observations
 from pursuit.reacher.parallel_env import ReacherParallelEnv
 from pursuit.tasks.rewards import REWARD_SCHEMES, Rewards
 from scripted_agents import environments
+from scripted_agents import limits as limits_module
+from scripted_agents.references import ExactReference
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -44,6 +48,7 @@ GYMNASIUM = {
 def pages() -> list[str]:
     """The pages that hold tables."""
     found = [page for folder in ("environments", "api") for page in (DOCS / folder).glob("*.md")]
+    found.append(DOCS / "explanation" / "exact.md")
     return sorted(str(page.relative_to(ROOT)) for page in found)
 
 
@@ -255,6 +260,33 @@ def names(package: str) -> str:
     return rows(("name", "what"), body)
 
 
+# -- exact solutions -------------------------------------------------------------------------------
+
+
+def references(_: str) -> str:
+    """With what an agent is compared, by kind: two sentences of the docstring, with the limits."""
+    text = " ".join((getdoc(ExactReference) or "").split("Attributes:")[0].split())
+    text = re.sub(r"MAX_\w+", lambda name: f"{getattr(limits_module, name[0]):,}", text)
+    parts = re.findall(r"(\w+): ([A-Z][^.]*)\. ([A-Z][^.]*)\.", text.split("Kinds: ")[1])
+    return rows(("kind", "game", "compared with"), [(f"`{kind}`", *rest) for kind, *rest in parts])
+
+
+def limits(_: str) -> str:
+    """Every constant of `scripted_agents.limits`, its value, and the text that follows it there."""
+    text = Path(limits_module.__file__).read_text(encoding="utf-8")
+    body = []
+    for line, said in pairwise(ast.parse(text).body):
+        if isinstance(line, ast.Assign) and isinstance(said, ast.Expr):
+            (target,) = line.targets
+            found = target.elts if isinstance(target, ast.Tuple) else [target]
+            known = [part.id for part in found if isinstance(part, ast.Name)]
+            values = [getattr(limits_module, name) for name in known]
+            meaning = " ".join(ast.literal_eval(said.value).split())
+            shown = ", ".join(f"{value:,}" for value in values)
+            body.append((", ".join(f"`{name}`" for name in known), shown, meaning))
+    return rows(("limit", "value", "of what"), body)
+
+
 TABLES: dict[str, Callable[[str], str]] = {
     "facts": facts,
     "arguments": arguments,
@@ -262,6 +294,8 @@ TABLES: dict[str, Callable[[str], str]] = {
     "observations": observations,
     "rewards": rewards,
     "names": names,
+    "references": references,
+    "limits": limits,
 }
 
 

@@ -59,24 +59,6 @@ PAIRS_A_CELL = 8
 """The time of a search per cell, in lookups of pairs."""
 
 
-@inlined
-def look_of(scratch: Any) -> Search:
-    """Scratch memory of the search around the agent."""
-    return Search(scratch[LOOK_DISTANCE], scratch[LOOK_QUEUE])
-
-
-@inlined
-def path_of(scratch: Any) -> Search:
-    """Scratch memory of searches for a path."""
-    return Search(scratch[PATH_DISTANCE], scratch[PATH_QUEUE])
-
-
-@inlined
-def field_of(scratch: Any) -> Search:
-    """Scratch memory of one search from the cells of all targets."""
-    return Search(scratch[FIELD_DISTANCE], scratch[FIELD_QUEUE])
-
-
 @subroutine
 def mask_fleeing(
     world: World,
@@ -93,7 +75,8 @@ def mask_fleeing(
     If no cell is farther than the own cell: staying if that is an action, else every move.
     `reach` is at least the distance between `threat` and any of these cells.
     """
-    look, path = look_of(scratch), path_of(scratch)
+    look = Search(scratch[LOOK_DISTANCE], scratch[LOOK_QUEUE])  # around the agent
+    path = Search(scratch[PATH_DISTANCE], scratch[PATH_QUEUE])
     seen = search_within(world, maze, own, look_radius, -1, look)
     farthest = own_distance = distance_within(world, path, maze, threat, own, reach)
     for i in range(seen):
@@ -299,7 +282,8 @@ def entry_for(kind: int) -> Any:
         teams = Teams(counts[0], counts[1], counts[2], counts[3])
         world = world_of(mazes, neighbors, facts, tables)
         empty = stay_of(world) * np.int64(stay_action)
-        field, owner, targets = field_of(scratch), scratch[FIELD_OWNER], scratch[TARGETS]
+        field = Search(scratch[FIELD_DISTANCE], scratch[FIELD_QUEUE])  # from all targets
+        owner, targets = scratch[FIELD_OWNER], scratch[TARGETS]
         for game in range(actions.shape[0]):
             maze, row = np.int64(games.maze[np.uint64(game)]), np.uint64(game)
             head = tail = 0

@@ -14,8 +14,8 @@ from pursuit.simulator.policy import GameView
 from pursuit.tasks.task import Task
 from scripted_agents.agents import kernels
 from scripted_agents.agents.scripted import Scripted
+from scripted_agents.limits import why_no_tour
 from scripted_agents.tours.kernels import first_of_tour, plan_next_goals
-from scripted_agents.tours.tour import MAX_EXACT_GOALS
 
 
 class Plans(NamedTuple):
@@ -53,7 +53,7 @@ class NearestGoalRunner(Scripted):
 class TourRunner(Scripted):
     """Follows a shortest tour through all remaining goals: optimal if it is the only agent.
 
-    For up to `scripted_agents.tours.tour.MAX_EXACT_GOALS` goals. Plans of the last games are cached
+    For up to `scripted_agents.limits.MAX_EXACT_GOALS` goals. Plans of the last games are cached
     for speed; actions depend only on the state.
     """
 
@@ -71,10 +71,9 @@ class TourRunner(Scripted):
             ValueError: more than MAX_EXACT_GOALS goals.
         """
         goals = view.task.num_goals
-        if goals > MAX_EXACT_GOALS:
-            raise ValueError(
-                f"{self!r}: {goals} goals; shortest tours are computed for up to {MAX_EXACT_GOALS}"
-            )
+        reason = why_no_tour(goals)
+        if reason is not None:
+            raise ValueError(f"{self!r}: {reason}")
         if goals == 0:
             return super().act(view)
         if self._kept_for is not view.mazes or self._kept.goals.shape != view.goals.shape:

@@ -164,23 +164,19 @@ def list_moves_in_view(
     visible: Any,
     moves: Any,
     rows: Any,
-    seen_at: Any,
-    known: Any,
-    aim: Any,
-    aim_at: Any,
+    kept: SearchMemory,
     remembered: int,
     masks: Any,
 ) -> None:
     """Fill `masks` [games] with the moves of an agent of this role; 0 for any move.
 
-    `moves` are `towards`, or `away` for an evader. `seen_at` to `aim_at` are the fields of
-    `SearchMemory` of all games, and `rows` [games] the rows of these games in it. `remembered` is
-    the number of steps for which an evader avoids a chaser that is out of view; for a chaser, 1 to
-    go to where an evader was last seen, else 0.
+    `moves` are `towards`, or `away` for an evader. `kept` is the memory of all games, and `rows`
+    [games] the rows of these games in it. `remembered` is the number of steps for which an evader
+    avoids a chaser that is out of view; for a chaser, 1 to go to where an evader was last seen,
+    else 0.
     """
     teams = Teams(counts[0], counts[1], counts[2], counts[3])
     world = world_of(*mazes)
-    kept = SearchMemory(seen_at, known, aim, aim_at)
     for game in range(masks.shape[0]):
         row, own = rows[game], np.int64(games.position[game, seat])
         if role == CHASER:

@@ -70,7 +70,7 @@ class LimitedAgent:
             self.view_tables.table(view),
             self._moves.of(view)["moves"],
             view.rows,
-            *kept,
+            kept,
             int(self.remembered),
             masks,
         )

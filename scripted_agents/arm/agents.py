@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from pursuit.reacher.policy import ArmView
 from pursuit.validation import number, one_of, whole
 from scripted_agents.arm import kernels as arm_kernels
-from scripted_agents.arm.least_steps import BUDGET, least_steps_of
+from scripted_agents.arm.least_steps import least_steps_of
+from scripted_agents.limits import MAX_ARM_NODES
 
 IK_METHODS = ("transpose", "pseudo-inverse", "damped", "cyclic")
 """The methods in the order of their numbers in the kernels."""
@@ -151,7 +152,7 @@ class LeastStepsPolicy(Planned):
         ValueError: a budget that is no whole number of at least 0.
     """
 
-    def __init__(self, budget: int = BUDGET) -> None:
+    def __init__(self, budget: int = MAX_ARM_NODES) -> None:
         super().__init__()
         self.budget = whole("budget", budget, 0, 2**62)
 

@@ -15,9 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from pursuit.reacher.task import LEAST_TOLERANCE, LEAST_TURN, MAX_JOINTS
 from pursuit.validation import as_array, number, whole
 from scripted_agents.arm.least_steps_kernels import least_steps_kernel
-
-BUDGET = 1_000_000
-"""Maximum nodes of the search for one arm: about 0.2 seconds; most arms need far fewer."""
+from scripted_agents.limits import MAX_ARM_NODES
 
 
 def least_steps(
@@ -25,7 +23,7 @@ def least_steps(
     target: ArrayLike,
     max_turn: float = 0.1,
     tolerance: float = 0.2,
-    budget: int = BUDGET,
+    budget: int = MAX_ARM_NODES,
 ) -> tuple[int, int]:
     """Bounds (lower, upper) of the minimum steps of one arm; equal if it is known exactly.
 
@@ -56,7 +54,7 @@ def least_steps_of(
     max_turn: float = 0.1,
     tolerance: ArrayLike = 0.2,
     free_joints: ArrayLike | None = None,
-    budget: int = BUDGET,
+    budget: int = MAX_ARM_NODES,
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
     """`least_steps` of many arms, and turns that reach the target in the upper bound.
 

@@ -13,9 +13,7 @@ from pursuit.mazes.maze import Maze, load_maze
 from pursuit.rules import captured
 from pursuit.validation import whole
 from scripted_agents.duel.best_response import MoveOrder, best_response, checked_table
-
-TIE = 1e-9
-"""Relative difference of values below which two actions count as equally good."""
+from scripted_agents.tolerances import EQUAL_VALUES
 
 Outcome = tuple[int, NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]
 """See `outcomes`."""
@@ -72,7 +70,9 @@ def action_values(
     steps = q_values(role, maze, table, later, actions, move_order)
     best = steps.min(axis=2) if role == "chaser" else steps.max(axis=2)
     apart = ~np.eye(cells, dtype=bool)
-    optimal = (np.abs(steps - best[:, :, None]) <= TIE * best[:, :, None]) & apart[:, :, None]
+    optimal = (np.abs(steps - best[:, :, None]) <= EQUAL_VALUES * best[:, :, None]) & apart[
+        :, :, None
+    ]
     return ActionValues(role, steps, np.where(apart, best, 0.0), optimal)
 
 

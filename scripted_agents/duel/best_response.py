@@ -21,6 +21,7 @@ from pursuit.rules.captures import Duel
 from pursuit.tasks.task import MOVE_ORDERS
 from pursuit.validation import as_array, check_bool, check_discount, whole
 from scripted_agents.duel.pair_kernels import (
+    Pairs,
     choose,
     evaluate,
     first_bad_row,
@@ -29,9 +30,7 @@ from scripted_agents.duel.pair_kernels import (
     spread_capture,
 )
 from scripted_agents.duel.value_iteration import iterate
-
-MAX_ENTRIES = 2 * MAX_TABLE_CELLS**2
-"""Bound on cells × rows × columns, as blocked cells take memory too."""
+from scripted_agents.limits import MAX_DUEL_ENTRIES
 
 MoveOrder = Literal["simultaneous", "chasers_first"]
 
@@ -56,6 +55,7 @@ class BestResponse:
 
     Attributes:
         role: "chaser" or "evader", the role of the best response.
+        maze: where it is played.
         values: [chaser cell, evader cell] float64, the expected number of steps until capture (the
             capturing step included), at most the horizon; 0 on the diagonal. With a discount the
             step t = 0, 1, ... counts discount**t.
@@ -67,6 +67,7 @@ class BestResponse:
     """
 
     role: str
+    maze: Maze
     values: NDArray[np.float64] = field(repr=False)
     actions: NDArray[np.int8] = field(repr=False)
     horizon: int | None
@@ -82,6 +83,16 @@ class BestResponse:
         Optimal in every step if `horizon` is None, else in the first step.
         """
         return np.eye(self.num_actions)[self.actions]
+
+    @property
+    def policies(self) -> dict[str, NDArray[np.float64]]:
+        """By role, `policy`."""
+        return {self.role: self.policy}
+
+    @property
+    def mean_over_starts(self) -> float:
+        """The mean of `values` over all starts in different cells."""
+        return mean_over_starts(self.values, self.maze)
 
 
 def best_response(
@@ -127,38 +138,31 @@ def best_response(
     _check_settings(maze, horizon, discount, move_order)
     table = checked_table(maze, opponent_table, "opponent_table")
     num_actions = table.shape[2] if stay_action is None else maze.num_moves + bool(stay_action)
-    stays = num_actions > maze.num_moves
-    duel = Duel(role == "chaser", move_order == "chasers_first")
-    spots, width, shape = _grid(maze)
-    around = _around(maze)
     allowed = np.ones((maze.num_cells, num_actions), dtype=bool)
     if mask_bumps:
         allowed = bump_masks(maze, num_actions)
     neighbors, instead = _own_moves(maze, allowed)
-    chances = _lay_out(maze, table, turned=True)
+    stays = num_actions > maze.num_moves
+    pairs, shape = _pairs(maze, table, neighbors, role == "chaser", move_order, stays)
     if horizon is None and discount == 1.0:
-        _check_capture(maze, _any_move(maze, allowed), chances, duel, role == "evader")
+        _check_capture(maze, _any_move(maze, allowed), pairs, role == "evader")
     sign = -1.0 if role == "evader" else 1.0
 
     def sweep(
         values: NDArray[np.float64], target: NDArray[np.float64], first: int, last: int
     ) -> float:
         """One step of backward induction for the own cells from `first` to `last` - 1."""
-        return float(
-            respond(
-                values, target, chances, neighbors, around, spots, width, duel,
-                stays, sign, discount, first, last,
-            )
-        )  # fmt: skip
+        return float(respond(values, target, pairs, sign, discount, first, last))
 
     last_values, next_values, sweeps = iterate(sweep, shape, horizon, discount)
     actions = np.empty((maze.num_cells, maze.num_cells), dtype=np.int8)
-    choose(next_values, chances, neighbors, around, spots, width, duel, stays, actions)
+    choose(next_values, pairs, actions)
     actions = np.take_along_axis(instead, actions, axis=1)
-    values = 0.0 + sign * last_values.take(width + spots, axis=1)
+    values = 0.0 + sign * last_values.take(pairs.width + pairs.spots, axis=1)
     if role == "evader":
         values = np.ascontiguousarray(values.T)
-    return BestResponse(role, values, actions, horizon, discount, move_order, num_actions, sweeps)
+    rest = (horizon, discount, move_order, num_actions, sweeps)
+    return BestResponse(role, maze, values, actions, *rest)
 
 
 def evaluate_exactly(
@@ -178,26 +182,19 @@ def evaluate_exactly(
     _check_settings(maze, horizon, discount, move_order)
     chaser = checked_table(maze, chaser_table, "chaser_table")
     evader = checked_table(maze, evader_table, "evader_table")
-    duel = Duel(True, move_order == "chasers_first")
-    spots, width, shape = _grid(maze)
-    around = _around(maze)
-    weights, chances = _lay_out(maze, chaser), _lay_out(maze, evader, turned=True)
+    weights, stays = _lay_out(maze, chaser), chaser.shape[2] > maze.num_moves
+    pairs, shape = _pairs(maze, evader, maze.neighbors, True, move_order, stays)
     if horizon is None and discount == 1.0:
-        _check_capture(maze, weights, chances, duel, False)
+        _check_capture(maze, weights, pairs, False)
 
     def sweep(
         values: NDArray[np.float64], target: NDArray[np.float64], first: int, last: int
     ) -> float:
         """One step of backward induction for the chaser's cells from `first` to `last` - 1."""
-        return float(
-            evaluate(
-                values, target, weights, chances, maze.neighbors, around, spots, width, duel,
-                chaser.shape[2] > maze.num_moves, discount, first, last,
-            )
-        )  # fmt: skip
+        return float(evaluate(values, target, weights, pairs, discount, first, last))
 
     values, _, _ = iterate(sweep, shape, horizon, discount)
-    pair_values: PairValues = values.take(width + spots, axis=1).view(PairValues)
+    pair_values: PairValues = values.take(pairs.width + pairs.spots, axis=1).view(PairValues)
     return pair_values
 
 
@@ -238,11 +235,11 @@ def _check_settings(maze: Maze, horizon: int | None, discount: float, move_order
     _, width, (_, room) = _grid(maze)
     grid = room - 2 * width
     entries = maze.num_cells * grid
-    if entries > MAX_ENTRIES:
+    if entries > MAX_DUEL_ENTRIES:
         raise ValueError(
             f"{maze.name}: {maze.num_cells} cells in {maze.height} rows and {maze.width} columns, "
-            f"{entries} entries; at most {MAX_ENTRIES} are possible. Remove rows and columns of "
-            "blocked cells"
+            f"{entries} entries; at most {MAX_DUEL_ENTRIES} are possible. Remove rows and columns "
+            "of blocked cells"
         )
     # Tables of both agents in the layout of the kernels, and the values of two steps.
     check_memory(
@@ -279,21 +276,14 @@ def checked_table(maze: Maze, table: ArrayLike, name: str) -> NDArray[np.float64
     return array
 
 
-def _check_capture(
-    maze: Maze,
-    weights: NDArray[np.float64],
-    chances: NDArray[np.float64],
-    duel: Duel,
-    for_all: bool,
-) -> None:
+def _check_capture(maze: Maze, weights: NDArray[np.float64], pairs: Pairs, for_all: bool) -> None:
     """ValueError unless the expected time until capture is finite from every pair of cells.
 
     In a finite Markov chain it is finite if capture is reachable from every pair: by some moves of
     a minimising agent, or by all moves of a maximising one (`for_all`).
     """
     captured = np.eye(maze.num_cells, dtype=bool)
-    spots = _grid(maze)[0]
-    while spread_capture(captured, weights, chances, maze.neighbors, spots, duel, for_all):
+    while spread_capture(captured, weights, pairs, for_all):
         pass
     if not captured.all():
         own_cell, other_cell = np.argwhere(~captured)[0].tolist()
@@ -305,6 +295,20 @@ def _check_capture(
 
 
 # -- layout ----------------------------------------------------------------------------------------
+
+
+def _pairs(
+    maze: Maze,
+    table: NDArray[np.float64],
+    neighbors: NDArray[np.int32],
+    own_chases: bool,
+    move_order: str,
+    stay_action: bool,
+) -> tuple[Pairs, tuple[int, int]]:
+    """The duel of an own player against the table of the other, and the shape of its values."""
+    spots, width, shape = _grid(maze)
+    duel, chances = Duel(own_chases, move_order == "chasers_first"), _lay_out(maze, table, True)
+    return Pairs(chances, neighbors, _around(maze), spots, width, duel, stay_action), shape
 
 
 def _grid(maze: Maze) -> tuple[NDArray[np.int32], int, tuple[int, int]]:

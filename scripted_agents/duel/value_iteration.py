@@ -12,27 +12,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scripted_agents.tolerances import (
+    DUEL_TOLERANCE,
+    MAX_DUEL_SWEEPS,
+    MAX_DUEL_UPDATES,
+    MAX_THREADS,
+    WINDOW,
+)
+
 Sweep = Callable[[NDArray[np.float64], NDArray[np.float64], int, int], float]
-
-TOLERANCE = 1e-9
-"""The error of a fixed point, relative to the largest value."""
-
-MAX_SWEEPS, MAX_UPDATES = 200_000, 20_000_000_000
-"""Bounds on the search for a fixed point: sweeps, and sweeps times values (some minutes)."""
 
 THREADED_ROWS = 400
 """Arrays with at least this number of rows use several threads."""
-
-MAX_THREADS = 8
 
 MAX_JUMPS = 30
 """Maximum number of extrapolations to the fixed point; after them only plain sweeps follow."""
 
 LARGEST_PLAIN_DISCOUNT = 0.99
 """Up to this discount no extrapolation is used, as plain sweeps converge fast."""
-
-WINDOW = 9
-"""Number of consecutive changes from which their rate of decrease is estimated."""
 
 
 def iterate(
@@ -45,7 +42,7 @@ def iterate(
             from `first` to `last` - 1 into `target`. Threads help if it releases the GIL.
         shape: of the values, float64.
         horizon: number of sweeps; None for as many as needed until the values are within about
-            TOLERANCE (relative to the largest) of the fixed point.
+            DUEL_TOLERANCE (relative to the largest) of the fixed point.
         discount: factor by which a sweep reduces differences, or more.
 
     Returns:
@@ -53,12 +50,12 @@ def iterate(
         the number of threads.
 
     Raises:
-        ValueError: no convergence within MAX_SWEEPS and MAX_UPDATES.
+        ValueError: no convergence within MAX_DUEL_SWEEPS and MAX_DUEL_UPDATES.
     """
     values, target = np.zeros(shape), np.zeros(shape)
     threads = min(os.cpu_count() or 1, MAX_THREADS) if shape[0] >= THREADED_ROWS else 1
     bounds = [shape[0] * i // threads for i in range(threads + 1)]
-    most = horizon or min(MAX_SWEEPS, MAX_UPDATES // values.size)
+    most = horizon or min(MAX_DUEL_SWEEPS, MAX_DUEL_UPDATES // values.size)
     changes: list[float] = []
     slowest = 0.0
     jumps = 0 if discount > LARGEST_PLAIN_DISCOUNT else MAX_JUMPS
@@ -82,9 +79,11 @@ def iterate(
             largest = float(np.abs(values).max())
             if change <= 4 * np.spacing(largest):
                 return values, target, sweeps
-            if change * discount <= 0.1 * (1.0 - discount) * TOLERANCE * max(largest, 1.0):
+            if change * discount <= 0.1 * (1.0 - discount) * DUEL_TOLERANCE * max(largest, 1.0):
                 return values, target, sweeps
-            if rate < 1.0 and change * rate / (1.0 - rate) <= 0.1 * TOLERANCE * max(largest, 1.0):
+            if rate < 1.0 and change * rate / (1.0 - rate) <= 0.1 * DUEL_TOLERANCE * max(
+                largest, 1.0
+            ):
                 return values, target, sweeps
             if jumps < MAX_JUMPS and len(changes) >= 4 * WINDOW and _is_steady(rates):
                 # Add the sum of the series. Sweeps converge from any values, so a bad extrapolation

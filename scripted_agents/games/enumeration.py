@@ -20,16 +20,14 @@ from pursuit.memory import check_memory
 from pursuit.tasks.task import Task
 from pursuit.validation import as_array, check_bool, shortened, whole
 from scripted_agents.games.game import Game
+from scripted_agents.limits import MAX_SMALL_STATES
+from scripted_agents.tolerances import SUM_TOLERANCE
 
-MOST_STATES = 10**7
-"""By default; and the most entries of a list that a game returns."""
 MOST_REWARD = 1e100
 """Sums of larger rewards could be infinite."""
 AT_ONCE = 2**16
 """Entries of a list, or joint actions of a state, between two checks of memory."""
 SMALLER = "give a smaller game"
-SUM = 1e-9
-"""Largest difference of a sum of probabilities from 1."""
 
 FORMS = {
     "starts": (2, "(probability, state)"),
@@ -154,7 +152,7 @@ def _in_order(
 
 
 def enumerate_game(
-    game: Game, most_states: int = MOST_STATES, progress: bool | None = None
+    game: Game, most_states: int = MAX_SMALL_STATES, progress: bool | None = None
 ) -> SmallGame:
     """Find all states that can be reached from the starts of a game, and their transitions.
 
@@ -319,7 +317,7 @@ def _listed(game: Game, call: Call) -> list[Any]:
         if isinstance(found, Iterable):
             entries = iter(found)
             listed = part = list(islice(entries, AT_ONCE))
-            while len(part) == AT_ONCE and len(listed) <= MOST_STATES:
+            while len(part) == AT_ONCE and len(listed) <= MAX_SMALL_STATES:
                 needed = len(listed) * (100 + sys.getsizeof(part[-1]))
                 check_memory(f"a list of {len(listed):,} entries and more", needed, SMALLER)
                 part = list(islice(entries, AT_ONCE))
@@ -327,8 +325,8 @@ def _listed(game: Game, call: Call) -> list[Any]:
     except Exception as error:
         error.add_note(f"in {_name(call)} of the game")
         raise
-    if listed is not None and len(listed) > MOST_STATES:
-        raise ValueError(f"{_name(call)} has more than {MOST_STATES:,} entries; {SMALLER}")
+    if listed is not None and len(listed) > MAX_SMALL_STATES:
+        raise ValueError(f"{_name(call)} has more than {MAX_SMALL_STATES:,} entries; {SMALLER}")
     if listed is None or (
         size is not None and not all(isinstance(x, Sized) and len(x) == size for x in listed)
     ):
@@ -362,7 +360,7 @@ def _chances(outcomes: Sequence[Any], call: Call) -> list[float]:
     if not chances:
         raise ValueError(f"{_name(call)} is empty; give at least one state with probability 1")
     total = max(min(sum(chances), 1e300), -1e300)  # of whole numbers of hundreds of digits too
-    if not abs(total - 1.0) <= SUM or min(chances) < 0.0:
+    if not abs(total - 1.0) <= SUM_TOLERANCE or min(chances) < 0.0:
         raise ValueError(
             f"{_name(call)}: the probabilities {shortened(chances)} add up to {total:g}; give "
             "non-negative ones with sum 1"

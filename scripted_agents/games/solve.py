@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,58 +13,62 @@ from scipy.sparse.linalg import splu
 from pursuit.validation import number, shortened, whole
 from scripted_agents.games.enumeration import Behaviour, SmallGame
 from scripted_agents.joint.layout import Store
-from scripted_agents.joint.nash_conv import JointNashConv
+from scripted_agents.joint.results import Equilibrium, JointNashConv, Solution
 from scripted_agents.joint.shapley_iteration import (
     StochasticGame,
     solve_infinite_horizon,
     solve_steps,
 )
+from scripted_agents.tolerances import SMALL_GAME_TOLERANCE, TIE
 
-TOLERANCE = 1e-11
-"""Error of values without a horizon, relative to the largest; 1e-15 / (1 - discount) if larger."""
 MOST_SWEEPS = 3000
 """Of value iteration, enough for a discount of 0.99; then linear equations are solved."""
 ZERO_SUM = 1e-9
-TIE = 1e-12
 
 Policies = Mapping[str, Behaviour]
 Values = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class SmallResponse:
+class _Tables(Solution):
+    """A solution of a small game; `mean` and `tables` are short names of its attributes."""
+
+    @property
+    def mean(self) -> float:
+        """`mean_over_starts`."""
+        return self.mean_over_starts
+
+    @property
+    def tables(self) -> dict[str, Values]:
+        """`policies`."""
+        return self.policies
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SmallResponse(_Tables):
     """The result of `respond`.
 
     Attributes:
         players: the responding players, which act as one.
         values: [states] float64, the expected discounted sum of their rewards from each state on.
-        mean: the mean of `values` over the starts.
-        tables: by player, its policy as in `SmallGame.table`; with a horizon that of the first
-            step.
+        mean_over_starts: the mean of `values` over the starts; also `mean`.
+        policies: by player, its policy as in `SmallGame.table`; with a horizon that of the first
+            step; also `tables`.
     """
 
     players: tuple[str, ...]
-    values: Values = field(repr=False)
-    mean: float
-    tables: dict[str, Values] = field(repr=False)
 
 
-@dataclass(frozen=True, eq=False)
-class SmallEquilibrium:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SmallEquilibrium(_Tables, Equilibrium):
     """The result of `equilibrium`.
 
     Attributes:
         values: [states] float64, the value of each state for the first player.
-        mean: the mean of `values` over the starts.
-        tables: by player, an optimal policy as in `SmallGame.table`; with a horizon that of the
-            first step.
+        mean_over_starts: the mean of `values` over the starts; also `mean`.
+        policies: by player, an optimal policy as in `SmallGame.table`; with a horizon that of the
+            first step; also `tables`.
         mixed: [states] bool, whether no pure strategies are optimal.
     """
-
-    values: Values = field(repr=False)
-    mean: float
-    tables: dict[str, Values] = field(repr=False)
-    mixed: NDArray[np.bool_] = field(repr=False)
 
 
 def returns_of(
@@ -148,7 +152,9 @@ def respond(
     def improved(values: Values) -> Values:
         """Policy iteration; every policy is better than the last."""
         before, values = values, next_policy(values)
-        while (values - before).max() > TOLERANCE * max(1.0, float(np.abs(values).max())):
+        while (values - before).max() > SMALL_GAME_TOLERANCE * max(
+            1.0, float(np.abs(values).max())
+        ):
             before, values = values, next_policy(values)
         return values
 
@@ -163,7 +169,8 @@ def respond(
         table = np.zeros(offsets[-1])
         table[offsets[:-1] + first % sizes[:, place]] = 1.0
         tables[team[place]], first = table, first // sizes[:, place]
-    return SmallResponse(team, values, float(game.start @ values), tables)
+    mean = float(game.start @ values)
+    return SmallResponse(values=values, mean_over_starts=mean, policies=tables, players=team)
 
 
 def nash_conv(
@@ -177,7 +184,8 @@ def nash_conv(
     check_game(game)
     returns = game.start @ returns_of(game, policies, discount, horizon)
     best = {
-        player: respond(game, player, policies, discount, horizon).mean for player in game.players
+        player: respond(game, player, policies, discount, horizon).mean_over_starts
+        for player in game.players
     }
     return JointNashConv(dict(zip(game.players, returns.tolist(), strict=True)), best)
 
@@ -225,7 +233,8 @@ def equilibrium(
     for player, (name, dense) in enumerate(zip(game.players, played.strategies(), strict=True)):
         sizes = np.diff(game.offsets(player))
         tables[name] = dense[np.arange(many[player]) < sizes[:, None]]
-    return SmallEquilibrium(values, float(game.start @ values), tables, played.mixed)
+    mean, mixed = float(game.start @ values), played.mixed
+    return SmallEquilibrium(values=values, mean_over_starts=mean, policies=tables, mixed=mixed)
 
 
 def _check(discount: float, horizon: int | None) -> None:
@@ -306,7 +315,10 @@ def _iterate(
         before, values = values, back_up(values)
         change = np.abs(values - before).max(initial=0.0)
         largest = max(1.0, float(np.abs(values).max(initial=0.0)))
-        if change <= (TOLERANCE * (1.0 - discount) if horizon is None else 0.0) * largest:
+        if (
+            change
+            <= (SMALL_GAME_TOLERANCE * (1.0 - discount) if horizon is None else 0.0) * largest
+        ):
             return values
     return solve(values) if horizon is None else values
 

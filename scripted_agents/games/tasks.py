@@ -12,11 +12,10 @@ from pursuit.rules.layout import Games
 from pursuit.tasks.task import Task, checked_task
 from scripted_agents.games.enumeration import SmallGame
 from scripted_agents.joint.opponents import OtherPolicies
-from scripted_agents.joint.states import check_joint_states, joint_states_of
+from scripted_agents.joint.states import joint_states_of
 from scripted_agents.joint.sweeps import Problem, Quantity, filled_store
+from scripted_agents.limits import MAX_TASK_STATES, check_joint_states
 
-MAX_TASK_STATES = 200_000
-"""Each state takes some hundred bytes, and some microseconds."""
 CAPTURED = -1
 """The cell of a captured evader in a state."""
 

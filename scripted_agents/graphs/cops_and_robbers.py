@@ -16,9 +16,7 @@ from pursuit.mazes.maze import Maze, load_maze
 from pursuit.memory import check_memory
 from pursuit.validation import check_bool, whole
 from scripted_agents.graphs.turn_kernels import add_captures, extend, join, trap, trap_in_graph
-
-MAX_BYTES = 4 * 10**9
-"""Bound on the memory of a solution."""
+from scripted_agents.limits import MAX_TURN_BYTES
 
 Report = Callable[[float, int], None]
 
@@ -70,7 +68,7 @@ def solve_in_turns(
             chasers, and the number of chasers.
 
     Raises:
-        ValueError: no chaser, or a game that does not fit into MAX_BYTES.
+        ValueError: no chaser, or a game that does not fit into MAX_TURN_BYTES.
     """
     maze, stay_action = load_maze(maze), check_bool("stay_action", stay_action)
     whole("num_chasers", num_chasers, 1)
@@ -82,9 +80,9 @@ def solve_in_turns(
         f"{maze.name} in turns, {size} cells and {num_chasers} chaser(s),",
         needed,
         "use a smaller maze or fewer chasers",
-        MAX_BYTES,
+        MAX_TURN_BYTES,
     )
-    timed = needed + 2 * teams * size <= MAX_BYTES
+    timed = needed + 2 * teams * size <= MAX_TURN_BYTES
     neighbors = np.ascontiguousarray(maze.neighbors[:, : maze.num_moves + stay_action])
     spots = np.arange(size)
     if maze.is_grid:

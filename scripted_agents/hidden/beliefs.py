@@ -18,13 +18,11 @@ from scripted_agents.duel.action_values import q_values
 from scripted_agents.duel.best_response import MoveOrder, best_response, checked_table
 from scripted_agents.hidden import belief_kernels
 from scripted_agents.joint.optimal import table_of
+from scripted_agents.tolerances import EQUAL_VALUES
 
 Response = Literal["most_likely", "expected"]
 
 RESPONSES = ("most_likely", "expected")
-
-EQUALLY_LIKELY = 1e-9
-"""Relative difference below which two cells count as equally likely."""
 
 EQUALLY_GOOD = 1e-8
 """Relative difference below which two actions count as equally good."""
@@ -206,7 +204,7 @@ class BeliefChaser(BeliefAgent):
             pairs = first[:, None] + np.arange(belief.shape[1])
             pairs = np.minimum(pairs, len(kept["best"]) - 1)  # beyond a small maze the belief is 0
             most = belief.max(axis=1, keepdims=True)
-            likely = (belief > 0.0) & (belief >= most * (1.0 - EQUALLY_LIKELY))
+            likely = (belief > 0.0) & (belief >= most * (1.0 - EQUAL_VALUES))
             return np.bitwise_or.reduce(np.where(likely, kept["best"][pairs], 0), axis=1)
         masks, workspace = np.empty(view.num_games, dtype=np.uint8), np.empty(view.task.num_actions)
         sizes, most = world.num_cells[maze], 1.0 + EQUALLY_GOOD

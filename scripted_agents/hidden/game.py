@@ -24,12 +24,8 @@ from pursuit.validation import (
     whole,
 )
 from scripted_agents.duel.best_response import MoveOrder
-from scripted_agents.hidden.layout import Model, Roots
-
-NONE, MIXED = -1, -2
-"""Values of `seen` for beliefs over cells out of view, and over cells in view and out of view."""
-
-SUM_TOLERANCE = 1e-9
+from scripted_agents.hidden.layout import MIXED, NONE, Model, Roots
+from scripted_agents.tolerances import SUM_TOLERANCE
 
 Role = Literal["chaser", "evader"]
 

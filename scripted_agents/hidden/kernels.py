@@ -14,8 +14,7 @@ from __future__ import annotations
 from typing import Any
 
 from pursuit.compilation.compiled import compiled, subroutine
-
-NONE, MIXED = -1, -2
+from scripted_agents.hidden.layout import MIXED, NONE
 
 NO_LIMIT = 1e300
 """The inverse of a weight of 0, which never limits the share of a point in a belief."""

@@ -6,6 +6,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+NONE, MIXED = -1, -2
+"""Values of `seen` for beliefs over cells out of view, and over cells in view and out of view; NONE
+also stands for no slot, action or plan."""
+
 
 class Model(NamedTuple):
     """The game.

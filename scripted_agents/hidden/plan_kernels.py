@@ -10,8 +10,7 @@ from __future__ import annotations
 from typing import Any
 
 from pursuit.compilation.compiled import compiled
-
-NONE = -1
+from scripted_agents.hidden.layout import NONE
 
 
 @compiled

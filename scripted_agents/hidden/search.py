@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pursuit.memory import check_memory
 from pursuit.validation import as_array, number, whole
-from scripted_agents.hidden.game import MIXED, NONE, HiddenCell, model_of, roots_of
+from scripted_agents.hidden.game import HiddenCell, model_of, roots_of
 from scripted_agents.hidden.kernels import (
     SAME,
     evaluate_plans,
@@ -20,6 +20,8 @@ from scripted_agents.hidden.kernels import (
     prune_points,
 )
 from scripted_agents.hidden.layout import (
+    MIXED,
+    NONE,
     LowerBound,
     Model,
     Roots,

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import permutations
 from typing import Any
 
@@ -16,6 +15,7 @@ from pursuit.tasks.task import Task
 from pursuit.validation import as_array, number, whole
 from scripted_agents.duel.best_response import MoveOrder
 from scripted_agents.joint.matrix_games import solve_matrix
+from scripted_agents.joint.results import ChaseSolution
 from scripted_agents.joint.shapley_iteration import (
     Mask,
     Report,
@@ -26,9 +26,7 @@ from scripted_agents.joint.shapley_iteration import (
 )
 from scripted_agents.joint.states import joint_states_of
 from scripted_agents.joint.sweeps import Quantity
-
-MAX_BYTES = 3 * 10**9
-"""Bound on the memory of a solution."""
+from scripted_agents.limits import MAX_CHASE_BYTES, bytes_to_solve
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,39 +72,6 @@ def payoff_matrix(payoff: ArrayLike) -> NDArray[np.float64]:
     if not np.isfinite(matrix).all():
         raise ValueError(f"payoff has entries that are not finite: {matrix[~np.isfinite(matrix)]}")
     return matrix
-
-
-@dataclass(frozen=True, eq=False)
-class ChaseSolution:
-    """The result of `solve_chase`; arrays are read-only, as solutions are cached.
-
-    Attributes:
-        maze: where it is played.
-        values: [chaser cell, evader cell] float64 (with two chasers [chaser cell, chaser cell,
-            evader cell], and so on): the value of the game, 0 if both are in one cell.
-        chaser_policy: [self, other, action] float64, an optimal policy of the chaser. With several
-            chasers [chaser cell, ..., evader cell, joint action], the joint action counting the
-            last chaser's fastest.
-        evader_policy: [self, other, action] float64, an optimal policy of the evader; with several
-            chasers [evader cell, chaser cell, ..., action].
-        mixed: of the shape of `values`, bool: whether the matrix game there has no pure saddle
-            point, so that optimal play must be random.
-        discount: of each step; 1 with a horizon.
-        horizon: the number of steps, or None. The policies are those of the first step.
-        sweeps: of Shapley's iteration.
-    """
-
-    maze: Maze
-    values: NDArray[np.float64] = field(repr=False)
-    chaser_policy: NDArray[np.float64] = field(repr=False)
-    evader_policy: NDArray[np.float64] = field(repr=False)
-    mixed: NDArray[np.bool_] = field(repr=False)
-    discount: float
-    horizon: int | None
-    stay_action: bool
-    move_order: str
-    num_chasers: int
-    sweeps: int
 
 
 MOST_KEPT = 8
@@ -165,7 +130,7 @@ def solve_chase(
         f"{maze.name}, {maze.num_cells} cells and {num_chasers} chaser(s),",
         bytes_to_solve(maze, num_chasers, task.stay_action),
         "take a smaller maze or fewer chasers",
-        MAX_BYTES,
+        MAX_CHASE_BYTES,
     )
     if allowed is not None:
         if num_chasers != 1:
@@ -227,25 +192,25 @@ def _solve(
     chaser_policy[caught] = 1.0 / chaser_policy.shape[1]
     evader_policy[caught] = 1.0 / task.num_actions
     evader_table = np.moveaxis(evader_policy.reshape(*shape, -1), num_chasers, 0)
+    values = values[twins]
+    room = maze.num_cells > num_chasers
     solution = ChaseSolution(
-        maze,
-        values[twins].reshape(shape),
-        chaser_policy.reshape(*shape, -1),
-        np.ascontiguousarray(evader_table),
-        game.mixed[twins].reshape(shape),
-        discount,
-        horizon,
-        task.stay_action,
-        task.move_order,
-        num_chasers,
-        sweeps,
+        values=values.reshape(shape),
+        mean_over_starts=float(states.mean_over_starts(values)) if room else np.nan,
+        policies={
+            "chaser": chaser_policy.reshape(*shape, -1),
+            "evader": np.ascontiguousarray(evader_table),
+        },
+        mixed=game.mixed[twins].reshape(shape),
+        maze=maze,
+        discount=discount,
+        horizon=horizon,
+        stay_action=task.stay_action,
+        move_order=task.move_order,
+        num_chasers=num_chasers,
+        sweeps=sweeps,
     )
-    for array in (
-        solution.values,
-        solution.chaser_policy,
-        solution.evader_policy,
-        solution.mixed,
-    ):
+    for array in (solution.values, solution.mixed, *solution.policies.values()):
         array.flags.writeable = False
     return solution
 
@@ -265,14 +230,3 @@ def _rename(
         # The twin's chaser i is this state's chaser order[i], and so is its part.
         joint = np.ravel_multi_index(tuple(parts[list(order)]), (actions,) * chasers)
         chaser_policy[here] = chaser_policy[twins[here]][:, joint]
-
-
-def bytes_to_solve(maze: Maze, num_chasers: int, stay_action: bool) -> int:
-    """The memory that `solve_chase` needs, about: what follows each pair of options with its
-    chance, a sparse linear system (some 400 bytes a state), policies and values."""
-    actions = maze.num_moves + stay_action
-    ways = [len(set(row)) for row in maze.neighbors[:, :actions].tolist()]
-    pairs = 40 * sum(ways) ** (num_chasers + 1) // math.factorial(num_chasers)
-    policies = 8 * (2 * actions**num_chasers + 2 * actions + 8)
-    system = 400 // math.factorial(num_chasers)
-    return int(pairs + (policies + system) * maze.num_cells ** (num_chasers + 1))

@@ -6,45 +6,14 @@ both want more goals than the other, and in a heist what the chaser loses counts
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-
-import numpy as np
-from numpy.typing import NDArray
-
 from pursuit.tasks.task import Task, checked_task
 from pursuit.validation import number
 from scripted_agents.joint.policy import JointTable
+from scripted_agents.joint.results import JointGame
 from scripted_agents.joint.shapley_iteration import game_of_task, solve_infinite_horizon
-from scripted_agents.joint.states import JointStates, check_joint_states, joint_states_of
+from scripted_agents.joint.states import joint_states_of
 from scripted_agents.joint.sweeps import Quantity
-
-MAX_GAME_STATES = 2_000_000
-"""Above this number of states a game is not solved: minutes, and more than a gigabyte."""
-
-MAX_DISCOUNT = 0.9995
-"""Above this discount value iteration needs more than about 50,000 sweeps."""
-
-
-@dataclass(frozen=True, eq=False)
-class JointGame:
-    """The result of `solve_joint_game`.
-
-    Attributes:
-        states: of the game.
-        values: [states] float64, the discounted lead of the first agent from each state on, when
-            both play an equilibrium; 0 in states that cannot be.
-        mean_over_starts: the mean of `values` over the starts that the task draws.
-        policies: by agent name, the policy in this equilibrium.
-        mixed: number of states without an optimal pure strategy.
-        discount: of the game.
-    """
-
-    states: JointStates = field(repr=False)
-    values: NDArray[np.float64] = field(repr=False)
-    mean_over_starts: float
-    policies: dict[str, JointTable] = field(repr=False)
-    mixed: int
-    discount: float
+from scripted_agents.limits import MAX_DISCOUNT, MAX_GAME_STATES, check_joint_states
 
 
 def solve_joint_game(
@@ -84,5 +53,11 @@ def solve_joint_game(
         name: JointTable(states, (seat,), table)
         for seat, (name, table) in enumerate(zip(task.agent_names, game.strategies(), strict=True))
     }
-    mean, mixed = float(states.mean_over_starts(values)), int(game.mixed.sum())
-    return JointGame(states, values, mean, policies, mixed, discount)
+    return JointGame(
+        values=values,
+        mean_over_starts=float(states.mean_over_starts(values)),
+        policies=policies,
+        mixed=game.mixed,
+        states=states,
+        discount=discount,
+    )

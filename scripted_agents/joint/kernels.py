@@ -18,11 +18,8 @@ from pursuit.compilation.compiled import compiled, inlined, subroutine
 from pursuit.rules import layout
 from pursuit.rules.layout import Games, Outcome, Rules, StepScratch, Teams, World
 from pursuit.rules.step import step
-from scripted_agents.joint.layout import Numbering, Objective, Players, Quantities, Store, Workspace
-
-TIE = 1e-12
-"""Difference, relative to the value, below which two actions count as equally good."""
-
+from scripted_agents.joint.layout import Backup, Numbering, Players, Quantities, Store, Workspace
+from scripted_agents.tolerances import TIE
 
 # -- numbers ---------------------------------------------------------------------------------------
 
@@ -60,7 +57,7 @@ def number_of(games: Games, game: int, teams: Teams, cells: int, numbering: Numb
 
 
 @inlined
-def put(
+def write_state(
     games: Games, game: int, state: int, group: int, teams: Teams, cells: int, numbering: Numbering
 ) -> None:
     """Write a state into a game. Captured evaders are in the cell of the first chaser."""
@@ -119,7 +116,7 @@ def fill_games(
     group = 0
     for game in range(real.shape[0]):
         group = group_at(first + game, group, numbering)
-        put(games, game, first + game, group, teams, cells, numbering)
+        write_state(games, game, first + game, group, teams, cells, numbering)
         real[game] = can_be(games, game, teams)
 
 
@@ -136,7 +133,7 @@ def fill_numbers(
 
 
 @inlined
-def put_back(games: Games, rules: Rules, work: Workspace) -> None:
+def restore_game(games: Games, rules: Rules, work: Workspace) -> None:
     """The game as it was before the step."""
     for agent in layout.agents_of(rules.teams):
         games.position[0, agent] = work.cells[agent]
@@ -206,7 +203,7 @@ def list_options(rules: Rules, world: World, players: Players, state: int, work:
 
 
 @inlined
-def take(players: Players, work: Workspace, first: int, last: int, actions: int) -> float:
+def write_actions(players: Players, work: Workspace, first: int, last: int, actions: int) -> float:
     """Write the actions of these players in the options that they pick; the chance of the picks."""
     chance = 1.0
     for back in range(last - first):
@@ -258,7 +255,7 @@ def expand(
     store.shape[state, 2] = work.many[0]
     pair, edge = store.pairs[state], store.edges[state]
     for own in range(ours):
-        take(players, work, 0, players.deciding, rules.num_actions)
+        write_actions(players, work, 0, players.deciding, rules.num_actions)
         pick_next(work, 0, players.deciding)
         joint = 0
         for seat in range(players.deciding):
@@ -270,9 +267,9 @@ def expand(
                 lasts |= quantities.lasting[q, agent] & work.active[agent]
             store.sides[edge + own * number + q] = lasts
         for other in range(theirs):
-            chance = take(players, work, players.deciding, all_players, rules.num_actions)
+            chance = write_actions(players, work, players.deciding, all_players, rules.num_actions)
             pick_next(work, players.deciding, all_players)
-            put_back(games, rules, work)
+            restore_game(games, rules, work)
             ended = step(games, 0, work.actions, rules, world, plan, outcome) == layout.TERMINATED
             following = int(np.int64(-1))
             if not ended:
@@ -306,7 +303,7 @@ def entry_for(duel: bool) -> Any:
             if store.pairs[state + 1] == store.pairs[state]:
                 continue
             group = group_at(state, group, numbering)
-            put(games, 0, state, group, teams, int(world.num_cells[0]), numbering)
+            write_state(games, 0, state, group, teams, int(world.num_cells[0]), numbering)
             expand(
                 games, rules, world, plan, outcome, numbering, players, quantities, work,
                 store, state,
@@ -322,7 +319,7 @@ FILL_STORE = {duel: entry_for(duel) for duel in (True, False)}
 
 
 @inlined
-def back_up(store: Store, state: int, work: Workspace, aim: Objective, values: Any) -> int:
+def back_up(store: Store, state: int, work: Workspace, backup: Backup, values: Any) -> int:
     """Compute the values of a state into `work.best`; return the joint action chosen."""
     number, ours, theirs = work.sums.shape[0], store.shape[state, 0], store.shape[state, 1]
     edge, pair = store.edges[state], store.pairs[state]
@@ -336,8 +333,8 @@ def back_up(store: Store, state: int, work: Workspace, aim: Objective, values: A
                 for q in range(number):
                     work.sums[q] += store.sides[chances + other] * values[after, q]
         for q in range(number):
-            work.sums[q] = store.sides[edge + own * number + q] + aim.discount * work.sums[q]
-        first = aim.sign * work.sums[0]
+            work.sums[q] = store.sides[edge + own * number + q] + backup.discount * work.sums[q]
+        first = backup.sign * work.sums[0]
         if first < bound:
             bound, chosen = first - TIE * max(1.0, abs(first)), own
         if first < least or own == 0:
@@ -349,7 +346,7 @@ def back_up(store: Store, state: int, work: Workspace, aim: Objective, values: A
 
 @compiled
 def sweep(
-    work: Workspace, store: Store, aim: Objective, values: Any, target: Any, choice: Any,
+    work: Workspace, store: Store, backup: Backup, values: Any, target: Any, choice: Any,
     segments: Any, changes: Any,
 ) -> None:  # fmt: skip
     """Back up all states of `segments` [n, 2] (first state, and the one after the last) once.
@@ -361,10 +358,10 @@ def sweep(
         for state in range(segments[segment, 0], segments[segment, 1]):
             if store.shape[state, 0] == 0:
                 continue
-            choice[state] = back_up(store, state, work, aim, values)
+            choice[state] = back_up(store, state, work, backup, values)
             for q in range(work.best.shape[0]):
                 worth = work.best[q]
-                if aim.only_whether:
+                if backup.only_whether:
                     worth = 1.0 if worth > 0.0 else 0.0
                 changes[segment, 0] = max(changes[segment, 0], abs(worth - values[state, q]))
                 changes[segment, 1] = max(changes[segment, 1], abs(worth))

@@ -59,7 +59,7 @@ class Quantities(NamedTuple):
     ending: Any
 
 
-class Objective(NamedTuple):
+class Backup(NamedTuple):
     """What is made of the first quantity: as little as possible, with `sign` -1 as much.
 
     discount: of what the next step counts. only_whether: 1 for values above 0.

@@ -13,8 +13,6 @@ SADDLE = 1e-12
 """Relative difference below which the pure maximin and minimax count as equal."""
 
 SMALLEST_PIVOT = 1e-11
-TIE = 1e-12
-"""Relative difference below which two options count as equally good."""
 
 BLAND_AFTER = 40
 """Pivots by the largest coefficient; from then on by Bland's rule (1977), which cannot cycle."""

@@ -2,40 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Literal
 
 from pursuit.tasks.task import Task, checked_task
 from pursuit.validation import check_bool, one_of
 from scripted_agents.joint.opponents import Policies
+from scripted_agents.joint.results import JointNashConv
 from scripted_agents.joint.solver import evaluate_joint, solve_joint
-from scripted_agents.joint.states import MAX_STATES
-
-
-@dataclass(frozen=True)
-class JointNashConv:
-    """The result of `joint_nash_conv`, in returns or leads: means over the starts.
-
-    Attributes:
-        returns: by player, its return when all play the policies.
-        best: by player, its best response return while the others play them.
-    """
-
-    returns: dict[str, float]
-    best: dict[str, float]
-
-    @property
-    def gains(self) -> dict[str, float]:
-        """By player, what it could gain, >= 0; 0 for all of them in a Nash equilibrium."""
-        return {
-            player: max(self.best[player] - achieved, 0.0)  # below 0: the error of the solver
-            for player, achieved in self.returns.items()
-        }
-
-    @property
-    def nash_conv(self) -> float:
-        """The sum of the gains (Lanctot et al., 2017)."""
-        return sum(self.gains.values())
+from scripted_agents.limits import MAX_STATES
 
 
 def joint_nash_conv(

@@ -16,9 +16,7 @@ from scripted_agents.agents.scripted import MoveSets, Scripted
 from scripted_agents.agents.table_policy import TablePolicy
 from scripted_agents.joint.policy import JointPlan
 from scripted_agents.joint.states import JointStates
-
-TOLERANCE = 1e-4
-"""Largest difference from 1 of the sum of a distribution, for those of networks."""
+from scripted_agents.tolerances import NETWORK_SUM_TOLERANCE
 
 Policies = Mapping[str, Policy | ArrayLike]
 
@@ -91,6 +89,11 @@ def why_no_distribution(task: Task, seats: Sequence[int], policies: Policies) ->
     return None
 
 
+def has_distributions(task: Task, policies: Policies) -> bool:
+    """Whether the distributions of all policies are known in the games of this task."""
+    return why_no_distribution(task, range(task.num_agents), policies) is None
+
+
 def players_of(policies: Mapping[int, DistributionPolicy]) -> list[tuple[int, ...]]:
     """The seats of each player: those of one policy that draws their actions together are one."""
     found: dict[int, list[int]] = {}
@@ -124,15 +127,15 @@ def lay_out_others(
         if isinstance(policy, Scripted):
             known = MoveSets(task.num_moves, task.stay_action)
         for first, games, real in states.chunks():
-            some = slice(first, first + len(real))
+            part = slice(first, first + len(real))
             if isinstance(policy, Scripted):
                 moves = policy.moves(task, games, seats[0])
-                codes[number, some] = begins + width * known.numbers(moves[:, 0], moves[:, 1])
+                codes[number, part] = begins + width * known.numbers(moves[:, 0], moves[:, 1])
                 continue
             playing = real & (games.active[:, seats] != 0).any(axis=1)
             found = _checked(_drawn_by(policy, task, games, seats), playing, task, seats, policy)
             rows.append(found.ravel())
-            codes[number, some] = begins + width * np.arange(first, first + len(real))
+            codes[number, part] = begins + width * np.arange(first, first + len(real))
         if isinstance(policy, Scripted):
             rows.append(known.rows(policy.epsilon).ravel())
         begins = sum(map(len, rows))
@@ -164,7 +167,7 @@ def _checked(
         ValueError: no distribution.
     """
     total = found.sum(axis=1, keepdims=True)
-    fine = (np.abs(total[:, 0] - 1.0) < TOLERANCE) & (found >= 0.0).all(axis=1)
+    fine = (np.abs(total[:, 0] - 1.0) < NETWORK_SUM_TOLERANCE) & (found >= 0.0).all(axis=1)
     if found.shape[1] != task.num_actions ** len(seats) or not fine[playing].all():
         raise ValueError(
             f"{policy!r} of {task.agent_names[seats[0]]} returned no distribution over "

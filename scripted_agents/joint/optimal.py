@@ -11,20 +11,16 @@ from numpy.typing import NDArray
 from pursuit.mazes.maze import Maze, load_maze
 from pursuit.rules.layout import Games
 from pursuit.simulator.policy import GameView, TabularPolicy, role_of
-from pursuit.tasks.task import MOVE_ORDERS, ROLES, Task, checked_task
+from pursuit.tasks.task import MOVE_ORDERS, Task
 from pursuit.validation import check_bool, check_discount, check_probability, one_of
 from scripted_agents.agents.table_policy import TablePolicy
 from scripted_agents.duel.best_response import MoveOrder, best_response
-from scripted_agents.joint.equilibrium import bytes_to_solve, solve_chase
+from scripted_agents.joint.equilibrium import solve_chase
 from scripted_agents.joint.policy import JointTable
 from scripted_agents.joint.states import joint_states_of
-from scripted_agents.joint.teams import why_not_team_chase
-from scripted_agents.tours.tour import MAX_EXACT_GOALS
+from scripted_agents.limits import check_optimal
 
 Role = Literal["chaser", "evader"]
-
-MAX_TEAM_BYTES = 15 * 10**8
-"""Bound on the memory of the solution that a team plays."""
 
 
 class ExactAgent(ABC):
@@ -235,43 +231,6 @@ class BestResponder(ExactAgent):
         table = table_of(self.opponent, maze, stay_action, move_order)
         arguments = (None, self.discount, stay_action, move_order)
         return best_response(self.role, maze, table, *arguments).policy
-
-
-def why_not_optimal(task: Task, role: str) -> str | None:
-    """The reason why the optimal agent of a role is not known in a task; None if it is.
-
-    Known for chasers, as a team that moves as one, and the evader of a chase of one evader without
-    goals, while the joint solution fits into MAX_TEAM_BYTES (half a minute on 9x9 with two
-    chasers); and for a runner alone, up to MAX_EXACT_GOALS goals.
-    """
-    if one_of("role", role, ROLES) == "runner":
-        if checked_task(task).num_agents > 1:
-            return f"a runner among {task.num_agents} agents has no known optimum"
-        if task.num_goals > MAX_EXACT_GOALS:
-            return f"{task.num_goals} goals; tours are exact up to {MAX_EXACT_GOALS}"
-        return None
-    obstacle = why_not_team_chase(task)
-    if obstacle is not None:
-        return f"chases of one evader without goals in one maze are solved, not {obstacle}"
-    if task.is_duel:
-        return None
-    needed = bytes_to_solve(task.mazes[0], task.num_chasers, task.stay_action)
-    if needed > MAX_TEAM_BYTES:
-        return (
-            f"{task.num_chasers} chasers on {task.max_cells} cells need {needed:,} bytes to be "
-            f"solved together; at most {MAX_TEAM_BYTES:,} are used"
-        )
-    return None
-
-
-def check_optimal(task: Task, role: str) -> None:
-    """ValueError, with the reason, if the optimal agent of a role is not known in a task."""
-    reason = why_not_optimal(task, role)
-    if reason is not None:
-        raise ValueError(
-            f"{'optimal' if role == 'runner' else 'equilibrium'} {role} of task {task.name!r}: not "
-            f"known: {reason}. Take astar, or a smaller game"
-        )
 
 
 def table_of(

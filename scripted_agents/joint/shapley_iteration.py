@@ -13,20 +13,16 @@ from scripted_agents.joint.matrix_games import fill_strategies, sweep_games
 from scripted_agents.joint.opponents import OtherPolicies
 from scripted_agents.joint.states import JointStates
 from scripted_agents.joint.sweeps import Problem, Quantity, filled_store
+from scripted_agents.tolerances import JOINT_TOLERANCE, MAX_SWEEPS
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-TOLERANCE = 1e-10
-"""How exact the values are, relative to the largest, where floats allow it."""
-
 SPACINGS = 8
 """Changes below this many spacings of floats at the largest value are rounding."""
 
-MIXED = 1e-7
+LEAST_MIXED = 1e-7
 """Difference in value above which optimal play must be random; the values are that exact."""
-
-MAX_SWEEPS = 100_000
 
 STATES_A_REPORT = 20_000
 """States between two reports: some tenths of a second."""
@@ -155,7 +151,7 @@ class StochasticGame:
         if self._lotteries is not None:
             later = np.concatenate([values, self._lotteries @ values])
         target = np.zeros(self.count)
-        least_mixed = max(MIXED, SPACINGS * 10 * float(np.spacing(np.abs(values).max())))
+        least_mixed = max(LEAST_MIXED, SPACINGS * 10 * float(np.spacing(np.abs(values).max())))
         change = 0.0
         for first in range(0, self.count, STATES_A_REPORT):
             last = min(first + STATES_A_REPORT, self.count)
@@ -244,7 +240,7 @@ def solve_infinite_horizon(game: StochasticGame) -> tuple[Values, int]:
             continue
         largest = max(1.0, float(np.abs(following).max()))
         smallest = max(
-            TOLERANCE * largest * (1.0 - discount) / discount,
+            JOINT_TOLERANCE * largest * (1.0 - discount) / discount,
             SPACINGS * float(np.spacing(largest)),
         )
         if change <= smallest:

@@ -7,13 +7,12 @@ of `pursuit.rules`. It solves chases with teams, several evaders, races and heis
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.rules.layout import Games
 from pursuit.tasks.task import Task, checked_task
 from pursuit.validation import check_discount, one_of, whole
 from scripted_agents.joint.opponents import (
@@ -23,76 +22,19 @@ from scripted_agents.joint.opponents import (
     policies_of,
 )
 from scripted_agents.joint.policy import JointPlan
-from scripted_agents.joint.states import (
+from scripted_agents.joint.results import JointResponse, JointValues
+from scripted_agents.joint.states import JointStates, joint_states_of
+from scripted_agents.joint.sweeps import Problem, Quantity, Sweeper
+from scripted_agents.limits import (
+    MAX_PLAN_BYTES,
     MAX_STATES,
-    JointStates,
     check_joint_states,
-    joint_states_of,
+    why_not_team_chase,
 )
-from scripted_agents.joint.sweeps import MAX_SWEEPS, Problem, Quantity, Sweeper
-
-MAX_PLAN_BYTES = 5 * 10**8
-"""Bound on a plan for every step; above it the plan of the first step is used in all steps."""
+from scripted_agents.tolerances import MAX_SWEEPS
 
 Objective = Literal["steps", "return", "lead"]
 OBJECTIVES = ("steps", "return", "lead")
-
-
-@dataclass(frozen=True, eq=False)
-class JointResponse:
-    """The result of `solve_joint`.
-
-    Attributes:
-        agents: the names of the responding agents, which act jointly.
-        objective: "steps", "return" or "lead".
-        states: of the game; `states.numbers(games)` returns those of games.
-        values: [states] float64, expected steps from each state until the game is over (or no
-            responding agent is free), the last included, or the sum of the responders' returns; up
-            to the horizon. With a discount the step t = 0, 1, ... counts discount**t. 0 in states
-            that cannot occur between steps.
-        mean_over_starts: the mean of `values` over the starts that the task draws.
-        policy: a `Policy` for `agents`.
-        reaches_values: whether the policy attains the values exactly; False if a plan for every
-            step does not fit into MAX_PLAN_BYTES, so that the plan of the first step is used.
-        horizon, discount: of the problem.
-    """
-
-    agents: tuple[str, ...]
-    objective: str
-    states: JointStates = field(repr=False)
-    values: NDArray[np.float64] = field(repr=False)
-    mean_over_starts: float
-    policy: JointPlan = field(repr=False)
-    reaches_values: bool
-    horizon: int | None
-    discount: float
-
-    def values_of(self, games: Games) -> NDArray[np.float64]:
-        """[games] float64, the values of games of the task, such as `Simulator.games`; 0 for games
-        that are over."""
-        numbers = self.states.numbers(games)
-        return np.where(numbers < 0, 0.0, self.values[np.maximum(numbers, 0)])
-
-
-@dataclass(frozen=True, eq=False)
-class JointValues:
-    """The result of `evaluate_joint`, with discount and horizon as in `JointResponse`.
-
-    Attributes:
-        states: of the game.
-        length: the mean over starts of the steps until the game is over.
-        ended: the mean probability that it terminates within the horizon (discounted by its step).
-        steps: by agent, the mean steps until it is captured or the game is over.
-        returns: by agent, its mean return; empty with a custom reward function.
-        values: [states] float64 of each of "length", "ended", "steps of NAME", "return of NAME".
-    """
-
-    states: JointStates = field(repr=False)
-    length: float
-    ended: float
-    steps: dict[str, float]
-    returns: dict[str, float]
-    values: dict[str, NDArray[np.float64]] = field(repr=False)
 
 
 def solve_joint(
@@ -155,7 +97,15 @@ def solve_joint(
     names = tuple(task.agent_names[seat] for seat in seats)
     plan = JointPlan(states, seats, choices)
     return JointResponse(
-        names, objective, states, values[:, 0], mean, plan, exact, horizon, discount
+        agents=names,
+        objective=objective,
+        states=states,
+        values=values[:, 0],
+        mean_over_starts=mean,
+        policies=dict.fromkeys(names, plan),
+        reaches_values=exact,
+        horizon=horizon,
+        discount=discount,
     )
 
 
@@ -223,6 +173,88 @@ def quantities_of(
         _check_end(problem, for_all=True)
     values, _, _ = _solve(problem, horizon, keep=False)
     return states, values
+
+
+# -- the chase of one evader by a team -------------------------------------------------------------
+
+
+def best_team_response(
+    task: Task, role: str, policies: Policies, horizon: int | None = 200, discount: float = 1.0
+) -> JointResponse:
+    """The exact best response of a side of a chase, acting as one player, to fixed policies.
+
+    Chasers minimise the expected steps until capture, the evader maximises them: `solve_joint` with
+    the objective "steps", and values [chaser cell, ..., evader cell].
+
+    Args:
+        task: a chase of one evader by one or more chasers in one maze, with random starts.
+        role: "chaser" or "evader"; or one agent ("chaser_1"), the others playing `policies`.
+        policies: of all other agents, by agent name or role; a name goes first.
+        horizon: the number of steps after which the game is cut, or None.
+        discount: what a step counts in terms of the one before it; above 0, at most 1, and below 1
+            without a horizon.
+
+    Raises:
+        ValueError: another task; a policy that is missing, or no known distribution; arguments
+            outside these limits; a game that does not fit into memory.
+    """
+    _check_team(task, horizon, discount)
+    one_of("role", role, ("chaser", "evader", *task.agent_names))
+    best = solve_joint(task, role, policies, horizon, discount)
+    return replace(best, values=_by_cells(best.values, task))
+
+
+def evaluate_team(
+    task: Task, policies: Policies, horizon: int | None = 200, discount: float = 1.0
+) -> NDArray[np.float64]:
+    """The expected number of steps until capture when all agents play `policies`.
+
+    The same quantity as `best_team_response(...).values`, arguments and errors as there.
+    """
+    _check_team(task, horizon, discount)
+    wanted = {"length": lengths_of(task)["length"]}
+    _, values = quantities_of(task, policies, wanted, horizon, discount)
+    return _by_cells(values[:, 0], task)
+
+
+def team_survival(
+    task: Task, policies: Policies, horizon: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """`evaluate_team` for a horizon, and the probability of no capture within it."""
+    _check_team(task, horizon, 1.0)
+    _, values = quantities_of(task, policies, lengths_of(task), horizon, 1.0)
+    length, ended = (_by_cells(values[:, quantity], task) for quantity in range(2))
+    return length, np.where(length > 0.0, 1.0 - ended, 0.0)
+
+
+def mean_over_team_starts(
+    values: NDArray[np.float64], task: Task, least: int | None = None
+) -> float:
+    """The mean of `values` [chaser cell, ..., evader cell] over the starts that the game draws.
+
+    All agents are in different cells, every chaser at least `least` steps from the evader (the
+    task's `min_start_distance` if left out), all such placements equally likely.
+
+    Raises:
+        ValueError: there is no such placement.
+    """
+    return float(joint_states_of(task).mean_over_starts(np.ravel(values), least))
+
+
+def _by_cells(values: NDArray[np.float64], task: Task) -> NDArray[np.float64]:
+    """[chaser cell, ..., evader cell] from [states], which are numbered in this order."""
+    return values.reshape((task.max_cells,) * task.num_agents)
+
+
+def _check_team(task: Task, horizon: int | None, discount: float) -> None:
+    obstacle = why_not_team_chase(task)
+    if obstacle is not None or task.start != "random":
+        raise ValueError(
+            f"task {task.name!r} has {obstacle or 'starts at marks'}; chases of one evader by any "
+            "number of chasers, without goals and in one maze with random starts, are solved here"
+        )
+    if horizon is None and discount == 1.0:
+        raise ValueError("discount 1.0; below 1 where there is no horizon")
 
 
 # -- solving ---------------------------------------------------------------------------------------

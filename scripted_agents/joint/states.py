@@ -16,76 +16,16 @@ from math import comb
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.mazes.maze import MAX_TABLE_CELLS
-from pursuit.memory import check_memory
 from pursuit.rules import layout
 from pursuit.rules.layout import Games
-from pursuit.tasks.task import Task, checked_task
+from pursuit.tasks.task import Task
 from pursuit.validation import as_array, whole
 from scripted_agents.joint.kernels import fill_games, fill_numbers
 from scripted_agents.joint.layout import Numbering
-
-MAX_STATES = 10**8
-"""Above this number of states a game is not solved."""
-
-MAX_BYTES = 8 * 10**9
-"""Nor above this much memory."""
+from scripted_agents.limits import count_joint_states
 
 AT_ONCE = 65_536
 """States that are looked at in one pass, where all at once would not fit into memory."""
-
-REMEDY = "take a smaller maze, fewer agents or fewer goals, or play episodes"
-
-
-def count_joint_states(task: Task) -> int:
-    """How many states a task has, counted without making any.
-
-    The sum over the sets of free evaders (one at least, where there are evaders) of n to the number
-    of free agents, times the sets of 1 to `num_goals` of the n cells (1 where there are no goals).
-
-    Raises:
-        ValueError: the task is played in several mazes.
-    """
-    if len(checked_task(task).mazes) > 1:
-        raise ValueError(
-            f"task {task.name!r} is played in {len(task.mazes)} mazes; states are counted and "
-            "solved in one: give one maze"
-        )
-    cells, evaders = task.max_cells, task.num_evaders
-    others = task.num_chasers + task.num_runners
-    places = sum(
-        comb(evaders, free) * cells ** (others + free)
-        for free in range(min(evaders, 1), evaders + 1)
-    )
-    sets = sum(comb(cells, left) for left in range(1, task.num_goals + 1))
-    return places * (sets if task.num_goals else 1)
-
-
-def check_joint_states(task: Task, most: int = MAX_STATES, each: int = 0) -> int:
-    """The number of states of a task, if it is not too large to be solved.
-
-    Args:
-        task: the game.
-        most: states that are solved.
-        each: bytes that a state takes.
-
-    Raises:
-        ValueError: more states than `most`, more memory than MAX_BYTES or than is free, or a task
-            that has no states (`count_joint_states`).
-    """
-    states, most = count_joint_states(task), whole("most_states", most, 1, 2**63)
-    size_text = (
-        f"task {task.name!r} on {task.mazes[0].name}: {states:,} states ({task.max_cells} cells, "
-        f"{task.num_agents} agents, {task.num_goals} goals)"
-    )
-    if states > most:
-        raise ValueError(f"{size_text}; at most {most:,} are solved: {REMEDY}")
-    if task.max_cells > MAX_TABLE_CELLS:
-        raise ValueError(f"{size_text}; mazes are solved up to {MAX_TABLE_CELLS} cells: {REMEDY}")
-    sets = sum(comb(task.max_cells, left) for left in range(1, task.num_goals + 1))
-    needed = states * each + 4 * sets * task.num_goals
-    check_memory(size_text, needed, REMEDY, MAX_BYTES)
-    return states
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,31 +17,20 @@ from pursuit.mazes.maze_arrays import lay_out
 from pursuit.memory import check_memory
 from pursuit.rules import layout
 from scripted_agents.joint.kernels import FILL_STORE, sweep
-from scripted_agents.joint.layout import Objective, Players, Quantities, Store, Workspace
+from scripted_agents.joint.layout import Backup, Players, Quantities, Store, Workspace
 from scripted_agents.joint.opponents import OtherPolicies
 from scripted_agents.joint.states import JointStates
+from scripted_agents.limits import MAX_STORE_BYTES
+from scripted_agents.tolerances import JOINT_TOLERANCE, MAX_SWEEPS, MAX_THREADS, WINDOW
 
 SAME = 1e-14
 """Change, relative to the largest value, below which backward induction has converged."""
-
-WINDOW = 9
-"""Number of consecutive changes from which their rate of decrease is estimated."""
-
-MAX_STORE_BYTES = 8 * 10**9
-"""Bound on the memory of all transitions."""
-
-TOLERANCE = 1e-10
-"""Error of a converged state, relative to the largest value of its set."""
-
-MAX_SWEEPS = 100_000
 
 MOST_TOGETHER = 16_384
 """States of one part of a sweep: the parts are shared out to threads."""
 
 THREADED_STATES = 100_000
 """From this number of states on a sweep is worth sharing out to threads."""
-
-MAX_THREADS = 8
 
 
 @dataclass(frozen=True)
@@ -177,7 +166,7 @@ class Sweeper:
     ) -> None:
         self.problem, self.values, self.choice = problem, values, choice
         self.store = filled_store(problem)
-        self._aim = Objective(problem.sign, problem.discount, problem.only_whether)
+        self._backup = Backup(problem.sign, problem.discount, problem.only_whether)
         self._threads = threads_for(len(values))
         self._rooms = [problem.workspace() for _ in range(self._threads)]
         self._pool = ThreadPoolExecutor(self._threads)
@@ -206,8 +195,8 @@ class Sweeper:
                     past, now = now, np.zeros_like(now)
                 done = change <= 1e-15 * scale
                 if discount < 1.0:
-                    done |= change * discount <= (1.0 - discount) * TOLERANCE * scale
-                done |= (rate < 1.0) & (change * rate <= (1.0 - rate) * TOLERANCE * scale)
+                    done |= change * discount <= (1.0 - discount) * JOINT_TOLERANCE * scale
+                done |= (rate < 1.0) & (change * rate <= (1.0 - rate) * JOINT_TOLERANCE * scale)
                 going = going[~done]
                 if len(going) == 0:
                     break
@@ -238,10 +227,10 @@ class Sweeper:
         bounds = [len(segments) * i // self._threads for i in range(self._threads + 1)]
 
         def part(number: int) -> None:
-            some = slice(bounds[number], bounds[number + 1])
+            own = slice(bounds[number], bounds[number + 1])
             sweep(
-                self._rooms[number], self.store, self._aim, self.values, target, self.choice,
-                segments[some], changes[some],
+                self._rooms[number], self.store, self._backup, self.values, target, self.choice,
+                segments[own], changes[own],
             )  # fmt: skip
 
         if self._threads == 1:
@@ -281,8 +270,8 @@ def filled_store(problem: Problem, wanted: NDArray[np.bool_] | None = None) -> S
     def part(number: int) -> None:
         memory = layout.allocate(1, task.num_agents, task.num_goals)
         memory = memory._replace(rewards=memory.rewards.astype(np.float64))
-        some = bounds[number], bounds[number + 1]
-        FILL_STORE[task.is_duel](memory, *problem.for_kernels(), problem.workspace(), store, *some)
+        own = bounds[number], bounds[number + 1]
+        FILL_STORE[task.is_duel](memory, *problem.for_kernels(), problem.workspace(), store, *own)
 
     with ThreadPoolExecutor(threads) as pool:
         list(pool.map(part, range(threads)))
@@ -297,12 +286,12 @@ def _empty_store(problem: Problem, wanted: NDArray[np.bool_] | None) -> Store:
     pairs, edges = np.zeros((2, states.count + 1), dtype=np.int64)
     for first, games, real in states.chunks():
         last = first + len(real)
-        some = real if wanted is None else real & wanted[first:last]
+        kept = real if wanted is None else real & wanted[first:last]
         options = np.where(games.active != 0, ways[games.position], 1)
         ours = options[:, list(problem.deciding)].prod(axis=1)
         theirs = options.prod(axis=1) // ours
-        pairs[first + 1 : last + 1] = ours * theirs * some
-        edges[first + 1 : last + 1] = (ours * number + theirs) * some
+        pairs[first + 1 : last + 1] = ours * theirs * kept
+        edges[first + 1 : last + 1] = (ours * number + theirs) * kept
     np.cumsum(pairs, out=pairs)
     np.cumsum(edges, out=edges)
     check_memory(

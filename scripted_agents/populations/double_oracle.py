@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from pursuit.mazes.maze import Maze, load_maze
 from pursuit.validation import number
 from scripted_agents.duel.best_response import MoveOrder, best_response, mean_over_starts
-from scripted_agents.joint.equilibrium import ChaseSolution, solve_chase
+from scripted_agents.joint.equilibrium import solve_chase
+from scripted_agents.joint.results import ChaseSolution
 from scripted_agents.populations.uniform import uniform_table
 
 

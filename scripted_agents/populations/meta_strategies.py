@@ -10,17 +10,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from pursuit.validation import number, one_of
 from scripted_agents.joint.equilibrium import payoff_matrix, solve_matrix_game
+from scripted_agents.limits import MAX_PROFILES
+from scripted_agents.tolerances import TIE
 
 MetaKind = Literal["nash", "uniform", "alpha-rank"]
 
 MUTATION = 0.01
 """Probability that a worse strategy replaces a better one in alpha-rank: OpenSpiel's default."""
-
-MAX_PROFILES = 2500
-"""Bound on rows * columns in alpha-rank, which solves a dense linear system of this size."""
-
-SAME = 1e-12
-"""Relative difference below which two payoffs count as equal."""
 
 Strategy = NDArray[np.float64]
 
@@ -84,7 +80,7 @@ def alpha_rank(payoff: ArrayLike) -> NDArray[np.float64]:
         )
     if count == 1:
         return np.ones((1, 1))
-    close = SAME * float(np.abs(matrix).max())
+    close = TIE * float(np.abs(matrix).max())
     chain = np.zeros((m, n, m, n))
     rows, columns = np.arange(m), np.arange(n)
     # [i, j, k]: from the pair (i, j) to the row, or the column, k.

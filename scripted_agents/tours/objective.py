@@ -14,13 +14,8 @@ import numpy as np
 from pursuit.mazes.maze import MAX_TABLE_CELLS, Maze
 from pursuit.memory import free_memory
 from pursuit.rules import UNREACHABLE
+from scripted_agents.limits import MAX_TOUR_BYTES, MAX_TOUR_WORK
 from scripted_agents.tours.objective_kernels import GoalPaths, Layer, one_goal_more, sum_of_lengths
-
-MAX_STEPS_OF_WORK = 3_000_000_000
-"""Above this number of triples (set of goals, next goal, cell) it is unknown: some seconds."""
-
-MAX_BYTES = 10**9
-"""Above this size of tables it is unknown."""
 
 
 def tour_objective_gap(
@@ -59,8 +54,8 @@ def tour_objective_gap(
     work = sum(comb(cells, i) * i * cells for i in range(1, num_goals + 1))
     # Values and both lengths of two layers; the last layer is only summed.
     needed = 12 * cells * sum(comb(cells, i) for i in (num_goals - 1, num_goals - 2) if i >= 0)
-    free = min(MAX_BYTES, free_memory())
-    if work > MAX_STEPS_OF_WORK or needed > free or (maze.distances == UNREACHABLE).any():
+    free = min(MAX_TOUR_BYTES, free_memory())
+    if work > MAX_TOUR_WORK or needed > free or (maze.distances == UNREACHABLE).any():
         return None
     distances = np.ascontiguousarray(maze.distances.T, dtype=np.int16)
     shrinks = discount ** distances.astype(np.float64)

@@ -11,9 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pursuit.compilation.compiled import allocating, compiled
-
-TIE = 1e-12
-"""Relative difference below which two tours count as equally good."""
+from scripted_agents.tolerances import TIE
 
 
 class GoalPaths(NamedTuple):

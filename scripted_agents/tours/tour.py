@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from pursuit.mazes.maze import MAX_TABLE_CELLS, Maze, load_maze
 from pursuit.rules import UNREACHABLE, seed_streams
 from pursuit.validation import as_array, whole
+from scripted_agents.limits import MAX_ENUMERATED_PLACEMENTS, why_no_tour
 from scripted_agents.tours.kernels import (
     draw_placements,
     held_karp,
@@ -19,12 +20,6 @@ from scripted_agents.tours.kernels import (
     sum_of_tours,
     tours_by_table,
 )
-
-MAX_EXACT_GOALS = 18
-"""Maximum number of goals of exact tours."""
-
-MAX_ENUMERATED_PLACEMENTS = 2_000_000_000
-"""Above this number of placements `expected_tour_length` draws samples."""
 
 
 @dataclass(frozen=True)
@@ -184,10 +179,9 @@ def tour_lengths(maze: Maze, starts: ArrayLike, goals: ArrayLike) -> NDArray[np.
 
 
 def _check_number(maze: Maze, num_goals: int) -> None:
-    if num_goals > MAX_EXACT_GOALS:
-        raise ValueError(
-            f"{maze.name}: {num_goals} goals; shortest tours are exact for up to {MAX_EXACT_GOALS}"
-        )
+    reason = why_no_tour(num_goals)
+    if reason is not None:
+        raise ValueError(f"{maze.name}: {reason}")
 
 
 # -- the mean over placements ----------------------------------------------------------------------

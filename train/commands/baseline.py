@@ -8,17 +8,15 @@ from typing import Annotated
 
 from pursuit.validation import at_least
 from scripted_agents import why_not_team_chase
-from scripted_agents.tours.tour import MAX_EXACT_GOALS, expected_tour_length, num_states
+from scripted_agents.limits import MAX_EVALUATED_WORK, is_single_runner, why_no_tour
+from scripted_agents.tours.tour import expected_tour_length, num_states
 from train.commands.parse import default_task, options_in, parse
 from train.commands.scores import (
-    certificate_of,
     print_bounds,
     print_scores,
     print_whole_game,
 )
 from train.evaluation.arm_contest import ArmContest
-from train.evaluation.contest import GameContest
-from train.evaluation.joint_contest import MAX_EVALUATED_WORK
 from train.evaluation.suite_contest import SuiteContest
 from train.runs.unused_settings import check_unused_task_settings
 from train.settings.checks import Settings
@@ -47,11 +45,10 @@ def baseline(arguments: Sequence[str]) -> None:
     contest = contest_of(given.task, given.episodes, given.seed)
     if isinstance(contest, SuiteContest):
         contest = replace(contest, exact=True)
-    if isinstance(contest, GameContest):
-        contest = replace(contest, most_work=MAX_EVALUATED_WORK)
+    contest = contest.solved_up_to(MAX_EVALUATED_WORK)
     print(contest.line())
     scores = contest.baselines()
-    print_scores(scores, contest, certificate_of(contest))
+    print_scores(scores, contest)
     if isinstance(contest, ArmContest):
         print_bounds(contest)
         return
@@ -59,8 +56,8 @@ def baseline(arguments: Sequence[str]) -> None:
         return
     task = contest.task
     maze = task.mazes[0]
-    if (task.num_agents, task.num_runners) == (1, 1):
-        if task.num_goals <= MAX_EXACT_GOALS:
+    if is_single_runner(task):
+        if why_no_tour(task.num_goals) is None:
             mean = expected_tour_length(maze, task.num_goals)
             how = "exact" if mean.exact else f"±{mean.ci95:.2f}, sampled"
             print(f"mean optimal tour over all placements: {mean:.4f} ({how})")

@@ -11,9 +11,9 @@ import tyro
 
 from pursuit.replays.replay import with_suffix
 from pursuit.validation import at_least
+from scripted_agents.limits import MAX_EVALUATED_WORK
 from train.commands.parse import parse, print_warnings, warn
 from train.commands.scores import (
-    certificate_of,
     print_bounds,
     print_objective_gap,
     print_reference,
@@ -21,8 +21,6 @@ from train.commands.scores import (
 )
 from train.commands.suites import compared, evaluate_in_mazes, exact_where_known
 from train.evaluation.arm_contest import ArmContest
-from train.evaluation.contest import GameContest
-from train.evaluation.joint_contest import MAX_EVALUATED_WORK
 from train.evaluation.objective_gap import UNKNOWN, objective_gap
 from train.evaluation.recordings import recorded
 from train.evaluation.suite_contest import SuiteContest
@@ -100,9 +98,7 @@ def carry_out(given: Any, replays: Path | None) -> None:
     loaded = load_model(given) if is_model else load_run(given)
     task, training, policies = loaded.task, loaded.training, loaded.policies
     evaluated = "learned" if loaded.greedy else "learned, sampled"
-    contest = contest_of(task, given.episodes, given.seed)
-    if isinstance(contest, GameContest):
-        contest = replace(contest, most_work=MAX_EVALUATED_WORK)
+    contest = contest_of(task, given.episodes, given.seed).solved_up_to(MAX_EVALUATED_WORK)
     more: dict[str, Any] = {}
     print(contest.line())
     if isinstance(contest, SuiteContest):
@@ -117,12 +113,12 @@ def carry_out(given: Any, replays: Path | None) -> None:
     else:
         check(given.table is None, "--table needs a suite of mazes; give --maze suite:7x7-test")
         scores = [*contest.baselines(), *(contest.score(*each) for each in policies.items())]
-        print_scores(scores, contest, certificate_of(contest))
+        print_scores(scores, contest)
     if isinstance(contest, ArmContest):
         print_bounds(contest)
     gap = UNKNOWN if loaded.gamma is None else objective_gap(contest, loaded.gamma)
     chosen = "greedy" if loaded.greedy else "sampled"
-    results = evaluation_of(scores, chosen, gap, certificate_of(contest), contest)
+    results = evaluation_of(scores, chosen, gap, contest)
     print_reference(results["reference"], contest)
     if loaded.gamma is not None:
         print_objective_gap(results["evaluation"], loaded.gamma)

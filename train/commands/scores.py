@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 from scripted_agents import count_joint_states
+from scripted_agents.limits import MAX_EVALUATED_WORK, MAX_WORK, work_of
 from train.evaluation.arm_contest import ArmContest
 from train.evaluation.contest import GameContest
-from train.evaluation.hidden_contest import Certificate
-from train.evaluation.joint_contest import MAX_EVALUATED_WORK, MAX_WORK, joint_work
+from train.evaluation.contests import AnyContest
 from train.evaluation.scores import (
     Reference,
     Score,
@@ -30,7 +29,7 @@ def print_objective_gap(evaluation: Mapping[str, Any], discount: float) -> None:
         print(f"{best} misses {missing:z.4f} of the return (exact, over all starts)")
 
 
-def print_reference(held: Mapping[str, Any], contest: Any) -> None:
+def print_reference(held: Mapping[str, Any], contest: AnyContest) -> None:
     """Print the reference of a result if no exact optimum is known, and the reason.
 
     Args:
@@ -41,17 +40,17 @@ def print_reference(held: Mapping[str, Any], contest: Any) -> None:
         return
     print(Reference(**held).line())
     if isinstance(contest, GameContest) and held["kind"] == "best known":
-        why = in_full_view(contest).why_not_joint()
-        if why is not None:
+        why = contest.with_full_view.exact_reference.reason
+        if why:
             print(f"no exact optimum: {why}")
 
 
-def announce_solution(contest: Any, interrupted: bool) -> None:
+def announce_solution(contest: AnyContest, interrupted: bool) -> None:
     """Print to stderr that a whole game is being solved, if this takes seconds or more."""
     if not isinstance(contest, GameContest) or contest.task.num_agents == 1 or interrupted:
         return
-    solved = replace(in_full_view(contest), most_work=MAX_EVALUATED_WORK)
-    if solved.is_exact or joint_work(solved.task) <= MAX_WORK or solved.why_not_joint():
+    solved = contest.with_full_view.solved_up_to(MAX_EVALUATED_WORK)
+    if solved.exact_reference.kind != "joint" or work_of(solved.task) <= MAX_WORK:
         return
     states = count_joint_states(solved.task)
     print(f"solving the whole game exactly, {states:,} states ...", file=sys.stderr)
@@ -82,9 +81,8 @@ def print_whole_game(contest: GameContest) -> None:
     the reason why they are not computed."""
     states = count_joint_states(contest.task)
     print(f"distinct states: {states:,}")
-    obstacle = contest.why_not_joint()
-    if obstacle is not None:
-        print(f"no exact optimum: {obstacle}")
+    if contest.exact_reference.reason:
+        print(f"no exact optimum: {contest.exact_reference.reason}")
         return
     agent = contest.agent
     found = (
@@ -97,15 +95,9 @@ def print_whole_game(contest: GameContest) -> None:
             print(f"{text}: {best.mean_over_starts:.4f}{unit} (exact)")
 
 
-def certificate_of(contest: Any) -> Certificate | None:
-    """The proven interval of the optimum, for an agent with limited view only."""
-    return contest.certificate() if isinstance(contest, GameContest) else None
-
-
-def print_scores(
-    scores: Sequence[Score], contest: Any, certificate: Certificate | None = None
-) -> None:
+def print_scores(scores: Sequence[Score], contest: AnyContest) -> None:
     """Print a table of scores (`score_table`), and the proven interval of the optimum."""
+    certificate = contest.certificate()
     table = score_table(scores, certificate, contest.measure, contest.beside)
     print_table(table, width=100 + len(contest.beside))
     if certificate is not None:

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from scripted_agents.references import is_known
 from train.commands.scores import print_scores
 from train.evaluation.suite_contest import InMazes, SuiteContest
 from train.evaluation.suite_report import (
@@ -15,7 +16,6 @@ from train.evaluation.suite_report import (
     maze_rows,
     summary_of,
 )
-from train.evaluation.suite_tables import is_known
 from train.files import write_csv
 from train.reports.tables import print_table
 

@@ -16,7 +16,6 @@ from train.commands.parse import (
 from train.commands.progress import RunCommand, exit_after_signal, finish_run, start_or_resume
 from train.commands.scores import (
     announce_solution,
-    certificate_of,
     print_bounds,
     print_objective_gap,
     print_reference,
@@ -163,7 +162,7 @@ def show(run: Run[SingleAgent], content: Plain) -> None:
     trainee = run.trainee
     print()
     scores = [Score(**score) for score in content["scores"]]
-    print_scores(scores, trainee.contest, certificate_of(trainee.contest))
+    print_scores(scores, trainee.contest)
     if isinstance(trainee.contest, ArmContest):
         print_bounds(trainee.contest)
     evaluation, settings = content["evaluation"], trainee.parts.settings

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -22,8 +22,16 @@ from scripted_agents import (
     ThesisInverseKinematics,
     least_steps_of,
 )
-from train.evaluation.games import half_width
-from train.evaluation.scores import BY_STEPS, Contest, Measure, Reference, Score, reference_of
+from scripted_agents.references import ExactReference, reference_of
+from train.evaluation.games import half_width, play_out
+from train.evaluation.scores import (
+    BY_STEPS,
+    Contest,
+    Measure,
+    Reference,
+    Score,
+    strongest_reference,
+)
 from train.settings.checks import EVALUATION_SEED
 
 EPISODES = 1000
@@ -69,7 +77,7 @@ def bounds_of(task: ReacherTask, episodes: int, seed: int) -> Bounds:
 
 
 @dataclass(frozen=True)
-class ArmContest(Contest):
+class ArmContest(Contest[ArmPolicy, ReacherSimulator]):
     """Evaluation of the arm; a `Contest`.
 
     Starting poses are random, or fixed by the task. They are not kept from the previous episode, as
@@ -84,6 +92,11 @@ class ArmContest(Contest):
     def measure(self) -> Measure:
         """As `Contest`."""
         return BY_STEPS
+
+    @property
+    def exact_reference(self) -> ExactReference:
+        """As `Contest`."""
+        return reference_of(self.task, "arm", {})
 
     def describe(self) -> dict[str, Any]:
         """The task, the number of joints, and the bounds of the minimum steps."""
@@ -111,20 +124,19 @@ class ArmContest(Contest):
         """A simulator of all episodes at their starts."""
         return ReacherSimulator(self.task, self.episodes, self.seed, auto_restart=False)
 
+    def start(self, number: int) -> ReacherSimulator:
+        """As `Contest`."""
+        return ReacherSimulator(self.task, 1, self.seed, number, auto_restart=False)
+
+    def stepper(self, games: ReacherSimulator, policy: ArmPolicy) -> Callable[[], None]:
+        """As `Contest`."""
+        return lambda: games.step(policy.act(games.view()))
+
     def play(self, policy: ArmPolicy) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-        """Play all episodes: lengths [episodes], and whether they succeeded [episodes]."""
+        """As `Contest`; an episode that ends within the tolerance is won."""
         arms = self.starts()
-        lengths = np.full(self.episodes, self.task.max_steps, dtype=np.int64)
-        running, reached = np.ones(self.episodes, dtype=bool), np.zeros(self.episodes, dtype=bool)
-        for step in range(1, self.task.max_steps + 1):
-            arms.step(policy.act(arms.view()))
-            ended = running & arms.ended
-            lengths[ended] = step
-            reached[ended] = arms.terminated[ended]
-            running &= ~ended
-            if not running.any():
-                break
-        return lengths, reached
+        step = self.stepper(arms, policy)
+        return play_out(arms, step, lambda games: games.ended, lambda games: games.terminated)
 
     def score(self, name: str, policy: ArmPolicy) -> Score:
         """As `Contest`, by simulation."""
@@ -173,25 +185,14 @@ class ArmContest(Contest):
 
     def reference(self, scores: Sequence[Score], learned: Score) -> Reference | None:
         """As `Contest`; a bound if the minimum steps are not known exactly from every start."""
-        found = reference_of(scores, learned)
+        found = strongest_reference(scores, learned)
         if found is None or found.kind != "exact" or self.is_exact:
             return found
         return replace(found, kind="bound")
 
-    def scene(self, simulator: ReacherSimulator, caption: str) -> ArmScene:
+    def scene(self, games: ReacherSimulator, caption: str) -> ArmScene:
         """As `Contest`."""
-        return scene_of(simulator, caption=caption)
-
-    def game(self, policy: ArmPolicy, number: int) -> tuple[ReacherSimulator, Iterator[None]]:
-        """As `Contest`."""
-        arm = ReacherSimulator(self.task, 1, self.seed, number, auto_restart=False)
-
-        def play() -> Iterator[None]:
-            while not arm.ended.any():
-                arm.step(policy.act(arm.view()))
-                yield
-
-        return arm, play()
+        return scene_of(games, caption=caption)
 
     def optimal_lengths(self) -> NDArray[np.float64]:
         """As `Contest`: the lower bounds."""

@@ -32,23 +32,25 @@ from scripted_agents import (
     solve_joint,
 )
 from scripted_agents.environments import DEFAULTS
-from scripted_agents.tours.tour import MAX_EXACT_GOALS
-from train.evaluation.games import (
-    best_reply,
-    half_width,
+from scripted_agents.limits import MAX_WORK, SEARCH_SECONDS, work_of
+from scripted_agents.references import (
+    ExactReference,
     is_exact,
     is_exact_team,
     is_table_in,
+    reference_of,
+)
+from train.evaluation.games import (
+    best_reply,
+    half_width,
     table_in,
     values_between,
 )
 from train.evaluation.hidden_contest import (
-    SECONDS,
     Certificate,
     discounted,
     solution_of,
 )
-from train.evaluation.joint_contest import MAX_WORK, why_not_joint
 from train.evaluation.maze_contest import SCRIPTED, MazeContest
 from train.evaluation.scores import (
     BY_GOALS,
@@ -68,12 +70,21 @@ class GameContest(MazeContest):
 
     The optimum may use all actions. With `mask_bumps` the optimum without moves into walls is
     included. Whole games (teams, races, heists) are solved up to the size `most_work`
-    (`joint_work`). The search for a certificate takes at most `search_seconds`.
+    (`work_of`). The search for a certificate takes at most `search_seconds`.
     """
 
     mask_bumps: bool = False
     most_work: int = MAX_WORK
-    search_seconds: float = SECONDS
+    search_seconds: float = SEARCH_SECONDS
+
+    @cached_property
+    def exact_reference(self) -> ExactReference:
+        """As `Contest`, for games of up to `most_work`."""
+        return reference_of(self.task, self.agent, self.opponents, self.most_work)
+
+    def solved_up_to(self, most_work: int) -> GameContest:
+        """As `Contest`."""
+        return replace(self, most_work=most_work)
 
     @property
     def is_exact(self) -> bool:
@@ -184,10 +195,9 @@ class GameContest(MazeContest):
     def optimal(self) -> Score | None:
         """The exact optimum on the same starts; None if it is not known.
 
-        Known for one agent of a chase of one evader (the best response to all others), for one
-        runner with up to MAX_EXACT_GOALS goals (the shortest tours), and for one agent in a small
-        game of several (`why_not_joint`). Unknown if `max_steps` truncates every episode, with a
-        limited view (see `certificate`), and if evaders collect goals (see `optimal_return`).
+        `exact_reference` says whether it is known. Also unknown if `max_steps` truncates every
+        episode, with a limited view (see `certificate`), and if evaders collect goals (see
+        `optimal_return`).
         """
         if self.is_limited:
             return None
@@ -210,16 +220,11 @@ class GameContest(MazeContest):
         mean = float(lengths.mean())
         return Score("optimal", mean, half_width(lengths), share, self.episodes, False)
 
-    def why_not_joint(self) -> str | None:
-        """The reason why `solve_joint` is not used; None if it is, or if another solver is."""
-        if self.is_limited:
-            return "limited view"
-        task = self.task
-        if (task.num_agents, task.num_runners) == (1, 1) and task.num_goals > MAX_EXACT_GOALS:
-            return (
-                f"{task.num_goals} goals; shortest tours are computed for at most {MAX_EXACT_GOALS}"
-            )
-        return why_not_joint(self.task, self.agent, self.opponents, self.most_work)
+    @property
+    def solves_whole_game(self) -> bool:
+        """Whether `solve_joint` gives best responses of this agent."""
+        kind = self.exact_reference.kind
+        return kind == "joint" or (kind == "team" and work_of(self.task) <= self.most_work)
 
     def _joint_response(
         self, task: Task, objective: Literal["steps", "return"] = "steps"
@@ -234,7 +239,7 @@ class GameContest(MazeContest):
         is not steps."""
         task = self.task
         heist = task.num_goals and task.num_evaders
-        if (task.num_agents, task.num_runners) == (1, 1) or heist or self.why_not_joint():
+        if heist or not self.solves_whole_game:
             return None
         return self._joint_response(task)
 
@@ -244,14 +249,14 @@ class GameContest(MazeContest):
         reward function."""
         task = self.task
         rivals = task.num_goals and task.num_agents > 1
-        if not rivals or task.reward_function is not None or self.why_not_joint() is not None:
+        if not rivals or task.reward_function is not None or not self.solves_whole_game:
             return None
         return self._joint_response(task, "return")
 
     @cached_property
     def best_of_goals(self) -> JointResponse | None:
         """The best response in goals of a runner in a race, for any rewards."""
-        if self.measure != BY_GOALS or self.why_not_joint() is not None:
+        if self.measure != BY_GOALS or not self.solves_whole_game:
             return None
         by_goals = replace(self.task, rewards={self.role: Rewards(goal=1.0)})
         return self._joint_response(by_goals, "return")
@@ -328,10 +333,6 @@ class GameContest(MazeContest):
             return best.values[tuple(self.starts().positions.T)]
         if self.best_of_steps is not None:
             return self.best_of_steps.values_of(self.starts().games)
-        if (self.task.num_agents, self.task.num_runners) != (1, 1):
+        if self.tours is None:
             return None
-        return (
-            None
-            if self.tours is None
-            else np.minimum(self.tours, self.task.max_steps).astype(np.float64)
-        )
+        return np.minimum(self.tours, self.task.max_steps).astype(np.float64)

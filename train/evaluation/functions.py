@@ -13,10 +13,11 @@ from pursuit.reacher.task import ReacherTask, make_reacher_task
 from pursuit.tasks.task import Task, checked_task, make_task
 from pursuit.validation import whole
 from scripted_agents.environments import chosen_policies
+from scripted_agents.limits import MAX_EVALUATED_WORK
+from scripted_agents.references import is_table_in
 from train.evaluation.arm_contest import ArmContest
 from train.evaluation.contest import GameContest
-from train.evaluation.games import half_width, is_table_in
-from train.evaluation.joint_contest import MAX_EVALUATED_WORK
+from train.evaluation.games import half_width
 from train.evaluation.scores import BY_GOALS
 from train.settings.checks import check, evaluation_seed
 
@@ -71,7 +72,7 @@ def evaluate(
     )
     if isinstance(task, str):
         task = make_reacher_task(**own) if task == "reacher" else make_task(task, **own)
-    contest: Any
+    contest: ArmContest | GameContest
     if isinstance(task, ReacherTask):
         check(agent in (None, "arm"), f"agent={agent!r}; give 'arm' for task 'reacher'")
         for name, none in (("opponent", None), ("opponent_epsilon", 0.0)):
@@ -94,10 +95,10 @@ def evaluate(
     return _compared(contest, policy)
 
 
-def _compared(contest: Any, policy: Any) -> Evaluation:
+def _compared(contest: ArmContest | GameContest, policy: Any) -> Evaluation:
     """The score of a policy in a contest, compared with the optimum."""
-    game = isinstance(contest, GameContest)
-    if game and contest.is_exact and is_table_in(contest.task, policy):
+    game = contest if isinstance(contest, GameContest) else None
+    if game is not None and game.is_exact and is_table_in(game.task, policy):
         score, best = contest.score("policy", policy), contest.optimal()
         steps = None if best is None else best.mean_steps
         gap = None if steps is None else score.mean_steps / steps - 1.0
@@ -107,7 +108,7 @@ def _compared(contest: Any, policy: Any) -> Evaluation:
         why = None if steps is not None else _why_no_optimum(contest)
         return Evaluation(*played, steps, gap, both, "steps", mean, steps, why)
     lengths, won = contest.play(policy)
-    least = contest.optimal_lengths() if game or contest.is_exact else None
+    least = contest.optimal_lengths() if game is not None or contest.is_exact else None
     mean, optimum, gap, interval = float(lengths.mean()), None, None, None
     if least is not None:
         optimum = float(least.mean())
@@ -115,21 +116,17 @@ def _compared(contest: Any, policy: Any) -> Evaluation:
         half = half_width(lengths - (gap + 1.0) * least) / optimum
         interval = (gap - half, gap + half)
     measure, value, reached = "steps", mean, optimum
-    if game and contest.measure.name != "steps":
-        measure, value = contest.measure.name, float(contest.values(policy).mean())
-        goals = contest.measure == BY_GOALS
-        best = contest.optimal_goals() if goals else contest.optimal_return()
-        reached = None if best is None else contest.measure.of(best)
+    if game is not None and game.measure.name != "steps":
+        measure, value = game.measure.name, float(game.values(policy).mean())
+        best = game.optimal_goals() if game.measure == BY_GOALS else game.optimal_return()
+        reached = None if best is None else game.measure.of(best)
     figures = (half_width(lengths), float(won.mean()), optimum, gap, interval)
     why = None if reached is not None else _why_no_optimum(contest)
     return Evaluation(len(lengths), mean, *figures, measure, value, reached, why)
 
 
-def _why_no_optimum(contest: Any) -> str:
+def _why_no_optimum(contest: ArmContest | GameContest) -> str:
     """The reason why the optimum of a contest is not known."""
-    if isinstance(contest, ArmContest):
-        if contest.task.discrete_actions:
-            return "discrete actions; only a lower bound of the steps is known"
+    if contest.exact_reference.kind == "arm":
         return "bounds of the minimum steps are not equal from every start"
-    why = contest.why_not_joint()
-    return why if why is not None else "user-defined rewards"
+    return contest.exact_reference.reason or "user-defined rewards"

@@ -1,15 +1,16 @@
-"""Simulation of games to their end, and conditions for exact solutions."""
+"""Simulation of games to their end, and exact solutions of duels by the rules of a task."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from math import lcm
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.mazes.maze import Maze
+from pursuit.reacher.simulator import ReacherSimulator
 from pursuit.simulator.policy import Policy, TabularPolicy
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task
@@ -18,52 +19,51 @@ from scripted_agents import (
     PairValues,
     best_response,
     evaluate_exactly,
-    has_distributions,
     table_of,
-    why_not_team_chase,
-    work_of,
 )
 
-MAX_EXACT_CELLS = 1024
-"""Duels in mazes with more cells are sampled, not solved (seconds, gigabytes)."""
-
-
-MAX_EXACT_WORK, MAX_FINAL_WORK = 2_000_000, 40_000_000
-"""Team chases of a larger size (`work_of`) are sampled, not solved, during training (5x5 with two
-chasers has half this size: a second) and at the end (9x9 with two chasers: half a minute)."""
-
 Mask = NDArray[np.bool_]
+GamesT = TypeVar("GamesT", Simulator, ReacherSimulator)
 
 
 def play_out(
-    simulator: Simulator,
-    policies: Sequence[Policy | None],
-    over: Callable[[Simulator], Mask],
-    won: Callable[[Simulator], Mask],
+    games: GamesT,
+    step: Callable[[], None],
+    over: Callable[[GamesT], Mask],
+    won: Callable[[GamesT], Mask],
 ) -> tuple[NDArray[np.int64], Mask]:
     """Play every game until it is over: lengths [games], and whether it was won [games].
 
     Args:
-        simulator: games at their starts, made with `auto_restart=False`.
-        policies: the policy of each agent.
+        games: games at their starts, made with `auto_restart=False`.
+        step: plays one step of all of them.
         over: [games] whether a game is over; called after every step.
         won: [games] whether a game is won; called after the step that ends it.
     """
-    games, task = simulator.num_games, simulator.task
-    lengths = np.full(games, task.max_steps, dtype=np.int64)
-    running, victories = np.ones(games, dtype=bool), np.zeros(games, dtype=bool)
-    actions = np.zeros((games, task.num_agents), dtype=np.int32)
-    for step in range(1, task.max_steps + 1):
-        simulator.act(policies, actions)
-        simulator.step(actions)
-        ended = running & over(simulator)
+    most = games.task.max_steps
+    lengths = np.full(games.num_games, most, dtype=np.int64)
+    running, victories = np.ones(len(lengths), dtype=bool), np.zeros(len(lengths), dtype=bool)
+    for number in range(1, most + 1):
+        step()
+        ended = running & over(games)
         if ended.any():
-            lengths[ended] = step
-            victories[ended] = won(simulator)[ended]
+            lengths[ended] = number
+            victories[ended] = won(games)[ended]
             running &= ~ended
             if not running.any():
                 break
     return lengths, victories
+
+
+def stepper(simulator: Simulator, policies: Sequence[Policy | None]) -> Callable[[], None]:
+    """A function that plays one step of all games with the policy of each agent."""
+    actions = np.zeros((simulator.num_games, simulator.task.num_agents), dtype=np.int32)
+
+    def step() -> None:
+        simulator.act(policies, actions)
+        simulator.step(actions)
+
+    return step
 
 
 def all_caught(simulator: Simulator) -> Mask:
@@ -97,48 +97,6 @@ def won_by(simulator: Simulator, seat: int) -> Mask:
 def half_width(lengths: NDArray[np.int64] | NDArray[np.float64]) -> float:
     """Half the width of the 95 % confidence interval of the mean; 0 for a single length."""
     return 1.96 * float(lengths.std(ddof=1)) / len(lengths) ** 0.5 if len(lengths) > 1 else 0.0
-
-
-def is_exact(task: Task, *policies: Policy) -> bool:
-    """Whether the task is a duel small enough to be solved, and all policies are tables."""
-    return (
-        task.is_duel
-        and len(task.mazes) == 1
-        and task.max_cells <= MAX_EXACT_CELLS
-        and task.start == "random"
-        and all(is_table_in(task, policy) for policy in policies)
-    )
-
-
-def is_table_in(task: Task, policy: Any) -> bool:
-    """Whether a policy is a table [self cell, other cell, action] in the games of `task`.
-
-    For a learned policy this requires the view limits of its training, for which the table is
-    valid.
-    """
-    own, agent = getattr(policy, "task", None), getattr(policy, "agent", None)
-    if not isinstance(policy, TabularPolicy) or not isinstance(own, Task) or agent is None:
-        return isinstance(policy, TabularPolicy)
-    seat = own.seat(agent)
-    here = task.seat(own.seat_roles[seat])
-    return own.sight.limits[seat] == task.sight.limits[here]
-
-
-def is_exact_team(task: Task, policies: Mapping[str, Policy], most: int = MAX_EXACT_WORK) -> bool:
-    """Whether a chase of one evader by a team is small enough to be solved with these policies.
-
-    Args:
-        task: the game; duels are not included.
-        policies: by agent name or role.
-        most: the largest size that is solved (`work_of`).
-    """
-    return (
-        not task.is_duel
-        and task.start == "random"
-        and why_not_team_chase(task) is None
-        and work_of(task) <= most
-        and has_distributions(task, policies)
-    )
 
 
 def table_in(task: Task, policy: Policy) -> NDArray[np.float64]:

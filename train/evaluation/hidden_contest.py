@@ -22,15 +22,11 @@ from scripted_agents import (
     mean_over_starts,
     solve_hidden_chase,
 )
-from train.evaluation.games import best_reply, is_table_in, table_in, values_between
+from scripted_agents.limits import MAX_BOUNDED_CELLS, SEARCH_SECONDS, SEARCH_WIDTH
+from scripted_agents.references import is_table_in
+from train.evaluation.games import best_reply, half_width, table_in, values_between
 
 DISCOUNT = 0.95
-
-SECONDS, WIDTH = 20.0, 1e-3
-"""The search for the interval ends after these seconds, or at this upper / lower - 1."""
-
-MAX_CELLS = 100
-"""Mazes with more cells are not certified, as the interval would be too wide."""
 
 
 @dataclass(frozen=True)
@@ -69,10 +65,10 @@ class Certificate:
 
 
 def solution_of(
-    task: Task, agent: str, table: NDArray[np.float64], seconds: float = SECONDS
+    task: Task, agent: str, table: NDArray[np.float64], seconds: float = SEARCH_SECONDS
 ) -> HiddenChaseSolution | None:
     """The bounds of a duel in one maze against a table, cached; None if the maze is too large."""
-    if task.max_cells > MAX_CELLS:
+    if task.max_cells > MAX_BOUNDED_CELLS:
         return None
     limit = task.sight.limits[task.seat(agent)]
     rules = (limit.view_radius, limit.line_of_sight, task.seat_roles[task.seat(agent)])
@@ -92,7 +88,7 @@ def _solution(
         in_line,
         DISCOUNT,
         seconds,
-        WIDTH,
+        SEARCH_WIDTH,
         role,
         stay_action,
         move_order,
@@ -101,7 +97,7 @@ def _solution(
 
 
 def best_response_interval(
-    task: Task, role: str, table: NDArray[np.float64], seconds: float = SECONDS
+    task: Task, role: str, table: NDArray[np.float64], seconds: float = SEARCH_SECONDS
 ) -> tuple[float, float] | None:
     """Bounds of the best response of a role, with its view, to the table of its opponent.
 
@@ -113,7 +109,7 @@ def best_response_interval(
 
     Returns:
         The mean over the starts in discounted steps: a proven interval with a limited view, twice
-        the exact value with full view; None in mazes above `MAX_CELLS`.
+        the exact value with full view; None in mazes above `MAX_BOUNDED_CELLS`.
     """
     (agent,) = (task.agent_names[seat] for seat, own in enumerate(task.seat_roles) if own == role)
     if task.hides_from(agent):
@@ -143,4 +139,4 @@ def discounted(
     steps = (1.0 - DISCOUNT ** lengths.astype(np.float64)) / (1.0 - DISCOUNT)
     if role == "chaser":
         steps = np.where(lengths >= task.max_steps, 1.0 / (1.0 - DISCOUNT), steps)
-    return float(steps.mean()), 1.96 * float(steps.std(ddof=1)) / len(steps) ** 0.5
+    return float(steps.mean()), half_width(steps)

@@ -16,13 +16,13 @@ from scripted_agents import (
     mean_over_team_starts,
     team_survival,
 )
+from scripted_agents.limits import MAX_FINAL_WORK
+from scripted_agents.references import is_exact, is_exact_team
 from train.evaluation.games import (
-    MAX_FINAL_WORK,
     all_caught,
     half_width,
-    is_exact,
-    is_exact_team,
     play_out,
+    stepper,
     table_in,
     values_between,
 )
@@ -58,9 +58,8 @@ def play_pair(
     """Play episodes: lengths [episodes], and whether all evaders were caught [episodes]."""
     simulator = Simulator(task, episodes, seed, auto_restart=False)
     policies = [chaser if role == "chaser" else evader for role in task.seat_roles]
-    return play_out(
-        simulator, policies, lambda games: games.terminated | games.truncated, all_caught
-    )
+    step = stepper(simulator, policies)
+    return play_out(simulator, step, lambda games: games.terminated | games.truncated, all_caught)
 
 
 NEGLIGIBLE = 1e-3

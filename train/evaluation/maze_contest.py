@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -18,8 +18,8 @@ from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import ROLES, Task
 from scripted_agents import tour_lengths
 from scripted_agents.hidden.references import limited_references
-from scripted_agents.tours.tour import MAX_EXACT_GOALS
-from train.evaluation.games import other_role, play_out, won_by
+from scripted_agents.limits import is_single_runner, why_no_tour
+from train.evaluation.games import other_role, play_out, stepper, won_by
 from train.evaluation.scores import (
     BY_GOALS,
     Contest,
@@ -29,7 +29,7 @@ from train.evaluation.scores import (
     beside_of,
     label_of,
     measure_of,
-    reference_of,
+    strongest_reference,
 )
 from train.settings.checks import EVALUATION_SEED
 
@@ -38,7 +38,7 @@ SCRIPTED = {"chaser": "A* chaser", "evader": "A* evader", "runner": "nearest goa
 
 
 @dataclass(frozen=True)
-class MazeContest(Contest):
+class MazeContest(Contest[Policy, Simulator]):
     """Evaluation of one agent of a task against fixed policies; the base of the contests in mazes.
 
     Starts are seeded, and the same for all evaluated policies.
@@ -137,20 +137,25 @@ class MazeContest(Contest):
         self, simulator: Simulator, policy: Policy
     ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
         """Play all episodes of a simulator at its starts; returns as `play`."""
-        seat, policies = fill_seats(self.task, self.agent, self.opponents)
-        policies[seat] = policy
+        seat = self.seat
         return play_out(
             simulator,
-            policies,
+            self.stepper(simulator, policy),
             lambda games: games.terminated | games.truncated | (games.active[:, seat] == 0),
             lambda games: won_by(games, seat),
         )
+
+    def stepper(self, games: Simulator, policy: Policy) -> Callable[[], None]:
+        """As `Contest`."""
+        seat, policies = fill_seats(self.task, self.agent, self.opponents)
+        policies[seat] = policy
+        return stepper(games, policies)
 
     @cached_property
     def tours(self) -> NDArray[np.int64] | None:
         """[starts] length of the shortest tour of a single runner; None if it is not known."""
         task = self.task
-        if (task.num_agents, task.num_runners) != (1, 1) or task.num_goals > MAX_EXACT_GOALS:
+        if not is_single_runner(task) or why_no_tour(task.num_goals) is not None:
             return None
         simulator = self.starts()
         lengths = np.zeros(simulator.num_games, dtype=np.int64)
@@ -170,23 +175,8 @@ class MazeContest(Contest):
     def reference(self, scores: Sequence[Score], learned: Score) -> Reference | None:
         """As `Contest`."""
         comparable = (*self.limited, "random") if self.is_limited else None
-        return reference_of(scores, learned, self.measure, comparable)
+        return strongest_reference(scores, learned, self.measure, comparable)
 
-    def scene(self, simulator: Simulator, caption: str) -> Scene:
+    def scene(self, games: Simulator, caption: str) -> Scene:
         """As `Contest`."""
-        return scene_of(simulator, caption=caption)
-
-    def game(self, policy: Policy, number: int) -> tuple[Simulator, Iterator[None]]:
-        """As `Contest`."""
-        seat, policies = fill_seats(self.task, self.agent, self.opponents)
-        policies[seat] = policy
-        simulator = self.start(number)
-
-        def play() -> Iterator[None]:
-            actions = np.zeros((1, self.task.num_agents), dtype=np.int32)
-            while not simulator.ended.any():
-                simulator.act(policies, actions)
-                simulator.step(actions)
-                yield
-
-        return simulator, play()
+        return scene_of(games, caption=caption)

@@ -14,19 +14,17 @@ import numpy as np
 from pursuit.tasks.task import Rewards, Task
 from scripted_agents import evaluate_joint, mean_over_starts, solve_joint
 from scripted_agents.duel.action_values import expected_after, outcomes
+from scripted_agents.limits import (
+    MAX_OBJECTIVE_CELLS,
+    MAX_OBJECTIVE_WORK,
+    is_single_runner,
+    work_of,
+)
+from scripted_agents.tolerances import EQUAL_VALUES
 from scripted_agents.tours.objective import tour_objective_gap
 from train.evaluation.contest import GameContest
+from train.evaluation.contests import AnyContest
 from train.evaluation.games import best_reply
-from train.evaluation.joint_contest import joint_work
-
-MAX_CELLS = 256
-"""Duels in mazes with more cells are not solved for it (seconds)."""
-
-MAX_OBJECTIVE_WORK = 50_000_000
-"""Nor are whole games of a larger size (`joint_work`; 15 seconds on 5x5)."""
-
-TIE = 1e-9
-"""Relative difference below which two actions are equally good."""
 
 
 class ObjectiveGap(NamedTuple):
@@ -44,7 +42,7 @@ class ObjectiveGap(NamedTuple):
 UNKNOWN = ObjectiveGap()
 
 
-def objective_gap(contest: Any, discount: float) -> ObjectiveGap:
+def objective_gap(contest: AnyContest, discount: float) -> ObjectiveGap:
     """The loss of the policy with the best discounted return, exact over all starts.
 
     Ties are broken by the fewest steps (evader: the most), in a whole game (team, race, heist)
@@ -63,13 +61,13 @@ def objective_gap(contest: Any, discount: float) -> ObjectiveGap:
         return UNKNOWN
     if rewards.distance != 0.0 or task.reward_function is not None:
         return UNKNOWN
-    if (task.num_agents, task.num_runners) == (1, 1):
+    if is_single_runner(task):
         return ObjectiveGap(_tour_gap(task, rewards, discount))
-    if contest.is_exact and not contest.mask_bumps and task.max_cells <= MAX_CELLS:
+    if contest.is_exact and not contest.mask_bumps and task.max_cells <= MAX_OBJECTIVE_CELLS:
         return ObjectiveGap(_duel_gap(contest, rewards, discount))
     if contest.is_exact or contest.mask_bumps or discount >= 1.0:
         return UNKNOWN
-    if joint_work(task) > MAX_OBJECTIVE_WORK:
+    if work_of(task) > MAX_OBJECTIVE_WORK:
         return UNKNOWN
     return _joint_gap(contest, discount)
 
@@ -104,7 +102,7 @@ def _duel_gap(contest: GameContest, rewards: Rewards, discount: float) -> float 
     pick: Any = np.min if chases else np.max
     options = expected_after(moves, values if chases else values.T, task.num_actions)
     goal = pick(options, axis=2, keepdims=True)
-    forbidden = np.abs(options - goal) > TIE * np.abs(goal)
+    forbidden = np.abs(options - goal) > EQUAL_VALUES * np.abs(goal)
     steps = np.zeros_like(values)
     for _ in range(task.max_steps):
         options = expected_after(moves, steps, task.num_actions)

@@ -11,10 +11,12 @@ from pursuit.replays.replay import Replay
 from pursuit.replays.viewer.data import Side
 from pursuit.tasks.task import Task
 from scripted_agents import action_values
+from scripted_agents.references import is_exact
+from train.evaluation.arm_contest import ArmContest
 from train.evaluation.contest import GameContest
-from train.evaluation.games import is_exact, table_in
+from train.evaluation.contests import AnyContest
+from train.evaluation.games import table_in
 from train.evaluation.scores import label_of
-from train.evaluation.suite_contest import SuiteContest
 
 MOST_OVERLAY_CELLS = 225
 """Maximum number of cells for overlays, as their size grows quadratically."""
@@ -22,11 +24,11 @@ MOST_BOTH_CELLS = 100
 """Maximum number of cells for overlays of both sides of a duel."""
 
 
-def recorded(contest: Any, policy: Any, games: Mapping[str, int], player: str) -> Replay:
+def recorded(contest: AnyContest, policy: Any, games: Mapping[str, int], player: str) -> Replay:
     """Record episodes of a contest as a replay.
 
     Args:
-        contest: a `Contest`.
+        contest: the evaluation.
         policy: the evaluated policy.
         games: the numbers of the episodes by label.
         player: the name of the policy in the replay.
@@ -44,9 +46,9 @@ def recorded(contest: Any, policy: Any, games: Mapping[str, int], player: str) -
     )
 
 
-def players_of(contest: Any, player: str) -> dict[str, str]:
+def players_of(contest: AnyContest, player: str) -> dict[str, str]:
     """The names of the policies of a contest by agent."""
-    if not isinstance(contest, (GameContest, SuiteContest)):
+    if isinstance(contest, ArmContest):
         return {"arm": player}
     task, own = contest.task, contest.task.agent_names[contest.task.seat(contest.agent)]
     found = {}
@@ -56,7 +58,7 @@ def players_of(contest: Any, player: str) -> dict[str, str]:
     return found
 
 
-def sides_of(contest: Any, policy: Any, most_both: int = MOST_BOTH_CELLS) -> list[Side]:
+def sides_of(contest: AnyContest, policy: Any, most_both: int = MOST_BOTH_CELLS) -> list[Side]:
     """The overlays of a duel: exact values, and learned and optimal moves; the learner's first.
 
     Both sides are included in mazes of up to `most_both` cells. Values and optimal moves assume a

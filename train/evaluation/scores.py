@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, Literal, Protocol
+from typing import Any, Generic, Literal, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pursuit.reacher.policy import ArmPolicy
+from pursuit.reacher.simulator import ReacherSimulator
+from pursuit.rendering.rendering import Drawable
 from pursuit.simulator.policy import Policy
+from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task
+from scripted_agents.references import ExactReference
 from train.evaluation.hidden_contest import Certificate
 from train.reports.tables import Column, ResultTable, Row, numeric, words
 
@@ -150,7 +156,7 @@ class Reference:
         return f"reference: {self.name} ({what}), {self.value:.3f} {self.unit}; learned: {far}"
 
 
-def reference_of(
+def strongest_reference(
     scores: Sequence[Score],
     learned: Score,
     measure: Measure = BY_STEPS,
@@ -251,62 +257,113 @@ def beside_of(teammates: Mapping[str, str]) -> str:
     return "".join(f" + {n} × {name}" if n > 1 else f" + {name}" for name, n in counts.items())
 
 
-class Contest(Protocol):
-    """Evaluation of one agent; the base of all contests.
+PolicyT = TypeVar("PolicyT", Policy, ArmPolicy)
+GamesT = TypeVar("GamesT", Simulator, ReacherSimulator)
 
-    Attributes:
-        measure: the measure by which policies are compared.
-    """
+
+class Contest(ABC, Generic[PolicyT, GamesT]):
+    """Evaluation of one agent; the base of all contests."""
 
     @property
-    def measure(self) -> Measure: ...  # noqa: D102 -- see the class
+    @abstractmethod
+    def measure(self) -> Measure:
+        """The measure by which policies are compared."""
+
+    @property
+    @abstractmethod
+    def exact_reference(self) -> ExactReference:
+        """Which exact optimum of the agent is known, or why none is."""
 
     @property
     def beside(self) -> str:
         """The policies of teammates, as a suffix of every policy that plays with them."""
         return ""
 
+    @abstractmethod
     def describe(self) -> dict[str, Any]:
         """The evaluation as plain values: "task", "role", "maze" and others."""
 
+    @abstractmethod
     def line(self) -> str:
         """The evaluation in one line of text, including the other agents."""
 
-    def score(self, name: str, policy: Any) -> Score:
+    def solved_up_to(self, most_work: int) -> Self:
+        """The same contest; whole games are solved up to this size (`work_of`)."""
+        return self
+
+    # -- scores --------------------------------------------------------------------------------
+
+    @abstractmethod
+    def score(self, name: str, policy: PolicyT) -> Score:
         """The score of a policy."""
 
+    @abstractmethod
     def optimal(self) -> Score | None:
         """The exact optimum; None if it is not known."""
 
+    @abstractmethod
     def baselines(self) -> list[Score]:
         """The references: random, scripted and, if known, optimal."""
 
+    @abstractmethod
     def reference(self, scores: Sequence[Score], learned: Score) -> Reference | None:
         """The reference for `learned` among these scores; None if there is none."""
 
-    def scene(self, simulator: Any, caption: str) -> Any:
-        """The current frame of a simulator of this contest, for `save_animation`."""
+    def certificate(self) -> Certificate | None:
+        """The proven interval of the optimum, under a limited view; None if there is none."""
+        return None
 
-    def scenes(self, policy: Any, episodes: int = 3) -> list[Any]:
+    # -- episodes ------------------------------------------------------------------------------
+
+    @abstractmethod
+    def starts(self) -> GamesT:
+        """The games of the evaluation at their starts."""
+
+    @abstractmethod
+    def start(self, number: int) -> GamesT:
+        """One of the games of the evaluation at its start."""
+
+    @abstractmethod
+    def stepper(self, games: GamesT, policy: PolicyT) -> Callable[[], None]:
+        """A function that plays one step of games of this contest with a policy."""
+
+    @abstractmethod
+    def play(self, policy: PolicyT) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+        """Play all episodes: lengths [episodes], and whether they were won [episodes]."""
+
+    def game(self, policy: PolicyT, number: int) -> tuple[GamesT, Iterator[None]]:
+        """One episode by number: a simulator at its start, and an iterator that plays it."""
+        games = self.start(number)
+        step = self.stepper(games, policy)
+
+        def play() -> Iterator[None]:
+            while not games.ended.any():
+                step()
+                yield
+
+        return games, play()
+
+    @abstractmethod
+    def scene(self, games: GamesT, caption: str) -> Drawable:
+        """The current frame of games of this contest, for `save_animation`."""
+
+    def scenes(self, policy: PolicyT, episodes: int = 3) -> list[Drawable]:
         """The frames of some episodes."""
-        scenes: list[Any] = []
+        scenes: list[Drawable] = []
         for episode in range(episodes):
             caption = f"episode {episode + 1} of {episodes}"
-            simulator, play = self.game(policy, episode)
-            scenes.append(self.scene(simulator, caption))
-            scenes += [self.scene(simulator, caption) for _ in play]
+            games, play = self.game(policy, episode)
+            scenes.append(self.scene(games, caption))
+            scenes += [self.scene(games, caption) for _ in play]
             scenes.extend([scenes[-1]] * 3)
         return scenes
 
-    def game(self, policy: Any, number: int) -> tuple[Any, Iterator[None]]:
-        """One episode by number: a simulator at its start, and an iterator that plays it."""
+    # -- lengths -------------------------------------------------------------------------------
 
-    def play(self, policy: Any) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-        """Play all episodes: lengths [episodes], and whether they were won [episodes]."""
-
-    def lengths(self, policy: Any) -> NDArray[np.float64]:
+    def lengths(self, policy: PolicyT) -> NDArray[np.float64]:
         """[episodes] lengths with this policy, or their expectations if known."""
         return self.play(policy)[0].astype(np.float64)
 
+    @abstractmethod
     def optimal_lengths(self) -> NDArray[np.float64] | None:
         """[episodes] optimal length from each start; None if it is not known."""

@@ -16,18 +16,16 @@ from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task
 from scripted_agents import BestResponse, RandomAgent, mean_over_starts
 from scripted_agents.environments import DEFAULTS
+from scripted_agents.limits import SOLVED_MAZES
+from scripted_agents.references import ExactReference, is_solvable, reference_of
 from train.evaluation.games import best_reply, half_width
 from train.evaluation.maze_contest import SCRIPTED, MazeContest
 from train.evaluation.scores import Measure, Score
 from train.evaluation.suite_tables import (
-    is_solvable,
     opponent_tables,
     tables_of,
     values_of,
 )
-
-SOLVED_MAZES = 100
-"""A sampled duel uses at most this many evenly spaced mazes, as each of them is solved."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +81,11 @@ class SuiteContest(MazeContest):
     """
 
     exact: bool = False
+
+    @property
+    def exact_reference(self) -> ExactReference:
+        """As `Contest`, maze by maze."""
+        return reference_of(self.task, self.agent, self.opponents, by_maze=True)
 
     @property
     def solvable(self) -> bool:

@@ -24,7 +24,7 @@ from scripted_agents import (
     mean_over_starts,
     table_of,
 )
-from train.evaluation.games import MAX_EXACT_CELLS, values_between
+from train.evaluation.games import values_between
 
 PAIRS_AT_ONCE = 200_000
 """Maximum number of pairs of cells in one batch of a network."""
@@ -40,26 +40,6 @@ class Value(NamedTuple):
 
     steps: float
     caught: float
-
-
-def is_one_goal(task: Task) -> bool:
-    """Whether the task is a single runner with one goal and random starts."""
-    teams = (task.num_chasers, task.num_evaders, task.num_runners, task.num_goals)
-    return teams == (0, 0, 1, 1) and task.start == "random"
-
-
-def is_known(policy: Any) -> bool:
-    """Whether `tables_of` supports a policy: scripted agents, and networks without memory that
-    observe only cells and goals."""
-    scripted = isinstance(policy, (NearestGoalRunner, TourRunner, TabularPolicy))
-    return scripted or isinstance(policy, DistributionPolicy)
-
-
-def is_solvable(task: Task, opponent: Policy | None) -> bool:
-    """Whether values can be computed exactly: for a runner with one goal, or in a small duel with
-    a tabular opponent."""
-    small = task.is_duel and task.start == "random" and task.max_cells <= MAX_EXACT_CELLS
-    return is_one_goal(task) or (small and is_known(opponent))
 
 
 def tables_of(policy: Policy, task: Task, seat: int) -> Iterator[NDArray[np.float64]]:

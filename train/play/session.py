@@ -16,7 +16,7 @@ from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import ACTIONS
 from pursuit.validation import whole
 from scripted_agents import tour_lengths
-from scripted_agents.tours.tour import MAX_EXACT_GOALS
+from scripted_agents.limits import MAX_EXACT_GOALS
 from train.evaluation.contest import GameContest
 from train.evaluation.games import won_by
 from train.evaluation.scores import label_of

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from pursuit.rendering.animation import save_animation
-from train.evaluation.scores import Contest
+from train.evaluation.contests import AnyContest
 from train.reports.curves import Level, Panel, Series, draw_panels
 from train.reports.figures import BLACK, GREEN, GREY, ORANGE, PINK, SKY, YELLOW, time_scale
 
@@ -79,6 +79,6 @@ def curriculum_panel(stages: list[dict[str, Any]], end: float, taught: str, unit
     return Panel(series, label, height=2.0)
 
 
-def save_replay(path: Path, contest: Contest, policy: Any, episodes: int = 3) -> None:
+def save_replay(path: Path, contest: AnyContest, policy: Any, episodes: int = 3) -> None:
     """Write a replay as .gif or .mp4, by the suffix of `path`."""
     save_animation(path, contest.scenes(policy, episodes))

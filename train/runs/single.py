@@ -10,10 +10,10 @@ from typing import ClassVar
 import numpy as np
 
 from scripted_agents.environments import AGENTS
+from scripted_agents.limits import MAX_EVALUATED_WORK, MAX_WORK
 from train.algorithms.ppo import PPO
 from train.evaluation.contest import GameContest
-from train.evaluation.hidden_contest import Certificate
-from train.evaluation.joint_contest import MAX_EVALUATED_WORK, MAX_WORK
+from train.evaluation.contests import AnyContest
 from train.evaluation.maze_contest import MazeContest
 from train.evaluation.objective_gap import UNKNOWN, ObjectiveGap, objective_gap
 from train.evaluation.scores import (
@@ -30,7 +30,7 @@ from train.runs.forms import Objective
 from train.runs.loop import BRIEF_EPISODES, BRIEF_STEPS, Clock
 from train.runs.parts import Parts
 from train.runs.training_state import build_env_and_learner, training_state
-from train.runs.worlds import AnyContest, GridWorld
+from train.runs.worlds import GridWorld
 from train.settings.checks import check
 from train.settings.task import TaskSettings
 from train.teaching.teacher import write_log
@@ -147,9 +147,7 @@ class SingleAgent:
         """
         kept = self._final_contest
         if kept is None or kept.episodes != episodes or self._solved_work < most_work:
-            kept = self.parts.world.contest(episodes)
-            if isinstance(kept, GameContest):
-                kept = replace(kept, most_work=most_work)
+            kept = self.parts.world.contest(episodes).solved_up_to(most_work)
             self._final_contest, self._solved_work = kept, most_work
         return kept
 
@@ -163,14 +161,13 @@ class SingleAgent:
             scores.append(contest.score("learned, sampled", self.learner.policy(greedy=False)))
         build, plan = self.parts.build, self.parts.plan
         objective = objective_gap(contest, self.parts.hyper.last_gamma)
-        certificate = contest.certificate() if isinstance(contest, GameContest) else None
         return {
             **contest.describe(),
             "algorithm": self.parts.algorithm.name,
             "curriculum": "none" if plan is None else plan.name,
             "seed": build.seed,
             **({} if self.replicas is None else {"processes": self.replicas.processes}),
-            **evaluation_of(scores, self.evaluated, objective, certificate, contest),
+            **evaluation_of(scores, self.evaluated, objective, contest),
             "device": build.device,
             "precision": build.precision,
             **({} if self.update_form is None else {"update": self.update_form}),
@@ -230,18 +227,16 @@ def evaluation_of(
     scores: list[Score],
     evaluated: str,
     objective: ObjectiveGap = UNKNOWN,
-    certificate: Certificate | None = None,
     contest: AnyContest | None = None,
 ) -> Plain:
     """ "evaluation", "reference" and "scores" of `results.json`; `objective` is the objective gap.
 
-    With a limited view the optimum is an interval (`certificate`). Without `contest` there is no
-    reference.
+    With a limited view the optimum is an interval. Without `contest` there is no reference.
     """
     by_name = {score.name: score for score in scores}
     learned = by_name["learned" if evaluated == "greedy" else "learned, sampled"]
     optimum = by_name.get("optimal")
-    certified = {}
+    certificate, certified = None if contest is None else contest.certificate(), {}
     if certificate is not None and learned.discounted_steps is not None:
         certified = {
             "discount": certificate.discount,

@@ -15,7 +15,8 @@ from pursuit.tasks.task import Task
 from scripted_agents import evaluate_exactly, mean_over_starts, solve_matrix_game
 from scripted_agents.duel.action_values import outcomes
 from scripted_agents.duel.best_response import MoveOrder
-from train.evaluation.games import is_exact, table_in
+from scripted_agents.references import is_exact
+from train.evaluation.games import table_in
 from train.self_play.pool import Member
 from train.self_play.ratings import pairwise_wins
 from train.settings.self_play import ROLES

@@ -11,20 +11,17 @@ from pursuit.tasks.task import Task
 from scripted_agents import (
     best_team_response,
     joint_nash_conv,
-    why_no_distribution,
     why_not_optimal,
     work_of,
 )
 from scripted_agents.environments import SCRIPTED, SEARCHERS
+from scripted_agents.limits import MAX_EXACT_WORK, MAX_GAME_CELLS, MAX_WORK, SEARCH_SECONDS
+from scripted_agents.references import is_exact, is_exact_team, why_not_joint
 from train.evaluation.exploitability import exploitability, nash_conv, team_exploitability
-from train.evaluation.games import MAX_EXACT_WORK, is_exact, is_exact_team, other_role, table_in
-from train.evaluation.hidden_contest import SECONDS, best_response_interval
-from train.evaluation.joint_contest import MAX_WORK, joint_work
+from train.evaluation.games import other_role, table_in
+from train.evaluation.hidden_contest import best_response_interval
 from train.evaluation.matchups import match
 from train.settings.self_play import ROLES
-
-MAX_GAME_CELLS = 256
-"""Above this number of cells the value of the game is not solved in every run (minutes)."""
 
 
 def exploited(task: Task, chaser: Policy, evader: Policy, discount: float) -> dict[str, float]:
@@ -113,7 +110,7 @@ def exact_best_responses(
 
 
 def limited_best_responses(
-    task: Task, pair: Mapping[str, Policy], seconds: float = SECONDS
+    task: Task, pair: Mapping[str, Policy], seconds: float = SEARCH_SECONDS
 ) -> dict[str, Any]:
     """Proven intervals of best responses with limited views, in discounted steps.
 
@@ -142,16 +139,13 @@ def whole_game(
     """Exact NashConv of a game of teams or with goals, in returns, with each side as one player.
 
     Without time limit: {"nash_conv": ..., "returns": by role, "gains": by role}. Empty if the game
-    is larger than `most` (`joint_work`), partially observable, or has a user-defined reward
+    is larger than `most` (`work_of`), partially observable, or has a user-defined reward
     function.
     """
-    seats = range(task.num_agents)
     if (
         any(task.hides_from(agent) for agent in task.agent_names)
         or task.reward_function is not None
-        or len(task.mazes) > 1
-        or joint_work(task) > most
-        or why_no_distribution(task, seats, pair) is not None
+        or why_not_joint(task, pair, most) is not None
     ):
         return {}
     found = joint_nash_conv(task, pair, None, discount, sides=True)

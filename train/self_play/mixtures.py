@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from pursuit.tasks.task import Task
 from scripted_agents import PairValues, mean_over_starts, solve_chase
-from train.evaluation.games import best_reply, is_exact, other_role, table_in, values_between
+from scripted_agents.references import is_exact
+from train.evaluation.games import best_reply, other_role, table_in, values_between
 from train.networks.recurrent_policy import without_improbable
 from train.self_play.diversity import diversity_of
 from train.self_play.pool import Member

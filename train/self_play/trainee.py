@@ -12,14 +12,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from pursuit.simulator.policy import Policy
-from train.evaluation.games import (
-    MAX_EXACT_WORK,
-    MAX_FINAL_WORK,
-    is_exact_team,
-    other_role,
-)
-from train.evaluation.hidden_contest import SECONDS
-from train.evaluation.joint_contest import MAX_WORK
+from scripted_agents.limits import MAX_EXACT_WORK, MAX_FINAL_WORK, MAX_WORK, SEARCH_SECONDS
+from scripted_agents.references import is_exact_team
+from train.evaluation.games import other_role
 from train.evaluation.matchups import can_solve, match
 from train.runs.folder import CONFIG, SELF_PLAY, SIDE, save_checkpoint, save_config
 from train.runs.forms import Objective
@@ -253,7 +248,7 @@ class SelfPlay:
         if any(self.task.hides_from(agent) for agent in self.task.agent_names):
             content["limited_view"] = True  # best responses and values have full view
             self.tell("best responses with a limited view", 0.0)
-            seconds = 0.0 if brief else SECONDS
+            seconds = 0.0 if brief else SEARCH_SECONDS
             content["limited_best_responses"] = limited_best_responses(self.task, pair, seconds)
         exact = "nash_conv" in evaluation
         if not exact and not is_exact_team(self.task, pair, MAX_FINAL_WORK):

@@ -16,11 +16,13 @@ from pursuit.simulator.policy import Policy, TabularPolicy
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task
 from scripted_agents import least_steps_of, tour_lengths
-from scripted_agents.tours.tour import MAX_EXACT_GOALS
-from train.evaluation.games import MAX_EXACT_CELLS, best_reply, other_role
-
-EXACT_JOINTS = 5
-"""Largest number of joints for which the minimum steps are computed: below half a millisecond."""
+from scripted_agents.limits import (
+    MAX_CURRICULUM_JOINTS,
+    MAX_EXACT_CELLS,
+    is_single_runner,
+    why_no_tour,
+)
+from train.evaluation.games import best_reply, other_role
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,8 +72,8 @@ def optimum_of(task: Task, agent: str, opponents: Mapping[str, Policy]) -> Optim
         agent: the learning agent, by name or role.
         opponents: the fixed policy of every other role.
     """
-    if (task.num_agents, task.num_runners) == (1, 1):
-        return _optimum(task, _tours) if task.num_goals <= MAX_EXACT_GOALS else None
+    if is_single_runner(task):
+        return _optimum(task, _tours) if why_no_tour(task.num_goals) is None else None
     if not task.is_duel or task.max_cells > MAX_EXACT_CELLS:
         return None
     role = task.seat_roles[task.seat(agent)]
@@ -97,7 +99,7 @@ def _tours(number: int, maze: Maze, cells: NDArray[Any], goals: NDArray[Any]) ->
 
 def arm_optimum(task: ReacherTask) -> Optimum | None:
     """The minimum steps of an arm; None for many joints, and for discrete actions."""
-    if task.joints > EXACT_JOINTS or task.discrete_actions:
+    if task.joints > MAX_CURRICULUM_JOINTS or task.discrete_actions:
         return None
 
     def steps(

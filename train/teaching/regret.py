@@ -13,10 +13,9 @@ from pursuit.simulator.policy import Policy
 from pursuit.tasks.task import Task
 from pursuit.validation import check
 from scripted_agents import mean_over_starts
+from scripted_agents.references import is_known, is_solvable
 from train.evaluation.games import best_reply, other_role
 from train.evaluation.suite_tables import (
-    is_known,
-    is_solvable,
     opponent_tables,
     pairs_of_values,
     tables_of,

@@ -273,7 +273,7 @@ def test_they_have_names_for_the_roles_that_they_play() -> None:
 
 
 def test_they_stand_beside_learners_of_limited_sight(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(hidden_contest, "SECONDS", 0.5)
+    monkeypatch.setattr(hidden_contest, "SEARCH_SECONDS", 0.5)
     hidden = make_task("chase", maze="4x4", view_radius=1, max_steps=60)
     evader = AStarEvader(epsilon=0.5)
     contest = GameContest(hidden, "chaser", {"evader": evader}, episodes=300)

@@ -60,7 +60,7 @@ class Table:
 def test_endless_lists_are_refused(
     returned: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(enumeration_module, "MOST_STATES", 100_000)
+    monkeypatch.setattr(enumeration_module, "MAX_SMALL_STATES", 100_000)
     with pytest.raises(ValueError, match="more than 100,000 entries; give a smaller game"):
         enumerate_game(Table(**returned), most_states=10)
 

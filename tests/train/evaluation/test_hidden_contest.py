@@ -31,7 +31,7 @@ from train.self_play.report import describe_exploitability
 
 @pytest.fixture(autouse=True)
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(hidden_contest, "SECONDS", 0.5)
+    monkeypatch.setattr(hidden_contest, "SEARCH_SECONDS", 0.5)
 
 
 def contest_for(role: str, **task: Any) -> GameContest:
@@ -61,7 +61,7 @@ def test_scores_stand_beside_the_certified_interval(role: str) -> None:
 def test_results_claim_no_optimum_that_is_none() -> None:
     contest = contest_for("chaser", view_radius={"chaser": 1})
     learned = contest.score("learned", RandomAgent())
-    results = evaluation_of([learned], "greedy", None, contest.certificate())
+    results = evaluation_of([learned], "greedy", contest=contest)
     found = results["evaluation"]
     assert found["optimal_steps"] is None and found["optimality_gap"] is None
     assert found["discount"] == 0.95 and found["certified_lower"] <= found["certified_upper"]

@@ -30,8 +30,8 @@ from train.evaluation.scores import (
     BY_RETURN,
     Score,
     optimality_gap,
-    reference_of,
     score_table,
+    strongest_reference,
 )
 from train.evaluation.suite_contest import SuiteContest
 from train.experiments.sweep_report import measure_of as measure_of_rows
@@ -137,23 +137,23 @@ def test_whatever_is_known_there_is_a_reference() -> None:
     learned, chance = score("learned", 30.0, 1.0), score("random", 21.0, 1.2)
     scripted, seeing = score("nearest goal", 20.0, 2.0), score("searching runner", 25.0, 1.5)
     some = [chance, scripted, seeing, learned]
-    found = reference_of(some, learned)
+    found = strongest_reference(some, learned)
     assert found is not None and (found.kind, found.name) == ("best known", "nearest goal")
     assert found.distance == pytest.approx(0.5) and "best known, not proven" in found.line()
-    evader = reference_of(some, learned, BY_MOST_STEPS)
+    evader = strongest_reference(some, learned, BY_MOST_STEPS)
     assert evader is not None and evader.name == "searching runner"
-    fair = reference_of(some, learned, comparable=("searching runner",))
-    assert reference_of(some, learned, comparable=()) is None
+    fair = strongest_reference(some, learned, comparable=("searching runner",))
+    assert strongest_reference(some, learned, comparable=()) is None
     assert fair is not None and fair.distance == pytest.approx(0.2)
-    paid = reference_of(some, learned, BY_RETURN)
+    paid = strongest_reference(some, learned, BY_RETURN)
     assert paid is not None and (paid.name, paid.value, paid.distance) == ("nearest goal", 2.0, 1.0)
-    bound = reference_of([*some, score("optimal, full view", 10.0)], learned)
+    bound = strongest_reference([*some, score("optimal, full view", 10.0)], learned)
     assert bound is not None and bound.kind == "bound" and "gap +200.00 %" in bound.line()
-    exact = reference_of([*some, score("optimal", 15.0)], learned)
+    exact = strongest_reference([*some, score("optimal", 15.0)], learned)
     assert exact is not None and exact.kind == "exact" and exact.distance == pytest.approx(1.0)
-    lucky = reference_of([score("random", 5.0), *some], learned)
+    lucky = strongest_reference([score("random", 5.0), *some], learned)
     assert lucky is not None and lucky.name == "random"
-    assert reference_of([learned], learned) is None
+    assert strongest_reference([learned], learned) is None
 
 
 def test_full_sight_is_a_bound_where_sight_is_limited() -> None:
@@ -170,7 +170,7 @@ def test_full_sight_is_a_bound_where_sight_is_limited() -> None:
     best = huge.reference(huge.baselines(), huge.score("random", RandomAgent()))
     assert best is not None and best.kind == "best known"
     many = make_task("maze", maze="7x7", num_goals=20)
-    assert "20 goals" in str(GameContest(many, "runner", {}, 50).why_not_joint())
+    assert "20 goals" in str(GameContest(many, "runner", {}, 50).exact_reference.reason)
 
 
 def test_a_bound_is_that_of_the_game_that_is_played() -> None:

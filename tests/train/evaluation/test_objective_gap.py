@@ -145,7 +145,7 @@ def test_what_would_take_too_long_or_too_much_memory_is_not_known(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     maze = load_maze("3x3")
-    monkeypatch.setattr(objective, "MAX_STEPS_OF_WORK", 10)
+    monkeypatch.setattr(objective, "MAX_TOUR_WORK", 10)
     assert tour_objective_gap(maze, 3, 0.95) is None
     with pytest.raises(ValueError, match="num_goals=9"):
         tour_objective_gap(maze, 9, 0.95)

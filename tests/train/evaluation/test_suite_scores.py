@@ -23,12 +23,13 @@ from scripted_agents import (
     evaluate_exactly,
     mean_over_starts,
 )
+from scripted_agents.references import is_known
 from train import load_policy
 from train.commands.main import main
 from train.evaluation.contest import GameContest
 from train.evaluation.suite_contest import SuiteContest, suite_called
 from train.evaluation.suite_report import kind_table, maze_rows, summary_of
-from train.evaluation.suite_tables import is_known, tables_of
+from train.evaluation.suite_tables import tables_of
 from train.networks.actor_critic import ActorCritic
 from train.networks.layers import Hidden
 from train.networks.policy import Seat

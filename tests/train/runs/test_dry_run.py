@@ -27,8 +27,8 @@ def short(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("train.runs.loop.EVALUATIONS", 1)
     monkeypatch.setattr("train.runs.single.EPISODES", 10)
     for place in ("contest", "hidden_contest"):
-        monkeypatch.setattr(f"train.evaluation.{place}.SECONDS", 0.1)
-    monkeypatch.setattr("train.self_play.trainee.SECONDS", 0.1)
+        monkeypatch.setattr(f"train.evaluation.{place}.SEARCH_SECONDS", 0.1)
+    monkeypatch.setattr("train.self_play.trainee.SEARCH_SECONDS", 0.1)
 
 
 ALONE: list[dict[str, Any]] = [

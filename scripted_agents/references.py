@@ -1,0 +1,199 @@
+"""With which exact optimum an agent is compared, or why with none: `reference_of`.
+
+This is the one place that decides when a result (of `pursuit evaluate`, `pursuit baseline` or a
+run) has an exact reference. The numbers are in `limits`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from pursuit.reacher.task import ReacherTask
+from pursuit.simulator.policy import DistributionPolicy, Policy, TabularPolicy
+from pursuit.tasks.task import Task
+from scripted_agents.agents.runner import NearestGoalRunner, TourRunner
+from scripted_agents.agents.scripted import RandomAgent
+from scripted_agents.joint.opponents import has_distributions, why_no_distribution
+from scripted_agents.limits import (
+    MAX_BOUNDED_CELLS,
+    MAX_EXACT_CELLS,
+    MAX_EXACT_WORK,
+    MAX_WORK,
+    check_joint_states,
+    count_joint_states,
+    is_single_runner,
+    why_no_tour,
+    why_not_team_chase,
+    work_of,
+)
+
+
+@dataclass(frozen=True)
+class ExactReference:
+    """With what an agent is compared: the answer of `reference_of`.
+
+    Kinds:
+        tour: One runner without other agents, up to MAX_EXACT_GOALS goals, in any mazes. Exact: the
+            shortest tours, in steps.
+        duel: One chaser and one evader without goals at random starts in mazes of up to
+            MAX_EXACT_CELLS cells, the opponent a table over both cells. Exact: the best response,
+            the mean steps over all starts.
+        team: Several chasers and one evader without goals at random starts in one maze, policies
+            with known distributions, work of up to MAX_EXACT_WORK. Exact: the best response of the
+            agent, the mean steps over all starts.
+        joint: Any other game in one maze, policies with known distributions, work of up to
+            MAX_WORK; in final results, `pursuit evaluate` and `pursuit baseline`
+            MAX_EVALUATED_WORK. Exact: the best response of the agent from the starts of the
+            evaluation, in steps; in a race in goals, in a heist in return.
+        bounds: A duel as above with a limited view of the agent, in one maze of up to
+            MAX_BOUNDED_CELLS cells. Certified: a proven interval of the optimum, in discounted
+            steps.
+        arm: The arm with continuous actions. Exact: the least steps; a bound where they are not
+            known from every start.
+        none: Everything else. A bound, where one is known: the optimum with full view, or with
+            continuous actions; otherwise the best scripted agent.
+
+    Attributes:
+        kind: of these.
+        reason: why no exact optimum is known, with the kinds "bounds" and "none"; else empty.
+    """
+
+    kind: Literal["tour", "duel", "team", "joint", "bounds", "arm", "none"]
+    reason: str = ""
+
+
+def reference_of(
+    task: Task | ReacherTask,
+    agent: str,
+    opponents: Mapping[str, Policy],
+    most_work: int = MAX_WORK,
+    by_maze: bool = False,
+) -> ExactReference:
+    """Which exact optimum of an agent is known, and if none is, the reason.
+
+    Args:
+        task: the game, or the arm.
+        agent: its name or role; not used of the arm.
+        opponents: the policies of the other agents, by agent name or role; those of the agent's own
+            role are of its teammates.
+        most_work: the size (`work_of`) up to which games of the kind "joint" are solved.
+        by_maze: whether duels in several mazes are solved maze by maze, as in suites.
+    """
+    if isinstance(task, ReacherTask):
+        if task.discrete_actions:
+            return _unknown("discrete actions; only a lower bound of the steps is known")
+        return ExactReference("arm")
+    if task.hides_from(agent):
+        bounded = is_exact(task, *opponents.values()) and task.max_cells <= MAX_BOUNDED_CELLS
+        return ExactReference("bounds" if bounded else "none", "limited view")
+    if is_single_runner(task):
+        reason = why_no_tour(task.num_goals)
+        return ExactReference("tour") if reason is None else _unknown(reason)
+    if is_exact(task, *opponents.values()):
+        return ExactReference("duel")
+    if len(task.mazes) > 1:
+        if by_maze and is_solvable(task, *opponents.values()):
+            return ExactReference("duel")
+        return _unknown(f"{len(task.mazes)} mazes; whole games are solved in one")
+    seat = task.seat(agent)
+    if is_exact_team(task, {**opponents, task.agent_names[seat]: RandomAgent()}):
+        return ExactReference("team")
+    reason = why_not_joint(task, opponents, most_work, seat)
+    return ExactReference("joint") if reason is None else _unknown(reason)
+
+
+def _unknown(reason: str) -> ExactReference:
+    return ExactReference("none", reason)
+
+
+# -- fixed policies, whose values are exact --------------------------------------------------------
+
+
+def is_exact(task: Task, *policies: Policy) -> bool:
+    """Whether the task is a duel small enough to be solved, and all policies are tables."""
+    tables = all(is_table_in(task, policy) for policy in policies)
+    return len(task.mazes) == 1 and _is_small_duel(task) and tables
+
+
+def _is_small_duel(task: Task) -> bool:
+    return task.is_duel and task.max_cells <= MAX_EXACT_CELLS and task.start == "random"
+
+
+def is_table_in(task: Task, policy: Any) -> bool:
+    """Whether a policy is a table [self cell, other cell, action] in the games of `task`.
+
+    For a learned policy this requires the view limits of its training, for which the table is
+    valid.
+    """
+    own, agent = getattr(policy, "task", None), getattr(policy, "agent", None)
+    if not isinstance(policy, TabularPolicy) or not isinstance(own, Task) or agent is None:
+        return isinstance(policy, TabularPolicy)
+    seat = own.seat(agent)
+    here = task.seat(own.seat_roles[seat])
+    return own.sight.limits[seat] == task.sight.limits[here]
+
+
+def is_exact_team(task: Task, policies: Mapping[str, Policy], most: int = MAX_EXACT_WORK) -> bool:
+    """Whether a chase of one evader by a team is small enough to be solved with these policies.
+
+    Args:
+        task: the game; duels are not included.
+        policies: by agent name or role.
+        most: the largest size that is solved (`work_of`).
+    """
+    return (
+        not task.is_duel
+        and task.start == "random"
+        and why_not_team_chase(task) is None
+        and work_of(task) <= most
+        and has_distributions(task, policies)
+    )
+
+
+def why_not_joint(
+    task: Task, policies: Mapping[str, Policy], most: int, responder: int | None = None
+) -> str | None:
+    """The reason why a whole game is not solved; None if it is.
+
+    Args:
+        task: the game.
+        policies: of the agents, by agent name or role.
+        most: the largest size that is solved (`work_of`).
+        responder: the index of an agent that needs no policy.
+    """
+    if len(task.mazes) > 1:
+        return f"{len(task.mazes)} mazes; whole games are solved in one"
+    if work_of(task) > most:
+        return (
+            f"{count_joint_states(task):,} states, times joint actions {work_of(task):,}; "
+            f"at most {most:,} are solved here"
+        )
+    try:
+        check_joint_states(task, each=100)
+    except ValueError as refused:
+        return str(refused)
+    seats = [seat for seat in range(task.num_agents) if seat != responder]
+    return why_no_distribution(task, seats, policies)
+
+
+# -- each of several mazes -------------------------------------------------------------------------
+
+
+def is_one_goal(task: Task) -> bool:
+    """Whether the task is a single runner with one goal and random starts."""
+    return is_single_runner(task) and task.num_goals == 1 and task.start == "random"
+
+
+def is_known(policy: Any) -> bool:
+    """Whether `train.evaluation.suite_tables.tables_of` supports a policy: scripted agents, and
+    networks without memory that observe only cells and goals."""
+    scripted = isinstance(policy, (NearestGoalRunner, TourRunner, TabularPolicy))
+    return scripted or isinstance(policy, DistributionPolicy)
+
+
+def is_solvable(task: Task, *opponents: Policy | None) -> bool:
+    """Whether values can be computed exactly in every maze: for a runner with one goal, or in a
+    small duel with a tabular opponent."""
+    return is_one_goal(task) or (_is_small_duel(task) and all(map(is_known, opponents)))
