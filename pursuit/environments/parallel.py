@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
 from pursuit.environments.turn_based import turn_based_makers
-from pursuit.environments.types import AnySimulator, AnyTask, Info, Options, Space, TurnBased
+from pursuit.environments.types import Info, Options, Space, TurnBased
 from pursuit.mazes.maze_arrays import lay_out
 from pursuit.observations.masks import (
     ACTION_MASK,
@@ -51,12 +51,12 @@ class SimulatorParallelEnv(Rendered, ParallelEnv[str, Any, Any]):
         np_random: a generator for wrappers; seeded by `reset` and not used by the environment.
     """
 
-    simulator: AnySimulator
-    task: AnyTask
+    simulator: Any
+    task: Any
 
     def __init__(
         self,
-        simulator: AnySimulator,
+        simulator: Any,
         agents: list[str],
         observed: Space,
         action: Space,

@@ -17,7 +17,7 @@ import numpy as np
 from gymnasium.envs.registration import EnvSpec
 from numpy.typing import NDArray
 
-from pursuit.environments.types import AnySimulator, AnyTask, Info, Options, Space
+from pursuit.environments.types import Info, Options, Space
 from pursuit.rendering.rendering import Drawable
 from pursuit.rendering.windows import Rendered
 from pursuit.rules.layout import Array
@@ -56,7 +56,7 @@ class TaskSpec(EnvSpec):
 class SpecWithLimit:
     """Environments whose `spec` is a `TaskSpec`, when Gymnasium has set one."""
 
-    task: AnyTask
+    task: Any
     _spec: TaskSpec | None = None
 
     def _max_steps(self) -> int:
@@ -155,9 +155,9 @@ class SingleEnv(GamesOfWorld, SpecWithLimit, Rendered, gymnasium.Env[Any, Any]):
         observed, action: the spaces of observations and actions.
     """
 
-    simulator: AnySimulator
+    simulator: Any
 
-    def __init__(self, simulator: AnySimulator, observed: Space, action: Space) -> None:
+    def __init__(self, simulator: Any, observed: Space, action: Space) -> None:
         self.simulator, self.task = simulator, simulator.task
         self.observation_space, self.action_space = observed, action
         self._seeded = False

@@ -5,11 +5,6 @@ from typing import Any, TypeAlias
 import gymnasium
 from pettingzoo import AECEnv, ParallelEnv
 
-from pursuit.reacher.simulator import ReacherSimulator
-from pursuit.reacher.task import ReacherTask
-from pursuit.simulator.simulator import Simulator
-from pursuit.tasks.task import Task
-
 Space = gymnasium.Space[Any]
 Info = dict[str, Any]
 """The infos of an agent, of a game, or of a batch of games."""
@@ -17,5 +12,3 @@ Options = dict[str, Any] | None
 """The options of a reset."""
 Parallel: TypeAlias = ParallelEnv[str, Any, Any]
 TurnBased: TypeAlias = AECEnv[str, Any, Any]
-AnyTask = Task | ReacherTask
-AnySimulator = Simulator | ReacherSimulator

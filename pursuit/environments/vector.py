@@ -12,7 +12,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from pursuit.environments.single_env import GamesOfWorld, SpecWithLimit, row_of
-from pursuit.environments.types import AnySimulator, Info, Options, Space
+from pursuit.environments.types import Info, Options, Space
 from pursuit.rules.layout import Array
 from pursuit.validation import checked_seed, is_int, random_seed, whole
 
@@ -71,7 +71,7 @@ class LockstepVectorEnv(GamesOfWorld, SpecWithLimit, gymnasium.vector.VectorEnv[
 
     def __init__(
         self,
-        simulator: AnySimulator,
+        simulator: Any,
         observed: Space,
         actions: Space,
         render_mode: str | None,
@@ -171,7 +171,7 @@ class LockstepVectorEnv(GamesOfWorld, SpecWithLimit, gymnasium.vector.VectorEnv[
         self, seeds: list[int | None], others: int | None, chosen: NDArray[np.bool_]
     ) -> None:
         """Give game i the streams of a single game with seed `seeds[i]`."""
-        simulator, single = self.simulator, type(self.simulator)(self.task)  # type: ignore[arg-type]
+        simulator, single = self.simulator, type(self.simulator)(self.task)
         if others is not None:
             simulator.seed(others)
         for game in np.flatnonzero(chosen):

@@ -141,21 +141,22 @@ def decide_captures(turn: Turn) -> int:
     If the chasers move first, an evader that one of them reaches does not move. Exact checks are
     made only for evaders that may share a cell with a chaser according to the bits of cells.
     """
-    teams, plan, cells = turn.rules.teams, turn.plan, turn.games.position[turn.game]
+    teams, plan, game = turn.rules.teams, turn.plan, turn.game
+    position = turn.games.position
     reached = np.uint64(0)
     for chaser in chasers_of(teams):
         reached |= bit_of(plan.after[chaser])
     asked = num_captured = 0
     for evader in evaders_of(teams):
-        near = reached & (bit_of(cells[evader]) | bit_of(plan.after[evader]))
+        near = reached & (bit_of(position[game, evader]) | bit_of(plan.after[evader]))
         plan.captors[evader] = 0
         plan.captured[asked] = evader
         asked += (near != 0) * is_free(turn, evader)
     for i in range(asked):
         evader, captors = plan.captured[i], 0
         for chaser in chasers_of(teams):
-            if turn.rules.chasers_first and plan.after[chaser] == cells[evader]:
-                plan.after[evader] = cells[evader]
+            if turn.rules.chasers_first and plan.after[chaser] == position[game, evader]:
+                plan.after[evader] = position[game, evader]
         for chaser in chasers_of(teams):
             captors += captures_evader(turn, chaser, evader)
         plan.captors[evader] = captors
@@ -222,28 +223,28 @@ def count_goals(turn: Turn) -> None:
 @inlined
 def add_step_rewards(turn: Turn) -> None:
     """Write the step reward of every agent; 0 for captured evaders."""
-    rules, events, rewards = turn.rules, turn.games.event[turn.game], turn.outcome.rewards
+    rules, events, rewards = turn.rules, turn.games.event, turn.outcome.rewards
     real, game = rewards.dtype.type, turn.game  # float32; float64 in exact solvers
     for chaser in chasers_of(rules.teams):
         earned = real(rules.chaser.step)
         if rules.chaser.distance != 0.0:
             away = nearest_evader(turn, chaser)
             earned = real(rules.chaser.step + rules.chaser.distance * away)
-        events[chaser] = 0
+        events[game, chaser] = 0
         rewards[game, chaser] = earned
     for evader in evaders_of(rules.teams):
         earned = real(rules.evader.step)
         if rules.evader.distance != 0.0:
             away = nearest_chaser(turn, evader)
             earned = real(rules.evader.step + rules.evader.distance * away)
-        events[evader] = 0
+        events[game, evader] = 0
         rewards[game, evader] = earned if is_free(turn, evader) != 0 else real(0.0)
     for runner in runners_of(rules.teams):
         earned = real(rules.runner.step)
         if rules.runner.distance != 0.0:
             away = nearest_goal(turn, runner)
             earned = real(rules.runner.step + rules.runner.distance * away)
-        events[runner] = 0
+        events[game, runner] = 0
         rewards[game, runner] = earned
 
 
@@ -343,10 +344,11 @@ def nearest_chaser(turn: Turn, evader: int) -> int:
 @inlined
 def nearest_goal(turn: Turn, runner: int) -> int:
     """The Manhattan distance to the nearest goal that is left; 0 if there is none."""
-    plan, goals, nearest = turn.plan, turn.games.goal[turn.game], -1
+    plan, nearest = turn.plan, -1
     for goal in goals_of(turn.rules.teams):
-        if goals[goal] >= 0 and plan.takers[goal] == 0:
-            nearest = nearer(turn, nearest, plan.after[runner], goals[goal])
+        cell = turn.games.goal[turn.game, goal]
+        if cell >= 0 and plan.takers[goal] == 0:
+            nearest = nearer(turn, nearest, plan.after[runner], cell)
     return max(nearest, 0)
 
 

@@ -61,12 +61,6 @@ def test_fixed_starts_need_random_starts_false() -> None:
         check_parallel_env(env)
 
 
-@pytest.mark.parametrize("counts", [{"episodes": 0}, {"max_steps": 0}])
-def test_zero_episodes_or_steps_are_refused(counts: dict[str, int]) -> None:
-    with pytest.raises(ValueError, match="at least 1"):
-        check_parallel_env(chase_v0.parallel_env(), **counts)
-
-
 @pytest.mark.parametrize("name", BROKEN)
 def test_a_broken_environment_is_found(name: str) -> None:
     methods, message = BROKEN[name]

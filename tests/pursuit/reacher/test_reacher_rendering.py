@@ -31,7 +31,6 @@ from pursuit.reacher.rendering import (
 )
 from pursuit.rendering.animation import save_animation
 from pursuit.rendering.rendering import WALL, Scene
-from pursuit.rendering.windows import Window
 
 SCENE = ArmScene((math.pi / 2, -math.pi / 2), (-1.0, -1.0), 0.2, steps=12, max_steps=400)
 
@@ -135,17 +134,6 @@ def test_scenes_of_a_simulator() -> None:
 
 
 # -- windows, animations, environments -------------------------------------------------------------
-
-
-def test_a_window_shows_arms_and_mazes(monkeypatch: pytest.MonkeyPatch) -> None:
-    pygame = pytest.importorskip("pygame")
-    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
-    window = Window()
-    window.show(SCENE, fps=0)
-    shown = pygame.surfarray.array3d(pygame.display.get_surface()).swapaxes(0, 1)
-    assert (shown == draw_arm(SCENE)).all()
-    window.show(Scene(Maze.from_text("+-+-+\n|   |\n+-+-+"), (), (), 0, 1), fps=0)
-    window.close()
 
 
 def test_an_animation_of_an_arm(tmp_path: Path) -> None:

@@ -278,16 +278,6 @@ def test_a_bad_setting_is_refused_and_changes_nothing(bad: dict[str, Any]) -> No
         simulator.configure(**{**good, **bad})
 
 
-def test_settings_that_no_placement_meets_are_reported() -> None:
-    simulator = Simulator(TASKS["chase"], 2)
-    with pytest.raises(
-        ValueError,
-        match=r"min_start_distance=24.*5x5 \(longest distance: 10\)\. Lower the minimum",
-    ):
-        simulator.configure(min_start_distance=24)
-    assert (simulator.get_state().next_min_start_distance == 2).all()
-
-
 # -- starts ----------------------------------------------------------------------------------------
 
 
