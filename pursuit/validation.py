@@ -242,10 +242,11 @@ def check_fields(settings: Any) -> None:
 
     None is allowed where it is the default.
     """
+    form: Any = type(settings)
     for field in fields(settings):
         value = getattr(settings, field.name)
         if value is not None or field.default is not None:
-            for each in rules_of(type(settings))[field.name]:
+            for each in rules_of(form)[field.name]:
                 value = each.checked(field.name, value)
                 object.__setattr__(settings, field.name, value)
 
