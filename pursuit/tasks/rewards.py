@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Annotated, Any
 
 from pursuit.plugins import Registry, accepts
@@ -73,17 +73,14 @@ class Rewards:
             )
 
 
+_GOAL = {
+    "chaser": Rewards(step=-0.1, capture=1.0),
+    "evader": Rewards(step=1.0, capture=-1.0, goal=1.0),
+    "runner": Rewards(step=-0.1, goal=1.0),
+}
 REWARD_SCHEMES: Mapping[str, Mapping[str, Rewards]] = {
-    "goal": {
-        "chaser": Rewards(step=-0.1, capture=1.0),
-        "evader": Rewards(step=1.0, capture=-1.0, goal=1.0),
-        "runner": Rewards(step=-0.1, goal=1.0),
-    },
-    "completion": {
-        "chaser": Rewards(step=-0.1, capture=1.0, on_completion=True),
-        "evader": Rewards(step=1.0, capture=-1.0, goal=1.0, on_completion=True),
-        "runner": Rewards(step=-0.1, goal=1.0, on_completion=True),
-    },
+    "goal": _GOAL,
+    "completion": {role: replace(each, on_completion=True) for role, each in _GOAL.items()},
     "distance": {
         "chaser": Rewards(distance=-1.0),
         "evader": Rewards(distance=1.0),

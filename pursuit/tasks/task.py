@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any
@@ -339,13 +339,11 @@ def checked_task(task: Any) -> Task:
 HEIST_REWARDS = {"evader": Rewards(step=-0.1, capture=-1.0, goal=1.0)}
 """The step reward is negative: an evader rewarded for surviving has no reason to collect goals."""
 
-_NAMED: dict[str, Callable[[], Task]] = {
-    "chase": lambda: Task(num_chasers=1, num_evaders=1, name="chase"),
-    "maze": lambda: Task(num_runners=1, num_goals=3, name="maze"),
-    "race": lambda: Task(num_runners=2, num_goals=3, name="race"),
-    "heist": lambda: Task(
-        num_chasers=1, num_evaders=1, num_goals=3, rewards=HEIST_REWARDS, name="heist"
-    ),
+_NAMED: dict[str, dict[str, Any]] = {
+    "chase": {"num_chasers": 1, "num_evaders": 1},
+    "maze": {"num_runners": 1, "num_goals": 3},
+    "race": {"num_runners": 2, "num_goals": 3},
+    "heist": {"num_chasers": 1, "num_evaders": 1, "num_goals": 3, "rewards": HEIST_REWARDS},
 }
 TASK_NAMES = tuple(_NAMED)
 
@@ -362,4 +360,4 @@ def make_task(name: str, **settings: Any) -> Task:
     one_of("task", name, TASK_NAMES)
     known = [field.name for field in fields(Task) if field.name != "name"]
     settings = named_settings("make_task", settings, known)
-    return replace(_NAMED[name](), **settings)
+    return Task(**{**_NAMED[name], "name": name, **settings})
