@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -41,7 +40,8 @@ class Ranked(Resumable):
     def chances(self, scores: NDArray[np.float64], ages: NDArray[np.int64]) -> NDArray[np.float64]:
         """[levels], sampling probabilities of levels with these scores and ages (at least 0)."""
         by_score = np.empty(len(scores))
-        by_score[np.argsort(-scores, kind="stable")] = _rank_weights(len(scores), self.temperature)
+        ranks = np.arange(1.0, len(scores) + 1.0)
+        by_score[np.argsort(-scores, kind="stable")] = ranks ** (-1.0 / self.temperature)
         by_age = ages.astype(np.float64) if ages.sum() > 0 else np.ones(len(ages))
         mixed = (1.0 - self.staleness) * by_score / by_score.sum()
         return mixed + self.staleness * by_age / by_age.sum()
@@ -53,20 +53,6 @@ class Ranked(Resumable):
         self.reported = mark
         mean, low, high = float(scores.mean()), float(scores.min()), float(scores.max())
         return [Change(mean, low, high, what.format(count=len(scores), mean=mean))]
-
-
-@lru_cache(maxsize=8)
-def _rank_weights(count: int, temperature: float) -> NDArray[np.float64]:
-    """[count] (1 / rank)^(1 / temperature) of ranks 1, 2, ..."""
-    return np.arange(1.0, count + 1.0) ** (-1.0 / temperature)
-
-
-def least(values: NDArray[np.float64], count: int) -> NDArray[np.intp]:
-    """[count] indices of the smallest `values` in increasing order; ties by index."""
-    if count >= len(values):
-        return np.argsort(values, kind="stable")
-    near = np.flatnonzero(values <= np.partition(values, count - 1)[count - 1])
-    return near[np.argsort(values[near], kind="stable")][:count]
 
 
 class LevelReplay(Ranked):
@@ -148,19 +134,16 @@ class LevelReplay(Ranked):
         plays = np.bincount(of_level)
         wins = np.bincount(of_level, weights=outcomes.successes[::-1]).astype(np.int64)
         counts = np.stack([wins, plays])
-        order = np.argsort(self.seeds)
-        places = np.searchsorted(self.seeds[order], levels)
-        slots = order[np.minimum(places, len(order) - 1)] if len(order) else np.zeros(0, np.intp)
-        known = np.zeros(len(levels), dtype=bool)
-        if len(order):
-            known = self.seeds[slots] == levels
-            self.counts[:, slots[known]] += counts[:, known]
-            counts[:, known] = self.counts[:, slots[known]]
+        _, slots, known = np.intersect1d(
+            self.seeds, levels, assume_unique=True, return_indices=True
+        )
+        self.counts[:, slots] += counts[:, known]
+        counts[:, known] = self.counts[:, slots]
         scores = self._scores(outcomes, last, counts)
-        if known.any():
-            self.scores[slots[known]] = scores[known]
-            self.played[slots[known]] = self.updates
-        self._insert(levels[~known], scores[~known], counts[:, ~known])
+        self.scores[slots], self.played[slots] = scores[known], self.updates
+        new = np.ones(len(levels), dtype=bool)
+        new[known] = False
+        self._insert(levels[new], scores[new], counts[:, new])
 
     def _scores(
         self, outcomes: Outcomes, last: NDArray[np.intp], counts: NDArray[np.int64]
@@ -198,7 +181,7 @@ class LevelReplay(Ranked):
         best = best[: min(np.count_nonzero(scores > self.scores.min()), len(self.scores))]
         if not len(best):
             return
-        weak = least(self.probabilities(), len(best))
+        weak = np.argsort(self.probabilities(), kind="stable")[: len(best)]
         better = scores[best] > self.scores[weak]
         into, new = weak[better], best[better]
         self.seeds[into], self.scores[into] = seeds[new], scores[new]

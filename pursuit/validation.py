@@ -21,7 +21,7 @@ from difflib import get_close_matches
 from functools import cache
 from math import inf, isfinite
 from pathlib import Path
-from typing import Annotated, Any, NoReturn, TypeVar, get_type_hints
+from typing import Annotated, Any, NoReturn, TypeGuard, TypeVar, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,17 +71,17 @@ def did_you_mean(name: object, known: Iterable[str]) -> str:
     return f" (did you mean {by_lower[close[0]]!r}?)" if close else ""
 
 
-def is_int(value: Any) -> bool:
+def is_int(value: object) -> TypeGuard[int]:
     """Whether it is an integer of Python or NumPy; bools are not accepted."""
     return isinstance(value, (int, np.integer)) and not isinstance(value, bool)
 
 
-def is_number(value: Any) -> bool:
+def is_number(value: object) -> TypeGuard[float]:
     """Whether it is an integer or float of Python or NumPy; bools are not accepted."""
     return is_int(value) or isinstance(value, (float, np.floating))
 
 
-def whole(name: str, value: Any, least: int = 0, most: int = 2**31 - 1) -> int:
+def whole(name: str, value: object, least: int = 0, most: int = 2**31 - 1) -> int:
     """`value` as an int, if it is a whole number from `least` to `most`; ValueError otherwise."""
     if not is_int(value):
         raise ValueError(f"{name}={value!r}; it is a whole number")
@@ -92,38 +92,39 @@ def whole(name: str, value: Any, least: int = 0, most: int = 2**31 - 1) -> int:
     return int(value)
 
 
-def number(name: str, value: Any, least: float = -inf, most: float = inf) -> float:
+def number(name: str, value: object, least: float = -inf, most: float = inf) -> float:
     """`value` as a float, if it is finite, from `least` to `most`; ValueError otherwise."""
     if not is_number(value):
         raise ValueError(f"{name}={value!r}; it is a number")
     try:
-        found = float(value)
+        checked = float(value)
     except OverflowError:  # a whole number of hundreds of digits
-        found = inf
-    if not isfinite(found):
+        checked = inf
+    if not isfinite(checked):
         raise ValueError(f"{name}={value}; it is finite")
-    if found < least:
+    if checked < least:
         raise ValueError(f"{name}={value}; it is at least {least:g}")
-    if found > most:
+    if checked > most:
         raise ValueError(f"{name}={value}; it is at most {most:g}")
-    return found
+    return checked
 
 
-def check_probability(name: str, value: Any) -> float:
+def check_probability(name: str, value: object) -> float:
     """`value` as a float, if it is in [0, 1]; ValueError otherwise."""
     if not is_number(value) or not 0.0 <= value <= 1.0:
         raise ValueError(f"{name}={value!r}; it is a probability from 0 to 1")
     return float(value)
 
 
-def check_discount(discount: Any) -> float:
+def check_discount(discount: object) -> float:
     """`discount` as a float, if it is above 0 and at most 1; ValueError otherwise."""
-    if not 0.0 < number("discount", discount) <= 1.0:
+    checked = number("discount", discount)
+    if not 0.0 < checked <= 1.0:
         raise ValueError(f"discount={discount}; give a number above 0 and at most 1")
-    return float(discount)
+    return checked
 
 
-def checked_seed(seed: Any) -> int:
+def checked_seed(seed: object) -> int:
     """`seed` as an int, if it is a whole number from 0 to 2**64 - 1; ValueError otherwise."""
     return whole("seed", seed, 0, 2**64 - 1)
 
@@ -133,7 +134,7 @@ def random_seed() -> int:
     return int(np.random.SeedSequence().generate_state(1, np.uint64)[0])
 
 
-def check_bool(name: str, value: Any) -> bool:
+def check_bool(name: str, value: object) -> bool:
     """`value` as a bool, if it is True or False; ValueError otherwise."""
     if not isinstance(value, (bool, np.bool_)):
         raise ValueError(f"{name}={value!r}; it is True or False")
@@ -242,10 +243,11 @@ def check_fields(settings: Any) -> None:
 
     None is allowed where it is the default.
     """
+    form: Any = type(settings)
     for field in fields(settings):
         value = getattr(settings, field.name)
         if value is not None or field.default is not None:
-            for each in rules_of(type(settings))[field.name]:
+            for each in rules_of(form)[field.name]:
                 value = each.checked(field.name, value)
                 object.__setattr__(settings, field.name, value)
 
@@ -287,16 +289,16 @@ def reset_options(options: Any, needed: Sequence[str], known: Sequence[str] = ()
     if options is not None and not isinstance(options, Mapping):
         raise ValueError(f"options={options!r}; give a dict")
     # PettingZoo's own tests of environments pass {"options": 1}.
-    given = {name: value for name, value in (options or {}).items() if name != "options"}
-    for name in given:
+    own = {name: value for name, value in (options or {}).items() if name != "options"}
+    for name in own:
         if name not in (*needed, *known):
             raise ValueError(
                 f"options={options!r}: "
                 + unknown("option", name, [*needed, *known], "the options of reset are")
             )
-    if given and not set(needed) <= set(given):
+    if own and not set(needed) <= set(own):
         raise ValueError(f"options={options!r}; give {' and '.join(needed)} too, or no option")
-    return given
+    return own
 
 
 class FrozenDict(dict[Key, Value]):

@@ -25,8 +25,8 @@ def _with_custom_rewards(entry: Any, function: RewardFunction, task: Task) -> An
     """`entry` with the rewards of `function`, computed before ended games restart."""
     roles, distances = roles_of(task.seat_roles), distances_of(task.mazes)
 
-    def step_games(*given: Any) -> int:
-        *arrays, actions, auto_restart = given
+    def step_games(*arguments: Any) -> int:
+        *arrays, actions, auto_restart = arguments
         memory = layout.Memory(*arrays[: len(layout.Memory._fields)])
         outcome: layout.Outcome = layout.named_views(layout.outcome_of, memory)
         before = _copied(memory, roles, distances)
@@ -34,10 +34,10 @@ def _with_custom_rewards(entry: Any, function: RewardFunction, task: Task) -> An
         if auto_restart:  # the games that ended have restarted, so all games move
             memory.flags[:] = False
         playing = ~(outcome.terminated | outcome.truncated)
-        found = int(entry(*arrays, actions, False))
-        if found != layout.OK:
+        status = int(entry(*arrays, actions, False))
+        if status != layout.OK:
             memory.flags[:] = flags
-            return found
+            return status
         after = After(
             *_copied(memory, roles, distances),
             outcome.terminated.copy(),
@@ -54,12 +54,14 @@ def _with_custom_rewards(entry: Any, function: RewardFunction, task: Task) -> An
             start: Any = rules.start_games
             start(*arrays, ended)
             memory.flags[:] = flags
-        return found
+        return status
 
     return step_games
 
 
-def _copied(memory: layout.Memory, roles: Any, distances: Any) -> Before:
+def _copied(
+    memory: layout.Memory, roles: NDArray[np.int32], distances: NDArray[np.int32]
+) -> Before:
     """A copy of the current state; copying the stacked arrays is ten times faster."""
     memory = memory._replace(
         agents=memory.agents.copy(), goals=memory.goals.copy(), clocks=memory.clocks.copy()

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,14 +36,14 @@ class Before(NamedTuple):
             there is no path. [mazes, 0, 0] if a maze is too large for a table.
     """
 
-    positions: Any
-    active: Any
-    events: Any
-    goals: Any
-    steps: Any
-    maze_index: Any
-    roles: Any
-    distances: Any
+    positions: NDArray[np.int32]
+    active: NDArray[np.int32]
+    events: NDArray[np.int32]
+    goals: NDArray[np.int32]
+    steps: NDArray[np.int32]
+    maze_index: NDArray[np.int32]
+    roles: NDArray[np.int32]
+    distances: NDArray[np.int32]
 
 
 class After(NamedTuple):
@@ -55,20 +55,20 @@ class After(NamedTuple):
         rewards: [games, agents] float32, the rewards of the scheme "goal".
     """
 
-    positions: Any
-    active: Any
-    events: Any
-    goals: Any
-    steps: Any
-    maze_index: Any
-    roles: Any
-    distances: Any
-    terminated: Any
-    truncated: Any
-    rewards: Any
+    positions: NDArray[np.int32]
+    active: NDArray[np.int32]
+    events: NDArray[np.int32]
+    goals: NDArray[np.int32]
+    steps: NDArray[np.int32]
+    maze_index: NDArray[np.int32]
+    roles: NDArray[np.int32]
+    distances: NDArray[np.int32]
+    terminated: NDArray[np.bool_]
+    truncated: NDArray[np.bool_]
+    rewards: NDArray[np.float32]
 
 
-def moment_of(games: Games, roles: Any, distances: Any) -> Before:
+def moment_of(games: Games, roles: NDArray[np.int32], distances: NDArray[np.int32]) -> Before:
     """The current state of the games, as views of their arrays."""
     return Before(*games, roles, distances)
 

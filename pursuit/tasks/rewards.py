@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Annotated, Any
 
 from pursuit.plugins import Registry, accepts
@@ -73,17 +73,14 @@ class Rewards:
             )
 
 
+_GOAL = {
+    "chaser": Rewards(step=-0.1, capture=1.0),
+    "evader": Rewards(step=1.0, capture=-1.0, goal=1.0),
+    "runner": Rewards(step=-0.1, goal=1.0),
+}
 REWARD_SCHEMES: Mapping[str, Mapping[str, Rewards]] = {
-    "goal": {
-        "chaser": Rewards(step=-0.1, capture=1.0),
-        "evader": Rewards(step=1.0, capture=-1.0, goal=1.0),
-        "runner": Rewards(step=-0.1, goal=1.0),
-    },
-    "completion": {
-        "chaser": Rewards(step=-0.1, capture=1.0, on_completion=True),
-        "evader": Rewards(step=1.0, capture=-1.0, goal=1.0, on_completion=True),
-        "runner": Rewards(step=-0.1, goal=1.0, on_completion=True),
-    },
+    "goal": _GOAL,
+    "completion": {role: replace(each, on_completion=True) for role, each in _GOAL.items()},
     "distance": {
         "chaser": Rewards(distance=-1.0),
         "evader": Rewards(distance=1.0),
@@ -141,7 +138,7 @@ def rewards_from_text(text: str) -> Mapping[str, Rewards]:
         ValueError: an unknown role or coefficient, a duplicate, or a value that is not a number.
     """
     known = [field.name for field in fields(Rewards)]
-    found: dict[str, dict[str, Any]] = {}
+    by_role: dict[str, dict[str, Any]] = {}
     for entry in filter(None, (part.strip() for part in text.split(","))):
         place, _, value = (part.strip() for part in entry.partition("="))
         role, _, name = place.rpartition(".")
@@ -150,13 +147,14 @@ def rewards_from_text(text: str) -> Mapping[str, Rewards]:
                 f"rewards={text!r}: unknown {place!r}; give {', '.join(known)}, for one role as in "
                 f"chaser.step=-0.1 ({', '.join(ROLES)})"
             )
-        if name in found.setdefault(role, {}):
+        if name in by_role.setdefault(role, {}):
             raise ValueError(f"rewards={text!r}: {place!r} is given twice; give it once")
-        found[role][name] = _value_of(text, entry, name, value)
-    if not found:
+        by_role[role][name] = _value_of(text, entry, name, value)
+    if not by_role:
         raise ValueError(f"rewards={text!r}: empty; give for example step=-0.1,capture=2")
-    named = ROLES if "" in found else [role for role in ROLES if role in found]
-    return {role: Rewards(**{**found.get("", {}), **found.get(role, {})}) for role in named}
+    of_all = by_role.get("")
+    named = [role for role in ROLES if of_all is not None or role in by_role]
+    return {role: Rewards(**{**(of_all or {}), **by_role.get(role, {})}) for role in named}
 
 
 def _value_of(text: str, entry: str, name: str, value: str) -> float | bool:
@@ -239,15 +237,3 @@ def check_rewards(name: str, given: Any) -> Any:
     except TypeError:
         raise ValueError(f"{name}={given!r}; a reward function must be hashable") from None
     return given
-
-
-def coefficients_of(kept: Any) -> Mapping[str, Rewards]:
-    """Dict from role to `Rewards`; the scheme "goal" for roles left out or a reward function."""
-    found = REWARDS.get(kept) if isinstance(kept, str) else kept
-    return {**REWARD_SCHEMES["goal"], **(found if isinstance(found, Mapping) else {})}
-
-
-def function_of(kept: Any) -> RewardFunction | None:
-    """The reward function, or None."""
-    found = REWARDS.get(kept) if isinstance(kept, str) else kept
-    return None if isinstance(found, Mapping) else found

@@ -16,8 +16,8 @@ from pursuit.mazes.suites import load_mazes
 from pursuit.rules import layout
 from pursuit.tasks.placements import StartConstraint, check_placeable
 from pursuit.tasks.rewards import REWARD_SCHEMES as REWARD_SCHEMES
+from pursuit.tasks.rewards import REWARDS, RewardFunction, check_rewards
 from pursuit.tasks.rewards import ROLES as ROLES
-from pursuit.tasks.rewards import RewardFunction, check_rewards, coefficients_of, function_of
 from pursuit.tasks.rewards import Rewards as Rewards
 from pursuit.tasks.visibility import (
     AgentChoice,
@@ -221,12 +221,14 @@ class Task:
     @cached_property
     def role_rewards(self) -> dict[str, Rewards]:
         """Immutable dict from role to `Rewards`; the scheme "goal" with a reward function."""
-        return FrozenDict(coefficients_of(self.rewards))
+        own = REWARDS.resolved(self.rewards)
+        return FrozenDict({**REWARD_SCHEMES["goal"], **(own if isinstance(own, Mapping) else {})})
 
     @cached_property
     def reward_function(self) -> RewardFunction | None:
         """The custom reward function that replaces `role_rewards`, or None."""
-        return function_of(self.rewards)
+        own = REWARDS.resolved(self.rewards)
+        return None if isinstance(own, Mapping) else own
 
     @cached_property
     def _limits(self) -> tuple[Limit, ...]:
@@ -358,4 +360,4 @@ def make_task(name: str, **settings: Any) -> Task:
     one_of("task", name, TASK_NAMES)
     known = [field.name for field in fields(Task) if field.name != "name"]
     settings = named_settings("make_task", settings, known)
-    return Task(name=name, **{**_NAMED[name], **settings})
+    return Task(**{**_NAMED[name], "name": name, **settings})

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pursuit.mazes.maze import MAX_TABLE_CELLS, Maze, load_maze, table_of_distances
 from pursuit.rules.layout import UNREACHABLE, Games
 from pursuit.rules.visibility import SEES_ALL
-from pursuit.validation import FrozenDict, check_bool, is_int, whole
+from pursuit.validation import FrozenDict, check, check_bool, is_int, whole
 from pursuit.validation import unknown as unknown_name
 
 ALL_AGENTS = "all"
@@ -80,16 +80,16 @@ def visible_cells(
 
 def check_visible(maze: Maze, line_of_sight: bool = False) -> None:
     """ValueError if a maze is too large for limited views, or is a graph without lines of sight."""
-    if line_of_sight and not maze.is_grid:
-        raise ValueError(
-            f"line_of_sight: {maze.name} is a graph, without rows and columns to look along; use "
-            "view_radius"
-        )
-    if maze.num_cells > MAX_TABLE_CELLS:
-        raise ValueError(
-            f"{maze.name}: {maze.num_cells} cells; a limited view needs a table of all pairs of "
-            f"cells, at most {MAX_TABLE_CELLS}. Use a smaller maze, or no limit"
-        )
+    check(
+        maze.is_grid or not line_of_sight,
+        f"line_of_sight: {maze.name} is a graph, without rows and columns to look along; use "
+        "view_radius",
+    )
+    check(
+        maze.num_cells <= MAX_TABLE_CELLS,
+        f"{maze.name}: {maze.num_cells} cells; a limited view needs a table of all pairs of cells, "
+        f"at most {MAX_TABLE_CELLS}. Use a smaller maze, or no limit",
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -29,7 +29,7 @@ from curricula import (
     piecewise,
     step,
 )
-from curricula.levels import MAX_SEED, least
+from curricula.levels import MAX_SEED
 
 STAGES = [1.0, 2.0, 4.0, 8.0]
 finite = st.floats(-1e6, 1e6)
@@ -193,20 +193,14 @@ def test_the_gate_does_not_mistake_quick_successes_for_mastery() -> None:
     rng = np.random.default_rng(0)
     played, ends = gate.sample(1000, rng), np.where(rng.random(1000) < 0.5, 10, 200)
     wins = ends == 10
-    for now in range(1, 2000):
+    for now in range(1, 2600):
+        gate.promote_at = 0.6 if now < 2000 else 0.4
         over = ends == now
         gate.update(outcomes(played[over], wins[over]), Progress())
         played[over] = gate.sample(int(over.sum()), rng)
         quick = rng.random(int(over.sum())) < 0.5
         wins[over], ends[over] = quick, now + np.where(quick, 10, 200)
-        assert gate.stage == 0
-    gate.promote_at = 0.4
-    for now in range(2000, 2600):
-        over = ends == now
-        gate.update(outcomes(played[over], wins[over]), Progress())
-        played[over] = gate.sample(int(over.sum()), rng)
-        quick = rng.random(int(over.sum())) < 0.5
-        wins[over], ends[over] = quick, now + np.where(quick, 10, 200)
+        assert gate.stage == 0 or now >= 2000
     assert gate.stage == 1
 
 
@@ -303,11 +297,6 @@ def test_levels_with_regret_are_kept_and_played_again() -> None:
     assert (drawn >= 0).all() and (drawn < MAX_SEED).all()
 
 
-def test_invalid_level_is_named_in_the_message() -> None:
-    with pytest.raises(ValueError, match="outcomes of level -1; seeds are whole"):
-        LevelReplay("learnability").update(outcomes([3.0, -1.0]), Progress())
-
-
 def test_ranks_and_staleness_give_the_published_probabilities() -> None:
     replay = LevelReplay("regret", capacity=4, temperature=0.5, staleness=0.25)
     for seed, value in ((1, 0.1), (2, 0.4), (3, 0.2)):
@@ -334,8 +323,9 @@ def test_a_level_is_scored_by_its_last_episode_and_learnability_by_all() -> None
 def test_unknown_optima_and_impossible_seeds_are_refused() -> None:
     with pytest.raises(ValueError, match="needs the exact optimum"):
         LevelReplay("regret").update(outcomes([1]), Progress())
-    with pytest.raises(ValueError, match="seeds are whole numbers"):
-        LevelReplay("learnability").update(outcomes([0.5]), Progress())
+    for seed in (0.5, -1.0):
+        with pytest.raises(ValueError, match=f"outcomes of level {seed:g}; seeds are whole numb"):
+            LevelReplay("learnability").update(outcomes([3.0, seed]), Progress())
 
 
 # -- all of them -----------------------------------------------------------------------------------
@@ -384,6 +374,3 @@ def test_stages_are_drawn_as_numpys_own_functions_draw_them(seed: int) -> None:
             assert (progress.sample(count, ours) == chosen).all()
             assert (uniform.sample(count, ours) == theirs.choice(stages, count)).all()
             assert (levels.sample(count, ours) == theirs.integers(0, MAX_SEED, count)).all()
-    values = ours.integers(0, 9, 40) / 7
-    for count in (1, 7, 39, 40, 50):
-        assert (least(values, count) == np.argsort(values, kind="stable")[:count]).all()

@@ -19,7 +19,14 @@ from train.settings.checks import check
 from train.settings.common import with_memory
 from train.settings.curricula import curriculum_form
 from train.settings.presets import SIZES, TUNED
-from train.settings.reading import check_names, names_of, picked, read_from, typed, whole
+from train.settings.reading import (
+    check_names,
+    complete_settings,
+    names_of,
+    read_from,
+    settings_with,
+    typed,
+)
 from train.settings.run import TrainSettings
 from train.settings.task import ReacherSettings, task_form
 from train.teaching.plan import training_task
@@ -35,15 +42,15 @@ def unchecked_settings(**flat: Any) -> TrainSettings[Any]:
     form = task_form(flat.get("task"))
     chosen = {n: flat.get(n) for n in (*DEFAULTS_BY, *SIZES)}
     preset = flat.get("preset", TUNED)
-    default = default_settings(picked(form, flat, {}), preset=preset, **chosen)
+    default = default_settings(settings_with(form, flat, {}), preset=preset, **chosen)
     hyper, own = default["hyper"], default["curriculum_settings"]
     check_names(
         flat,
         {*names_of(form, type(hyper), type(own), TrainSettings), "preset"},
         f" for algorithm {default['algorithm']!r} and curriculum {default['curriculum']!r}",
     )
-    default["hyper"] = picked(type(hyper), flat, vars(hyper))
-    default["curriculum_settings"] = picked(type(own), flat, vars(own))
+    default["hyper"] = settings_with(type(hyper), flat, vars(hyper))
+    default["curriculum_settings"] = settings_with(type(own), flat, vars(own))
     return TrainSettings(**{**typed(TrainSettings, flat), **default})
 
 
@@ -54,13 +61,16 @@ def from_plain(plain: Mapping[str, Any], where: str) -> TrainSettings[Any]:
         ValueError: missing or unknown settings, or values that are not allowed.
     """
     with read_from(where, RESTORE):
-        own = whole(TrainSettings, plain)
+        own = complete_settings(TrainSettings, plain)
         forms: dict[str, type[Any]] = {
             "task": task_form(plain.get("task", {}).get("task")),
             "hyper": entry(own["algorithm"]).settings,
             "curriculum_settings": curriculum_form(own["curriculum"]),
         }
-        parts = {name: form(**whole(form, plain.get(name), name)) for name, form in forms.items()}
+        parts = {
+            name: form(**complete_settings(form, plain.get(name), name))
+            for name, form in forms.items()
+        }
         settings: TrainSettings[Any] = TrainSettings(**own, **parts)
         player_of(settings)
     return settings

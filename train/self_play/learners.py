@@ -11,7 +11,7 @@ from train.settings.algorithms import hyperparameter_form
 from train.settings.checks import check
 from train.settings.common import with_memory
 from train.settings.presets import hyperparameters
-from train.settings.reading import check_names, names_of, picked, typed
+from train.settings.reading import check_names, names_of, settings_with, typed
 from train.settings.self_play import (
     LEARN,
     ROLES,
@@ -53,7 +53,7 @@ def learning_side(
         tuned = hyperparameters(algorithm, profile_of(replace(task, role=role)))
         same: Any = {"gamma": default.gamma, "gamma_end": None, "recurrent": None}
         hyper = replace(tuned, **{name: same[name] for name in same if name in names})
-    return LearningSide(algorithm, picked(form, given, vars(hyper)))
+    return LearningSide(algorithm, settings_with(form, given, vars(hyper)))
 
 
 def checked_names(names: Iterable[str]) -> None:
@@ -69,7 +69,7 @@ def unchecked_self_play(**flat: Any) -> SelfPlaySettings:
     """As `self_play_settings_of`, without the checks that build the task and the policies."""
     flat = with_memory(unnested_sides(flat))
     checked_names(flat)
-    task = picked(TaskSettings, flat, {"rewards": "zero_sum"})
+    task = settings_with(TaskSettings, flat, {"rewards": "zero_sum"})
     own: dict[str, dict[str, Any]] = {role: {} for role in ROLES}
     common: dict[str, Any] = {}
     shared = {*names_of(TaskSettings, SelfPlaySettings), *ROLES}

@@ -29,7 +29,7 @@ from train.self_play.side import SideParts
 from train.settings.algorithms import PPOSettings
 from train.settings.checks import check
 from train.settings.common import RunSettings, check_min_probability
-from train.settings.reading import read_from, whole
+from train.settings.reading import complete_settings, read_from
 from train.settings.run import TrainSettings
 from train.settings.self_play import ROLES, LearningSide, SelfPlaySettings
 from train.settings.task import TaskSettings
@@ -191,8 +191,8 @@ def self_play_settings_of(**flat: Any) -> SelfPlaySettings:
 def self_play_from_plain(plain: Mapping[str, Any], where: str) -> SelfPlaySettings:
     """Settings from the plain values of `config.json`; ValueError if these are invalid."""
     with read_from(where, RESTORE):
-        own = whole(SelfPlaySettings, plain)
-        task = TaskSettings(**whole(TaskSettings, plain.get("task"), "task"))
+        own = complete_settings(SelfPlaySettings, plain)
+        task = TaskSettings(**complete_settings(TaskSettings, plain.get("task"), "task"))
         sides: Any = {role: _side_from_plain(role, plain.get(role)) for role in ROLES}
         settings = SelfPlaySettings(task=task, **sides, **own)
         check_sides(settings, task_of(settings.task))
@@ -205,4 +205,6 @@ def _side_from_plain(role: str, plain: Any) -> str | LearningSide:
     good = isinstance(plain, Mapping) and set(plain) == {"algorithm", "hyper"}
     check(good, f"{role}={shortened(plain)}; give a name, or a table of algorithm and hyper")
     form = entry(plain["algorithm"]).settings
-    return LearningSide(plain["algorithm"], form(**whole(form, plain["hyper"], f"{role}.hyper")))
+    return LearningSide(
+        plain["algorithm"], form(**complete_settings(form, plain["hyper"], f"{role}.hyper"))
+    )

@@ -45,14 +45,14 @@ def check_names(given: Iterable[str], known: Iterable[str], where: str = "") -> 
         )
 
 
-def typed(form: type[Any], given: Mapping[str, Any]) -> dict[str, Any]:
+def typed(form: Any, given: Mapping[str, Any]) -> dict[str, Any]:
     """Those entries of `given` that are fields of `form`, converted to the types of the fields.
 
     Raises:
         ValueError: a value of another type.
     """
     hints = get_type_hints(form)
-    found = {}
+    converted = {}
     for name in (name for name in names_of(form) if name in given):
         value, hint = given[name], hints[name]
         if not any(rule.other_types for rule in rules_of(form)[name]):
@@ -63,16 +63,16 @@ def typed(form: type[Any], given: Mapping[str, Any]) -> dict[str, Any]:
                 if callable(value):  # settings are saved, so they hold names
                     word = f"its name, 'package.module:{getattr(value, '__name__', 'Name')}'"
                 raise ValueError(f"{name}={shortened(value)}; give {word}") from None
-        found[name] = value
-    return found
+        converted[name] = value
+    return converted
 
 
-def picked(form: type[Form], given: Mapping[str, Any], default: Mapping[str, Any]) -> Form:
+def settings_with(form: type[Form], given: Mapping[str, Any], default: Mapping[str, Any]) -> Form:
     """A `form` with `default` values, overridden by `given`; ValueError as `typed`."""
     return form(**{**default, **typed(form, given)})
 
 
-def whole(form: type[Any], given: Any, name: str = "") -> dict[str, Any]:
+def complete_settings(form: type[Any], given: Any, name: str = "") -> dict[str, Any]:
     """All plain fields of `form`, from a table that has exactly these.
 
     Args:

@@ -13,6 +13,7 @@ from scripted_agents.environments import AGENTS, agent_name, is_custom_policy
 from train.settings.algorithms import Hyperparameters, PPOSettings, hyperparameter_form
 from train.settings.checks import NotNegative, threads_from
 from train.settings.common import RunSettings
+from train.settings.presets import TUNED_RULES
 from train.settings.task import AGENT, TaskSettings
 
 ROLES = ("chaser", "evader")
@@ -36,22 +37,8 @@ SAMPLING_PARTS: Registry[Any] = Registry(
 
 
 def self_play_ppo() -> PPOSettings:
-    """The hyperparameters of PPO in self-play; the discount is also that of the exact game.
-
-    Tuned on generated mazes, together with `min_probability` and the average of the weights. Where
-    equilibria mix actions, the learners cycle around them: with momentum or without an entropy
-    bonus the cycles grow.
-    """
-    return PPOSettings(
-        num_games=512,
-        learning_rate=4e-3,
-        adam_beta1=0.0,
-        gae_lambda=0.5,
-        entropy_coef=0.03,
-        entropy_end=0.002,
-        minibatch_size=2048,
-        standardize_advantages=False,
-    )
+    """The hyperparameters of PPO in self-play; the discount is also that of the exact game."""
+    return PPOSettings(**TUNED_RULES["self_play_ppo"])
 
 
 @dataclass(frozen=True)

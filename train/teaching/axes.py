@@ -94,15 +94,6 @@ def maker_of(name: str) -> Maker:
     return maker
 
 
-def ends_of(ends: AxisSettings, easiest: float, hardest: float) -> tuple[float, float]:
-    """The ends of the settings, by default these; ValueError if one is not finite."""
-    first = easiest if ends.easiest is None else float(ends.easiest)
-    last = hardest if ends.hardest is None else float(ends.hardest)
-    for value in (first, last):
-        check(bool(np.isfinite(value)), f"easiest or hardest is {value}; give a finite number")
-    return first, last
-
-
 def ends_within(
     ends: AxisSettings,
     default: tuple[float, float],
@@ -110,34 +101,37 @@ def ends_within(
     error: str,
     whole: bool = True,
 ) -> tuple[float, float]:
-    """The ends of the settings, or `default`; ValueError for an end that is not allowed.
+    """The ends of the settings, or `default`; ValueError for one that is infinite or not allowed.
 
     Args:
         default, allowed: (easiest, hardest) and (lowest, highest).
         error: message for a value that is not allowed, with "{:g}" for the value.
         whole: whether values must be whole numbers.
     """
-    first, last = ends_of(ends, *default)
+    first = default[0] if ends.easiest is None else float(ends.easiest)
+    last = default[1] if ends.hardest is None else float(ends.hardest)
+    for value in (first, last):
+        check(math.isfinite(value), f"easiest or hardest is {value}; give a finite number")
     for value in (first, last):
         inside = allowed[0] <= value <= allowed[1]
         check(inside and not (whole and value != int(value)), error.format(value))
     return first, last
 
 
-def configure(setting: str, limit: float = math.inf, whole: bool = True, **rest: Any) -> Apply:
+def configure(setting: str, limit: float = math.inf, whole: bool = True, **constant: Any) -> Apply:
     """The `apply` of an axis that is one setting of the simulator.
 
     Args:
         setting: its name in `configure` of the simulator.
         limit: values of at least `limit` mean unlimited, which is -1 in the simulator.
         whole: whether the setting is a whole number.
-        **rest: further settings with constant values.
+        **constant: further settings with constant values.
     """
 
     def apply(simulator: Any, games: NDArray[np.intp], values: NDArray[np.float64]) -> None:
         limited: NDArray[Any] = np.where(values >= limit, -1.0, values)
         limited = limited.astype(np.int64) if whole else limited
-        simulator.configure(games, **{setting: limited}, **rest)
+        simulator.configure(games, **{setting: limited}, **constant)
 
     return apply
 
@@ -252,20 +246,17 @@ def _radius(
     name: str, ends: AxisSettings, default: tuple[int, int], least: int, maze: Maze
 ) -> tuple[float, float]:
     """Ends in steps, clipped to `default[1]`, the largest distance in the maze."""
-    values, longest = [], default[1]
-    for value in ends_of(ends, *default):
-        check(
-            value >= least and value == int(value),
-            f"{name} of {value:g}; give a whole number of steps, at least {least}",
-        )
+    error = f"{name} of {{:g}}; give a whole number of steps, at least {least}"
+    first, last = ends_within(ends, default, (least, math.inf), error)
+    longest = float(default[1])
+    for value in (first, last):
         if value > longest:
             warnings.warn(
                 f"{name} of {value:g} steps is more than the largest distance in maze {maze.name}; "
-                f"it is clipped to {longest}, which is unlimited",
+                f"it is clipped to {longest:g}, which is unlimited",
                 stacklevel=2,
             )
-        values.append(min(value, float(longest)))
-    return values[0], values[1]
+    return min(first, longest), min(last, longest)
 
 
 def longest_in(task: Task) -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 from pursuit.reacher.task import ReacherTask
 from pursuit.simulator.policy import Policy
@@ -60,11 +61,8 @@ class ArmContext:
     """An arm for which a curriculum is built; as `CurriculumContext`."""
 
     task: ReacherTask
-
-    @property
-    def default_axis(self) -> str:
-        """The axis for "auto"."""
-        return "target-distance"
+    default_axis: ClassVar[str] = "target-distance"
+    """The axis for "auto"."""
 
     def check_levels(self, name: str) -> None:
         """Nothing to check: any start of an arm can be replayed."""

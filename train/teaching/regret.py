@@ -68,9 +68,9 @@ class RegretScorer:
         )
         part = replace(self.task, maze=tuple(self.task.mazes[number] for number in mazes))
         others = opponent_tables(self.opponent, part, self.seat)
-        found = pairs_of_values(part, self.seat, tables_of(policy, part, self.seat), others)
+        values = pairs_of_values(part, self.seat, tables_of(policy, part, self.seat), others)
         scores = np.zeros(len(mazes))
-        for place, (number, (steps, caught)) in enumerate(zip(mazes, found, strict=True)):
+        for place, (number, (steps, caught)) in enumerate(zip(mazes, values, strict=True)):
             least = part.min_start_distance
             if self.score == LEARNABILITY:
                 chance = np.clip(caught, 0.0, 1.0)
@@ -88,11 +88,11 @@ class RegretScorer:
             task, maze = self.task, self.task.mazes[number]
             least = task.min_start_distance
             if self.opponent is None:
-                found = mean_over_starts(np.minimum(maze.distances, task.max_steps), maze, least)
+                steps = mean_over_starts(np.minimum(maze.distances, task.max_steps), maze, least)
             else:
                 alone = replace(task, maze=maze)
                 (table,) = opponent_tables(self.opponent, alone, self.seat)
                 solved = best_reply(task, self.role, table, task.max_steps, maze=maze)
-                found = mean_over_starts(solved.values, maze, least)
-            self._optima[number] = found
+                steps = mean_over_starts(solved.values, maze, least)
+            self._optima[number] = steps
         return self._optima[number]

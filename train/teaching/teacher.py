@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from curricula import Change, Curriculum, Outcomes, Progress
+from curricula import Change, Outcomes, Progress
 from pursuit.validation import as_array, check
 from train.environments.hooks import EpisodeHook
 from train.files import write_csv
@@ -221,18 +221,21 @@ class Teacher(EpisodeHook):
         """Tensors and plain values: everything needed to resume exactly."""
         self._collect()
         names = ("playing", "optima", "error_sums", "error_counts")
-        return {
+        state: dict[str, Any] = {
             "name": self.name,
-            "curriculum": _plain_curriculum(self.curriculum),
-            "arrays": {name: torch.from_numpy(getattr(self, name).copy()) for name in names},
+            "curriculum": self.curriculum.state_dict(),
+            "arrays": {name: getattr(self, name) for name in names},
             "episodes": self.episodes,
-            "rows": [dict(row) for row in self.rows],
-            "rng": _plain(self.rng.bit_generator.state),
-            "played": [torch.from_numpy(array) for array in self._played],
-            "won": [torch.from_numpy(array) for array in self._won],
-            "outcomes": [[torch.from_numpy(part) for part in parts] for parts in self._outcomes],
-            "errors": [torch.from_numpy(array) for array in self._errors],
+            "rows": self.rows,
+            # Checkpoints cannot hold integers of 128 bits.
+            "rng": converted(self.rng.bit_generator.state, int, str),
+            "played": self._played,
+            "won": self._won,
+            "outcomes": self._outcomes,
+            "errors": self._errors,
         }
+        state = converted(state, np.ndarray, lambda array: torch.from_numpy(array.copy()))
+        return state
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Restore the state.
@@ -245,52 +248,28 @@ class Teacher(EpisodeHook):
             f"the checkpoint has curriculum {state['name']!r}, the settings have {self.name!r}; "
             "resume with the settings of the checkpoint",
         )
-        load_curriculum(self.curriculum, state["curriculum"])
-        for name, tensor in state["arrays"].items():
+        state = converted(state, torch.Tensor, torch.Tensor.numpy)
+        self.curriculum.load_state_dict(state["curriculum"])
+        for name, array in state["arrays"].items():
             own = self._optima if name == "optima" else getattr(self, name)
-            own[:] = tensor.numpy()
-        self.episodes = state["episodes"]
-        self.rows = [dict(row) for row in state["rows"]]
-        self.rng.bit_generator.state = _parsed(state["rng"])
-        self._played = [tensor.numpy() for tensor in state["played"]]
-        self._won = [tensor.numpy() for tensor in state["won"]]
-        self._outcomes = [tuple(part.numpy() for part in parts) for parts in state["outcomes"]]
-        self._errors = [tensor.numpy() for tensor in state["errors"]]
+            own[:] = array
+        self.episodes, self.rows = state["episodes"], state["rows"]
+        self.rng.bit_generator.state = converted(
+            state["rng"], str, lambda text: int(text) if text.isdigit() else text
+        )
+        self._played, self._won = state["played"], state["won"]
+        self._outcomes, self._errors = state["outcomes"], state["errors"]
 
 
-def _plain_curriculum(curriculum: Curriculum) -> dict[str, Any]:
-    """The state of a curriculum, with arrays as tensors."""
-    return {
-        name: torch.from_numpy(value.copy()) if isinstance(value, np.ndarray) else value
-        for name, value in curriculum.state_dict().items()
-    }
-
-
-def load_curriculum(curriculum: Curriculum, state: dict[str, Any]) -> None:
-    """Restore a curriculum from the "curriculum" of a teacher's state.
-
-    Raises:
-        ValueError: the state of another curriculum.
-    """
-    curriculum.load_state_dict(
-        {
-            name: value.numpy() if isinstance(value, torch.Tensor) else value
-            for name, value in state.items()
-        }
-    )
-
-
-def _plain(state: Any) -> Any:
-    """The state of a generator, integers as text: checkpoints cannot hold 128-bit integers."""
-    if isinstance(state, dict):
-        return {name: _plain(value) for name, value in state.items()}
-    return str(state) if isinstance(state, int) else state
-
-
-def _parsed(state: Any) -> Any:
-    if isinstance(state, dict):
-        return {name: _parsed(value) for name, value in state.items()}
-    return int(state) if isinstance(state, str) and state.isdigit() else state
+def converted(value: Any, kind: type, convert: Callable[[Any], Any]) -> Any:
+    """A copy of nested dicts, lists and tuples, with every value of this type converted."""
+    if isinstance(value, kind):
+        return convert(value)
+    if isinstance(value, dict):
+        return {name: converted(part, kind, convert) for name, part in value.items()}
+    if isinstance(value, list | tuple):
+        return type(value)(converted(part, kind, convert) for part in value)
+    return value
 
 
 def row_of(change: Change, progress: Progress) -> dict[str, Any]:
