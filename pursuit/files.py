@@ -8,6 +8,24 @@ from collections.abc import Callable
 from pathlib import Path
 
 
+class CannotWrite(OSError):
+    """A file could not be written; the message does not name temporary files, but `filename`."""
+
+    def __str__(self) -> str:
+        return str(self.args[0])
+
+
+def cannot_write(path: Path, error: Exception) -> CannotWrite:
+    """The error for `path`, with its reason."""
+    reason = getattr(error, "strerror", None) or (str(error).splitlines() or [""])[0]
+    refused = CannotWrite(
+        f"{path}: cannot be written ({reason or type(error).__name__}); free space, or give a "
+        "writable folder. The previous content is kept"
+    )
+    refused.filename = str(path)
+    return refused
+
+
 def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
     """Call `write` with a temporary path in the same folder, then rename that file to `path`.
 
@@ -15,7 +33,7 @@ def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
 
     Raises:
         ValueError: `path` is a folder or a device, which renaming would replace.
-        OSError: the file cannot be written; the error names `path`.
+        CannotWrite: for example a full disk; the previous file at `path` is kept.
     """
     real = Path(os.path.realpath(path))
     if real.is_symlink() or (real.exists() and not real.is_file()):  # a link: one to itself
@@ -24,10 +42,10 @@ def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
     try:
         write(partial)
         os.replace(partial, real)
+    except CannotWrite:
+        raise
     except OSError as error:
-        if error.errno is None:
-            raise
-        raise OSError(error.errno, error.strerror, str(path)) from None
+        raise cannot_write(path, error) from None
     finally:
         with contextlib.suppress(OSError):
             partial.unlink(missing_ok=True)

@@ -13,25 +13,10 @@ from typing import Any
 
 from filelock import FileLock, Timeout
 
-from pursuit import files
+from pursuit.files import cannot_write, write_atomically
 
 LOCK = ".lock"
 _PART = re.compile(r"^\..*\.(?P<process>[0-9]+)\.part$")
-
-
-def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
-    """As `pursuit.files.write_atomically`, with another message.
-
-    Raises:
-        ValueError: `path` is a folder or a device, which renaming would replace.
-        CannotWrite: for example a full disk; the previous file at `path` is kept.
-    """
-    try:
-        files.write_atomically(path, write)
-    except CannotWrite:
-        raise
-    except OSError as error:
-        raise cannot_write(path, error) from None
 
 
 def check_utf8(name: object) -> None:
@@ -42,19 +27,6 @@ def check_utf8(name: object) -> None:
         raise ValueError(
             f"{name}: not UTF-8; rename it, or set PYTHONUTF8=1 in a terminal without UTF-8"
         ) from None
-
-
-class CannotWrite(OSError):
-    """A file could not be written; the message does not name temporary files."""
-
-
-def cannot_write(path: Path, error: Exception) -> CannotWrite:
-    """The error for `path`, with its reason."""
-    reason = getattr(error, "strerror", None) or (str(error).splitlines() or [""])[0]
-    return CannotWrite(
-        f"{path}: cannot be written ({reason or type(error).__name__}); free space, or give a "
-        "writable folder. The previous content is kept"
-    )
 
 
 def check_folder(path: Path) -> None:
@@ -121,13 +93,20 @@ def is_leftover(path: Path) -> bool:
     named = _PART.match(path.name)
     if named is None:
         return False
-    try:
-        os.kill(int(named["process"]), 0)
-    except (ProcessLookupError, OverflowError):
+    return not is_running(int(named["process"]))
+
+
+def is_running(process: int) -> bool:
+    """Whether a process with this number is running; True on Windows, which cannot be asked so."""
+    if os.name == "nt":  # os.kill(process, 0) sends Ctrl-C there
         return True
-    except PermissionError:  # a running process of another user
+    try:
+        os.kill(process, 0)
+    except (ProcessLookupError, OverflowError):
         return False
-    return False
+    except PermissionError:  # of another user
+        return True
+    return True
 
 
 def remove_leftovers(folder: Path) -> None:
