@@ -9,16 +9,21 @@ from pathlib import Path
 
 
 class CannotWrite(OSError):
-    """A file could not be written; the message does not name temporary files."""
+    """A file could not be written; the message does not name temporary files, but `filename`."""
+
+    def __str__(self) -> str:
+        return str(self.args[0])
 
 
 def cannot_write(path: Path, error: Exception) -> CannotWrite:
     """The error for `path`, with its reason."""
     reason = getattr(error, "strerror", None) or (str(error).splitlines() or [""])[0]
-    return CannotWrite(
+    refused = CannotWrite(
         f"{path}: cannot be written ({reason or type(error).__name__}); free space, or give a "
         "writable folder. The previous content is kept"
     )
+    refused.filename = str(path)
+    return refused
 
 
 def write_atomically(path: Path, write: Callable[[Path], object]) -> None:

@@ -13,9 +13,7 @@ from typing import Any
 
 from filelock import FileLock, Timeout
 
-from pursuit.files import CannotWrite as CannotWrite
-from pursuit.files import cannot_write as cannot_write
-from pursuit.files import write_atomically as write_atomically
+from pursuit.files import cannot_write, write_atomically
 
 LOCK = ".lock"
 _PART = re.compile(r"^\..*\.(?P<process>[0-9]+)\.part$")
@@ -95,13 +93,20 @@ def is_leftover(path: Path) -> bool:
     named = _PART.match(path.name)
     if named is None:
         return False
-    try:
-        os.kill(int(named["process"]), 0)
-    except (ProcessLookupError, OverflowError):
+    return not is_running(int(named["process"]))
+
+
+def is_running(process: int) -> bool:
+    """Whether a process with this number is running; True on Windows, which cannot be asked so."""
+    if os.name == "nt":  # os.kill(process, 0) sends Ctrl-C there
         return True
-    except PermissionError:  # a running process of another user
+    try:
+        os.kill(process, 0)
+    except (ProcessLookupError, OverflowError):
         return False
-    return False
+    except PermissionError:  # of another user
+        return True
+    return True
 
 
 def remove_leftovers(folder: Path) -> None:

@@ -11,7 +11,7 @@ from typing import Any, BinaryIO
 
 import torch
 
-from train.files import cannot_write, write_atomically
+from pursuit.files import cannot_write, write_atomically
 
 REMEDY = "restore it from a copy"
 MARK = b"sha256:"

@@ -10,6 +10,7 @@ from typing import Annotated
 import tyro
 from PIL import Image
 
+from pursuit.files import write_atomically
 from pursuit.mazes.generation import generate_graph, generate_maze
 from pursuit.mazes.graph_generation import GRAPHS
 from pursuit.mazes.maze import MAX_TABLE_CELLS, Maze, load_maze
@@ -17,7 +18,7 @@ from pursuit.mazes.sources import reads_as_text
 from pursuit.rendering.rendering import Scene, draw_scene
 from scripted_agents.tours.tour import expected_tour_length
 from train.commands.parse import parse
-from train.files import check_new_files, write_atomically, write_text
+from train.files import check_new_files, write_text
 from train.reports.figures import BLUE, FORMATS, GREEN, draw_walls, pyplot, save
 from train.settings.checks import check, check_default
 
@@ -26,7 +27,7 @@ from train.settings.checks import check, check_default
 class MazeCommand:
     """Show, check or generate a maze.
 
-    `pursuit maze 7x7` shows a maze of the library, `pursuit maze FILE` checks a file, and
+    The command `pursuit maze 7x7` shows a maze of the library, `pursuit maze FILE` checks a file,
     `pursuit maze --generate prim --height 9` generates a maze, and
     `pursuit maze --generate roads --height 9` a graph.
     """

@@ -10,10 +10,13 @@ import sys
 import textwrap
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import fields, is_dataclass
+from functools import cache
+from types import MappingProxyType
 from typing import Any, NoReturn, TypeVar, get_origin
 
 import tyro
-from tyro import _strings as tyro_strings
+from docstring_parser import parse_from_object
 
 from pursuit.plugins import ALLOW, allow
 from train.settings.task import AnyTask, task_form
@@ -111,28 +114,43 @@ CONFIG = (
 )
 
 
-class Wrapped(str):
-    """A text with line breaks that tyro has to keep."""
+def join_lines(text: str) -> str:
+    """The paragraphs of a docstring as single lines, without the indentation of the source."""
+    return "\n\n".join(" ".join(part.split()) for part in re.split(r"\n\s*\n", text.strip()))
 
 
-def join_lines(helptext: str) -> str:
-    """The paragraphs of a docstring as single lines, without the indentation of the source.
+@cache
+def set_help_texts(form: type[Any]) -> None:
+    """Make the docstrings of a dataclass's fields their help texts, with joined lines.
 
-    tyro joins lines itself, but not those of an indented docstring, so that help texts would keep
-    the line breaks of the source.
+    tyro finds these docstrings, too, but keeps the line breaks of an indented source.
     """
-    parts = re.split(r"\n\s*\n", helptext.strip())
-    wrapped = isinstance(helptext, Wrapped)
-    return helptext if wrapped else "\n\n".join(" ".join(part.split()) for part in parts)
+    texts = {
+        part.arg_name: join_lines(part.description or "")
+        for base in reversed(form.__mro__[:-1])
+        for part in parse_from_object(base).params
+    }
+    for each in fields(form):
+        if each.name in texts:
+            each.metadata = MappingProxyType({**each.metadata, "help": texts[each.name]})
 
 
-tyro_strings.remove_single_line_breaks = join_lines
+def described(form: type[Any]) -> str:
+    """The docstring of a command, wrapped to the terminal, which tyro does not do.
+
+    tyro joins lines, but not those that begin with a space.
+    """
+    width = shutil.get_terminal_size().columns
+    parts = join_lines(str(form.__doc__)).split("\n\n")
+    return "\n\n".join(textwrap.fill(part, width, subsequent_indent="  ") for part in parts)
 
 
-def description_of(form: Any) -> str:
-    """The docstring of a command, wrapped to the terminal."""
-    width, parts = shutil.get_terminal_size().columns, join_lines(form.__doc__).split("\n\n")
-    return Wrapped("\n\n".join(textwrap.fill(part, width) for part in parts))
+def forms_in(value: Any) -> Iterator[type[Any]]:
+    """The dataclasses of a default value and its parts."""
+    if is_dataclass(value):
+        yield type(value)
+        for each in fields(value):
+            yield from forms_in(getattr(value, each.name))
 
 
 def parse(
@@ -146,7 +164,9 @@ def parse(
     args = add_all(take_allow_options(arguments))
     boxed = io.StringIO()
     extra: Any = {} if default is None else {"default": default}
-    extra["description"] = description_of(get_origin(form) or form)
+    extra["description"] = described(get_origin(form) or form)
+    for each in (get_origin(form) or form, *forms_in(default)):
+        set_help_texts(each)
     try:
         with contextlib.redirect_stderr(boxed):
             return tyro.cli(form, args=args, prog=f"pursuit {prog}", config=CONFIG, **extra)

@@ -31,7 +31,8 @@ ENDED = ("complete", "failed")
 class SweepCommand(Settings):
     """Execute all runs of a sweep file; complete runs are skipped, interrupted runs are resumed.
 
-    `pursuit sweep --list` lists the shipped files, which are the experiments of the thesis.
+    The command `pursuit sweep --list` lists the shipped files, which are the experiments of the
+    thesis.
     """
 
     file: Annotated[str | None, tyro.conf.Positional] = None

@@ -8,11 +8,11 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pursuit.files import write_atomically
 from pursuit.plugins import references
 from train.experiments.forms import Hints, read_hints, read_label
 from train.experiments.study import ERROR, status_of
 from train.experiments.sweep import MEASURED, flat_plain
-from train.files import write_atomically
 from train.kinds import read_settings
 from train.runs.folder import CONFIG, METRICS, RESULTS, RUN, load_results, read_config, read_metrics
 from train.runs.provenance import check_sources

@@ -6,9 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
+from pursuit.files import write_atomically
 from pursuit.replays.adapters import has_reward_function
 from pursuit.replays.replay import Episode, Replay, digest_of
-from train.files import check_output_folder, hold, write_atomically
+from train.files import check_output_folder, hold
 from train.play.session import Session
 from train.settings.checks import check
 

@@ -11,9 +11,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pursuit.files import write_atomically
 from pursuit.mazes.maze import Maze
 from pursuit.validation import one_of
-from train.files import write_atomically
 
 FORMATS = ("png", "svg")
 """.png is what pages show; .svg holds lines and letters, as journals ask for."""

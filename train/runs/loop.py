@@ -18,7 +18,8 @@ from filelock import BaseFileLock
 from torchrl.record.loggers import TensorboardLogger
 from typing_extensions import TypeVar  # with defaults, which Python has from 3.13 on
 
-from train.files import cannot_write, write_csv, write_json
+from pursuit.files import cannot_write
+from train.files import write_csv, write_json
 from train.runs.folder import (
     CHECKPOINT,
     CONFIG,

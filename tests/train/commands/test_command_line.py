@@ -19,9 +19,9 @@ from typing import Any
 import pytest
 import torch
 
+from pursuit.files import write_atomically
 from train.commands.main import COMMANDS, in_words, main
 from train.experiments.executors import check_answers
-from train.files import write_atomically
 from train.runs.folder import CHECKPOINT, load_checkpoint, read_metrics
 from train.runs.report import describe_loops
 

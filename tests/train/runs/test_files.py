@@ -11,7 +11,15 @@ import pytest
 
 from pursuit import Replay, make_task
 from train.commands.main import main
-from train.files import check_new_files, hold, only_one, remove_leftovers, reserved, write_text
+from train.files import (
+    check_new_files,
+    hold,
+    is_leftover,
+    only_one,
+    remove_leftovers,
+    reserved,
+    write_text,
+)
 from train.kinds import start
 from train.runs.folder import RUN, check_new
 from train.runs.parts import settings_of
@@ -78,6 +86,17 @@ def test_temporary_files_of_a_killed_process_are_removed(name, tmp_path):
     check_new(tmp_path)
     remove_leftovers(tmp_path)
     assert os.listdir(tmp_path) == []
+
+
+def test_processes_are_not_signalled_where_signal_0_is_ctrl_c(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    left = tmp_path / f".config.json.{2**31 - 1}.part"
+    left.touch()
+    assert is_leftover(left)  # no process has this number
+    monkeypatch.setattr("train.files.os.name", "nt")
+    monkeypatch.setattr("train.files.os.kill", lambda *given: pytest.fail("a signal was sent"))
+    assert not is_leftover(left)
 
 
 # -- two processes at a time -----------------------------------------------------------------------
