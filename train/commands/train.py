@@ -25,7 +25,6 @@ from train.commands.scores import (
 )
 from train.evaluation.arm_contest import ArmContest
 from train.evaluation.scores import Score
-from train.files import write_text
 from train.runs.folder import CURVE, REPLAY, REPORT, RUN
 from train.runs.pictures import draw_learning_curve, save_replay
 from train.runs.report import describe_loops, headline, of_solved, write_report
@@ -142,8 +141,7 @@ def present(
     trainee: Any, folder: Path, rows: list[dict[str, float]], content: dict[str, Any]
 ) -> None:
     """Write the figures, the report and the replay of a run; as `Run.present`."""
-    from train.experiments.methods import METHODS, methods  # torch is slow to import
-    from train.runs.saved import load_settings
+    from train.runs.saved import load_settings  # torch is slow to import
 
     contest, teacher, settings = trainee.contest, trainee.teacher, load_settings(folder)
     title = f"{contest.line().split(', at most')[0]}; {content['algorithm'].upper()}"
@@ -159,7 +157,6 @@ def present(
         content["objective"]["column"],
         settings.budget_unit,
     )
-    write_text(folder / METHODS, methods([folder]))
     save_replay(folder / REPLAY, contest, trainee.policy)
     final = trainee.final_contest(content["evaluation"]["episodes"])
     write_report(folder, settings, final, trainee.policy, content)
@@ -191,5 +188,5 @@ def show(run: Run, content: dict[str, Any]) -> None:
         print(f"\n{headline(content)}")
     print_reference(content.get("reference", {}), trainee.final_contest(evaluation["episodes"]))
     print_objective_gap(evaluation, trainee.parts.hyper.last_gamma)
-    files = "results" if run.present is None else f"results, curve, replay, methods and {REPORT}"
+    files = "results" if run.present is None else f"results, curve, replay and {REPORT}"
     print(f"{files}: {run.folder}")

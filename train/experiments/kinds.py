@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from pursuit.validation import as_path, one_of, shortened
+from train.experiments import contestant_runs
+from train.experiments.contestant_runs import CONTESTANT, ContestantSettings
 from train.files import hold, remove_leftovers
 from train.runs.folder import (
     CHECKPOINT,
@@ -54,7 +56,8 @@ class Kind:
         settings_of: makes and validates settings from values by command line name.
         from_plain: makes settings from `config.json`.
         check: raises ValueError for settings that cannot run.
-        make: makes a run from settings, folder, and the state of a checkpoint (None for a new run).
+        make: makes a run from settings, folder, and the state of a checkpoint (None for a new run):
+            a `Run`, or of a contestant an object that `train.experiments.worker` uses likewise.
         again: the command that resumes a run.
         pictures: the files that this command draws from the results.
     """
@@ -63,7 +66,7 @@ class Kind:
     settings_of: Callable[..., Any]
     from_plain: Callable[[dict[str, Any], str], Any]
     check: Callable[[Any], object]
-    make: Callable[[Any, Path, dict[str, Any] | None], Run]
+    make: Callable[[Any, Path, dict[str, Any] | None], Any]
     again: str
     pictures: tuple[str, ...]
 
@@ -87,6 +90,15 @@ KINDS = {
         "pursuit self-play",
         (CURVE, REPORT),
     ),
+    CONTESTANT: Kind(
+        ContestantSettings,
+        contestant_runs.settings_of,
+        contestant_runs.from_plain,
+        lambda settings: contestant_runs.world_and_contest(settings.task, 2),
+        contestant_runs.make_run,
+        "pursuit compare",
+        (),
+    ),
 }
 
 
@@ -106,7 +118,7 @@ def start(kind: str, settings: Any, path: Path | str, final: Final | None = None
         ValueError: an unknown kind, settings that cannot run here or have no effect (then no folder
             is made), or the folder is not empty or used by another process.
     """
-    one_of("kind of run", kind, list(KINDS))
+    one_of("kind of run", kind, (RUN, SELF_PLAY))
     form = KINDS[kind].settings
     check(isinstance(settings, form), f"settings={shortened(settings)}; give {form.__name__}")
     path = as_path("path", path)

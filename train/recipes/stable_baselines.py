@@ -14,7 +14,7 @@ from typing import Any
 from pursuit.environments.stable_baselines import StableBaselinesVecEnv
 from pursuit.validation import one_of
 from train.commands.scores import print_scores
-from train.experiments.comparison.contestants import vector_env
+from train.experiments.contestants import vector_env
 from train.recipes.common import LibraryRecipe, main_of
 from train.runs.parts import contest_of
 from train.runs.stable_baselines import load_stable_baselines, save_stable_baselines

@@ -17,7 +17,7 @@ import pytest
 import torch
 
 from train.experiments.kinds import is_complete, open_run, start
-from train.experiments.tables import row_of
+from train.experiments.rows import row_of
 from train.runs.folder import RUN, SELF_PLAY, load_checkpoint, load_results, read_metrics
 from train.runs.opponents import load_policy
 from train.runs.parts import settings_of

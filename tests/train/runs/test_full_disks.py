@@ -18,7 +18,7 @@ from pursuit.environments.parallel import scene_of
 from pursuit.rendering.animation import save_animation
 from train.commands.main import main
 from train.experiments.kinds import start
-from train.experiments.tables import collect
+from train.experiments.rows import collect
 from train.runs import loop
 from train.runs.folder import RUN
 from train.runs.parts import settings_of

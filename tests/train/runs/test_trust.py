@@ -16,7 +16,7 @@ from pursuit import plugins as parts
 from train.commands.main import main
 from train.experiments.identity import fingerprint
 from train.experiments.kinds import open_run, resume, start
-from train.experiments.tables import row_of
+from train.experiments.rows import row_of
 from train.files import write_json
 from train.runs.folder import RUN, load_config
 from train.runs.opponents import load_policy
