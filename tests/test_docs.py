@@ -26,12 +26,10 @@ from pursuit import plugins as parts
 from pursuit.plugins import is_reference
 from pursuit.tasks.rewards import REWARDS
 from train.commands.main import COMMANDS, command, main
-from train.experiments.ablation import ABLATIONS, load_ablation
-from train.experiments.comparison.plan import FILES as COMPARISONS
-from train.experiments.comparison.plan import load_comparison
-from train.experiments.replication.plan import FILES as REPLICATIONS
-from train.experiments.replication.plan import load_replication
-from train.experiments.sweep import load_sweep, shipped
+from train.experiments.expansion import load_study
+from train.experiments.replication import load_replication
+from train.experiments.stages import stages_of
+from train.experiments.study import shipped
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -205,11 +203,11 @@ def is_a_name(words: list[str]) -> bool:
 
 SHIPPED = {
     "sweep": shipped(),
-    "ablate": shipped(ABLATIONS),
-    "compare": shipped(COMPARISONS),
+    "ablate": shipped("ablation"),
+    "compare": shipped("comparison"),
     "reproduce": [
         study.id
-        for name in shipped(REPLICATIONS)
+        for name in shipped("replication")
         for study in load_replication(["all"], "full", None, name).studies
     ],
 }
@@ -222,7 +220,7 @@ def check_shipped(words: list[str]) -> None:
         if words[1] not in SHIPPED or name.isupper() or name == "all":
             continue
         if (ROOT / name).is_file():
-            assert words[1] == "sweep" and load_sweep(str(ROOT / name)).runs
+            assert words[1] == "sweep" and load_study(str(ROOT / name)).runs
         elif not name.endswith(".toml"):  # that of a page
             assert name in SHIPPED[words[1]], f"{' '.join(words)}: no such file is shipped"
 
@@ -288,11 +286,10 @@ def test_the_sweep_files_of_a_page_load(page: str, folder: Path) -> None:
         if "title = " in text:
             file = folder / f"{number}.toml"
             file.write_text(text, encoding="utf-8")
-            load: Any = load_ablation if "control = " in text else load_sweep
-            if "contestants = " in text:
-                assert load_comparison(str(file), "short").trials
-            else:
-                assert load(str(file), "short").runs
+            kind = "ablation" if "control = " in text else "sweep"
+            kind = "comparison" if "contestant" in text else kind
+            for stage in stages_of(str(file), kind, "short", folder / "out"):
+                assert stage.runs().runs
 
 
 # -- what the pages say of the code ----------------------------------------------------------------

@@ -25,11 +25,12 @@ from scripted_agents.environments import make_env, make_vector_env
 from scripted_agents.references import is_table_in
 from train.commands.main import main
 from train.environments.simulator_env import SimulatorEnv
-from train.experiments.methods import methods
+from train.experiments.rows import row_of
 from train.kinds import resume, start
 from train.networks.policy import Seat, sees_cells_only
 from train.runs.folder import RUN, SELF_PLAY, load_checkpoint
 from train.runs.parts import contest_of, parts_of, settings_of
+from train.runs.provenance import recorded_parts
 from train.runs.single import SingleAgent
 from train.self_play.league import enter, play_league
 from train.self_play.parts import self_play_parts, self_play_settings_of
@@ -419,9 +420,10 @@ def test_a_run_of_own_parts_alone_ends_where_one_that_was_resumed_does(tmp_path:
     whole = start(RUN, settings, tmp_path / "whole")
     whole.train()
     assert whole.results(10)["algorithm"] == "my_parts:SARSA"
-    text = methods([tmp_path / "whole"])
-    assert "| algorithm | my_parts:SARSA |" in text and sha256_of("my_parts") in text
-    assert "| epsilon_start | 0.1 |" in text
+    row = row_of(tmp_path / "whole")
+    assert (row["algorithm"], row["epsilon_start"]) == ("my_parts:SARSA", 0.1)
+    recorded = recorded_parts(tmp_path / "whole" / "config.json")
+    assert recorded["algorithm"]["sha256"] == sha256_of("my_parts")
     assert {row["reason"] for row in whole.trainee.teacher.rows} >= {"turn after 2 updates"}
     half = start(RUN, settings, tmp_path / "half")
     half.train(lambda run, row: setattr(run, "stopped", run.progress >= 0.5))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -51,27 +52,27 @@ class Kind:
         settings_of: makes and validates settings from values by command line name.
         from_plain: makes settings from `config.json`.
         parts_of: checks settings, and builds the parts of a run; ValueError if it cannot run.
-        trainee_of: makes the trainee from parts, folder and state (None for a new run).
+        run_of: makes the run from parts, folder and the state of a checkpoint (None for a new run).
         again: the command that resumes a run.
         pictures: the files that this command draws from the results.
     """
 
-    settings: type[AnySettings]
-    settings_of: Callable[..., AnySettings]
-    from_plain: Callable[[Plain, str], AnySettings]
+    settings: type[Any]
+    settings_of: Callable[..., Any]
+    from_plain: Callable[[Plain, str], Any]
     parts_of: Callable[[Any], Any]
-    trainee_of: Callable[[Any, Path, Plain | None], Any]
+    run_of: Callable[[Any, Path, Plain | None], Any]
     again: str
     pictures: tuple[str, ...]
 
 
-KINDS = {
+KINDS: dict[str, Kind] = {
     RUN: Kind(
         TrainSettings,
         settings_of,
         from_plain,
-        parts_of,
-        single_agent,
+        partial(build_parts, parts_of),
+        partial(build_run, single_agent),
         "pursuit train",
         (CURVE, REPLAY, REPORT),
     ),
@@ -79,8 +80,8 @@ KINDS = {
         SelfPlaySettings,
         self_play_settings_of,
         self_play_from_plain,
-        self_play_parts,
-        SelfPlay,
+        partial(build_parts, self_play_parts),
+        partial(build_run, SelfPlay),
         "pursuit self-play",
         (CURVE, REPORT),
     ),
@@ -103,7 +104,7 @@ def start(kind: str, settings: AnySettings, path: Path | str, final: Final | Non
         ValueError: an unknown kind, settings that cannot run here or have no effect (then no folder
             is made), or the folder is not empty or used by another process.
     """
-    one_of("kind of run", kind, list(KINDS))
+    one_of("kind of run", kind, (RUN, SELF_PLAY))
     own = KINDS[kind]
     check(
         isinstance(settings, own.settings),
@@ -111,12 +112,12 @@ def start(kind: str, settings: AnySettings, path: Path | str, final: Final | Non
     )
     path = as_path("path", path)
     check_new(path)
-    parts = build_parts(own.parts_of, settings)
+    parts = own.parts_of(settings)
     check_unused_settings(settings)
     lock = hold(path, "run", shared=True)
     check_new(path)
     remove_leftovers(path)
-    run = build_run(own.trainee_of, parts, path)
+    run: Run = own.run_of(parts, path, None)
     run.lock = lock
     write_config(kind, settings, path, final)
     return run
@@ -169,7 +170,7 @@ def open_run(folder: Path | str) -> Run:
     remove_leftovers(folder)
     state = load_checkpoint(folder) if (folder / CHECKPOINT).exists() else None
     try:
-        run = build_run(own.trainee_of, build_parts(own.parts_of, settings), folder, state)
+        run: Run = own.run_of(own.parts_of(settings), folder, state)
     except ValueError as error:
         raise error if str(folder) in str(error) else ValueError(f"{folder}: {error}") from None
     run.lock = lock

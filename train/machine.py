@@ -6,6 +6,7 @@ py-cpuinfo 9 supports more systems, but takes 1.2 s and starts processes.
 
 from __future__ import annotations
 
+import os
 import platform
 import subprocess
 from functools import cache
@@ -34,6 +35,13 @@ def processor() -> str:
 def has_fast_bfloat16() -> bool:
     """Whether this processor multiplies bfloat16 matrices in hardware."""
     return "avx512_bf16" in _cpuinfo() or "amx_bf16" in _cpuinfo()
+
+
+def usable_cores() -> list[int]:
+    """The cores that this process may use; all of them on systems that do not say which."""
+    if hasattr(os, "sched_getaffinity"):
+        return sorted(os.sched_getaffinity(0))
+    return list(range(os.cpu_count() or 1))
 
 
 @cache

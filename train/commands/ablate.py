@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import Annotated
 import tyro
 
 from train.commands.parse import parse
-from train.commands.sweep import SweepCommand, carry_out, check_options
+from train.commands.sweep import SweepCommand, run_command
 
 
 @dataclass(frozen=True)
@@ -34,16 +33,4 @@ class AblateCommand(SweepCommand):
 
 def ablate(arguments: Sequence[str]) -> None:
     """`pursuit ablate`."""
-    given = parse(AblateCommand, arguments, "ablate")
-    check_options(given)
-    from train.experiments.ablation import ABLATIONS, load_ablation  # torch is slow to import
-    from train.experiments.sweep import shipped
-
-    if given.list:
-        for name in shipped(ABLATIONS):
-            plan = load_ablation(name)
-            variants = len({run.label["variant"] for run in plan.runs})
-            print(f"{name:<26}{variants} variants  {plan.title}")
-        return
-    plan = load_ablation(str(given.file), given.version)
-    carry_out(plan, given, f"pursuit ablate {shlex.join(arguments)}", "ablations")
+    run_command(parse(AblateCommand, arguments, "ablate"), arguments, "ablation")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shlex
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,13 +12,16 @@ import tyro
 
 from pursuit.validation import at_least
 from train.commands.parse import parse
-from train.commands.sweep import SweepWatch, resumable
-from train.files import check_output_folder
-from train.settings.checks import Settings
+from train.commands.sweep import (
+    carry_out,
+    check_own,
+    exit_if_failed,
+    list_stages,
+)
+from train.settings.checks import Settings, check
 
 if TYPE_CHECKING:
-    from train.experiments.comparison.plan import Comparison
-    from train.experiments.study import Study
+    from train.experiments.study import StudyFile
 
 
 @dataclass(frozen=True)
@@ -52,45 +54,23 @@ class CompareCommand(Settings):
 
 def compare(arguments: Sequence[str]) -> None:
     """`pursuit compare`."""
-    given = parse(CompareCommand, arguments, "compare")
-    from train.experiments.comparison.plan import load_comparison  # torch is slow to import
-    from train.experiments.comparison.report import comparison_report
-    from train.experiments.comparison.run import is_folder_of, run_comparison
+    options = parse(CompareCommand, arguments, "compare")
+    check(
+        options.version in ("short", "full"), f"unknown version {options.version!r}; short or full"
+    )
+    from train.experiments.stages import stages_of  # torch is slow to import
 
-    plan = load_comparison(given.file, given.version, given.clock)
-    out = given.out or Path("comparisons") / f"{Path(given.file).stem}-{given.version}"
-    check_output_folder(out, lambda folder: is_folder_of(plan, folder), given.overwrite)
-    print_plan(plan, out, given.workers)
-    if given.dry_run:
+    def with_clock(file: StudyFile) -> StudyFile:
+        if options.clock is not None:
+            file.settings = {**(file.settings or {}), "clock": options.clock}
+        return file
+
+    out = options.out or Path("comparisons") / f"{Path(options.file).stem}-{options.version}"
+    stages = stages_of(options.file, "comparison", options.version, out, with_clock)
+    check_own(stages[-1], out, options.overwrite)
+    if options.dry_run:
+        list_stages(stages, out, options.workers)
         return
-
-    def watch(study: Study) -> SweepWatch:
-        print(f"{study.title}: {len(study.runs)} runs")
-        return SweepWatch()
-
-    with resumable(f"pursuit compare {shlex.join(arguments)}"):
-        outcome = run_comparison(plan, out, watch, given.workers)
-    print(f"report: {comparison_report(plan, outcome, out)}")
-    failed = sum(result is None for result in outcome.finals.values())
-    if failed:
-        print(f"{failed} runs failed; repeat the command to retry them", file=sys.stderr)
-        sys.exit(1)
-
-
-def print_plan(plan: Comparison, out: Path, workers: int) -> None:
-    """Print tasks, number of runs and duration."""
-    from train.experiments.attainable import comparison_out_of_reach
-    from train.experiments.comparison.plan import FILES
-    from train.experiments.sweep import shipped  # torch is slow to import
-
-    trials, finals = plan.count()
-    print(f"{plan.title}: {', '.join(plan.contestants)}")
-    for on in plan.tasks:
-        mazes = ", ".join(task.maze.removeprefix("suite:") for task in on.held_out)
-        print(f"  {on.name}; settings searched on {mazes}")
-    length = plan.seconds()
-    time = "" if length is None else f", {length / 60 / workers:.0f} minutes without evaluations"
-    print(f"{trials} runs of the search and {finals} of the comparison into {out}{time}")
-    for line in comparison_out_of_reach(len(plan.final.seeds)):
-        print(line)
-    print(f"shipped comparison files: {', '.join(shipped(FILES))}")
+    again = f"pursuit compare {shlex.join(arguments)}"
+    done = carry_out(stages, options.workers, again)
+    exit_if_failed(done[-1:], again)

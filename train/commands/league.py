@@ -12,9 +12,8 @@ import tyro
 
 from pursuit.tasks.task import Task
 from pursuit.validation import at_least
-from scripted_agents.environments import is_agent
 from train.commands.parse import parse, print_warnings
-from train.files import check_output_folder, hold, write_json, write_text
+from train.files import check_output_folder, hold, write_json
 from train.reports.tables import ResultTable, print_table
 from train.runs.provenance import command_line
 from train.settings.checks import Settings, check
@@ -56,8 +55,8 @@ class LeagueCommand(Settings):
     model_observations: tuple[str, ...] = ()
     """Observations of these models, such as one_hot; one for all, or one for each."""
     out: Path = Path("league")
-    """Folder for league.json, league.png, the tables (table.csv, chasers.csv and evaders.csv) and
-    methods.md."""
+    """Folder for league.json, league.png and the tables (table.csv, chasers.csv and
+    evaders.csv)."""
     overwrite: bool = False
     """Write to --out even if it has other files, and replace those with the same names."""
 
@@ -68,9 +67,8 @@ def league(arguments: Sequence[str]) -> None:
     check(bool(given.entries), "no entries; give folders of runs, or astar, random, equilibrium")
     names, out = given.entries, given.out
     check_output_folder(out, lambda folder: (folder / LEAGUE).exists(), given.overwrite)
-    from train.experiments.methods import METHODS, league_methods  # torch is slow to import
-    from train.runs.versions import machine, versions
-    from train.self_play.league import enter, is_model, play_league, rate
+    from train.runs.versions import machine, versions  # torch is slow to import
+    from train.self_play.league import enter, play_league, rate
     from train.self_play.payoffs import draw_league, league_table, legend_of, ratings_table
 
     with print_warnings():
@@ -97,13 +95,11 @@ def league(arguments: Sequence[str]) -> None:
     tables |= {f"{role}s": ratings_table(role, content) for role in ROLES}
     for stem, each in tables.items():
         each.write(out, stem)
-    folders = [Path(name) for name in names if not is_agent(name) and not is_model(name)]
-    write_text(out / METHODS, league_methods(content, folders))
     _print(task, table, tables, content)
     if legend := legend_of(names, given.opponent_epsilon):
         print(legend)
     lock.release()
-    print(f"figures, tables and methods: {out}")
+    print(f"figures and tables: {out}")
 
 
 def _print(task: Task, table: LeagueTable, tables: Mapping[str, ResultTable], content: Any) -> None:

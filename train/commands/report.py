@@ -25,7 +25,7 @@ class ReportCommand(Settings):
 
     For one sweep or ablation, the Parquet tables of its runs and its report are written to its
     folder. For several runs, sweeps and ablations, one report on all of them is written to --out.
-    Every report has table.csv and methods.md.
+    Every report has table.csv and runs.csv, a row per run.
     """
 
     folders: Annotated[tuple[Path, ...], tyro.conf.Positional] = ()

@@ -4,23 +4,18 @@ from __future__ import annotations
 
 import os
 import shlex
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import tyro
 
 from pursuit.validation import at_least
 from train.commands.parse import parse
-from train.commands.sweep import SweepWatch, resumable
+from train.commands.sweep import carry_out, exit_if_failed, list_stages
 from train.files import check_output_folder
 from train.settings.checks import Settings, check
-
-if TYPE_CHECKING:
-    from train.experiments.replication.plan import Replication
-    from train.experiments.study import Study
 
 
 @dataclass(frozen=True)
@@ -60,61 +55,35 @@ class ReproduceCommand(Settings):
 
 def reproduce(arguments: Sequence[str]) -> None:
     """`pursuit reproduce`."""
-    given = parse(ReproduceCommand, arguments, "reproduce")
-    from train.experiments.replication.plan import load_replication  # torch is slow to import
-    from train.experiments.replication.report import is_folder_of, write_replication
-    from train.experiments.replication.run import carry_out
+    options = parse(ReproduceCommand, arguments, "reproduce")
+    from train.experiments.replication import (  # torch is slow to import
+        is_folder_of,
+        keep_rules,
+        load_replication,
+        stages_of,
+    )
+    from train.experiments.replication_page import write_replication
 
-    plan = load_replication(given.studies, given.version, given.mazes, given.claims)
-    if given.list:
+    plan = load_replication(options.studies, options.version, options.mazes, options.claims)
+    if options.list:
         for study in plan.studies:
             print(f"{study.id:<20}{study.title}")
             print("\n".join(f"{'':<22}{claim.text}" for claim in study.claims))
         return
-    own = "-own-mazes" if given.mazes else ""
-    out = given.out or Path("replications") / f"{plan.name}-{given.version}{own}"
-    workers = given.workers or os.cpu_count() or 1
-    check_output_folder(out, lambda folder: is_folder_of(plan, folder), given.overwrite)
-    if given.dry_run:
-        print_plan(plan, out, workers)
+    own = "-own-mazes" if options.mazes else ""
+    out = options.out or Path("replications") / f"{plan.name}-{options.version}{own}"
+    check_output_folder(out, lambda folder: is_folder_of(plan, folder), options.overwrite)
+    stages = stages_of(plan, out)
+    if options.dry_run:
+        list_stages(stages, out, options.workers or os.cpu_count() or 1)
         return
-    if given.page:
+    if options.page:
         check(out.is_dir(), f"{out}: no such folder; leave out --page to start the runs")
         print(f"page: {write_replication(plan, out)}")
         return
-    with resumable(f"pursuit reproduce {shlex.join(arguments)}"):
-        well = carry_out(
-            plan,
-            out,
-            workers,
-            lambda line: print(f"\n{line}", flush=True),
-            lambda study: SweepWatch(),
-        )
+    out.mkdir(parents=True, exist_ok=True)
+    keep_rules(plan, out)
+    again = f"pursuit reproduce {shlex.join(arguments)}"
+    done = carry_out(stages, options.workers, again)
     print(f"page: {write_replication(plan, out)}")
-    if not well:
-        print("runs failed; repeat the command to retry them", file=sys.stderr)
-        sys.exit(1)
-
-
-def print_plan(plan: Replication, out: Path, workers: int) -> None:
-    """Print the number of runs of every study, and of complete ones."""
-    from train.experiments.replication.run import stages  # torch is slow to import
-    from train.experiments.study import statuses_of
-
-    total = 0
-    for stage in stages(plan, out):
-        runs = stage.runs.runs
-        done = list(statuses_of(stage.runs, stage.folder).values()).count("complete")
-        total += len(runs) - done
-        words = budget_words(stage.runs)
-        print(f"{stage.name:<20}{len(runs):>4} runs, {done} complete; {words}")
-    print(f"{total} runs to do into {out}, {workers} in parallel; nothing was done")
-
-
-def budget_words(sweep: Study) -> str:
-    """The budgets of the runs as text."""
-    budgets = {(run.settings.seconds, run.settings.frames) for run in sweep.runs}
-    return " or ".join(
-        f"{seconds:g} s each" if seconds is not None else f"{frames:,} frames each"
-        for seconds, frames in sorted(budgets, key=str)
-    )
+    exit_if_failed(done, again)

@@ -22,7 +22,6 @@ from train.commands.progress import (
     finish_run,
     start_or_resume,
 )
-from train.files import write_text
 from train.reports.tables import print_table
 from train.runs.folder import CURVE, REPORT, SELF_PLAY, Plain
 from train.self_play.learners import checked_names, learning_side, unchecked_self_play
@@ -177,8 +176,7 @@ def other_options(side: LearningSide, hyper: Hyperparameters) -> Any:
 
 def present(run: Run[SelfPlay], content: Plain) -> None:
     """Write the figures, the tables and the report; as `Run.present`."""
-    from train.experiments.methods import METHODS, methods  # torch is slow to import
-    from train.self_play.payoffs import matches_table
+    from train.self_play.payoffs import matches_table  # torch is slow to import
     from train.self_play.report import draw_self_play, write_self_play_report
 
     trainee, folder = run.trainee, run.folder
@@ -186,7 +184,6 @@ def present(run: Run[SelfPlay], content: Plain) -> None:
     draw_self_play(folder / CURVE, run.rows, title, trainee.settings.budget_unit)
     write_self_play_report(folder, trainee, title, content)
     matches_table(content["matches"]).write(folder)
-    write_text(folder / METHODS, methods([folder]))
 
 
 def show(run: Run[SelfPlay], content: Plain) -> None:
@@ -204,5 +201,5 @@ def show(run: Run[SelfPlay], content: Plain) -> None:
     players = {row[role] for row in matches for role in ROLES}
     print(legend_of(players, run.trainee.settings.task.opponent_epsilon))
     print("", *describe_exploitability(content), sep="\n")
-    drawn = "" if run.present is None else f", curve, table, methods and {REPORT}"
+    drawn = "" if run.present is None else f", curve, table and {REPORT}"
     print(f"results{drawn}, pool: {run.folder}")

@@ -17,11 +17,13 @@ import tyro
 
 from pursuit.validation import at_least, choice
 from train.commands.parse import parse
+from train.experiments.study import shipped
 from train.files import check_output_folder
 from train.settings.checks import Settings, check
 
 if TYPE_CHECKING:
-    from train.experiments.study import Study
+    from train.experiments.runs import Study
+    from train.experiments.stages import Stage
 
 ENDED = ("complete", "failed")
 """Statuses of runs that have ended."""
@@ -58,65 +60,108 @@ class SweepCommand(Settings):
 
 def sweep(arguments: Sequence[str]) -> None:
     """`pursuit sweep`."""
-    given = parse(SweepCommand, arguments, "sweep")
-    check_options(given)
-    from train.experiments.sweep import load_sweep, shipped  # torch is slow to import
+    run_command(parse(SweepCommand, arguments, "sweep"), arguments, "sweep")
 
-    if given.list:
-        for name in shipped():
-            print(f"{name:<28}{load_sweep(name).title}")
+
+def run_command(options: SweepCommand, arguments: Sequence[str], kind: str) -> None:
+    """`pursuit sweep` and `pursuit ablate`: execute the runs of a file, and write the report.
+
+    Args:
+        options: of the command.
+        arguments: of the command line.
+        kind: of the study file, "sweep" or "ablation".
+    """
+    check(
+        options.file is None or not options.list,
+        f"file {options.file!r} with --list; leave one of the two out",
+    )
+    check(options.list or options.file is not None, "no file; give one, or --list")
+    check(
+        options.address is None or options.executor == "ray",
+        f"address={options.address!r} is for Ray clusters; give --executor ray, or leave it out",
+    )
+    from train.experiments.expansion import load_study  # torch is slow to import
+    from train.experiments.stages import stages_of
+
+    if options.list:
+        for name in shipped(kind):
+            layout = load_study(name, kind).layout
+            variants = f"{len(layout.variants)} variants  " if layout.control else ""
+            print(f"{name:<28}{variants}{layout.title}")
         return
-    plan = load_sweep(str(given.file), given.version)
-    carry_out(plan, given, f"pursuit sweep {shlex.join(arguments)}")
+    name, full = str(options.file), options.version == "full"
+    out = options.out or Path(f"{kind}s") / f"{Path(name).stem}{'-full' if full else ''}"
+    stages = stages_of(name, kind, options.version, out)
+    check_own(stages[-1], out, options.overwrite)
+    if options.dry_run:
+        list_runs(stages[-1].runs(), out)
+        return
+    again = f"pursuit {'ablate' if kind == 'ablation' else kind} {shlex.join(arguments)}"
+    done = carry_out(stages, options.workers, again, options.executor, options.address)
+    exit_if_failed(done[-1:], again)
 
 
-def check_options(given: SweepCommand) -> None:
-    """ValueError for options that are invalid for every sweep file."""
-    check(
-        given.file is None or not given.list,
-        f"file {given.file!r} with --list; leave one of the two out",
-    )
-    check(given.list or given.file is not None, "no file; give one, or --list")
-    check(
-        given.address is None or given.executor == "ray",
-        f"address={given.address!r} is for Ray clusters; give --executor ray, or leave it out",
-    )
+def check_own(stage: Stage, out: Path, overwrite: bool) -> None:
+    """ValueError unless `out` is new or the folder of this study."""
+    from train.experiments.runs import is_folder_of  # torch is slow to import
+
+    plan = stage.runs()
+    check_output_folder(out, lambda folder: is_folder_of(plan, folder), overwrite)
 
 
-def carry_out(plan: Study, given: SweepCommand, again: str, parent: str = "sweeps") -> None:
-    """Execute the runs of `plan`, print the progress, and write the report.
+def carry_out(
+    stages: Iterable[Stage],
+    workers: int,
+    again: str,
+    executor: str = "local",
+    address: str | None = None,
+) -> list[tuple[Path, dict[str, str]]]:
+    """Execute the runs of all stages, print the progress, and write the reports.
 
-    Exits with status 1 if runs failed; `again` is the command that continues. The folder is by
-    default in `parent`.
+    Args:
+        stages: of the command.
+        workers: parallel local processes; 0: one per core.
+        again: the command that continues.
+        executor, address: local, or ray with the address of the cluster.
+
+    Returns:
+        The folder of each stage, with the status of every run.
 
     Raises:
         ValueError: invalid options.
         KeyboardInterrupt: on interruption; checkpoints are saved.
     """
     from train.experiments.executors import run_locally, run_on_ray  # torch is slow to import
-    from train.experiments.report import report_on
-    from train.experiments.study import is_folder_of, statuses_of
+    from train.experiments.stages import carry_out as carry_out_stages
 
-    stem = Path(str(given.file)).stem
-    out = given.out or Path(parent) / (f"{stem}-full" if given.version == "full" else stem)
-    check_output_folder(out, lambda folder: is_folder_of(plan, folder), given.overwrite)
-    if given.dry_run:
-        list_runs(plan, out)
-        return
-    out.mkdir(parents=True, exist_ok=True)
-    watch, workers = SweepWatch(), given.workers or os.cpu_count() or 1
-    print(f"{plan.title}: {len(plan.runs)} runs into {out}")
-    with resumable(again, lambda: f" ({counts(statuses_of(plan, out).values())})"):
-        if given.executor == "local":
-            statuses = run_locally(plan, out, workers, watch)
+    watch = SweepWatch()
+
+    def execute(study: Study, folder: Path) -> dict[str, str]:
+        watch.restart()
+        if executor == "local":
+            statuses = run_locally(study, folder, workers or os.cpu_count() or 1, watch)
         else:
-            statuses = run_on_ray(plan, out, given.address, watch)
-    print(counts(statuses.values()))
-    if "complete" in statuses.values():
-        print(f"report: {report_on(out) / 'report.md'}")
-    left = {name: status for name, status in statuses.items() if status != "complete"}
-    for name, status in left.items():
-        folder = out / "runs" / name
+            statuses = run_on_ray(study, folder, address, watch)
+        print(counts(statuses.values()))
+        return statuses
+
+    with resumable(again, lambda: f" ({counts(watch.before.values())})" if watch.before else ""):
+        done = carry_out_stages(stages, execute, lambda line: print(line, flush=True))
+    for folder, _ in done:
+        if (folder / "report" / "report.md").exists():
+            print(f"report: {folder / 'report' / 'report.md'}")
+    return done
+
+
+def exit_if_failed(done: Iterable[tuple[Path, dict[str, str]]], again: str) -> None:
+    """Name the runs that are not complete, and exit with status 1 if there are some."""
+    left = [
+        (folder / "runs" / name, status)
+        for folder, statuses in done
+        for name, status in statuses.items()
+        if status != "complete"
+    ]
+    for folder, status in left:
         where = folder / "error.txt" if status == "failed" else f"{folder}; continue with: {again}"
         print(f"{status}: {where}", file=sys.stderr)
     if left:
@@ -143,26 +188,48 @@ def counts(statuses: Iterable[str]) -> str:
 
 def list_runs(plan: Study, out: Path) -> None:
     """Print the status, the varying settings and the folder of every run."""
-    from train.experiments.study import folder_of, statuses_of  # torch is slow to import
+    from train.experiments.runs import folder_of, statuses_of  # torch is slow to import
+    from train.experiments.variants import out_of_reach
 
     statuses = statuses_of(plan, out)
     for run in plan.runs:
         what = " ".join(f"{n}={v}" for n, v in (run.label | {"seed": run.seed}).items())
         print(f"{statuses[run.name]:<12}{what}  {folder_of(out, run.name)}")
-    if "control" in plan.report:
-        from train.experiments.attainable import out_of_reach
-
-        for line in out_of_reach(plan):
-            print(line)
+    print("\n".join(out_of_reach(plan)), end="\n" if out_of_reach(plan) else "")
     print(
         f"{len(statuses)} runs into {out} ({counts(statuses.values()) or 'none'}); nothing was done"
     )
+
+
+def list_stages(stages: Iterable[Stage], out: Path, workers: int) -> None:
+    """Print the number of runs of every stage, of complete ones, and their budgets."""
+    from train.experiments.runs import statuses_of  # torch is slow to import
+    from train.experiments.variants import out_of_reach
+
+    total = 0
+    for stage in stages:
+        plan = stage.runs()
+        done = list(statuses_of(plan, stage.folder).values()).count("complete")
+        total += len(plan.runs) - done
+        budgets = {(run.settings.seconds, run.settings.frames) for run in plan.runs}
+        words = " or ".join(
+            f"{seconds:g} s each" if seconds is not None else f"{frames:,} frames each"
+            for seconds, frames in sorted(budgets, key=str)
+        )
+        print(f"{stage.name:<20}{len(plan.runs):>4} runs, {done} complete; {words}")
+        if plan.pinned and stage.folder == out:
+            print("\n".join(out_of_reach(plan)), end="\n" if out_of_reach(plan) else "")
+    print(f"{total} runs to do into {out}, {workers} in parallel; nothing was done")
 
 
 class SweepWatch:
     """Prints the progress of a sweep, when a run starts or ends and every 30 seconds."""
 
     def __init__(self) -> None:
+        self.restart()
+
+    def restart(self) -> None:
+        """Begin with another study."""
         self.began, self.printed = time.monotonic(), 0.0
         self.before: dict[str, str] = {}
         self.done_before: set[str] | None = None

@@ -23,7 +23,6 @@ from train.commands.scores import (
 )
 from train.evaluation.arm_contest import ArmContest
 from train.evaluation.scores import Score
-from train.files import write_text
 from train.runs.folder import CURVE, REPLAY, REPORT, RUN, Plain
 from train.runs.pictures import draw_learning_curve, save_replay
 from train.runs.report import describe_loops, headline, of_solved, write_report
@@ -133,8 +132,7 @@ def _defaults(arguments: Sequence[str]) -> TrainCommand[Any]:
 
 def present(run: Run[SingleAgent], content: Plain) -> None:
     """Write the figures, the report and the replay of a run; as `Run.present`."""
-    from train.experiments.methods import METHODS, methods  # torch is slow to import
-    from train.runs.saved import load_settings
+    from train.runs.saved import load_settings  # torch is slow to import
 
     trainee, folder, settings = run.trainee, run.folder, load_settings(run.folder)
     contest, teacher = trainee.contest, trainee.teacher
@@ -151,7 +149,6 @@ def present(run: Run[SingleAgent], content: Plain) -> None:
         content["objective"]["column"],
         settings.budget_unit,
     )
-    write_text(folder / METHODS, methods([folder]))
     save_replay(folder / REPLAY, contest, trainee.policy)
     final = trainee.final_contest(content["evaluation"]["episodes"])
     write_report(folder, settings, final, trainee.policy, content)
@@ -181,5 +178,5 @@ def show(run: Run[SingleAgent], content: Plain) -> None:
         print(f"\n{headline(content)}")
     print_reference(content.get("reference", {}), trainee.final_contest(evaluation["episodes"]))
     print_objective_gap(evaluation, trainee.parts.hyper.last_gamma)
-    files = "results" if run.present is None else f"results, curve, replay, methods and {REPORT}"
+    files = "results" if run.present is None else f"results, curve, replay and {REPORT}"
     print(f"{files}: {run.folder}")

@@ -1,4 +1,4 @@
-"""Execution of the jobs of a study, in local processes or as tasks of a Ray cluster."""
+"""Execution of the runs of a study, in local processes or as tasks of a Ray cluster."""
 
 from __future__ import annotations
 
@@ -13,25 +13,18 @@ from threading import current_thread, main_thread
 from typing import Any, Protocol
 
 from pursuit.plugins import environment
-from train.experiments.study import (
-    ERROR,
-    Study,
-    Watch,
-    prepare,
-    status_of,
-    statuses_of,
-    to_do,
-)
+from train.experiments.runs import ERROR, Study, Watch, prepare, status_of, statuses_of
 from train.experiments.worker import perform_here, progress_of, record_end, start_worker
 from train.files import only_one
+from train.machine import usable_cores
 from train.settings.checks import check
 
 POLL = 0.2
-"""Polling interval of running jobs in seconds."""
+"""Polling interval of running processes in seconds."""
 SECONDS_TO_ANSWER = 5.0
 """Timeout for the connection to a cluster."""
 OF_WORKERS = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
-"""Environment variables: one thread per job, as jobs run on one core each."""
+"""Environment variables: one thread per run, as each has one core."""
 OF_WORKERS["PYTHONSAFEPATH"] = "1"  # a train.py in the current folder is not imported
 
 
@@ -52,21 +45,21 @@ def run_study(
     start: Callable[[Path, int], Job],
     watch: Watch,
 ) -> dict[str, str]:
-    """Execute all jobs that are not complete, and return the status of every job by name.
+    """Execute all runs that are not complete, and return the status of every run by name.
 
     Args:
-        study: the jobs.
+        study: the runs.
         out: the folder of the study.
-        slots: number of parallel jobs.
-        start: starts the job in a folder; the second argument is the index of its slot.
+        slots: number of parallel runs.
+        start: starts the run in a folder; the second argument is the index of its slot.
         watch: called with the status and progress of all runs.
 
     Raises:
-        KeyboardInterrupt: once the jobs have saved.
+        KeyboardInterrupt: once the runs have saved.
     """
     with only_one(out, "sweep"):
         folders = {run.name: folder for run, folder in prepare(study, out)}
-        waiting = to_do(folders)
+        waiting = [name for name, folder in folders.items() if status_of(folder) != "complete"]
         for name in waiting:  # retried
             (folders[name] / ERROR).unlink(missing_ok=True)
         statuses = statuses_of(study, out)
@@ -134,27 +127,27 @@ class JobHere:
 
 
 def run_locally(study: Study, out: Path | str, workers: int, watch: Watch) -> dict[str, str]:
-    """Execute all jobs that are not complete in `workers` processes.
+    """Execute all runs that are not complete in `workers` processes.
 
-    Failed jobs are retried. After Ctrl-C the running jobs save their checkpoints.
+    Failed runs are retried. After Ctrl-C the running runs save their checkpoints.
     A script that calls this needs the guard `if __name__ == "__main__":`, as for
     `multiprocessing`.
 
     Args:
-        study: the jobs.
+        study: the runs.
         out: the folder of the study.
-        workers: parallel processes; 0 executes the jobs one by one in this process.
+        workers: parallel processes; 0 executes the runs one by one in this process.
         watch: called with the status and progress of all runs.
 
     Returns:
-        The status of every job by name.
+        The status of every run by name.
 
     Raises:
-        KeyboardInterrupt: once the jobs have saved.
+        KeyboardInterrupt: once the runs have saved.
     """
     if not workers:
         return run_study(study, Path(out), 1, lambda folder, slot: JobHere(folder), watch)
-    cores = sorted(os.sched_getaffinity(0), reverse=True) if study.pinned else []
+    cores = usable_cores()[::-1] if study.pinned else []
 
     def start(folder: Path, slot: int) -> LocalJob:
         return LocalJob(folder, cores[slot % len(cores)] if cores else None)
@@ -228,19 +221,19 @@ class RayJob:
 
 
 def run_on_ray(study: Study, out: Path | str, address: str | None, watch: Watch) -> dict[str, str]:
-    """Execute all jobs that are not complete as tasks of a Ray cluster, one core each.
+    """Execute all runs that are not complete as tasks of a Ray cluster, one core each.
 
     The folder `out` must be on a disk that all machines of the cluster share. If a machine fails,
-    its jobs are resumed elsewhere from their checkpoints.
+    its runs are resumed elsewhere from their checkpoints.
 
     Args:
-        study: the jobs.
+        study: the runs.
         out: the folder of the study.
         address: of the cluster, "auto" for the one on this machine; None starts one here.
         watch, returned: as in `run_locally`.
 
     Raises:
-        KeyboardInterrupt: once the jobs have saved.
+        KeyboardInterrupt: once the runs have saved.
     """
     check_answers(address)
     ray = import_ray()

@@ -102,7 +102,7 @@ def fingerprint(kind: str, settings: Any, episodes: int, inputs: Mapping[str, In
         inputs: the policies that it loads from files, by the setting's name.
     """
     named = named_policies(asdict(settings))
-    digests = {name: given.digest for name, given in inputs.items() if name in named}
+    digests = {name: policy.digest for name, policy in inputs.items() if name in named}
     plain = asdict(with_policies(settings, digests))
     if (maze := maze_text_of(settings.task)) is not None:
         plain["task"]["maze"] = maze
@@ -112,12 +112,8 @@ def fingerprint(kind: str, settings: Any, episodes: int, inputs: Mapping[str, In
             named_maze(n).to_text() for n in names_in(mazes)
         ]
     plain["parts"] = provenance(settings)  # users' modules count by their source
-    return digest_of_plain({"kind": kind, "episodes": episodes, **plain})
-
-
-def digest_of_plain(value: Any) -> str:
-    """Ten hexadecimal digits of plain values."""
-    return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()[:10]
+    whole = json.dumps({"kind": kind, "episodes": episodes, **plain}, sort_keys=True)
+    return hashlib.sha256(whole.encode()).hexdigest()[:10]
 
 
 def frozen_mazes(settings: Any) -> tuple[Any, dict[str, Any]]:
@@ -135,7 +131,7 @@ def frozen_mazes(settings: Any) -> tuple[Any, dict[str, Any]]:
 # -- copies ----------------------------------------------------------------------------------------
 
 
-def copy_of(given: Input, folder: Path) -> Path:
+def copy_of(policy: Input, folder: Path) -> Path:
     """The path of the copy of an input in the folder of a sweep; copied if missing or incomplete.
 
     Runs load the copy, so that an opponent that is still training is the same for all runs.
@@ -143,20 +139,15 @@ def copy_of(given: Input, folder: Path) -> Path:
     Raises:
         ValueError: the input has changed since the sweep file was read.
     """
-    own = folder.resolve() / INPUTS / given.digest
-    path = own if given.path.is_dir() else own / MODEL
-    if not path.exists() or digest_of(policy_files(path)) != given.digest:
-        files = policy_files(given.path)
+    own = folder.resolve() / INPUTS / policy.digest
+    path = own if policy.path.is_dir() else own / MODEL
+    if not path.exists() or digest_of(policy_files(path)) != policy.digest:
+        files = policy_files(policy.path)
         check(
-            digest_of(files) == given.digest,
-            f"{given.path}: has just changed; run the command again when nothing writes to it",
+            digest_of(files) == policy.digest,
+            f"{policy.path}: has just changed; run the command again when nothing writes to it",
         )
-        put_files(own, files)
+        for name, content in files.items():
+            (own / name).parent.mkdir(parents=True, exist_ok=True)
+            write_bytes(own / name, content)
     return path
-
-
-def put_files(folder: Path, files: Mapping[str, bytes]) -> None:
-    """Write these files, by their paths in the folder."""
-    for name, content in files.items():
-        (folder / name).parent.mkdir(parents=True, exist_ok=True)
-        write_bytes(folder / name, content)

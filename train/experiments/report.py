@@ -1,27 +1,35 @@
-"""The report of a sweep, of an ablation, or of several folders of runs."""
+"""The report of a study, or of several folders of runs, from its rows."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from train.experiments.ablation_report import ablation_report
-from train.experiments.methods import METHODS, METHODS_LINE, methods
-from train.experiments.self_play_ablation import self_play_ablation_report
-from train.experiments.sweep_report import sweep_report
-from train.experiments.tables import FinishedStudy, read_several, read_study
-from train.files import begins_with, only_one, write_text
+from train.experiments import figures, summary
+from train.experiments.contestant_runs import CONTESTANT
+from train.experiments.rows import StudyRows, read_several, read_study
+from train.experiments.tuning import choose
+from train.experiments.variants import against_control, contestant_rows, first_to_gaps
+from train.files import begins_with, only_one, write_csv
 from train.reports.pages import write_markdown
-from train.reports.tables import in_markdown
+from train.reports.tables import ResultTable, Row, in_markdown, plain_table
 from train.runs.folder import SELF_PLAY
 
 SEVERAL = "Runs of "
 """Start of the titles of reports on several folders."""
 
 
+class Parts(NamedTuple):
+    """The table of a report, sentences and further tables as Markdown, and the names of figures."""
+
+    table: ResultTable
+    paragraphs: list[str]
+    figures: list[str]
+
+
 def report_on(out: Path, unit: str | None = None, log: bool = False) -> Path:
-    """Write the tables and figures of a sweep or an ablation.
+    """Write the tables and figures of a study.
 
     Args:
         out: the folder of the study.
@@ -29,18 +37,20 @@ def report_on(out: Path, unit: str | None = None, log: bool = False) -> Path:
         log: whether the axis of training time is logarithmic.
 
     Returns:
-        The folder of the report: `report.md`, `report.html`, `methods.md`, `table.csv` and figures.
+        The folder of the report: `report.md`, `report.html`, `table.csv`, `runs.csv` (a row per
+        run), with a search `trials.csv`, and figures.
 
     Raises:
-        ValueError: neither a sweep nor an ablation in `out`, or none of its runs has results.
+        ValueError: no study in `out`, or none of its runs has results.
     """
-    return write_study(read_study(out), out / "report", unit, log)
+    trials, _ = choose(out)
+    return write_study(read_study(out), out / "report", unit, log, trials)
 
 
 def report_several(
     folders: Sequence[Path], out: Path, unit: str | None = None, log: bool = False
 ) -> Path:
-    """Write one report of several runs, sweeps or ablations.
+    """Write one report of several runs and studies.
 
     Args:
         folders: of the runs and studies.
@@ -51,7 +61,7 @@ def report_several(
         ValueError: a folder contains no complete run, or runs have different measures.
     """
     study = read_several(folders)
-    study.hints.title = SEVERAL + study.hints.title
+    study.layout.title = SEVERAL + study.layout.title
     return write_study(study, out, unit, log)
 
 
@@ -60,29 +70,103 @@ def is_of_several(folder: Path) -> bool:
     return begins_with(folder / "report.md", f"# {SEVERAL}")
 
 
-def write_study(study: FinishedStudy, folder: Path, unit: str | None, log: bool) -> Path:
+def write_study(
+    study: StudyRows, folder: Path, unit: str | None, log: bool, trials: Sequence[Row] = ()
+) -> Path:
     """Write the report of a study into a folder."""
     with only_one(folder, "report"):
-        make = sweep_report
-        if study.hints.control is not None:
-            self_play = study.rows[0]["kind"] == SELF_PLAY
-            make = self_play_ablation_report if self_play else ablation_report
-        table, paragraphs, figures = make(study, folder, unit, log)
-        parts = [table.markdown(), ran_on(study.rows), *paragraphs, METHODS_LINE]
+        unit = unit or figures.unit_of(study)
+        kind = study.rows[0]["kind"]
+        if study.layout.control is not None:
+            make = nash_conv_parts if kind == SELF_PLAY else ablation_parts
+        else:
+            make = contestant_parts if kind == CONTESTANT and study.x else sweep_parts
+        table, paragraphs, pictures = make(study, folder, unit, log)
+        parts = [table.markdown(), ran_on(study.rows), *paragraphs]
+        if trials:
+            parts += settings_parts(trials)
+            write_csv(folder / "trials.csv", [row for row in trials])
         missing = [row for row in study.everything if row["status"] != "complete"]
         if missing:
             text = (f"{row['run']}: {row['status']} {row['error'] or ''}" for row in missing)
             parts.append(f"Not complete: {len(missing)} runs.")
             parts.append("\n".join(f"- {in_markdown(line)}" for line in text))
-        parts += [f"![{name}]({name})" for name in figures]
+        parts += [f"![{name}]({name})" for name in pictures]
         table.write(folder)
-        write_text(folder / METHODS, methods(study.folders))
-        write_markdown(folder / "report.md", study.hints.title, parts)
+        study.write(folder)
+        write_markdown(folder / "report.md", study.layout.title, parts)
     return folder
 
 
-def ran_on(rows: list[dict[str, Any]]) -> str:
-    """A sentence with the number of runs, their seeds and their machines."""
+def sweep_parts(study: StudyRows, folder: Path, unit: str, log: bool) -> Parts:
+    """The report of a sweep, and of several folders."""
+    names, measure = ["learning_curves.png"], summary.measure_of(study.rows)
+    table = summary.sweep_table(study.rows, study.x)
+    if study.x and len({row["_x"] for row in study.rows}) > 1:
+        scale = "gap" if measure is summary.GAP else "linear"
+        panels = {measure.label: (scale, measure.name, "each_run")}
+        figures.draw_final(folder / "final.png", study, table.rows, study.x, panels)
+        names.insert(0, "final.png")
+    figures.draw_curves(folder / "learning_curves.png", study, [measure], unit, log)
+    return Parts(table, summary.sweep_notes(study.rows), names)
+
+
+def ablation_parts(study: StudyRows, folder: Path, unit: str, log: bool) -> Parts:
+    """The report of an ablation of single agents."""
+    rows = against_control(study)
+    panels = {
+        "final gap to the optimum (%)": ("gap", "gap", "each_run"),
+        f"P(better than {study.layout.control})": ("share", "improvement", ""),
+    }
+    figures.draw_final(folder / "final.png", study, rows, "variant", panels)
+    names = ["final.png", *figures.draw_stages(folder, study, unit, log)]
+    table = ResultTable(rows, summary.variant_columns(study.layout))
+    return Parts(table, summary.ablation_notes(study), names)
+
+
+def nash_conv_parts(study: StudyRows, folder: Path, unit: str, log: bool) -> Parts:
+    """The report of an ablation of self-play, without curves over training time."""
+    rows = against_control(study)
+    panels = {"NashConv (discounted steps)": ("log", "nash_conv", "each_run")}
+    figures.draw_final(folder / "final.png", study, rows, "variant", panels)
+    table = ResultTable(rows, summary.nash_conv_columns(study.layout))
+    return Parts(table, summary.nash_conv_notes(study, rows), ["final.png"])
+
+
+def contestant_parts(study: StudyRows, folder: Path, unit: str, log: bool) -> Parts:
+    """The report of a comparison of libraries."""
+    rows = contestant_rows(study)
+    first = ResultTable(first_to_gaps(study, rows), summary.first_columns())
+    figures.draw_curves(folder / "curves.png", study, figures.POLICIES, unit, log=True)
+    paragraphs = [*summary.contestant_notes(study), "## First to each gap", first.markdown()]
+    paragraphs.append(summary.note("contestants.first"))
+    return Parts(ResultTable(rows, summary.contestant_columns()), paragraphs, ["curves.png"])
+
+
+def settings_parts(trials: Sequence[Row]) -> list[str]:
+    """The chosen trials of a search, with the number of complete ones."""
+    own = ("task", "trial", "gaps", "score", "chosen")
+    rows: list[Row] = []
+    for row in trials:
+        of, name = next(iter(row.items()))
+        same = [r for r in trials if (r[of], r["task"]) == (name, row["task"])]
+        known = sum(r["score"] is not None for r in same)
+        if row["chosen"] or (not known and row["trial"] == 0):
+            values = {n: v for n, v in row.items() if n not in (of, *own)} if known else {}
+            text = ", ".join(f"{n} {_short(v)}" for n, v in values.items())
+            line: Row = {of: name, "task": row["task"], "settings": text or "the defaults"}
+            rows.append(line | {"trial": row["trial"] if known else "none", "complete": known})
+    choice = summary.note("search.choice")
+    return ["## Settings", choice, plain_table(rows).markdown()]
+
+
+def _short(value: Any) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def ran_on(rows: list[Row]) -> str:
+    """A sentence with the number of runs, their seeds, machines and commits."""
     seeds = ", ".join(map(str, sorted({row["seed"] for row in rows})))
     machines = "; ".join(sorted({str(row["machine"]) for row in rows}))
-    return f"{len(rows)} runs, seeds {seeds}, on {in_markdown(machines)}."
+    commits = ", ".join(sorted({str(row["commit"] or "unknown")[:7] for row in rows}))
+    return f"{len(rows)} runs, seeds {seeds}, on {in_markdown(machines)} (commit {commits})."

@@ -18,10 +18,16 @@ from scipy.optimize import brentq
 from scipy.stats import monte_carlo_test, norm, permutation_test, trim_mean
 from scipy.stats import t as student
 
+NAN = float("nan")
 LEVEL = 0.05
 """Of significance: corrected values of p below it decide."""
 PERMUTATIONS = 20_000
 Interval = tuple[float, float]
+
+
+def bounded(name: str, value: float, interval: Interval) -> dict[str, float]:
+    """A value and its interval as entries of a row: NAME, NAME_low, NAME_high."""
+    return {name: value, f"{name}_low": interval[0], f"{name}_high": interval[1]}
 
 
 def interquartile_mean(values: Sequence[float]) -> float:
@@ -48,10 +54,6 @@ def mean_interval(tasks: Sequence[Sequence[float]], level: float = 0.95) -> Inte
         (nan, nan) if a task has a single value.
     """
     return _welch([(np.asarray(task, dtype=np.float64), 1.0) for task in tasks], level)
-
-
-CUT_AT_0 = "Intervals of gaps end at 0, because no policy is better than the optimum."
-"""The explanation of `distance_interval` in reports."""
 
 
 def distance_interval(tasks: Sequence[Sequence[float]], level: float = 0.95) -> Interval:

@@ -1,224 +1,392 @@
-"""Studies: sets of jobs with a folder each, executed locally or on a Ray cluster.
+"""Studies as data: the schemas of their files, and reading these.
 
-Sweeps, ablations, comparisons of libraries and replications are expanded to studies.
-`train.experiments.executors` executes their jobs: complete ones are skipped, interrupted ones are
-resumed. Reports read the folders.
+A study file has settings, a grid or variants, seeds and a budget. With a `control` its variants are
+tested against that one (an ablation), with `kind = "contestant"` libraries are compared, and with
+[tuning] settings are searched on other mazes first. A replication file lists studies and the claims
+that their runs decide.
 """
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+import math
+import tomllib
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-import pursuit
-from train.experiments.forms import HINTS, LABEL, read_hints
-from train.experiments.identity import (
-    INPUTS,
-    Input,
-    copy_of,
-    digest_of_plain,
-    fingerprint,
-    with_policies,
-)
-from train.files import LOCK, write_json
-from train.kinds import read_settings, write_config
-from train.runs.folder import CHECKPOINT, CONFIG, is_complete
-from train.runs.forms import Final
-from train.settings.checks import check
+import msgspec
 
-ERROR, PROGRESS = "error.txt", "progress.txt"
-FORMAT = 2
-"""Version of the folder layout; increased when the names of jobs change."""
-CALL, OUTCOME = "call.json", "outcome.json"
-"""Files of a `Call`: its function and arguments, and its return value."""
+from pursuit.plugins import check_trusted
+from pursuit.validation import one_of
+from train.schemas import read_as
+from train.settings.checks import check, check_seed
+from train.settings.self_play import unnested_sides
 
-Watch = Callable[[dict[str, str], dict[str, float]], None]
-"""Called repeatedly with the status of every job by name, and the progress of running jobs."""
+FOLDERS = {
+    "sweep": Path(__file__).with_name("files"),
+    "ablation": Path(__file__).with_name("files") / "ablations",
+    "comparison": Path(__file__).with_name("files") / "comparisons",
+    "replication": Path(__file__).with_name("files") / "replications",
+}
+"""The folders of shipped files, by kind of study."""
+VERSIONS = ("short", "full")
+THRESHOLDS = (20.0, 10.0, 5.0, 2.0)
+"""Gaps in per cent; an ablation reports the times to reach them."""
+REMEDY = "correct that line; docs/guides/sweeps.md shows the form"
 
+EXACT_RULES = ("states", "tours")
+"""Rules of claims that need no runs."""
+THRESHOLD_RULES = ("diverges", "learns", "within", "beyond", "part_above", "part_below")
+"""Rules that compare each run with a threshold."""
+COMPARISONS = ("lower", "higher")
+"""Rules that compare the distances of settings to the optimum."""
+REFERENCES = {"optimal": "optimal_steps", "scripted": "scripted_steps", "limit": "max_steps"}
+"""Columns of the references of claims."""
+PARTS = ("objective", "learning", "loops")
+"""Parts of a gap."""
 
-@dataclass(frozen=True)
-class TrainingRun:
-    """A run of a learner.
-
-    Attributes:
-        name: of its folder: readable, with a fingerprint of everything that affects the result.
-        kind: of run, one of `KINDS`.
-        settings: all settings; maze files are replaced by their text.
-        episodes: of the final evaluation.
-        label: the varying settings of this run, and `variant`.
-        given: names in reports of mazes and opponents given as files.
-        inputs: the policies that it loads, by name of the setting.
-    """
-
-    name: str
-    kind: str
-    settings: Any
-    episodes: int
-    label: dict[str, Any]
-    given: dict[str, Any] = field(default_factory=dict)
-    inputs: dict[str, Input] = field(default_factory=dict)
-
-    @property
-    def seed(self) -> int:
-        """The seed of the settings."""
-        return int(self.settings.seed)
-
-    @property
-    def seconds(self) -> float | None:
-        """The budget in seconds; None for a budget in frames."""
-        seconds: float | None = self.settings.seconds
-        return seconds
-
-    def write(self, folder: Path, study: Path) -> None:
-        """Write `config.json` and `run.json`, and copy the policies that it loads.
-
-        Args:
-            folder: of the job.
-            study: the folder of the study.
-
-        Raises:
-            ValueError: the folder holds another job.
-        """
-        before = None
-        if (folder / CONFIG).exists():
-            kind, before = read_settings(folder)
-            check(
-                self.name.endswith(fingerprint(kind, before, self.episodes, self.inputs)),
-                f"{folder}: contains a run with other settings than its name; remove that folder",
-            )
-        folder.mkdir(parents=True, exist_ok=True)
-        copies = {name: str(copy_of(given, study)) for name, given in self.inputs.items()}
-        settings = with_policies(self.settings, copies)
-        if before != settings:  # new, or the folder of the study was moved
-            write_config(self.kind, settings, folder, Final(self.episodes))
-        write_json(folder / LABEL, {**self.given, **self.label})
+Table = dict[str, Any]
+"""Settings by name; names and values are checked by the kind of run."""
+Form = TypeVar("Form")
 
 
-@dataclass(frozen=True)
-class Call:
-    """A job that calls a function of plain values; the result is written to `outcome.json`.
+# -- sweeps, ablations and comparisons -------------------------------------------------------------
+
+
+class ReportHints(msgspec.Struct, forbid_unknown_fields=True):
+    """[report]: the setting on the axis, and the settings that distinguish curves."""
+
+    x: str | None = None
+    group: list[str] | None = None
+
+
+class Version(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
+    """[short] or [full]: values that override the rest of the file; `only` names its variants."""
+
+    settings: Table | None = None
+    grid: Table | None = None
+    seeds: list[int] | None = None
+    episodes: int | None = None
+    search: Table | None = None
+    only: list[str] | None = None
+
+
+class Trials(msgspec.Struct, forbid_unknown_fields=True):
+    """[tuning.short] or [tuning.full]: trials of each algorithm or contestant, and their budget.
 
     Attributes:
-        function: "module:name".
-        given: its arguments.
-        label: distinguishes it from the other jobs of the study.
-        seed: its seed.
-        seconds: its duration, if known.
+        samples: number of trials.
+        seconds, frames: of each trial; one of the two.
+        mazes: of each task, the first ones of the list; None for all.
     """
 
-    function: str
-    given: dict[str, Any]
-    label: dict[str, Any]
-    seed: int
+    samples: int
     seconds: float | None = None
+    frames: int | None = None
+    mazes: int | None = None
 
-    @property
-    def name(self) -> str:
-        """As in `TrainingRun`; includes the version of Pursuit."""
-        print_ = digest_of_plain([pursuit.__version__, self.function, self.given])
-        return job_name(self.label, self.seed, print_)
+    def __post_init__(self) -> None:
+        check(self.samples > 0, f"samples={self.samples} in [tuning]; give at least 1")
+        check(
+            (self.seconds is None) != (self.frames is None),
+            f"seconds={self.seconds} and frames={self.frames} in [tuning]; give one of the two",
+        )
+        budget = self.seconds if self.frames is None else self.frames
+        check(0 < float(budget or 0) < 1e9, f"budget {budget} in [tuning]; give one above 0")
+        check(
+            self.mazes is None or self.mazes > 0,
+            f"mazes={self.mazes} in [tuning]; give at least 1, or leave it out to use all",
+        )
 
-    def write(self, folder: Path, study: Path) -> None:
-        """Write `call.json`."""
-        folder.mkdir(parents=True, exist_ok=True)
-        write_json(folder / CALL, {"function": self.function, "given": self.given})
+
+class Tuning(msgspec.Struct, forbid_unknown_fields=True):
+    """[tuning]: the search for settings, with the same budget for every algorithm or contestant.
+
+    Attributes:
+        mazes: of the search; runs of the study use other mazes. By variant, or for all.
+        space: the searched settings by algorithm or contestant, in the form of [search]; those of
+            "all" are for every one that is not named.
+        settings: of all trials.
+        shipped: whether the first trial has the default settings.
+        search_seed: of the draws.
+    """
+
+    mazes: list[str] | dict[str, list[str]]
+    space: dict[str, Table]
+    short: Trials
+    full: Trials
+    settings: Table = {}
+    shipped: bool = True
+    search_seed: int = 0
 
 
-@dataclass(frozen=True)
-class Study:
-    """A set of jobs, and the layout of their report.
+class StudyFile(Version, forbid_unknown_fields=True, omit_defaults=True):
+    """The contents of a study file.
+
+    Attributes:
+        control: the variant that the others are compared with.
+        primary: the variant of the primary comparison. Its p is not corrected; those of the others
+            are corrected for multiple comparisons.
+        margin: equivalence margin in percentage points of the gap.
+        threshold: the gap in per cent; the times to reach it are tested.
+        tuning: the search before the runs.
+    """
+
+    title: str | None = None
+    kind: str | None = None
+    variants: list[Table] | None = None
+    report: ReportHints | None = None
+    short: Version | None = None
+    full: Version | None = None
+    control: str | None = None
+    primary: str | None = None
+    margin: float | None = None
+    threshold: float = 5.0
+    tuning: Tuning | None = None
+
+
+class Layout(msgspec.Struct):
+    """`sweep.json` in the folder of a study: the layout of its report, and its runs.
 
     Attributes:
         title: of the report.
-        runs: the jobs, each a `TrainingRun` or a `Call`, in order of execution.
-        report: layout of the report: "x", "group"; of an ablation "control" and more.
-        pinned: whether every process is pinned to one core, for jobs whose speed is compared.
+        format: version of the folder layout.
+        runs: the names of the runs; None for all runs in the folder.
+        x, group: columns of the table of runs.
+        variants: their names, in order.
+        control, primary, margin, threshold: as `StudyFile`.
     """
 
     title: str
-    runs: tuple[Any, ...]
-    report: dict[str, Any] = field(default_factory=dict)
-    pinned: bool = False
+    format: int = 1
+    runs: list[str] | None = None
+    x: str | None = None
+    group: list[str] = msgspec.field(default_factory=list)
+    control: str | None = None
+    variants: list[str] = msgspec.field(default_factory=list)
+    primary: str | None = None
+    margin: float | None = None
+    threshold: float = 5.0
 
 
-def job_name(label: Mapping[str, Any], seed: int, print_: str, without: str = "job") -> str:
-    """A readable and unique folder name; `without` replaces an empty label."""
-    parts = [str(value) for value in label.values()] or [without]
-    text = "-".join([*parts, f"seed{seed}"])
-    return re.sub(r"[^A-Za-z0-9_.+-]+", "_", text)[:80] + "-" + print_
+# -- search ----------------------------------------------------------------------------------------
 
 
-def folder_of(study_folder: Path, name: str) -> Path:
-    """The folder of a job."""
-    return study_folder / "runs" / name
+class Range(msgspec.Struct, forbid_unknown_fields=True):
+    """A setting that is drawn uniformly from an interval, on a linear or logarithmic scale."""
+
+    low: float
+    high: float
+    scale: str = "linear"
+    whole: bool = False
+
+    def __post_init__(self) -> None:
+        check(self.scale in ("linear", "log"), f"scale={self.scale!r}; give linear or log")
+        check(
+            math.isfinite(self.low) and math.isfinite(self.high),
+            f"low={self.low} and high={self.high}; give finite numbers",
+        )
+        check(self.low < self.high, f"low={self.low} is not below high={self.high}; exchange them")
+        check(self.scale != "log" or self.low > 0, f"low={self.low}; scale='log' needs low above 0")
 
 
-def prepare(study: Study, out: Path | str) -> list[tuple[Any, Path]]:
-    """Create the folders of all jobs with their files, and check existing ones.
+class Choices(msgspec.Struct, forbid_unknown_fields=True):
+    """A setting that is drawn from a list."""
 
-    Returns:
-        Every job with its folder.
+    choices: list[Any]
+
+    def __post_init__(self) -> None:
+        check(bool(self.choices), "choices is an empty list; give at least one value")
+
+
+# -- claims ----------------------------------------------------------------------------------------
+
+
+class Claim(msgspec.Struct, forbid_unknown_fields=True):
+    """A claim and its decision rule.
+
+    Attributes:
+        text: the claim.
+        rule: one of `THRESHOLD_RULES`, `COMPARISONS` or `EXACT_RULES`.
+        of: the cells of the claim: columns of the table of runs with a value or a list of values.
+        than: the cells that they are compared with.
+        to, percent: a reference of `REFERENCES`, and the tolerance around it in per cent.
+        part: a part of the gap, one of `PARTS`; `percent` is its share then.
+        cause: our interpretation, by verdict.
+    """
+
+    text: str
+    rule: str
+    of: Table = {}
+    than: list[Table] = []
+    to: str = "optimal"
+    percent: float = 0.0
+    part: str = "objective"
+    cause: dict[str, str] = {}
+
+    def __post_init__(self) -> None:
+        one_of("rule", self.rule, (*THRESHOLD_RULES, *COMPARISONS, *EXACT_RULES))
+        one_of("to", self.to, tuple(REFERENCES))
+        one_of("part", self.part, PARTS)
+        check(
+            (self.rule in COMPARISONS) == bool(self.than),
+            f"rule={self.rule!r} and than={self.than}; give than for lower and higher only",
+        )
+
+
+class ClaimedStudy(msgspec.Struct, forbid_unknown_fields=True):
+    """[[studies]] of a replication: a figure or table, its claims, and the runs that decide them.
+
+    Attributes:
+        id: its name on the command line.
+        title: of its section in the report.
+        thesis, differs: the conditions in the thesis, and the differences here.
+        claims: see `Claim`.
+        sweep, ablation: the name of a study file with the runs; neither if `exact`.
+        exact: whether the claims need no runs.
+        tuned: whether every algorithm uses the settings found by the search.
+        versions: the versions that include this study.
+        least_frames: a cell with a shorter run is not tested.
+    """
+
+    id: str
+    title: str
+    thesis: str
+    differs: str
+    claims: list[Claim]
+    sweep: str | None = None
+    ablation: str | None = None
+    exact: bool = False
+    tuned: bool = False
+    versions: tuple[str, ...] = VERSIONS
+    least_frames: int = 0
+
+    def __post_init__(self) -> None:
+        given = [bool(self.sweep), bool(self.ablation), self.exact]
+        check(sum(given) == 1, f"study {self.id!r}: give one of sweep, ablation and exact")
+        check(bool(self.claims), f"study {self.id!r}: no claims; give [[studies.claims]]")
+        for claim in self.claims:
+            check(
+                (claim.rule in EXACT_RULES) == self.exact,
+                f"study {self.id!r}: rule {claim.rule!r}; give {' or '.join(EXACT_RULES)} exactly "
+                "if exact = true",
+            )
+
+
+class ReplicationFile(msgspec.Struct, forbid_unknown_fields=True):
+    """The contents of a replication file."""
+
+    title: str
+    studies: list[ClaimedStudy]
+    tuning: Tuning | None = None
+
+    def __post_init__(self) -> None:
+        tuned = [study.id for study in self.studies if study.tuned]
+        check(
+            not tuned or self.tuning is not None,
+            f"tuned studies ({', '.join(tuned)}) need [tuning]; give it, or leave tuned out",
+        )
+
+
+# -- reading ---------------------------------------------------------------------------------------
+
+
+def shipped(kind: str = "sweep") -> list[str]:
+    """The names of the shipped files of a kind of study."""
+    return sorted(path.stem for path in FOLDERS[kind].glob("*.toml"))
+
+
+def read_file(name: str, kind: str, form: type[Form]) -> tuple[Path, Form]:
+    """The path and the content of a TOML file, or of the shipped one of that name.
 
     Raises:
-        ValueError: `out` is not a study, or has runs of other settings or of another version.
+        ValueError: no such file, invalid TOML, user-defined parts that are not trusted, or content
+            of another form.
     """
-    out = Path(out)
-    check(not out.is_file(), f"{out}: a file; give a folder")
-    there = {path.name for path in out.iterdir()} if out.is_dir() else set[str]()
-    if there - {LOCK, INPUTS} and "runs" not in there:
-        raise ValueError(f"{out}: not empty, and not a sweep; give a new folder")
-    check_format(out)
-    out.mkdir(parents=True, exist_ok=True)
-    names = [run.name for run in study.runs]
-    hints = {"format": FORMAT, "title": study.title, **study.report, "runs": names}
-    write_json(out / HINTS, hints)
-    folders = [(run, folder_of(out, run.name)) for run in study.runs]
-    for run, folder in folders:
-        run.write(folder, out)
-    return folders
-
-
-def check_format(out: Path) -> None:
-    """ValueError if the study in a folder has another format.
-
-    A damaged `sweep.json` is ignored, because it is written again.
-    """
+    path, names = Path(name), shipped(kind)
+    if not path.exists() and name in names:
+        path = FOLDERS[kind] / f"{name}.toml"
+    check(path.is_file(), f"{name}: no such {kind} file; shipped are {', '.join(names)}")
     try:
-        found = read_hints(out).format if (out / HINTS).exists() else FORMAT
-    except ValueError:
-        return
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise ValueError(f"{path}: not TOML: {error}; {REMEDY}") from None
+    check_trusted(path, content)
+    check("arms" not in content, f"{path}: [[arms]] was renamed; give [[variants]]")
+    return path, read_as(form, unnested_tables(content), path, REMEDY)
+
+
+def unnested_tables(content: Table) -> Table:
+    """The content of a file with the tables of one side as names such as chaser.entropy_coef."""
+    found = dict(content)
+    for name, value in content.items():
+        if name in VERSIONS and isinstance(value, dict):
+            found[name] = unnested_tables(value)
+        elif name in ("settings", "grid", "search") and isinstance(value, dict):
+            found[name] = unnested_sides(value)
+        elif name == "variants" and isinstance(value, list):
+            found[name] = [unnested_sides(v) if isinstance(v, dict) else v for v in value]
+    return found
+
+
+def choose_version(file: StudyFile, version: str | None) -> StudyFile:
+    """The file overridden by the chosen version, by default the first that it has."""
+    check(version in (None, *VERSIONS), f"unknown version {version!r}; short or full")
+    has = [name for name in VERSIONS if getattr(file, name) is not None]
+    check(version is None or version in has, f"no version {version!r}; give one of {has or 'none'}")
+    chosen = version or (has[0] if has else None)
+    over: Table = dict.fromkeys(VERSIONS)
+    for name in Version.__struct_fields__ if chosen else ():
+        value, before = getattr(getattr(file, str(chosen)), name), getattr(file, name)
+        both = isinstance(value, dict) and isinstance(before, dict)
+        if value is not None:
+            over[name] = {**before, **value} if both else value
+    found = msgspec.structs.replace(file, **over)
+    if found.only is not None:
+        names = [variant.get("name") for variant in found.variants or ()]
+        for name in found.only:
+            check(name in names, f"only={found.only}; give some of the variants {names}")
+        check_once("only", found.only)
+        found.variants = [v for v in found.variants or () if v.get("name") in found.only]
+    return found
+
+
+# -- checks of values ------------------------------------------------------------------------------
+
+
+def check_table(table: Table, where: str, values: bool = False) -> None:
+    """ValueError unless the values of `table` are plain (or lists of plain values, if `values`)."""
+    for name, value in table.items():
+        if values:
+            check(isinstance(value, list), f"{name}={value!r} in {where}; give a list of values")
+            check(bool(value), f"{name} is an empty list in {where}; give at least one value")
+        check(
+            name != "seed",
+            f"seed in {where} is not allowed; give seeds = [...] at the top of the file",
+        )
+        for item in value if values else [value]:
+            check_plain(name, item, where)
+
+
+def check_plain(name: str, value: Any, where: str) -> None:
+    """ValueError unless a setting is a number, a string, a boolean, or a list of strings."""
+    plain = isinstance(value, bool | int | float | str)
+    texts = isinstance(value, list) and all(isinstance(item, str) for item in value)
+    named = name in ("task", "algorithm", "curriculum", "preset", "contestant")
     check(
-        found == FORMAT,
-        f"{out}: has format {found}, this version of pursuit needs {FORMAT}; use the version that "
-        "made it, or a new folder",
+        isinstance(value, str) if named else plain or texts,
+        f"{name}={value!r} in {where}; give "
+        + ("a name" if named else "a number, a string, true or false"),
     )
 
 
-def is_folder_of(study: Study, out: Path) -> bool:
-    """Whether `out` is the folder of this study, or of one with the same title."""
-    if not (out / HINTS).exists():  # interrupted before the first job
-        return {path.name for path in out.iterdir()} <= {LOCK, INPUTS}
-    hints = read_hints(out)
-    return (hints.title, hints.control) == (study.title, study.report.get("control"))
+def check_seeds(seeds: Iterable[int]) -> None:
+    """ValueError for an empty list, or for a seed that is out of range."""
+    check(bool(seeds), "seeds is an empty list; give at least one value")
+    for seed in seeds:
+        check_seed(seed)
 
 
-def status_of(folder: Path) -> str:
-    """The status of a job: complete, failed, interrupted or new."""
-    if (folder / OUTCOME).exists() or is_complete(folder):
-        return "complete"
-    if (folder / ERROR).exists():
-        return "failed"
-    return "interrupted" if (folder / CHECKPOINT).exists() else "new"
-
-
-def statuses_of(study: Study, out: Path) -> dict[str, str]:
-    """The status of every job by name."""
-    return {run.name: status_of(folder_of(out, run.name)) for run in study.runs}
-
-
-def to_do(folders: Mapping[str, Path]) -> list[str]:
-    """The jobs that are not complete, by name."""
-    return [name for name, folder in folders.items() if status_of(folder) != "complete"]
+def check_once(name: str, values: list[Any]) -> None:
+    """ValueError for an empty list or repeated values."""
+    check(len(set(values)) == len(values) > 0, f"{name}={values}; give one or more, each once")

@@ -1,6 +1,6 @@
-"""Execution of one job of a study, in a separate process.
+"""Execution of one run of a study, in a separate process.
 
-The process exits when its parent has ended for any reason. The folder of a job is locked, so that
+The process exits when its parent has ended for any reason. The folder of a run is locked, so that
 only one process executes it at a time.
 """
 
@@ -21,49 +21,40 @@ from typing import Any
 
 from filelock import FileLock
 
-from pursuit.plugins import environment, from_train
-from train.experiments.study import CALL, ERROR, OUTCOME, PROGRESS, status_of
-from train.files import read_json, write_json, write_text
+from pursuit.plugins import environment
+from train.experiments.runs import ERROR, PROGRESS, status_of
+from train.files import write_text
 from train.kinds import open_run
-from train.runs.folder import CONFIG, load_final
+from train.runs.folder import load_final
 from train.runs.loop import Run
 
 LOG = "log.txt"
 SECONDS_TO_SAVE = 60.0
-"""Time to save before the process of a job exits, after its parent has ended."""
+"""Time to save before the process of a run exits, after its parent has ended."""
 
 
 def perform(folder: Path) -> None:
-    """Execute or resume the job in `folder`, and write its results."""
-    with FileLock(folder / ".worker.lock"):  # a worker of a killed sweep may still be saving
+    """Execute or resume the run in `folder`, and evaluate the trained policy."""
+    with FileLock(folder / ".worker.lock"):  # a worker of a killed study may still be saving
         if status_of(folder) == "complete":
             return
-        if (folder / CONFIG).exists():
-            train(folder)
-        else:
-            call = read_json(folder / CALL)
-            write_json(folder / OUTCOME, from_train(call["function"])(**call["given"]))
+        run = open_run(folder)
 
+        def report(run: Run, row: dict[str, float]) -> None:
+            if row:  # the checkpoint and its files have been written
+                write_text(folder / PROGRESS, str(run.progress))
 
-def train(folder: Path) -> None:
-    """Train the run in `folder`, or resume it, and evaluate the trained policy."""
-    run = open_run(folder)
-
-    def report(run: Run, row: dict[str, float]) -> None:
-        if row:  # the checkpoint and its files have been written
-            write_text(folder / PROGRESS, str(run.progress))
-
-    if run.progress < 1.0:
-        run.train(report)
-    if not run.stopped:
-        run.results(load_final(folder).episodes)
+        if run.progress < 1.0:
+            run.train(report)
+        if not run.stopped:
+            run.results(load_final(folder).episodes)
 
 
 def perform_here(folder: str, given: Mapping[str, str]) -> int:
-    """Execute the job in `folder` in this process; errors are written to its log.
+    """Execute the run in `folder` in this process; errors are written to its log.
 
     Args:
-        folder: of the job.
+        folder: of the run.
         given: environment variables that list the modules of users.
 
     Returns:
@@ -72,7 +63,7 @@ def perform_here(folder: str, given: Mapping[str, str]) -> int:
     os.environ.update(given)
     try:
         perform(Path(folder))
-    except Exception:  # other jobs continue after any exception of one
+    except Exception:  # other runs continue after any exception of one
         write_text(Path(folder) / LOG, traceback.format_exc())
         return 1
     return 0
@@ -82,7 +73,7 @@ def perform_here(folder: str, given: Mapping[str, str]) -> int:
 
 
 def start_worker(folder: Path) -> BaseProcess:
-    """Start a process that executes the job in `folder`; its output goes to `log.txt`.
+    """Start a process that executes the run in `folder`; its output goes to `log.txt`.
 
     The process is forked from a server that has imported this module and torch once.
     """
@@ -95,8 +86,8 @@ def start_worker(folder: Path) -> BaseProcess:
 
 
 def work(folder: str, given: Mapping[str, str]) -> None:
-    """The main function of a job's process."""
-    os.setsid()  # Ctrl-C reaches only the study's process, which stops its jobs
+    """The main function of a run's process."""
+    os.setsid()  # Ctrl-C reaches only the study's process, which stops its runs
     with (Path(folder) / LOG).open("ab") as log:
         for stream in (1, 2):
             os.dup2(log.fileno(), stream)
@@ -129,7 +120,7 @@ def record_end(folder: Path, code: int) -> None:
 
 
 def progress_of(folder: Path) -> float:
-    """The progress that a running job has reported, in [0, 1]."""
+    """The progress that a running run has reported, in [0, 1]."""
     with contextlib.suppress(OSError, ValueError):
         found = float((folder / PROGRESS).read_text())
         return min(max(found, 0.0), 1.0) if math.isfinite(found) else 0.0

@@ -445,10 +445,10 @@ def test_every_command_has_a_help_that_names_its_options(
 @pytest.mark.parametrize(
     ("command", "work"),
     [
-        (("compare", "ppo"), "experiments.comparison.run.run_comparison"),
+        (("compare", "ppo"), "experiments.executors.run_locally"),
         (("sweep", "reacher_by_joints"), "experiments.executors.run_locally"),
         (("ablate", "opponent-epsilon"), "experiments.executors.run_locally"),
-        (("reproduce", "table-3.1"), "experiments.replication.run.carry_out"),
+        (("reproduce", "figure-2.2"), "experiments.executors.run_locally"),
     ],
 )
 def test_the_command_printed_after_an_interruption_is_quoted(

@@ -18,7 +18,6 @@ import pytest
 from PIL import Image
 
 from train.commands.main import COMMANDS, main
-from train.experiments.methods import methods
 from train.experiments.statistics import least_p, permutation_p
 from train.reports.curves import on_one_axis
 from train.reports.figures import pyplot, save
@@ -74,29 +73,6 @@ def test_one_table_two_forms(paper: tuple[Path, dict[str, str]]) -> None:
         assert row["group"] == shown[0] and f"{float(row['gap']):.2f}" in shown[6]
     final = json.loads((paper[0] / "runs/ppo/results.json").read_text())["evaluation"]
     assert float(rows[0]["gap"]) == pytest.approx(100 * final["optimality_gap"])
-
-
-@pytest.mark.slow  # the runs take a minute
-def test_methods_say_what_the_files_say(paper: tuple[Path, dict[str, str]]) -> None:
-    folder = paper[0] / "runs/ppo"
-    text = (folder / "methods.md").read_text()
-    assert text == methods([folder])
-    config, results = (
-        json.loads((folder / f"{n}.json").read_text()) for n in ("config", "results")
-    )
-    facts = [
-        results["versions"]["torch"],
-        results["machine"]["processor"],
-        "| seed | 0 |",
-        "| maze | 3x3 |",
-    ]
-    facts += ["| maze | 3x3 |", "| opponent_epsilon | 0.2 |", f"| {results['frames']} |"]
-    facts += ["| evaluate | greedy |"]
-    facts += [f"| num_games | {config['hyper']['num_games']} |", "| threads | 1 |"]
-    for fact in facts:
-        assert fact in text, fact
-    league = (paper[0] / "league/methods.md").read_text()
-    assert "| runs | 2 |" in league and "from 20 games per pair" in league
 
 
 @pytest.mark.slow  # the runs take a minute

@@ -11,9 +11,9 @@ import pytest
 from test_sweeps import TINY, silent, write
 
 from train.experiments.executors import run_locally, run_on_ray
-from train.experiments.study import status_of
-from train.experiments.sweep import load_sweep
-from train.experiments.tables import collect
+from train.experiments.expansion import load_study
+from train.experiments.rows import collect
+from train.experiments.runs import status_of
 from train.kinds import open_run
 
 # -- Ray -------------------------------------------------------------------------------------------
@@ -37,7 +37,7 @@ def test_ray_gives_the_results_that_this_machine_gives(cluster: Any, tmp_path: P
     import ray
 
     text = TINY.replace(', "q_learning"', "").replace('"2x2", "3x3"', '"2x2"')
-    sweep, out = load_sweep(write(tmp_path / "tiny.toml", text)), tmp_path / "out"
+    sweep, out = load_study(write(tmp_path / "tiny.toml", text)), tmp_path / "out"
     ray.init(address=cluster.address, log_to_driver=False)
     try:
         statuses = run_on_ray(sweep, out, None, silent)
@@ -62,7 +62,7 @@ def test_ray_loses_nothing_and_counts_nothing_twice_when_a_node_dies(
     import ray
 
     text = TINY.replace("frames = 2000", "frames = 20000").replace(', "q_learning"', "")
-    sweep, out = load_sweep(write(tmp_path / "tiny.toml", text)), tmp_path / "out"
+    sweep, out = load_study(write(tmp_path / "tiny.toml", text)), tmp_path / "out"
     ray.init(address=cluster.address, log_to_driver=False)
     removed: list[Any] = []
 
@@ -102,7 +102,7 @@ learning_rate = {low = 1e-4, high = 1e-2}
 def test_control_c_keeps_the_progress_of_ray_tasks(cluster: Any, tmp_path: Path) -> None:
     import ray
 
-    sweep = load_sweep(write(tmp_path / "long.toml", LONG))
+    sweep = load_study(write(tmp_path / "long.toml", LONG))
     out = tmp_path / "out"
 
     def interrupt(statuses: dict[str, str], progress: dict[str, float]) -> None:

@@ -6,18 +6,25 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy import stats
+from scipy.stats import mannwhitneyu
 
 from train.experiments.statistics import (
     difference_interval,
     distance_interval,
+    first_below,
     holm,
+    improvement,
     interquartile_mean,
     logrank_p,
     mean_interval,
+    mean_over,
+    permutation_p,
     probability_of_improvement,
 )
-from train.experiments.sweep_report import measure_of
+from train.experiments.summary import measure_of
 
 SPREAD: dict[str, tuple[float, Callable[..., Any]]] = {
     "normal": (0.0, lambda rng, size: rng.normal(size=size)),
@@ -190,3 +197,69 @@ def test_the_interquartile_mean_is_that_of_the_middle_half() -> None:
     assert interquartile_mean([3.0]) == 3.0
     assert interquartile_mean([1.0, 2.0]) == pytest.approx(1.5)
     assert interquartile_mean([0.0, 1.0, 100.0]) == pytest.approx((0.25 * 0 + 1 + 25.0) / 1.5)
+
+
+@given(st.lists(st.floats(-1e3, 1e3), min_size=1, max_size=40))
+def test_the_interquartile_mean_is_scipys_trimmed_mean(values: list[float]) -> None:
+    four = np.repeat(values, 4)  # a multiple of four: nothing is cut in two
+    assert interquartile_mean(list(four)) == pytest.approx(stats.trim_mean(four, 0.25), abs=1e-9)
+    assert min(values) - 1e-9 <= interquartile_mean(values) <= max(values) + 1e-9
+
+
+def test_the_interquartile_mean_allows_infinite_values() -> None:
+    assert interquartile_mean([1.0, 2.0, 3.0, float("inf")]) == 2.5
+    assert interquartile_mean([1, 2, 3, 100]) == 2.5
+
+
+@given(
+    st.lists(st.integers(0, 6), min_size=1, max_size=9),
+    st.lists(st.integers(0, 6), min_size=1, max_size=9),
+)
+def test_improvement_is_mann_and_whitneys_u(ours: list[int], theirs: list[int]) -> None:
+    u = stats.mannwhitneyu(theirs, ours).statistic  # pairs in which ours is lower, ties half
+    found = improvement(np.array(ours, float), np.array(theirs, float))
+    assert float(found) == pytest.approx(u / (len(ours) * len(theirs)))
+
+
+def test_the_probability_of_improvement_over_tasks_is_their_mean() -> None:
+    point, (low, high) = probability_of_improvement([[1, 2, 3], [5, 6]], [[4, 5, 6], [5, 6]])
+    assert point == pytest.approx((1.0 + 0.5) / 2) and low < point < high
+    assert probability_of_improvement([[2.0] * 3], [[2.0] * 3])[0] == 0.5
+    assert np.isnan(probability_of_improvement([[1.0]], [[2.0]])[1][0])
+
+
+def test_times_and_areas() -> None:
+    assert first_below([1, 2, 3], [9.0, 5.0, 7.0], 5.0) == 2
+    assert first_below([1, 2, 3], [9.0, 5.0, 7.0], 4.0) == float("inf")
+    assert mean_over([0, 1, 3], [0.0, 1.0, 1.0]) == pytest.approx(2.5 / 3)
+    assert mean_over([2], [7.0]) == 7.0
+
+
+def test_the_p_value_is_mann_and_whitneys_where_there_are_no_ties() -> None:
+    rng = np.random.default_rng(0)
+    for ours, theirs in ((3, 3), (4, 4), (5, 3), (7, 6)):
+        own, other = rng.normal(size=ours), rng.normal(0.8, size=theirs)
+        exact = mannwhitneyu(own, other, method="exact").pvalue
+        assert permutation_p([list(own)], [list(other)]) == pytest.approx(exact)
+    assert permutation_p([[1, 2, 3]], [[4, 5, 6]]) == pytest.approx(0.1)
+    assert permutation_p([[1, 2, 3, 4]], [[5, 6, 7, 8]]) == pytest.approx(2 / 70)
+    assert permutation_p([[1.0]], [[2.0, 3.0]]) == pytest.approx(2 / 3, abs=0.02)
+    # Two tasks: differences of opposite sign cancel.
+    alike = permutation_p([[1, 2, 3], [4, 5, 6]], [[4, 5, 6], [1, 2, 3]])
+    apart = permutation_p([[1, 2, 3], [1, 2, 3]], [[4, 5, 6], [4, 5, 6]])
+    assert alike == pytest.approx(1.0) and apart == pytest.approx(2 / 400, abs=0.003)
+
+
+def test_the_p_value_of_several_tasks_is_that_of_all_splits_within_them() -> None:
+    rng = np.random.default_rng(3)
+    ours = [rng.normal(size=size).round(1).tolist() for size in (4, 3)]
+    theirs = [rng.normal(0.8, size=4).round(1).tolist() for _ in range(2)]
+    every = []
+    for own, other in zip(ours, theirs, strict=True):
+        pool = np.array([*own, *other])
+        splits = [list(chosen) for chosen in combinations(range(len(pool)), len(own))]
+        every.append([float(improvement(pool[s], np.delete(pool, s))) for s in splits])
+    apart = abs(np.add.outer(*map(np.array, every)) / 2 - 0.5)
+    found = abs(probability_of_improvement(ours, theirs)[0] - 0.5)
+    exact = float(np.mean(apart >= found - 1e-9))
+    assert 0.01 < exact < 0.5 and permutation_p(ours, theirs) == pytest.approx(exact, abs=0.01)

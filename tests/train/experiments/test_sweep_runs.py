@@ -13,9 +13,9 @@ import pytest
 from filelock import FileLock, Timeout
 
 from pursuit import load_maze
-from train.experiments.study import prepare, status_of
-from train.experiments.sweep import load_sweep
-from train.experiments.tables import collect
+from train.experiments.expansion import load_study
+from train.experiments.rows import collect
+from train.experiments.runs import prepare, status_of
 from train.kinds import KINDS, open_run, start
 from train.runs.folder import RUN
 
@@ -62,7 +62,7 @@ def given(tmp_path: Path) -> dict[str, Any]:
 
 def names(tmp_path: Path, given: dict[str, Any]) -> list[str]:
     (tmp_path / "s.toml").write_text(SWEEP.format(**given))
-    return [run.name for run in load_sweep(str(tmp_path / "s.toml")).runs]
+    return [run.name for run in load_study(str(tmp_path / "s.toml")).runs]
 
 
 # -- identity --------------------------------------------------------------------------------------
@@ -94,8 +94,8 @@ def test_a_sweep_over_files_is_resumed_and_reads_its_copies(
 ) -> None:
     out = tmp_path / "out"
     names(tmp_path, given)
-    ((run, folder),) = prepare(load_sweep(str(tmp_path / "s.toml")), out)
-    assert prepare(load_sweep(str(tmp_path / "s.toml")), out) == [(run, folder)]
+    ((run, folder),) = prepare(load_study(str(tmp_path / "s.toml")), out)
+    assert prepare(load_study(str(tmp_path / "s.toml")), out) == [(run, folder)]
     # The maze's file is changed and the opponent goes on learning: not in this run.
     for name in ("maze", "lesson"):
         given[name].write_text(MAZE)
@@ -108,7 +108,7 @@ def test_a_sweep_over_files_is_resumed_and_reads_its_copies(
     given["maze"].write_text(load_maze("3x3").to_text())
     given["lesson"].write_text(OTHER)
     out.rename(tmp_path / "elsewhere")
-    prepare(load_sweep(str(tmp_path / "s.toml")), tmp_path / "elsewhere")
+    prepare(load_study(str(tmp_path / "s.toml")), tmp_path / "elsewhere")
     open_run(tmp_path / "elsewhere" / "runs" / run.name)
     # Reports call them what the sweep file does.
     row = collect(tmp_path / "elsewhere")[0].to_dicts()[0]
@@ -136,7 +136,7 @@ def test_a_killed_sweep_leaves_no_process_and_the_next_one_waits_for_its_runs(
     tmp_path: Path,
 ) -> None:
     (tmp_path / "s.toml").write_text(LONG)
-    sweep, out = load_sweep(str(tmp_path / "s.toml")), tmp_path / "out"
+    sweep, out = load_study(str(tmp_path / "s.toml")), tmp_path / "out"
     command = [sys.executable, "-m", "train.commands.main", "sweep", str(tmp_path / "s.toml")]
     driver = subprocess.Popen([*command, "--out", str(out), "--workers", "1"])
     folder = out / "runs" / sweep.runs[0].name

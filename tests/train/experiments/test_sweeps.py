@@ -18,12 +18,11 @@ import pytest
 from train.commands.main import main
 from train.commands.sweep import SweepWatch
 from train.experiments.executors import run_locally
-from train.experiments.identity import fingerprint
+from train.experiments.expansion import load_study
 from train.experiments.report import report_on
-from train.experiments.study import prepare, status_of
-from train.experiments.sweep import load_sweep, shipped
-from train.experiments.sweep_report import sentences
-from train.experiments.tables import CURVES, RUNS, collect
+from train.experiments.rows import CURVES, RUNS, collect
+from train.experiments.runs import prepare, status_of
+from train.experiments.summary import sweep_notes
 from train.experiments.worker import progress_of, start_worker
 from train.files import only_one
 
@@ -63,141 +62,6 @@ def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("swept")
     main(["sweep", write(folder / "tiny.toml", TABULAR), "--out", str(folder / "out")])
     return folder / "out"
-
-
-# -- files -----------------------------------------------------------------------------------------
-
-
-def test_a_file_is_multiplied_out(tmp_path: Path) -> None:
-    sweep = load_sweep(write(tmp_path / "tiny.toml"))
-    assert len(sweep.runs) == 2 * 2 * 2 == len({run.name for run in sweep.runs})
-    seen = {
-        (r.settings.task.maze, r.settings.algorithm, r.settings.seed, r.settings.threads)
-        for r in sweep.runs
-    }
-    assert seen == {
-        (maze, algorithm, seed, 1)
-        for maze in ("2x2", "3x3")
-        for algorithm in ("a2c", "q_learning")
-        for seed in (0, 1)
-    }
-    assert sweep.report == {"x": "maze", "group": ["algorithm"]}
-
-
-def test_combinations_given_twice_are_run_once(tmp_path: Path) -> None:
-    doubled = TINY.replace('["2x2", "3x3"]', '["2x2", "2x2"]').replace("[0, 1]", "[0, 0]")
-    assert len(load_sweep(write(tmp_path / "tiny.toml", doubled)).runs) == 2
-
-
-def test_two_names_of_equal_settings_are_refused_and_none_vanishes(tmp_path: Path) -> None:
-    variants = (
-        '[[variants]]\nname = "ours"\n[[variants]]\nname = "shorter"\nrollout_steps = 4\n[report]'
-    )
-    text = TINY.replace("[report]", variants).replace('["a2c", "q_learning"]', '["a2c"]')
-    with pytest.raises(ValueError, match=r"variant='ours'.*and.*variant='shorter' have equal sett"):
-        load_sweep(write(tmp_path / "tiny.toml", text))
-    told_apart = text.replace("rollout_steps = 4", "rollout_steps = 8")
-    assert len(load_sweep(write(tmp_path / "tiny.toml", told_apart)).runs) == 2 * 2 * 2
-
-
-def test_the_fingerprint_depends_on_every_setting_and_the_maze_text(tmp_path: Path) -> None:
-    base = load_sweep(write(tmp_path / "tiny.toml")).runs[0]
-    maze = tmp_path / "own.txt"
-    prints = {fingerprint(base.kind, base.settings, 20, {})}
-    changes = ("stay_action = true", "gamma = 0.5", f'maze = "{maze}"', f'maze = "{maze}" # again')
-    for number, line in enumerate(changes):
-        middle = "+ + +" if number == 3 else "+-+ +"  # the same file name, another maze in it
-        maze.write_text(f"+-+-+\n|   |\n{middle}\n|   |\n+-+-+\n")
-        text = TINY.replace("num_games = 32", f"num_games = 32\n{line}")
-        if "maze" in line:
-            text = text.replace('maze = ["2x2", "3x3"]\n', "")
-        run = load_sweep(write(tmp_path / "other.toml", text)).runs[0]
-        prints.add(fingerprint(run.kind, run.settings, 20, {}))
-    prints.add(fingerprint(base.kind, base.settings, 21, {}))
-    assert len(prints) == 6
-
-
-def test_versions_lie_over_the_common_part(tmp_path: Path) -> None:
-    text = TINY.replace("seeds = [0, 1]\n", "") + (
-        "[short]\nseeds = [7]\n[full]\nseeds = [1, 2, 3]\nsettings = {frames = 9000}\n"
-    )
-    path = write(tmp_path / "tiny.toml", text)
-    short, full = load_sweep(path), load_sweep(path, "full")
-    assert {run.settings.seed for run in short.runs} == {7}
-    assert {run.settings.seed for run in full.runs} == {1, 2, 3}
-    assert {run.settings.frames for run in full.runs} == {9000}
-
-
-def test_a_random_search_is_drawn_once_and_in_its_ranges(tmp_path: Path) -> None:
-    text = TINY + (
-        "[search]\nsamples = 30\nseed = 3\n"
-        'learning_rate = {low = 1e-4, high = 1e-2, scale = "log"}\n'
-        "rollout_steps = {choices = [2, 4]}\nwidth = {low = 8, high = 64, whole = true}\n"
-    )
-    text = text.replace('["a2c", "q_learning"]', '["a2c"]').replace("seeds = [0, 1]\n", "")
-    path = write(tmp_path / "tiny.toml", text)
-    first, second = load_sweep(path), load_sweep(path)
-    assert [run.name for run in first.runs] == [run.name for run in second.runs]
-    rates = [run.settings.hyper.learning_rate for run in first.runs]
-    assert len(set(rates)) == 30 and 1e-4 <= min(rates) < 1e-3 < max(rates) <= 1e-2
-    assert {run.settings.hyper.rollout_steps for run in first.runs} == {2, 4}
-    assert all(8 <= run.settings.hyper.width <= 64 for run in first.runs)
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ("[grid]", "[grids]", "unknown field 'grids' .did you mean 'grid'"),
-        ('["2x2", "3x3"]', "[]", "maze is an empty list"),
-        ("[0, 1]", "[]", "seeds is an empty list"),
-        ("num_games = 32", "num_gamse = 32", "did you mean 'num_games'"),
-        ('["2x2", "3x3"]', '["2x2", "12x3"]', "unknown maze '12x3'"),
-        ('["2x2", "3x3"]', '["2x2"]\nobservation = ["cells"]', "q_learning has a table"),
-        ('["2x2", "3x3"]', '["9x9"]\nnum_goals = [5]', "fewer agents or goals"),
-        ("num_games = 32", "num_games = 0", "num_games=0"),
-        ("num_games = 32", 'num_games = "many"', "give a whole number"),
-        ("frames = 2000", "frames = 2000\nseconds = 3", "one of the two"),
-        ('x = "maze"', 'y = "maze"', "field report: unknown field 'y'"),
-        (
-            "[report]",
-            "[full]\nseed = [1]\n[report]",
-            "field full: .*'seeds'",
-        ),
-        ("[report]", "[[variants]]\ngamma = 0.5\n[report]", "a different name"),
-        ("[report]", "[search]\nsamples = 3\n[report]", "names no setting"),
-        ("[report]", "[search]\ngamma = {low = 1, high = 0}\n[report]", "not below"),
-        ("[grid]", "[grid", "not TOML"),
-    ],
-)
-def test_a_bad_file_is_one_clear_line_before_anything_runs(
-    old: str, new: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert old in TINY
-    path = write(tmp_path / "tiny.toml", TINY.replace(old, new))
-    with pytest.raises(ValueError, match=message):
-        load_sweep(path)
-    with pytest.raises(SystemExit) as exit_:
-        main(["sweep", path, "--out", str(tmp_path / "out")])
-    assert exit_.value.code == 2
-    assert len(capsys.readouterr().err.strip().splitlines()) == 1
-    assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.slow
-def test_every_shipped_file_is_sound_in_its_full_version() -> None:
-    for name in shipped():
-        assert len(load_sweep(name, "short").runs) <= len(load_sweep(name, "full").runs)
-
-
-def test_every_shipped_file_is_valid(capsys: pytest.CaptureFixture[str]) -> None:
-    assert {"tabular", "encodings", "rewards", "maze_by_size", "maze_by_goals"} <= set(shipped())
-    assert {"chaser_by_size", "evader_by_size", "dqn_one_goal", "presets"} <= set(shipped())
-    for name in shipped():
-        assert load_sweep(name, "short").title
-    main(["sweep", "--list"])
-    assert "maze_by_size" in capsys.readouterr().out
-    with pytest.raises(ValueError, match="no such sweep file"):
-        load_sweep("chasers")
 
 
 # -- running ---------------------------------------------------------------------------------------
@@ -242,7 +106,7 @@ def test_the_tables_are_the_same_to_polars_pandas_and_duckdb(swept: Path) -> Non
 def test_a_folder_of_other_settings_or_another_version_is_refused(
     swept: Path, tmp_path: Path
 ) -> None:
-    sweep = load_sweep(write(tmp_path / "tiny.toml", TABULAR))
+    sweep = load_study(write(tmp_path / "tiny.toml", TABULAR))
     out = tmp_path / "out"
     shutil.copytree(swept, out)
     config = out / "runs" / sweep.runs[0].name / "config.json"
@@ -267,7 +131,7 @@ def test_a_folder_of_other_settings_or_another_version_is_refused(
 
 
 def test_two_sweeps_cannot_share_a_folder_at_once(tmp_path: Path) -> None:
-    sweep = load_sweep(write(tmp_path / "tiny.toml"))
+    sweep = load_study(write(tmp_path / "tiny.toml"))
     with only_one(tmp_path / "out", "sweep"), pytest.raises(ValueError, match="another sweep"):
         run_locally(sweep, tmp_path / "out", 1, silent)
 
@@ -299,7 +163,7 @@ def test_a_killed_run_is_recorded_and_the_others_continue(
 ) -> None:
     text = TINY.replace("frames = 2000", "frames = 60000").replace("[0, 1]", "[0]")
     path = write(tmp_path / "tiny.toml", text.replace('"a2c", "q_learning"', '"a2c"'))
-    sweep, out = load_sweep(path), tmp_path / "out"
+    sweep, out = load_study(path), tmp_path / "out"
     prepare(sweep, out)
     broken = out / "runs" / sweep.runs[0].name
     (broken / "checkpoint.pt").write_bytes(b"no checkpoint")  # it crashes on reading this
@@ -394,7 +258,7 @@ def test_a_report_says_which_policy_was_evaluated(swept: Path) -> None:
         (("sampled", "greedy"), "Steps are those of the greedy or sampled policy and "),
     ):
         given = [row | {"evaluate": kinds[n % len(kinds)]} for n, row in enumerate(rows)]
-        assert told in " ".join(sentences(given))
+        assert told in " ".join(sweep_notes(given))
 
 
 def test_a_report_of_nothing_is_an_error(

@@ -15,8 +15,8 @@ import pytest
 import torch
 
 from train.experiments.executors import LocalJob
-from train.experiments.study import prepare, status_of
-from train.experiments.sweep import load_sweep
+from train.experiments.expansion import load_study
+from train.experiments.runs import prepare, status_of
 from train.experiments.worker import LOG, perform
 from train.runs.folder import load_checkpoint, read_metrics
 
@@ -38,7 +38,7 @@ LONG = 300_000  # saved for the first time after a twentieth of it
 def folders_of(tmp_path: Path, out: str, frames: int) -> list[Path]:
     """The folders of two new runs."""
     (tmp_path / "s.toml").write_text(SWEEP.format(frames=frames))
-    return [folder for _, folder in prepare(load_sweep(str(tmp_path / "s.toml")), tmp_path / out)]
+    return [folder for _, folder in prepare(load_study(str(tmp_path / "s.toml")), tmp_path / out)]
 
 
 def until(true: Callable[[], Any]) -> None:
@@ -108,9 +108,9 @@ def test_a_script_runs_a_study(tmp_path: Path) -> None:
     (tmp_path / "script.py").write_text(
         "from pathlib import Path\n"
         "from train.experiments.executors import run_locally\n"
-        "from train.experiments.sweep import load_sweep\n"
+        "from train.experiments.expansion import load_study\n"
         "if __name__ == '__main__':\n"
-        f"    sweep = load_sweep({str(tmp_path / 's.toml')!r})\n"
+        f"    sweep = load_study({str(tmp_path / 's.toml')!r})\n"
         f"    out = Path({str(tmp_path / 'out')!r})\n"
         "    print(run_locally(sweep, out, 2, lambda *_: None).values())\n"
     )

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from train.commands.main import main
-from train.experiments.ablation_report import LINES, panels_of
-from train.experiments.learning_curves import Curve
+from train.experiments.figures import draw_stages
+from train.experiments.rows import StudyRows
+from train.experiments.study import Layout
 from train.reports import curves
 from train.reports.curves import Level, Panel, Series, draw_panels
 from train.runs.folder import read_metrics
@@ -84,14 +85,16 @@ def test_the_lines_of_a_curriculum_are_named() -> None:
 
 
 def test_the_figure_of_variants_says_what_its_lines_are(tmp_path: Path) -> None:
-    times, fall = np.linspace(1e5, 1e6, 9), np.linspace(9.0, 0.1, 9)
-    stages = np.repeat([0.0, 1.0, 2.0], 3)
-    variants = {
-        name: [Curve(times, times, fall, fall, stages, stages, 0.1, seed, "") for seed in range(2)]
-        for name in ("none", "annealed")
-    }
-    grid = panels_of(variants, "none", "frames")
-    draw_panels(tmp_path / "v.png", grid, "frames", "title", beside=True, note=LINES)
-    texts = " ".join(re.findall(r">([^<>]+)</t", (tmp_path / "v.svg").read_text()))
+    study = StudyRows(Layout("title", control="none", variants=["none", "annealed"]))
+    for variant in study.layout.variants:
+        for seed in range(2):
+            run = f"{variant}-{seed}"
+            study.rows.append({"run": run, "variant": variant, "seed": seed, "_x": ""})
+            study.curves[run] = [
+                {"frames": 1e5 * n, "optimality_gap": 1.0 / n, "stage": n // 4}
+                for n in range(1, 10)
+            ]
+    assert draw_stages(tmp_path, study, "frames", log=False) == ["variants.png"]
+    texts = " ".join(re.findall(r">([^<>]+)</t", (tmp_path / "variants.svg").read_text()))
     for what in ("Thick: mean", "thin: single runs", "Grey: the control", "optimum", "last stage"):
         assert what in texts

@@ -12,7 +12,7 @@ from scripted_agents import InverseKinematics, LeastStepsPolicy, least_steps
 from train.commands.main import main
 from train.evaluation.arm_contest import ArmContest, bounds_of
 from train.evaluation.scores import optimality_gap
-from train.experiments.sweep import load_sweep
+from train.experiments.expansion import load_study
 from train.kinds import open_run, start
 from train.runs.folder import RUN
 from train.runs.opponents import load_opponent, load_policy
@@ -216,7 +216,7 @@ def test_regrets_of_an_arm_are_against_the_least_steps_of_their_starts() -> None
 
 
 def test_the_experiments_on_the_arm_are_complete() -> None:
-    by_joints = load_sweep("reacher_by_joints", "full")
+    by_joints = load_study("reacher_by_joints", version="full")
     assert len(by_joints.runs) == 4 * 5 * 5
     for name in ("reacher_noise_tau", "reacher_encodings"):
-        assert len({run.settings.seed for run in load_sweep(name, "short").runs}) >= 5
+        assert len({run.settings.seed for run in load_study(name, version="short").runs}) >= 5

@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 import torch
 
-from train.experiments.tables import row_of
+from train.experiments.rows import row_of
 from train.kinds import open_run, start
 from train.runs.folder import (
     RUN,

@@ -17,7 +17,7 @@ from pursuit import Recorder
 from pursuit.environments.parallel import scene_of
 from pursuit.rendering.animation import save_animation
 from train.commands.main import main
-from train.experiments.tables import collect
+from train.experiments.rows import collect
 from train.kinds import start
 from train.runs import loop
 from train.runs.folder import RUN

@@ -15,7 +15,7 @@ import pursuit
 from pursuit import plugins as parts
 from train.commands.main import main
 from train.experiments.identity import fingerprint
-from train.experiments.tables import row_of
+from train.experiments.rows import row_of
 from train.files import write_json
 from train.kinds import open_run, resume, start
 from train.runs.folder import RUN, load_config

@@ -33,6 +33,7 @@ from train.environments.simulator_env import SimulatorEnv
 from train.evaluation.exploitability import exploitability, nash_conv, team_exploitability
 from train.evaluation.games import table_in
 from train.evaluation.matchups import discounted_steps, match, play_pair
+from train.experiments.rows import row_of
 from train.kinds import open_run, start
 from train.networks.policy import Seat
 from train.runs.folder import SELF_PLAY
@@ -476,9 +477,9 @@ def test_settings_of_each_side_can_be_set_and_are_recorded(tmp_path: Path) -> No
     assert chaser["learning_rate"] == evader["learning_rate"] == 0.004
     assert (chaser["num_games"], evader["num_games"], evader["batch_size"]) == (16, 8, 48)
     assert json.loads((run / "evader" / "config.json").read_text())["hyper"] == evader
-    told = (run / "methods.md").read_text()
-    for line in ("evader.algorithm | dqn", "learning_rate | 0.004", "chaser.entropy_coef | 0.05"):
-        assert f"| {line} |" in told
+    row = row_of(run)
+    assert (row["evader.algorithm"], row["chaser.entropy_coef"]) == ("dqn", 0.05)
+    assert row["learning_rate"] == 0.004  # that of both sides
     settings = open_run(run).trainee.settings
     assert settings.side("evader").hyper.batch_size == 48
     table = self_play_settings_of(

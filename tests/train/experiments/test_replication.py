@@ -1,4 +1,4 @@
-"""Replication: claims are decided by tests of runs, corrected over all cells of a page."""
+"""Replication: claims are decided by tests of rows, corrected over all cells of a page."""
 
 from __future__ import annotations
 
@@ -17,54 +17,57 @@ from scipy.stats import rankdata
 from pursuit.mazes.maze import load_maze
 from scripted_agents import num_states
 from train.commands.main import main
-from train.experiments.forms import SweepFile
-from train.experiments.replication import rules
-from train.experiments.replication import run as run_
-from train.experiments.replication.decisions import Decided, DecidedExperiment
-from train.experiments.replication.exact import (
+from train.experiments import claims as claims_
+from train.experiments import tuning
+from train.experiments.claims import (
+    CellTest,
+    Decision,
+    comparison_test,
+    correct,
+    decide,
+    diverged,
+    part_of,
+    threshold_test,
+    worse_by,
+)
+from train.experiments.exact_claims import (
     STATES,
     TOURS,
     states_table,
     swapped_states,
     tours_table,
 )
-from train.experiments.replication.plan import (
-    SHIPPED,
-    Claim,
+from train.experiments.executors import run_locally
+from train.experiments.expansion import multiply_out
+from train.experiments.replication import (
+    changed_rules,
+    keep_rules,
     load_replication,
     mazes_by_size,
-    sweep_of,
-    tuning_sweep,
+    runs_of_study,
+    stages_of,
     with_mazes,
-    with_settings,
 )
-from train.experiments.replication.report import page, write_replication
-from train.experiments.replication.rules import (
-    PARTS,
-    CellTest,
-    Decision,
-    Ran,
-    comparison_test,
-    correct,
-    decide,
-    diverged,
-    headline,
-    part_of,
-    threshold_test,
-    worse_by,
-)
-from train.experiments.replication.run import carry_out, changed_rules, keep_rules, tuned_settings
+from train.experiments.replication_page import decide_all, study_part, verdicts, write_replication
+from train.experiments.rows import StudyRows, curve_measures
+from train.experiments.stages import carry_out
 from train.experiments.statistics import permutation_p
-from train.experiments.sweep import multiply_out
+from train.experiments.study import PARTS, Claim, Layout, StudyFile
+from train.experiments.tuning import choose, search_of
 from train.files import read_json
+
+Row = dict[str, Any]
+VARYING = ("algorithm", "maze", "joints")
 
 
 def ran(
     seed: int, gap: float, unsolved: float = 0.0, lengths: tuple[float, ...] = (), **row: object
-) -> Ran:
+) -> Row:
     """A run with these results."""
     plain = {"seed": seed, "optimality_gap": gap, "unsolved_share": unsolved, "max_steps": 200}
-    return Ran({"frames": 10**6, "algorithm": "ppo", **plain, **row}, lengths)
+    own = {"frames": 10**6, "algorithm": "ppo", **plain, **row}
+    evaluations = [{"frames": n, "mean_steps": length} for n, length in enumerate(lengths)]
+    return {**curve_measures(own, evaluations), **own}
 
 
 def test_a_run_diverges_if_most_starts_are_unsolved_and_lengths_do_not_fall() -> None:
@@ -79,9 +82,9 @@ def test_a_run_diverges_if_most_starts_are_unsolved_and_lengths_do_not_fall() ->
 LOWER = Claim("", "lower", {"algorithm": "ours"}, [{"algorithm": "rival 0"}])
 
 
-def verdicts_of(claims: Sequence[Claim], runs: Sequence[Ran]) -> list[str]:
+def verdicts_of(claims: Sequence[Claim], runs: Sequence[Row]) -> list[str]:
     """The decisions on all cells of a page with only these claims."""
-    found = [cell for claim in claims for cell in decide(claim, runs, 0)]
+    found = [cell for claim in claims for cell in decide(claim, runs, VARYING, 0)]
     return [cell.verdict for cell in correct(found)]
 
 
@@ -98,12 +101,12 @@ def fast_p(monkeypatch: pytest.MonkeyPatch) -> None:
         ranks = rankdata([*ours[0], *theirs[0]])
         return p_of_ranks(tuple(ranks[: len(ours[0])]), tuple(ranks[len(ours[0]) :]))
 
-    monkeypatch.setattr(rules, "permutation_p", p_of)
+    monkeypatch.setattr(claims_, "permutation_p", p_of)
 
 
 def study_of(
     rng: np.random.Generator, rivals: int, cells: int, effect: float
-) -> tuple[list[Claim], list[Ran]]:
+) -> tuple[list[Claim], list[Row]]:
     """Five runs of each of several algorithms in some cells, log-normal, and a claim on them.
 
     The logarithms of ours are lower by `effect` standard deviations.
@@ -115,7 +118,7 @@ def study_of(
         for joints in range(1, cells + 1):
             gaps = np.exp(rng.normal(-effect * (name == "ours"), size=5))
             label = {"algorithm": name, "joints": joints}
-            runs += [Ran(ran(s, g, **label).row, (), label) for s, g in enumerate(gaps)]
+            runs += [ran(s, g, **label) for s, g in enumerate(gaps)]
     return claims, runs
 
 
@@ -166,12 +169,9 @@ def test_a_claim_of_two_cells_has_two_verdicts() -> None:
         for name in ("ours", "rival 0"):
             label = {"algorithm": name, "joints": joints}
             gaps = [0.1 * seed + 10.0 * (name != best and best != "") for seed in range(6)]
-            runs += [Ran(ran(s, g, **label).row, (), label) for s, g in enumerate(gaps)]
+            runs += [ran(s, g, **label) for s, g in enumerate(gaps)]
     verdicts = verdicts_of([LOWER], runs)
     assert verdicts == ["refuted", "confirmed", "undecided"]
-    assert headline(verdicts) == "confirmed in 1 of 3 cells, refuted in 1, undecided in 1"
-    assert headline(["confirmed", "confirmed"]) == "confirmed in both cells"
-    assert headline(["undecided"]) == "undecided"
 
 
 def test_all_cells_of_a_page_are_corrected_together() -> None:
@@ -184,52 +184,51 @@ def test_all_cells_of_a_page_are_corrected_together() -> None:
 
 
 def test_mazes_of_a_suite_are_strata_of_one_cell() -> None:
-    def runs_in(maze: str, base: float) -> list[Ran]:
+    def runs_in(maze: str, base: float) -> list[Row]:
         found = []
         for name, more in (("ours", 0.0), ("rival 0", 0.5)):
             label = {"algorithm": name, "maze": maze}
             gaps = [base + 0.01 * seed + more for seed in range(4)]
-            found += [Ran(ran(s, g, **label).row, (), label) for s, g in enumerate(gaps)]
+            found += [ran(s, g, **label) for s, g in enumerate(gaps)]
         return found
 
     suite = [*runs_in("suite:5x5-test/0", 0.0), *runs_in("suite:5x5-test/1", 9.0)]
-    (cell,) = decide(LOWER, suite, 0)
+    (cell,) = decide(LOWER, suite, VARYING, 0)
     assert [len(group.mazes) for group in cell.groups] == [2, 2]
     assert cell.groups[0].cell["maze"] == "suite:5x5-test"
     assert cell.test.p < 0.005  # two mazes: 2 of 70 * 70 splits; not stratified it is 0.4
-    assert len(decide(LOWER, [*runs_in("5x5", 0.0), *runs_in("7x7", 9.0)], 0)) == 2
-    other = [run for run in suite if run.row["maze"][-1] == "0" or run.row["algorithm"] == "ours"]
-    assert "compare the same mazes" in decide(LOWER, other, 0)[0].note
+    assert len(decide(LOWER, [*runs_in("5x5", 0.0), *runs_in("7x7", 9.0)], VARYING, 0)) == 2
+    other = [run for run in suite if run["maze"][-1] == "0" or run["algorithm"] == "ours"]
+    assert "compare the same mazes" in decide(LOWER, other, VARYING, 0)[0].note
 
 
 def test_cells_without_enough_frames_or_runs_are_not_tested() -> None:
     runs = study_of(np.random.default_rng(0), 1, 1, 0.0)[1]
-    (few,) = decide(LOWER, runs, 2 * 10**6)
+    (few,) = decide(LOWER, runs, VARYING, 2 * 10**6)
     assert few.verdict == "undecided" and few.note == (
         "runs of 1,000,000 frames; 2,000,000 are needed"
     )
-    assert decide(LOWER, runs[:5], 0)[0].note == "no complete runs"
-    assert math.isnan(decide(LOWER, runs[:5], 0)[0].test.p)
+    assert decide(LOWER, runs[:5], VARYING, 0)[0].note == "no complete runs"
+    assert math.isnan(decide(LOWER, runs[:5], VARYING, 0)[0].test.p)
 
 
 def test_a_run_without_the_value_of_a_rule_decides_nothing() -> None:
     runs = [ran(seed, 0.1) for seed in range(5)]
-    (cell,) = decide(Claim("", "part_above", {"algorithm": "ppo"}, percent=50.0), runs, 0)
+    (cell,) = decide(Claim("", "part_above", {"algorithm": "ppo"}, percent=50.0), runs, VARYING, 0)
     assert cell.verdict == "undecided" and "solved_gap is not known" in cell.note
 
 
 def test_settings_that_a_claim_does_not_fix_are_separate_cells() -> None:
-    def run(seed: int, maze: str, gap: float, algorithm: str = "ours") -> Ran:
-        one = ran(seed, gap, maze=maze, algorithm=algorithm)
-        return Ran(one.row, (), {"maze": maze, "algorithm": algorithm})
+    def run(seed: int, maze: str, gap: float, algorithm: str = "ours") -> Row:
+        return ran(seed, gap, maze=maze, algorithm=algorithm)
 
     runs = [run(seed, "3x3", 0.0) for seed in range(6)]
     runs += [run(seed, "5x5", 0.2) for seed in range(6)]  # a later one of the same seed
     runs += [run(seed, maze, 0.1, "rival 0") for seed in range(6) for maze in ("5x5", "3x3")]
     assert verdicts_of([LOWER], runs) == ["confirmed", "refuted"]
-    assert verdicts_of([LOWER], [r for r in runs if r.row["maze"] == "3x3"]) == ["confirmed"]
+    assert verdicts_of([LOWER], [r for r in runs if r["maze"] == "3x3"]) == ["confirmed"]
     three = [*runs, run(0, "7x7", 0.1, "rival 0")]
-    assert "2 cells are compared with 3" in decide(LOWER, three, 0)[0].note
+    assert "2 cells are compared with 3" in decide(LOWER, three, VARYING, 0)[0].note
 
 
 @pytest.mark.parametrize("role", ["evader", "evader_0", "evader_12"])
@@ -274,16 +273,21 @@ def test_tours_are_decided_on_the_users_mazes_alone(tmp_path: Path) -> None:
 def test_an_evaders_settings_are_ranked_by_their_gaps(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    plan = load_replication()
-    gaps = {SHIPPED: -0.5, "draw 1": -0.01, "draw 2": -0.2}
-    trials = [
-        ran(0, gap, variant=f"dqn, {name}", role="evader")
-        for name, gap in gaps.items()
-        for _ in range(2)
+    rows = [
+        ran(seed, gap, algorithm="dqn", role="evader", trial=number, variant=None)
+        | {"run": f"{number}-{seed}", "status": "complete"}
+        for number, gap in enumerate((-0.5, -0.01, -0.2))
+        for seed in range(2)
     ]
-    monkeypatch.setattr(run_, "complete_runs", lambda folder, mazes: trials)
-    scores = run_.trial_scores(plan, tmp_path)["dqn"]
-    assert sorted(scores, key=lambda name: scores[name]) == ["draw 1", "draw 2", SHIPPED]
+    (tmp_path / "tuning" / "runs").mkdir(parents=True)
+    search = StudyRows(Layout("", group=["algorithm"]), everything=rows)
+    monkeypatch.setattr(tuning, "read_all", lambda folder: search)
+    trials, tuned = choose(tmp_path)
+    assert [row["chosen"] for row in trials] == [False, True, False] and tuned == {("dqn", ""): {}}
+    ranked = sorted(trials, key=lambda row: float(row["score"]))
+    assert [row["trial"] for row in ranked] == [1, 2, 0]
+    rows[2]["status"] = "failed"  # a trial that is not complete has no score
+    assert [row["chosen"] for row in choose(tmp_path)[0]] == [False, False, True]
 
 
 @pytest.mark.parametrize("name", ["thesis", "optimum"])
@@ -329,7 +333,7 @@ def test_user_defined_mazes_replace_shipped_ones_of_the_same_size(tmp_path: Path
         (tmp_path / name).write_text(load_maze("5x5").to_text())
     with pytest.raises(ValueError, match="are both 5x5; keep one"):
         mazes_by_size(tmp_path)
-    file = SweepFile(settings={"maze": "5x5"}, grid={"maze": ["3x3", "7x7-tree"]})
+    file = StudyFile(settings={"maze": "5x5"}, grid={"maze": ["3x3", "7x7-tree"]})
     changed = with_mazes(file, {"5x5": "/mine", "3x3": "/other"})
     assert changed.settings == {"maze": "/mine"}
     assert changed.grid == {"maze": ["/other", "7x7-tree"]}
@@ -339,31 +343,32 @@ def test_user_defined_mazes_replace_shipped_ones_of_the_same_size(tmp_path: Path
 
 
 def test_settings_that_were_found_go_to_their_algorithm_alone() -> None:
-    file = SweepFile(
+    file = StudyFile(
         settings={"task": "maze", "maze": "3x3", "frames": 1000, "gamma": 0.98},
         grid={"algorithm": ["ppo", "a2c"]},
     )
-    sweep = multiply_out(with_settings(file, {"ppo": {"gamma": 0.9}}), "tiny")
-    found = {run.settings.algorithm: run.settings.hyper.gamma for run in sweep.runs}
+    study = multiply_out(file, "tiny", {("ppo", ""): {"gamma": 0.9}})
+    found = {run.settings.algorithm: run.settings.hyper.gamma for run in study.runs}
     assert found == {"ppo": 0.9, "a2c": 0.98}
 
 
 def test_every_algorithm_has_the_same_search_budget() -> None:
     plan = load_replication()
     assert plan.tuning is not None
-    trials = tuning_sweep(plan).runs
+    trials = search_of(plan.tuning, "short").runs
     count = {name: 0 for name in plan.tuning.space}
     for run in trials:
         count[run.settings.algorithm] += 1
     assert len(set(count.values())) == 1
     assert len({run.settings.seconds for run in trials}) == 1
-    assert sum(SHIPPED in run.label["variant"] for run in trials) == 3 * len(plan.tuning.mazes)
+    shipped = [run for run in trials if set(run.label) == {"algorithm", "maze", "trial"}]
+    assert len(shipped) == 3 * len(plan.tuning.mazes)
     for study in plan.studies:  # on mazes and seeds of no study
         if not study.exact and study.id != "figure-2.2":
-            runs = sweep_of(study, plan, {}).runs
+            runs = runs_of_study(study, plan, {}).runs
             used = {run.settings.task.maze for run in runs if hasattr(run.settings.task, "maze")}
             assert not used & set(plan.tuning.mazes)
-            assert not {run.settings.seed for run in runs} & {trials[0].settings.seed}
+            assert not {run.settings.seed for run in runs} & {run.seed for run in trials}
 
 
 @pytest.mark.parametrize("version", ["short", "full"])
@@ -373,10 +378,10 @@ def test_every_claim_is_about_runs_that_its_study_has(file: str, version: str) -
     assert len({study.id for study in plan.studies}) == len(plan.studies)
     for study in plan.studies:
         if not study.exact:
-            assert sweep_of(study, plan, {}).runs
+            assert runs_of_study(study, plan, {}).runs
     study.claims[0].of["maze"] = "1x1"
     with pytest.raises(ValueError, match=r"'maze': '1x1'.* has no such run"):
-        sweep_of(study, plan, {})
+        runs_of_study(study, plan, {})
 
 
 def test_rules_are_saved_and_changes_are_reported(tmp_path: Path) -> None:
@@ -401,15 +406,16 @@ def test_the_page_has_claim_rule_verdict_and_evidence(tmp_path: Path) -> None:
         "seconds": 9.0,
     }
     runs = [ran(seed, 0.01, mean_steps=10.1, scripted_steps=10.0, **more) for seed in range(9)]
-    found = Decided(study.claims[0], tuple(correct(decide(study.claims[0], runs, 0))))
-    text = "\n".join(page(plan, [DecidedExperiment(study, [found], runs, 30)], tmp_path))
-    assert "9 of 30 runs are complete" in text and "**Confirmed**." in text
+    rows = StudyRows(Layout(""), runs, runs + 21 * [{}], varying=["algorithm", "maze"])
+    found = [d for d in decide_all(plan, {study.id: rows}) if d.claim is study.claims[0]]
+    text = "\n".join([*verdicts(found), *study_part(study, found, tmp_path, {study.id: rows})])
+    assert "**9 of 30 runs are complete.**" in text
     assert "more than half of all runs end no more than 2 % worse than the scripted" in text
-    assert "| 9 of 9 |" in text and "| confirmed | for | 0.0039 | 0.0039 | 0.0039 |" in text
+    assert "| 9 of 9 |" in text and "| confirmed | for | 0.0039 |" in text
     path = write_replication(plan, tmp_path)  # without any run
     claims = (path.parent / "claims.csv").read_text().splitlines()
     assert len(claims) == 1 + sum(len(study.claims) for study in plan.studies)
-    assert (path.parent / "values.csv").exists()
+    assert (path.parent / "runs.csv").exists()
     assert path.with_suffix(".html").exists()
 
 
@@ -472,13 +478,22 @@ def test_a_replication_from_the_search_to_the_page(tmp_path: Path) -> None:
     file.write_text(TINY.replace("SWEEP", str(sweep)))
     plan, out = load_replication(file=str(file)), tmp_path / "out"
     told: list[str] = []
-    assert carry_out(plan, out, 2, told.append, lambda sweep: lambda statuses, progress: None)
-    assert tuned_settings(plan, out).keys() <= {"q_learning"}
+
+    def execute() -> list[dict[str, str]]:
+        done = carry_out(
+            stages_of(plan, out),
+            lambda study, folder: run_locally(study, folder, 2, lambda *_: None),
+            told.append,
+        )
+        return [statuses for _, statuses in done]
+
+    assert {status for each in execute() for status in each.values()} == {"complete"}
+    assert {name for name, _ in choose(out)[1]} == {"q_learning"}
     text = write_replication(plan, out).read_text()
-    assert "6 of 6 runs are complete" in text and "**Confirmed**." in text
-    values = (out / "report" / "values.csv").read_text().splitlines()
-    assert len(values) == 1 + 6
+    assert "6 of 6 runs are complete" in text and "| confirmed | for |" in text
+    with (out / "report" / "runs.csv").open() as rows:
+        assert len(list(csv.DictReader(rows))) == 6
     assert (out / "report" / "one.png").exists()
     before = {path: path.stat().st_mtime_ns for path in out.glob("*/*/runs/*/results.json")}
-    assert carry_out(plan, out, 2, told.append, lambda sweep: lambda statuses, progress: None)
+    execute()
     assert before == {path: path.stat().st_mtime_ns for path in before}

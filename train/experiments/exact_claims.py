@@ -7,7 +7,7 @@ from math import comb
 
 from pursuit.mazes.maze import load_maze
 from scripted_agents.tours.tour import expected_tour_length, num_states
-from train.experiments.replication.rules import CONFIRMED, REFUTED, UNDECIDED
+from train.experiments.claims import CONFIRMED, REFUTED, UNDECIDED
 from train.reports.tables import Row, plain_table
 
 GOALS = 3

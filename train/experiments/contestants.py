@@ -1,10 +1,12 @@
-"""The learners that are compared: PPO of several libraries, each with its native environment API.
+"""Learners of several libraries, for comparisons, each with its native environment API.
 
-All use the same settings dataclass with the defaults of their library, and the same one-hot
+All have the same settings (those of PPO, with the defaults of their library) and the same one-hot
 observation: own cell, cells of the others, goals. All anneal the learning rate to 0 over the budget
 and have two hidden layers. Features of a library are not switched off. Ours sums the rows of its
 first layer, shares this layer between policy and value, uses bfloat16 if the processor supports
 it, and uses a curriculum in large mazes.
+
+A further library is an entry of `CONTESTANTS`: a function that makes a `Trainer`.
 """
 
 from __future__ import annotations
@@ -19,7 +21,6 @@ from torch import nn
 import pursuit
 from pursuit.environments.single_agent import SingleAgentVectorEnv
 from pursuit.simulator.policy import Policy
-from pursuit.validation import one_of
 from train.evaluation.contest import GameContest
 from train.networks.policy import Seat
 from train.runs.parts import parts_of
@@ -29,7 +30,6 @@ from train.runs.tasks import profile_of
 from train.runs.threads import prepare_torch
 from train.runs.worlds import GridWorld
 from train.settings.algorithms import PPOSettings
-from train.settings.checks import check
 from train.settings.presets import curriculum_for, tuned
 from train.settings.run import TrainSettings
 
@@ -194,7 +194,7 @@ class Contestant:
 
     Attributes:
         title: name in reports.
-        package: the required package, whose version is reported.
+        package: the required package, whose version is recorded.
         extra: the extra of `pip install 'pursuit[...]'` that installs it.
         build: makes a new `Trainer` from a world, settings and a seed.
         defaults: makes the settings that a search starts from.
@@ -233,25 +233,3 @@ CONTESTANTS = {
     ),
 }
 """By their names in comparison files."""
-
-
-def contestant(name: str) -> Contestant:
-    """A contestant by name; ValueError if unknown, ImportError if its library is not installed."""
-    one_of("contestant", name, CONTESTANTS)
-    found = CONTESTANTS[name]
-    check(bool(found.version), f"{name} has no version")
-    return found
-
-
-def settings_of(name: str, world: GridWorld, drawn: dict[str, Any]) -> PPOSettings:
-    """The settings of a contestant: its defaults, overridden by the drawn ones.
-
-    A minibatch is at most one rollout. A drawn discount is constant.
-    """
-    given = dict(drawn)
-    if "gamma" in given:
-        given["gamma_end"] = None
-    base = contestant(name).defaults(world)
-    frames = given.get("num_games", base.num_games) * given.get("rollout_steps", base.rollout_steps)
-    given["minibatch_size"] = min(given.get("minibatch_size", base.minibatch_size), frames)
-    return replace(base, **given)

@@ -1,0 +1,561 @@
+"""Study files of all kinds are read completely and expanded to runs, or refused with one line."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+
+import pytest
+from test_comparison import TINY as COMPARISON
+from test_sweeps import TINY as SWEEP
+from test_sweeps import write
+
+from train.commands.main import main
+from train.experiments.expansion import load_study
+from train.experiments.identity import fingerprint
+from train.experiments.rows import collect
+from train.experiments.runs import Study, prepare
+from train.experiments.stages import stages_of
+from train.experiments.study import shipped
+
+TABLE = """
+episodes = 20
+#top
+[settings]
+task = "maze"
+maze = "2x2"
+algorithm = "q_learning"
+frames = 2000
+num_games = 32
+#settings
+[grid]
+#grid
+#rest
+"""
+ABLATION = """
+title = "Tiny"
+control = "none"
+episodes = 20
+seeds = [0, 1]
+
+[settings]
+task = "maze"
+maze = "3x3"
+frames = 6000
+max_steps = 40
+num_games = 32
+minibatch_size = 128
+
+[[variants]]
+name = "none"
+
+[[variants]]
+name = "near first"
+curriculum = "goal-spread-start"
+
+[[variants]]
+name = "fewer goals first"
+curriculum = "num-goals"
+#rest
+"""
+SELF_PLAY = """
+title = "Tiny"
+kind = "self-play"
+control = "latest"
+seeds = [0]
+
+[grid]
+maze = ["2x2", "3x3-tree"]
+
+[report]
+x = "maze"
+
+[settings]
+frames = 16_000
+num_games = 64
+minibatch_size = 256
+
+[[variants]]
+name = "latest"
+
+[[variants]]
+name = "uniform"
+sampling = "uniform"
+"""
+FILES = {"sweep": SWEEP, "table": TABLE, "ablation": ABLATION, "self-play": SELF_PLAY}
+FILES |= {"comparison": COMPARISON}
+KINDS = {"table": "sweep", "self-play": "ablation"}
+
+
+def load(path: Path, kind: str, text: str) -> Study:
+    """The study of a file of this kind, with its search made as well."""
+    path.write_text(text, encoding="utf-8")
+    kind = KINDS.get(kind, kind)
+    return stages_of(str(path), kind, None, path.parent / "out")[-1].runs()
+
+
+def change(kind: str, old: str, new: str) -> str:
+    """A file with one change; a bare word is the comment that it replaces."""
+    place = f"#{old}" if f"#{old}\n" in FILES[kind] else old
+    assert place in FILES[kind], place
+    return FILES[kind].replace(place, new)
+
+
+REFUSED = [
+    # sweeps
+    ("sweep", "[grid]", "[grids]", "unknown field 'grids' .did you mean 'grid'"),
+    ("sweep", '["2x2", "3x3"]', "[]", "maze is an empty list"),
+    ("sweep", "[0, 1]", "[]", "seeds is an empty list"),
+    ("sweep", "num_games = 32", "num_gamse = 32", "did you mean 'num_games'"),
+    ("sweep", '["2x2", "3x3"]', '["2x2", "12x3"]', "unknown maze '12x3'"),
+    ("sweep", '["2x2", "3x3"]', '["2x2"]\nobservation = ["cells"]', "q_learning has a table"),
+    ("sweep", '["2x2", "3x3"]', '["9x9"]\nnum_goals = [5]', "fewer agents or goals"),
+    ("sweep", "num_games = 32", "num_games = 0", "num_games=0"),
+    ("sweep", "num_games = 32", 'num_games = "many"', "give a whole number"),
+    ("sweep", "frames = 2000", "frames = 2000\nseconds = 3", "one of the two"),
+    ("sweep", 'x = "maze"', 'y = "maze"', "field report: unknown field 'y'"),
+    (
+        "sweep",
+        "[report]",
+        "[full]\nseed = [1]\n[report]",
+        "field full: .*'seeds'",
+    ),
+    ("sweep", "[report]", "[[variants]]\ngamma = 0.5\n[report]", "a different name"),
+    ("sweep", "[report]", "[search]\nsamples = 3\n[report]", "names no setting"),
+    ("sweep", "[report]", "[search]\ngamma = {low = 1, high = 0}\n[report]", "not below"),
+    ("sweep", "[grid]", "[grid", "not TOML"),
+    ("table", "grid", "seed = [0, 1]", r"seed in \[grid\] .* give seeds = \[...\] at the top"),
+    ("table", "settings", "seed = 5", r"seed in \[settings\] .* give seeds = \[...\]"),
+    ("table", "rest", "[[variants]]\nname = 'a'\nseed = 5", "seed in 'a' is not allowed"),
+    ("table", "rest", "[[variants]]\nname = ['a']", "give each a different name"),
+    ("table", "top", "variants = [1, 2]", r"variants\[0\]: a table expected, a whole number found"),
+    (
+        "table",
+        "top",
+        "title = 3",
+        "field title: a string or nothing expected, a whole number found",
+    ),
+    ("table", "top", "kind = ['single']", "field kind: a string or nothing expected, a list found"),
+    ("table", "top", "seeds = ['a']", r"field seeds\[0\]: a whole number expected, a string found"),
+    ("table", "top", "seeds = [true]", r"seeds\[0\]: a whole number expected, true or false found"),
+    ("table", "top", "seeds = [-1]", "seed=-1; give 0 to"),
+    ("table", "top", "short = 3", "field short: a table or nothing expected"),
+    ("table", "grid", "max_steps = 3", "give a list of values"),
+    ("table", "grid", "curriculum = [['none']]", r"curriculum=\['none'\] in \[grid\]; give a name"),
+    ("table", "settings", "max_steps = {a = 1}", "give a number, a string, true or false"),
+    ("table", "settings", "max_steps = 2020-01-01", "give a number, a string, true or false"),
+    ("table", "settings", "max_steps = [1, 2]", "give a number, a string, true or false"),
+    ("table", "rest", "[report]\nx = 'bogus'", r"'bogus' in \[report\] is not a setting"),
+    ("table", "rest", "[report]\nx = 3", "field report.x: a string or nothing expected"),
+    ("table", "rest", "[report]\nx = 'variant'", r"'variant' in \[report\] is not a setting"),
+    (
+        "table",
+        "rest",
+        "[report]\ngroup = [5]",
+        r"report.group\[0\]: a string expected, a whole number",
+    ),
+    ("table", "rest", "[report]\ngroup = ['bogus']", r"'bogus' in \[report\] is not a setting"),
+    (
+        "table",
+        "rest",
+        "[search]\ngamma = {low=0.1, high=0.9, scale='bogus'}",
+        "scale='bogus'; give linear",
+    ),
+    ("table", "rest", "[search]\ngamma = {low='a', high='b'}", "field low: a number expected"),
+    ("table", "rest", "[search]\ngamma = {low=0.1, high=inf}", "give finite numbers"),
+    ("table", "rest", "[search]\ngamma = {low=0.0, high=1, scale='log'}", "needs low above 0"),
+    ("table", "rest", "[search]\ngamma = {choices=3}", "field choices: a list expected"),
+    ("table", "rest", "[search]\ngamma = {choices=[0.5], scale='log'}", "unknown field 'scale'"),
+    ("table", "rest", "[search]\ngamma = 3", "search of gamma: a table expected"),
+    ("table", "rest", "[search]\nseed = 'a'\ngamma = {choices=[0.5]}", "seed='a' in"),
+    (
+        "table",
+        "rest",
+        "[search]\nsamples = 1000000000\ngamma = {choices=[0.5]}",
+        "from 1 to 100,000",
+    ),
+    (
+        "table",
+        "grid",
+        f"num_games = {list(range(101))}\nmax_steps = {list(range(1001))}",
+        "101,101 runs",
+    ),
+    ("table", "top", "variants = [{name='a'}, {name='b', gamma=1.0}]", "'a' and .*'b' have equal"),
+    (
+        "table",
+        "grid",
+        "gamma = [0.5]\n[search]\ngamma = {choices=[0.1]}",
+        "'gamma' is set by two of",
+    ),
+    # ablations
+    ("ablation", 'name = "near first"', "name = ['b']", "give each a different name"),
+    ("ablation", 'control = "none"', "control = 3", "field control: a string or nothing exp"),
+    ("ablation", "[settings]", "[other]\n[settings]", "unknown field 'other'"),
+    ("ablation", "rest", "[report]\ngroup = ['gamma']", "one curve per variant; leave it out"),
+    ("ablation", "rest", "[report]\nx = 'gamma'", r"is not in \[grid\]"),
+    ("ablation", "rest", "[grid]\nseed = [0, 1]\n[report]\nx = 'seed'", "give seeds = "),
+    (
+        "ablation",
+        'control = "none"',
+        'control = "none"\nprimary = "none"',
+        "not a variant other",
+    ),
+    ("ablation", 'control = "none"', 'control = "none"\nmargin = 0', "margin=0"),
+    ("ablation", 'control = "none"', 'control = "none"\nthreshold = 7', "threshold=7; give one of"),
+    ("ablation", 'control = "none"', "", "control=None is not a variant"),
+    ("ablation", 'control = "none"', 'control = "nobody"', "control='nobody' is not a variant"),
+    ("ablation", 'name = "near first"', 'name = "none"', "a different name"),
+    (
+        "ablation",
+        'name = "near first"',
+        'name = "near first"\nframes = 10',
+        "sets frames; all variants have",
+    ),
+    (
+        "ablation",
+        'name = "near first"',
+        'name = "near first"\nseed = 7',
+        "sets seed; all variants have",
+    ),
+    ("ablation", "num-goals", "num-stars", "unknown curriculum 'num-stars'"),
+    ("ablation", "[[variants]]", "[[arms]]", r"\[\[arms\]\] was renamed"),
+    ("ablation", 'curriculum = "num-goals"', 'curriculum = "opponent-epsilon"', "needs opponents"),
+    (
+        "ablation",
+        'task = "maze"',
+        'task = "heist"',
+        "exact optimum of task 'heist' .* is not known",
+    ),
+    (
+        "ablation",
+        'task = "maze"',
+        'task = "race"\nnum_goals = 2',
+        "'race' is scored by goals, but an abl",
+    ),
+    # ablations of self-play
+    (
+        "self-play",
+        "seeds = [0]",
+        "seeds = [0]\nmargin = 1.0",
+        "margin=1.0 is for single-agent runs",
+    ),
+    ("self-play", 'maze = ["2x2", "3x3-tree"]', "snapshots = [4]", "maze"),
+    ("self-play", "frames = 16_000", "frames = 16_000\nnum_chasers = 2", "no exact NashConv"),
+    # comparisons
+    (
+        "comparison",
+        '"ours", "stable-baselines3"',
+        '"ours", "nobody"',
+        "unknown contestant 'nobody'",
+    ),
+    ("comparison", '"ours", "stable-baselines3"', '"ours", "ours"', "give one or more, each once"),
+    ("comparison", 'mazes = ["3x3"]', 'mazes = ["2x2"]', "is the maze of the study"),
+    ("comparison", 'mazes = ["3x3"]', "mazes = []", "none; give mazes for the search"),
+    ("comparison", 'mazes = ["3x3"]', 'mazes = ["suite:5x5-train"]', "is several mazes"),
+    ("comparison", 'mazes = ["3x3"]', 'mazes = ["3x3", "4x4", "3x3"]', "'3x3' is given twice"),
+    ("comparison", "num_goals = 1", 'num_goals = 1\ncolour = "red"', "'colour'"),
+    ("comparison", "width = {", "breadth = {", "'breadth'"),
+    ("comparison", "width = { choices = [16] }", "pairs = { choices = [true] }", "'pairs'"),
+    ("comparison", "width = { choices = [16] }", "shared = { choices = [true] }", "'shared'"),
+    ("comparison", "width = { choices = [16] }", "samples = 3", "'samples' in .tuning.space"),
+    ("comparison", "width = { choices = [16] }", "seed = 3", "'seed' in .tuning.space"),
+    ("comparison", "width = { choices = [16] }", "width = { choices = [0] }", "width=0"),
+    (
+        "comparison",
+        "width = { choices = [16] }",
+        'width = { choices = ["16"] }',
+        "a value of a wrong type",
+    ),
+    ("comparison", "width = {", "width = { low = 16, high = 17.5 }\nclip = {", "field hyper.width"),
+    ("comparison", "[tuning.space.all]", "[tuning.space.ours]", "no space of 'stable-baselines3'"),
+    ("comparison", "frames = 128", "", "give one of the two"),
+    ("comparison", "frames = 128", "frames = 128\nseconds = 3", "give one of the two"),
+    ("comparison", "frames = 256", "frames = -1", "above 0"),
+    ("comparison", "samples = 2\nframes = 128", "frames = 128", "field .samples. is missing"),
+    ("comparison", "samples = 2\nframes = 128", "samples = 2\nframes = 128\nseeds = [7]", "seeds"),
+    (
+        "comparison",
+        "samples = 2\nframes = 128",
+        "samples = 2\nframes = 128\nmazes = -1",
+        "mazes=-1 in",
+    ),
+    (
+        "comparison",
+        "seeds = [0, 1]",
+        'seeds = [0, 1]\nonly = ["x", "x"]',
+        "give some of the variants",
+    ),
+    ("comparison", "seeds = [0, 1]", "seeds = []", "seeds is an empty list"),
+    ("comparison", "seeds = [0, 1]", "seeds = [1000000]", "the first seed of trials"),
+    ("comparison", "episodes = 20", "episodes = 1", "at least 2"),
+    ("comparison", 'kind = "contestant"', 'kind = "single"', "give kind = 'contestant'"),
+    ("comparison", "[tuning.space", "[tuning.spaces", "spaces"),
+    (
+        "comparison",
+        'task = "maze"\nmaze = "2x2"\nnum_goals = 1',
+        'task = "chase"\nrole = "evader"\nmaze = "2x2"',
+        "needs a known optimum",
+    ),
+    (
+        "comparison",
+        "[report]",
+        '[[variants]]\nname = "again"\ntask = "maze"\nmaze = "2x2"\nnum_goals = 1\n[report]',
+        "have equal settings",
+    ),
+    (
+        "sweep",
+        "[report]",
+        "[tuning]\nmazes = ['3x3']\nshort = {samples=1, frames=9}\nfull = {samples=1, frames=9}\n"
+        "space = {}\n[report]",
+        ".tuning. is for comparisons",
+    ),
+    ("sweep", 'title = "Tiny"', 'title = "Tiny"\nkind = "contestant"', "kind='contestant'"),
+]
+
+
+@pytest.mark.parametrize(("kind", "old", "new", "message"), REFUSED)
+def test_what_cannot_run_is_refused_with_one_line_before_anything_runs(
+    kind: str, old: str, new: str, message: str, tmp_path: Path
+) -> None:
+    if kind == "comparison":
+        pytest.importorskip("stable_baselines3")
+    path = tmp_path / "file.toml"
+    with pytest.raises(ValueError, match=message) as caught:
+        load(path, kind, change(kind, old, new))
+    said = str(caught.value)
+    assert said.startswith(str(path)) and "\n" not in said and " | " not in said
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_bad_file_is_one_line_on_the_command_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = write(tmp_path / "tiny.toml", change("sweep", "[grid]", "[grids]"))
+    with pytest.raises(SystemExit) as exit_:
+        main(["sweep", path, "--out", str(tmp_path / "out")])
+    assert exit_.value.code == 2
+    assert len(capsys.readouterr().err.strip().splitlines()) == 1
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("kind", "version", "message"),
+    [
+        ("sweep", None, "no such sweep file"),
+        ("ablation", None, "no such ablation file"),
+        ("comparison", None, "no such comparison file; shipped are ppo"),
+        ("comparison", "medium", "short or full"),
+    ],
+)
+def test_no_such_file_or_version(kind: str, version: str | None, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        load_study("ppo" if version else "nothing", kind, version)
+
+
+# -- expansion -------------------------------------------------------------------------------------
+
+
+def test_a_file_is_multiplied_out(tmp_path: Path) -> None:
+    sweep = load_study(write(tmp_path / "tiny.toml"))
+    assert len(sweep.runs) == 2 * 2 * 2 == len({run.name for run in sweep.runs})
+    seen = {
+        (r.settings.task.maze, r.settings.algorithm, r.settings.seed, r.settings.threads)
+        for r in sweep.runs
+    }
+    assert seen == {
+        (maze, algorithm, seed, 1)
+        for maze in ("2x2", "3x3")
+        for algorithm in ("a2c", "q_learning")
+        for seed in (0, 1)
+    }
+    assert (sweep.layout.x, sweep.layout.group) == ("maze", ["algorithm"])
+
+
+def test_combinations_given_twice_are_run_once(tmp_path: Path) -> None:
+    doubled = SWEEP.replace('["2x2", "3x3"]', '["2x2", "2x2"]').replace("[0, 1]", "[0, 0]")
+    assert len(load_study(write(tmp_path / "tiny.toml", doubled)).runs) == 2
+
+
+def test_two_names_of_equal_settings_are_refused_and_none_vanishes(tmp_path: Path) -> None:
+    variants = (
+        '[[variants]]\nname = "ours"\n[[variants]]\nname = "shorter"\nrollout_steps = 4\n[report]'
+    )
+    text = SWEEP.replace("[report]", variants).replace('["a2c", "q_learning"]', '["a2c"]')
+    with pytest.raises(ValueError, match=r"variant='ours'.*and.*variant='shorter' have equal sett"):
+        load_study(write(tmp_path / "tiny.toml", text))
+    told_apart = text.replace("rollout_steps = 4", "rollout_steps = 8")
+    assert len(load_study(write(tmp_path / "tiny.toml", told_apart)).runs) == 2 * 2 * 2
+
+
+def test_the_fingerprint_depends_on_every_setting_and_the_maze_text(tmp_path: Path) -> None:
+    base = load_study(write(tmp_path / "tiny.toml")).runs[0]
+    maze = tmp_path / "own.txt"
+    prints = {fingerprint(base.kind, base.settings, 20, {})}
+    changes = ("stay_action = true", "gamma = 0.5", f'maze = "{maze}"', f'maze = "{maze}" # again')
+    for number, line in enumerate(changes):
+        middle = "+ + +" if number == 3 else "+-+ +"  # the same file name, another maze in it
+        maze.write_text(f"+-+-+\n|   |\n{middle}\n|   |\n+-+-+\n")
+        text = SWEEP.replace("num_games = 32", f"num_games = 32\n{line}")
+        if "maze" in line:
+            text = text.replace('maze = ["2x2", "3x3"]\n', "")
+        run = load_study(write(tmp_path / "other.toml", text)).runs[0]
+        prints.add(fingerprint(run.kind, run.settings, 20, {}))
+    prints.add(fingerprint(base.kind, base.settings, 21, {}))
+    assert len(prints) == 6
+
+
+def test_versions_lie_over_the_common_part(tmp_path: Path) -> None:
+    text = SWEEP.replace("seeds = [0, 1]\n", "") + (
+        "[short]\nseeds = [7]\n[full]\nseeds = [1, 2, 3]\nsettings = {frames = 9000}\n"
+    )
+    path = write(tmp_path / "tiny.toml", text)
+    short, full = load_study(path), load_study(path, version="full")
+    assert {run.settings.seed for run in short.runs} == {7}
+    assert {run.settings.seed for run in full.runs} == {1, 2, 3}
+    assert {run.settings.frames for run in full.runs} == {9000}
+
+
+def test_a_random_search_is_drawn_once_and_in_its_ranges(tmp_path: Path) -> None:
+    text = SWEEP + (
+        "[search]\nsamples = 30\nseed = 3\n"
+        'learning_rate = {low = 1e-4, high = 1e-2, scale = "log"}\n'
+        "rollout_steps = {choices = [2, 4]}\nwidth = {low = 8, high = 64, whole = true}\n"
+    )
+    text = text.replace('["a2c", "q_learning"]', '["a2c"]').replace("seeds = [0, 1]\n", "")
+    path = write(tmp_path / "tiny.toml", text)
+    first, second = load_study(path), load_study(path)
+    assert [run.name for run in first.runs] == [run.name for run in second.runs]
+    rates = [run.settings.hyper.learning_rate for run in first.runs]
+    assert len(set(rates)) == 30 and 1e-4 <= min(rates) < 1e-3 < max(rates) <= 1e-2
+    assert {run.settings.hyper.rollout_steps for run in first.runs} == {2, 4}
+    assert all(8 <= run.settings.hyper.width <= 64 for run in first.runs)
+
+
+SIDES = """
+kind = "self-play"
+settings = {maze = "2x2", frames = 512, num_games = 16, minibatch_size = 64, chaser = {width = 8}}
+grid = {chaser.entropy_coef = [0.02, 0.05]}
+search = {samples = 1, evader = {clip = {low = 0.1, high = 0.2}}}
+[[variants]]
+name = "dqn"
+evader = {algorithm = "dqn"}
+[[variants]]
+name = "ppo"
+chaser.activation = "tanh"
+[short.settings.chaser]
+anneal = false
+"""
+
+
+def test_settings_of_one_side_are_tables_in_every_part_of_a_file(tmp_path: Path) -> None:
+    path = tmp_path / "sides.toml"
+    path.write_text(SIDES.replace('evader = {algorithm = "dqn"}', "evader.width = 16"))
+    study = load_study(str(path))
+    assert [run.label["chaser.entropy_coef"] for run in study.runs] == [0.02, 0.02, 0.05, 0.05]
+    for run in study.runs:
+        chaser, evader = (run.settings.side(role).hyper for role in ("chaser", "evader"))
+        assert (chaser.width, chaser.anneal, evader.anneal) == (8, False, True)
+        assert chaser.entropy_coef == run.label["chaser.entropy_coef"]
+        assert evader.clip == run.label["evader.clip"] != chaser.clip == 0.2
+        found = {"dqn": ("relu", 16), "ppo": ("tanh", 128)}[run.label["variant"]]
+        assert (chaser.activation, evader.width) == found
+    path.write_text(SIDES)
+    with pytest.raises(ValueError, match=r"evader: unknown setting 'clip' of the evader's alg"):
+        load_study(str(path))
+
+
+@pytest.mark.parametrize(
+    ("setting", "message"),
+    [
+        ("task = 'maze'", "no chasers or no evaders"),
+        ("hyper = 1", "unknown setting 'hyper' of self-play"),
+        ("curriculum = 'none'", "unknown setting 'curriculum' of self-play"),
+    ],
+)
+def test_settings_that_self_play_does_not_have_are_one_line(
+    setting: str, message: str, tmp_path: Path
+) -> None:
+    file = tmp_path / "s.toml"
+    file.write_text(f"kind = 'self-play'\n[settings]\nframes = 1000\n{setting}\n")
+    with pytest.raises(ValueError, match=message):
+        load_study(str(file))
+
+
+def test_budgets_on_the_axis_are_settings_not_measurements(tmp_path: Path) -> None:
+    text = change("table", "grid", "frames = [1000, 2000]").replace("frames = 2000\n", "")
+    sweep = load(tmp_path / "s.toml", "table", text.replace("#rest", "[report]\nx = 'frames'"))
+    assert (sweep.layout.x, sweep.layout.group) == ("budget_frames", [])
+    prepare(sweep, tmp_path / "out")
+    runs, _ = collect(tmp_path / "out")
+    assert sorted(runs["budget_frames"]) == [1000, 2000]
+
+
+def test_two_variants_of_equal_settings_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "tiny.toml"
+    path.write_text(ABLATION + '[[variants]]\nname = "again"\ncurriculum = "num-goals"\n')
+    with pytest.raises(ValueError, match=r"'fewer goals first'.* and .*'again' have equal"):
+        load_study(str(path), "ablation")
+
+
+# -- shipped files ---------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_every_shipped_file_is_sound_in_its_full_version() -> None:
+    for name in shipped():
+        assert len(load_study(name, version="short").runs) <= len(
+            load_study(name, version="full").runs
+        )
+
+
+def test_every_shipped_file_is_valid(capsys: pytest.CaptureFixture[str]) -> None:
+    assert {"tabular", "encodings", "rewards", "maze_by_size", "maze_by_goals"} <= set(shipped())
+    assert {"chaser_by_size", "evader_by_size", "dqn_one_goal", "presets"} <= set(shipped())
+    for name in shipped():
+        assert load_study(name, version="short").layout.title
+    main(["sweep", "--list"])
+    assert "maze_by_size" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(n, marks=[pytest.mark.slow] * (n != "opponent-epsilon"))
+        for n in shipped("ablation")
+        if not n.startswith("self-play")
+    ],
+)
+def test_both_versions_of_every_shipped_ablation_are_valid(name: str) -> None:
+    for version in ("short", "full"):
+        plan = load_study(name, "ablation", version)
+        variants, seeds = plan.layout.variants, {run.settings.seed for run in plan.runs}
+        assert len(plan.runs) == len(variants) * len(seeds) and len(seeds) >= 3
+        control = [r for r in plan.runs if r.label["variant"] == plan.layout.control]
+        assert all(run.settings.curriculum == "none" for run in control)
+        # Equal budgets, and the same task to be evaluated on.
+        assert len({(run.settings.seconds, run.settings.frames) for run in plan.runs}) == 1
+        assert len({run.settings.task for run in plan.runs}) == 1
+
+
+@pytest.mark.slow
+def test_the_shipped_studies_of_methods_are_valid() -> None:
+    for version, mazes, seeds in (("short", 6, 1), ("full", 20, 3)):
+        by_seconds, by_frames = (
+            load_study(f"self-play-methods{ending}", "ablation", version)
+            for ending in ("", "-frames")
+        )
+        for study in (by_seconds, by_frames):
+            assert len(study.runs) == len(study.layout.variants) * mazes * seeds
+            assert len({(run.settings.seconds, run.settings.frames) for run in study.runs}) == 1
+        alike = [
+            [
+                (run.seed, run.settings.task, run.settings.chaser, run.settings.sampling)
+                for run in study.runs
+            ]
+            for study in (by_seconds, by_frames)
+        ]
+        assert alike[0] == alike[1]
+    tuning = load_study("self-play-tuning", "ablation", None)
+    counts = Counter(name.rpartition(" ")[0] for name in tuning.layout.variants)
+    assert counts == dict.fromkeys(by_seconds.layout.variants, 4)
+    assert not any("test" in run.settings.task.maze for run in tuning.runs)

@@ -1,0 +1,245 @@
+"""Variants against a control, from rows: tests, corrections, verdicts, and what can be decided."""
+
+from __future__ import annotations
+
+from itertools import product
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.stats import ttest_rel
+
+from train.commands.main import main
+from train.experiments.rows import StudyRows, curve_measures
+from train.experiments.runs import Study
+from train.experiments.statistics import (
+    holm,
+    least_sign_flip_p,
+    mean_interval,
+    mean_over,
+    permutation_p,
+    sign_flip_p,
+)
+from train.experiments.study import Layout
+from train.experiments.variants import (
+    against_control,
+    equal_results,
+    gap_row,
+    nash_conv_row,
+    nash_conv_verdict,
+    out_of_reach,
+)
+
+Row = dict[str, Any]
+
+
+def run(shortfalls: list[float], seed: int, task: str = "") -> Row:
+    """A run with an evaluation every second and million frames; "curve" are these."""
+    curve = [
+        {"seconds": n, "frames": 1e6 * n, "optimality_gap": value / 100.0}
+        for n, value in enumerate(shortfalls, start=1)
+    ]
+    row: Row = {"kind": "single", "objective": "mean_steps", "seed": seed, "_x": task}
+    row |= {"optimality_gap": shortfalls[-1] / 100.0, "frames": curve[-1]["frames"]}
+    return row | curve_measures(row, curve) | {"curve": curve}
+
+
+def study(layout: Layout, **variants: list[Row]) -> StudyRows:
+    """A study of these runs."""
+    layout.variants = list(variants)
+    found = StudyRows(layout)
+    for name, rows in variants.items():
+        for number, row in enumerate(rows):
+            found.rows.append(row | {"variant": name, "run": f"{name}-{number}"})
+            found.curves[f"{name}-{number}"] = row["curve"]
+    return found
+
+
+def verdicts(layout: Layout, **variants: list[Row]) -> list[str]:
+    return [row["verdict"] for row in against_control(study(layout, **variants))]
+
+
+def control_of(**options: Any) -> Layout:
+    return Layout("", control="none", **options)
+
+
+def test_gaps_not_reached_count_as_infinite_times() -> None:
+    reaching = run([50.0, 4.0, 1.0], 0)
+    never = [run([50.0, 40.0, 30.0], seed) for seed in (1, 2)]
+    row = gap_row("variant", [reaching, *never], never)
+    assert (row["reached_5"], row["runs"]) == (1, 3)
+    assert row["seconds_to_5"] == float("inf")  # the median of 2 s and twice never
+    row = gap_row("variant", [reaching, run([3.0, 2.0, 1.0], 1), never[0]], never)
+    assert (row["seconds_to_5"], row["frames_to_5"], row["reached_2"]) == (2.0, 2e6, 2)
+
+
+def test_areas_and_times_of_several_tasks_are_compared_within_them() -> None:
+    easy = [run([50.0, value], seed, "easy") for seed, value in enumerate((1.0, 1.1, 1.2))]
+    hard = [run([900.0, 900.0, 900.0 - seed, 4.0], seed, "hard") for seed in range(3)]
+    row = gap_row("variant", easy + hard, easy + hard)
+    areas = [
+        [
+            mean_over(
+                [e["frames"] for e in row["curve"]],
+                [1.0 / (1.0 + e["optimality_gap"]) for e in row["curve"]],
+            )
+            for row in task
+        ]
+        for task in (easy, hard)
+    ]
+    # Runs of one task are nearly equal; differences between tasks are no uncertainty.
+    low, high = mean_interval(areas)
+    assert (row["area_low"], row["area_high"]) == pytest.approx((low, high))
+    assert row["area"] == pytest.approx((low + high) / 2) and high - low < 0.01
+    # One run more of the easy task does not move the mean over tasks towards it.
+    more = gap_row("variant", [*easy, easy[1], *hard], easy + hard)
+    assert more["area"] == pytest.approx(row["area"], abs=1e-3)
+
+    sooner = [run([50.0, 1.0, 1.0], seed, "easy") for seed in range(3)]
+    later = [run([50.0, 50.0, 1.0], seed, "easy") for seed in range(3)]
+    never = [run([900.0, 900.0], seed, "hard") for seed in range(30)]
+    alone = gap_row("variant", sooner, later)["p_to_5"]
+    # A task in which no run reaches the gap has no effect.
+    assert gap_row("variant", sooner + never, later + never)["p_to_5"] == pytest.approx(alone)
+    assert gap_row("variant", sooner + never, later)["p_to_5"] == pytest.approx(alone)
+    assert np.isnan(gap_row("variant", sooner, [])["p_to_5"])
+
+
+def test_a_verdict_needs_a_significant_difference() -> None:
+    control = [run([50.0, 20.0 + seed], seed) for seed in range(5)]
+    for shift, wanted in ((-15.0, "better"), (15.0, "worse"), (0.0, "no difference shown")):
+        variant = [run([50.0, 20.0 + seed + shift], seed) for seed in range(5)]
+        told = verdicts(control_of(), none=control, variant=variant)
+        assert told[0] == "control" and told[1].startswith(wanted)
+    low = [run([1.0], seed) for seed in range(3)]
+    three = verdicts(control_of(), none=control[:3], variant=low)
+    assert three[1] == "too few runs for p < 0.05 (p = 0.10)"
+    assert verdicts(control_of(), none=control[:1], variant=control[:1])[1] == "too few runs"
+
+
+def test_p_is_corrected_except_for_the_primary_variant() -> None:
+    control = [run([50.0, 20.0 + seed], seed) for seed in range(5)]
+    better = [run([50.0, 5.0 + seed], seed) for seed in range(5)]
+    variants = {"none": control, **{name: better for name in "abcdefg"}}
+    told = verdicts(control_of(), **variants)
+    assert {*told[1:]} == {"no difference shown (p = 0.056)"}  # 7 times 2 of 252 splits
+    told = verdicts(control_of(primary="b"), **variants)
+    assert told[2] == "better (p = 0.008, primary)" and told[1] == "better (p = 0.048)"
+
+
+def test_variants_are_equal_only_within_the_given_margin() -> None:
+    control = [run([50.0, 20.0 + 0.1 * seed], seed) for seed in range(5)]
+    variants = {"none": control, "variant": control}
+    assert verdicts(control_of(), **variants)[1].startswith("no difference")
+    assert verdicts(control_of(margin=1.0), **variants)[1][:15] == "equal within 1 "
+    told = verdicts(control_of(margin=0.1), **variants)[1]
+    assert told.startswith("no difference shown")
+
+
+def test_the_share_of_frames_on_the_hardest_stage() -> None:
+    def share(*hardest: float | None) -> float | None:
+        curve = [
+            {"seconds": n, "frames": n, "on_hardest": value, "optimality_gap": 0.05}
+            for n, value in enumerate(hardest, start=1)
+        ]
+        found: float | None = curve_measures({"optimality_gap": 0.05}, curve)["hardest_share"]
+        return found
+
+    assert share(0.0, 0.0, 0.0, 0.0) == 0.0
+    assert share(0.0, None, 0.5, 1.0) == 0.5
+    assert share(None, None) is None
+
+
+def test_variants_with_equal_results_are_named() -> None:
+    one, other = [run([30.0, 5.0], seed) for seed in (1, 2)], [run([30.0, 4.0], 1)]
+    found = study(control_of(), none=one, shuffled=one[::-1], linear=[*other, one[1]])
+    assert equal_results(found) == [("none", "shuffled")]
+
+
+# -- self-play -------------------------------------------------------------------------------------
+
+
+def test_the_sign_flip_test_counts_all_changes_of_signs() -> None:
+    values = np.array([0.3, -0.1, 0.8, 0.2, 0.5])
+    means = [abs(np.mean(values * signs)) for signs in product((-1, 1), repeat=5)]
+    assert sign_flip_p(values) == pytest.approx(np.mean(np.array(means) >= abs(values.mean())))
+    for count in (2, 8, 14, 15, 25):  # above 14 the changes are drawn
+        assert sign_flip_p(np.ones(count)) == pytest.approx(least_sign_flip_p(count))
+    assert least_sign_flip_p(14) == 2 / 2**14
+
+
+def test_variants_are_paired_by_maze() -> None:
+    rng = np.random.default_rng(0)
+    hard = np.exp(rng.normal(0.0, 2.0, 8))  # mazes differ far more than the variants
+
+    def runs(factor: Any) -> list[Row]:
+        return [
+            {"_x": str(maze), "seed": seed, "run": "", "played_nash_conv": float(factor()) * value}
+            for maze, value in enumerate(hard.tolist())
+            for seed in range(2)
+        ]
+
+    control = runs(lambda: 1.0)
+    half = runs(lambda: 0.5 * rng.uniform(0.9, 1.1))
+    row = nash_conv_row("half", half, control)
+    assert row["ratio"] == pytest.approx(0.5, rel=0.1) and row["lower_in"] == "8 of 8"
+    assert row["ratio_low"] < row["ratio"] < row["ratio_high"] < 0.6
+    values = [np.array([each["played_nash_conv"] for each in own]) for own in (half, control)]
+    logs = [np.log(each.reshape(8, 2).mean(axis=1)) for each in values]
+    expected = np.exp(ttest_rel(*logs).confidence_interval())
+    assert [row["ratio_low"], row["ratio_high"]] == pytest.approx(list(expected))
+    row["p_holm"] = row["p"]
+    assert nash_conv_verdict(row, control_of()) == "lower NashConv (p = 0.00781)"
+    assert np.isnan(nash_conv_row("none", control, control)["ratio"])
+
+
+# -- beforehand ------------------------------------------------------------------------------------
+
+
+def plan(variants: int, tasks: int, seeds: int, kind: str, primary: str | None) -> Study:
+    names = ["control", *(f"v{number}" for number in range(variants))]
+    runs: Any = [
+        SimpleNamespace(label={"variant": name, "maze": str(task)}, seed=seed, kind=kind)
+        for name in names
+        for task in range(tasks)
+        for seed in range(seeds)
+    ]
+    layout = Layout("a plan", variants=names, control="control", primary=primary, x="maze")
+    return Study(layout, tuple(runs))
+
+
+@pytest.mark.parametrize("kind", ["single", "self-play"])
+@pytest.mark.parametrize(("variants", "primary"), [(1, None), (3, None), (3, "v1"), (7, None)])
+def test_p_is_out_of_reach_exactly_where_the_most_extreme_runs_do_not_reach_it(
+    kind: str, variants: int, primary: str | None
+) -> None:
+    for tasks in (1, 2, 6, 9):
+        for seeds in (2, 3, 4, 5):
+            ours, theirs = [[0.0 + i for i in range(seeds)]], [[50.0 + i for i in range(seeds)]]
+            if kind == "self-play" and tasks > 1:
+                p = sign_flip_p(np.arange(1.0, 1.0 + tasks))
+            else:
+                p = permutation_p(ours * tasks, theirs * tasks)
+            corrected = holm([p] * (variants - (primary is not None)))
+            lines = " ".join(out_of_reach(plan(variants, tasks, seeds, kind, primary)))
+            assert ("v0" in lines) == (corrected[0] >= 0.05), (tasks, seeds, lines)
+            if primary:
+                assert (primary in lines) == (p >= 0.05)
+            if kind == "single" and lines and "or more" in lines:  # the remedy is one
+                enough = max(int(part.split()[0]) for part in lines.split("give ")[1:])
+                assert not out_of_reach(plan(variants, tasks, enough, kind, primary))
+
+
+@pytest.mark.parametrize("seeds", [2, 3, 4, 5])
+def test_a_comparison_of_libraries_says_so_too(seeds: int) -> None:
+    p = permutation_p([[float(n) for n in range(seeds)]], [[9.0 + n for n in range(seeds)]])
+    runs: Any = [SimpleNamespace(seed=seed) for seed in range(seeds)]
+    assert bool(out_of_reach(Study(Layout("a plan"), tuple(runs), pinned=True))) == (p >= 0.05)
+
+
+def test_the_dry_run_of_a_shipped_study_says_it(capsys: pytest.CaptureFixture[str]) -> None:
+    main(["ablate", "self-play-methods", "--dry-run"])
+    assert "with 6 mazes the least p is 0.031, corrected for 8 comparisons" in (
+        capsys.readouterr().out
+    )

@@ -1,1 +1,0 @@
-"""Comparison of learners of several libraries on the same tasks, tuned with equally many runs."""

@@ -1,0 +1,396 @@
+"""The expansion of study files to runs: grids, variants, random search and seeds."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, fields, replace
+from typing import Any
+
+import numpy as np
+
+from pursuit.validation import one_of
+from train.experiments.contestant_runs import CONTESTANT
+from train.experiments.identity import fingerprint, frozen_mazes, inputs_of
+from train.experiments.runs import Study, TrainingRun, job_name
+from train.experiments.study import (
+    THRESHOLDS,
+    Choices,
+    Layout,
+    Range,
+    ReportHints,
+    StudyFile,
+    Table,
+    check_plain,
+    check_seeds,
+    check_table,
+    choose_version,
+    read_file,
+)
+from train.kinds import KINDS
+from train.runs.folder import RUN, SELF_PLAY
+from train.runs.parts import contest_of
+from train.runs.tasks import task_of
+from train.schemas import read_as
+from train.settings.checks import check, check_seed
+from train.settings.self_play import LEARN, ROLES
+from train.settings.task import TaskSettings
+
+MAX_RUNS = 100_000
+"""Maximum number of runs of a study, to catch typing errors."""
+MEASURED = {"seconds": "budget_seconds", "frames": "budget_frames"}
+"""New names of settings whose names are those of measurements in the table of runs."""
+SEARCH_FORMS = "give {low=, high=, scale='log'} or {choices=[]}"
+EQUAL = (
+    *("seconds", "clock", "frames", "seed", "threads", "processes", "evaluate"),
+    *(field.name for field in fields(TaskSettings)),
+)
+"""Settings that all variants of an ablation share."""
+
+Change = Callable[[StudyFile], StudyFile]
+"""Modifies the contents of a study file."""
+Tuned = Mapping[tuple[str, str], Table]
+"""Settings found by a search, by algorithm or contestant, and by variant ("" for all)."""
+
+
+def load_study(
+    name: str,
+    kind: str = "sweep",
+    version: str | None = None,
+    change: Change = lambda file: file,
+    tuned: Tuned | None = None,
+) -> Study:
+    """Read a study file and expand it, without running it.
+
+    Args:
+        name: the path of a file, or the name of a shipped one.
+        kind: "sweep", "ablation" or "comparison".
+        version: "short" or "full" of a file that has both; short by default.
+        change: modifies the contents of the file.
+        tuned: the settings that a search has found.
+
+    Raises:
+        ValueError: no such file, invalid TOML, an unknown key, a value of a wrong type, an empty
+            list, a version that the file does not have, or a combination that cannot run.
+    """
+    path, file = read_file(name, kind, StudyFile)
+    try:
+        file = change(choose_version(file, version))
+        check(
+            kind != "ablation" or file.control is not None,
+            "control=None is not a variant; give one of "
+            f"{[variant.get('name') for variant in file.variants or ()]}",
+        )
+        check(
+            (kind == "comparison") == (file.kind == CONTESTANT),
+            f"kind={file.kind!r}; give kind = 'contestant' in a comparison, which `pursuit "
+            "compare` runs",
+        )
+        return multiply_out(file, path.stem, tuned or {})
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def multiply_out(file: StudyFile, stem: str, tuned: Tuned) -> Study:
+    """All combinations as validated settings."""
+    kind = RUN if file.kind is None else file.kind
+    one_of("kind", kind, KINDS)
+    if file.control is not None:
+        check_ablation(file)
+    common, grid = file.settings or {}, file.grid or {}
+    variants, seeds = file.variants, [0] if file.seeds is None else file.seeds
+    check_table(common, "[settings]")
+    check_table(grid, "[grid]", values=True)
+    check_seeds(seeds)
+    check_variants(variants)
+    count = math.prod(map(len, grid.values())) * len(variants or [{}]) * len(seeds)
+    check(count <= MAX_RUNS, f"{count:,} runs; give values for at most {MAX_RUNS:,}")
+    drawn = draw_samples(file.search or {}, MAX_RUNS // count)
+    sources = [grid, drawn[0], {name: 0 for variant in variants or () for name in variant}]
+    for one, two in itertools.combinations(sources, 2):
+        for name in one.keys() & two.keys():
+            raise ValueError(f"{name!r} is set by two of grid, search and variants; set it in one")
+    check(bool(common or grid or variants), "nothing to do; give [settings] and [grid]")
+    runs: dict[str, TrainingRun] = {}
+    for values in itertools.product(*grid.values()):
+        for variant, sample in itertools.product(variants or [{}], drawn):
+            label = dict(zip(grid, values, strict=True)) | variant | sample
+            own = with_tuned(kind, common, label, tuned)
+            for run in runs_of(kind, own, label, seeds, episodes_of(file)):
+                same = runs.setdefault(run.name.rsplit("-", 1)[1], run)
+                check(  # equal combinations run once
+                    same.label == run.label,
+                    f"{run_label(same.label)} and {run_label(run.label)} have equal "
+                    "settings; change one of them, or leave it out",
+                )
+    # Seeds are the outer loop, so that changes of the machine's speed affect all settings.
+    ordered = alternating(sorted(runs.values(), key=lambda run: seeds.index(run.seed)))
+    if file.control is not None:
+        check_measures(file, ordered)
+    return Study(layout_of(file, stem, ordered, [*grid, *drawn[0]]), ordered, kind == CONTESTANT)
+
+
+def alternating(runs: Sequence[TrainingRun]) -> tuple[TrainingRun, ...]:
+    """The runs with contestants in the innermost loop, rotated so that none is always the first."""
+    same: dict[str, list[TrainingRun]] = {}
+    for run in runs:
+        other = {name: value for name, value in run.label.items() if name != "contestant"}
+        key = f"{run.seed} {other}" if "contestant" in run.label else run.name
+        same.setdefault(key, []).append(run)
+    turns = enumerate(same.values())
+    return tuple(
+        run for n, each in turns for run in (*each[n % len(each) :], *each[: n % len(each)])
+    )
+
+
+def with_tuned(kind: str, common: Table, label: Table, tuned: Tuned) -> Table:
+    """Common settings with those that the search found for this algorithm or contestant."""
+    name = "contestant" if kind == CONTESTANT else "algorithm"
+    value, variant = {**common, **label}.get(name), label.get("name", "")
+    return {**common, **tuned.get((value, variant), tuned.get((value, ""), {}))}  # type: ignore[arg-type]
+
+
+def episodes_of(file: StudyFile) -> int:
+    """Episodes of the final evaluation; ValueError if too few for an interval."""
+    episodes = 1000 if file.episodes is None else file.episodes
+    check(episodes >= 2, f"episodes={episodes!r}; give at least 2")
+    return episodes
+
+
+def check_variants(variants: list[Table] | None) -> None:
+    """ValueError unless variants are tables of settings with a name each."""
+    if variants is None:
+        return
+    check(bool(variants), "variants is an empty list; give at least one")
+    names = [variant.get("name") for variant in variants]
+    check(
+        all(isinstance(name, str) for name in names) and len(set(map(str, names))) == len(names),
+        f"names of variants are {names}; give each a different name",
+    )
+    for variant in variants:
+        check_table({k: v for k, v in variant.items() if k != "name"}, repr(variant["name"]))
+
+
+def runs_of(
+    kind: str, common: Table, label: Table, seeds: Sequence[int], episodes: int
+) -> Iterator[TrainingRun]:
+    """One combination with every seed, validated once, as validity does not depend on the seed.
+
+    Of the label "name" (the variant), "trial" and "place" (of a search) are no settings.
+    """
+    varying = {name: value for name, value in label.items() if name not in ("name", "trial")}
+    try:
+        asked = KINDS[kind].settings_of(**{"threads": 1, **common, **varying, "seed": seeds[0]})
+        settings, given = frozen_mazes(asked)
+        inputs = inputs_of(settings)
+    except ValueError as error:
+        which = run_label(label | {"seed": seeds[0]})
+        raise ValueError(f"combination {which}: {error}") from None
+    varying |= {"variant": label["name"]} if "name" in label else {}
+    varying |= {"trial": label["trial"]} if "trial" in label else {}
+    for seed in seeds:
+        own = replace(settings, seed=seed)
+        name = job_name(varying, seed, fingerprint(kind, own, episodes, inputs), without=kind)
+        yield TrainingRun(name, kind, own, episodes, varying, given, inputs)
+
+
+def run_label(label: Mapping[str, Any]) -> str:
+    """The varying settings in one line of text."""
+    return ", ".join(f"{name}={value!r}" for name, value in label.items())
+
+
+def flat_plain(nested: Mapping[str, Any]) -> Table:
+    """Plain settings by name as a flat dictionary; budgets are renamed by `MEASURED`.
+
+    What differs between the sides of self-play is chaser.NAME and evader.NAME.
+    """
+    plain = dict(nested)
+    flat = {"variant": None, "kind": None} | plain.pop("task")
+    for name in ("hyper", "curriculum_settings"):
+        plain |= {k: v for k, v in (plain.pop(name, None) or {}).items() if k not in plain}
+    sides = {
+        role: {"algorithm": plain[role]["algorithm"], **plain[role]["hyper"]}
+        for role in ROLES
+        if isinstance(plain.get(role), Mapping)
+    }
+    for role, own in sides.items():
+        plain[role] = LEARN
+        for name, value in own.items():
+            same = all(name in side and side[name] == value for side in sides.values())
+            plain[name if same else f"{role}.{name}"] = value
+    flat |= plain
+    return {MEASURED.get(name, name): value for name, value in flat.items()}
+
+
+def layout_of(
+    file: StudyFile, stem: str, runs: Sequence[TrainingRun], varying: Sequence[str]
+) -> Layout:
+    """The layout of the report: the setting on the axis, and those that distinguish curves
+    (`variant` if there are any).
+
+    Raises:
+        ValueError: an unknown name.
+    """
+    hints, variants = file.report or ReportHints(), file.variants or []
+    within = {name for variant in variants for name in variant} - {"name"}
+    varying = sorted({*varying, *within})
+    known = {name for run in runs for name in (*flat_plain(asdict(run.settings)), *run.label)}
+    if not variants:
+        known.discard("variant")
+
+    def column(name: str) -> str:
+        column = MEASURED.get(name, name)
+        check(
+            column in known,
+            f"{name!r} in [report] is not a setting of these runs; give one that varies: "
+            f"{', '.join(['variant'] * bool(variants) + varying) or 'nothing'}",
+        )
+        return column
+
+    x, group = hints.x, hints.group
+    if group is None:
+        group = ["variant"] if variants else [name for name in varying if name != x]
+    layout = Layout(
+        stem if file.title is None else file.title,
+        x=None if x is None else column(x),
+        group=[column(name) for name in group],
+        variants=[variant["name"] for variant in variants],
+    )
+    for name in ("control", "primary", "margin", "threshold"):
+        setattr(layout, name, getattr(file, name))
+    return layout
+
+
+# -- ablations -------------------------------------------------------------------------------------
+
+
+def check_ablation(file: StudyFile) -> None:
+    """ValueError unless the variants can be compared with the control: an equal budget and task.
+
+    Without a curriculum in [settings] variants have none unless they name one.
+    """
+    variants, control, primary = file.variants or [], file.control, file.primary
+    check(len(variants) > 1, "give at least two [[variants]], with names")
+    names = [variant.get("name") for variant in variants]
+    check(control in names, f"control={control!r} is not a variant; give one of {names}")
+    others = [name for name in names if name != control]
+    check(
+        primary in (None, *others),
+        f"primary={primary!r} is not a variant other than the control; give one of {others}",
+    )
+    check(
+        file.margin is None or file.margin > 0,
+        f"margin={file.margin}; give points of the gap, above 0",
+    )
+    check(
+        file.threshold in THRESHOLDS,
+        f"threshold={file.threshold:g}; give one of the gaps {THRESHOLDS} in %",
+    )
+    for variant in variants:
+        own = sorted(set(EQUAL) & set(variant))
+        check(
+            not own,
+            f"variant {variant.get('name')!r} sets {', '.join(own)}; all variants have the same "
+            "budget, task and seeds, so set it in [settings]",
+        )
+        if file.kind != SELF_PLAY and "curriculum" not in (file.settings or {}):
+            variant.setdefault("curriculum", "none")
+    grid, hints = list(file.grid or {}), file.report
+    check(
+        hints is None or hints.group is None,
+        "group in [report]: an ablation draws one curve per variant; leave it out",
+    )
+    x = None if hints is None else hints.x
+    check(x in (None, *grid), f"x={x!r} in [report] is not in [grid]; give one of {grid}")
+    check(
+        len(grid) <= 1 and (x is not None or not grid),
+        f"[grid] {grid} and x={x!r} in [report]; give at most one setting in [grid], and name it "
+        "as x in [report]: variants are compared for each of its values",
+    )
+
+
+def check_measures(file: StudyFile, runs: Sequence[TrainingRun]) -> None:
+    """ValueError for runs whose distance to the exact optimum or equilibrium is not known."""
+    tasks = dict.fromkeys(run.settings.task for run in runs)
+    if file.kind == SELF_PLAY:
+        for name in ("primary", "margin"):
+            value = getattr(file, name)
+            check(value is None, f"{name}={value!r} is for single-agent runs; leave it out")
+        x = file.report.x if file.report else None
+        check(x in (None, "maze"), f"x={x!r} in [report]; in self-play give [grid] maze = [...]")
+        for task in tasks:
+            check(
+                task_of(task).is_duel,
+                f"task {task.task!r} with these agents has no exact NashConv for every run; use "
+                "one chaser against one evader",
+            )
+        return
+    for task in tasks:
+        contest = contest_of(task, 2)
+        check(
+            contest.optimal() is not None,
+            f"the exact optimum of task {task.task!r} with these agents is not known, but an "
+            "ablation needs it; use a single runner, one chaser against one evader, or a smaller "
+            "game without goals for evaders",
+        )
+        check(
+            contest.measure.name == "steps",
+            f"task {task.task!r} is scored by {contest.measure.name}, but an ablation needs the "
+            "gap in steps; use a single runner, or a chase",
+        )
+
+
+# -- random search ---------------------------------------------------------------------------------
+
+
+def draw_samples(search: Table, limit: int) -> list[Table]:
+    """The samples of a random search, the same for all tasks and seeds.
+
+    Args:
+        search: "samples" and "seed", and for every searched setting {low, high, scale="log" or
+            "linear", whole=false} or {choices=[...]}.
+        limit: maximum number of samples.
+
+    Returns:
+        One dict per sample; [{}] without a search.
+
+    Raises:
+        ValueError: `search` has another form, or a range is empty.
+    """
+    if not search:
+        return [{}]
+    space = dict(search)
+    samples, seed = space.pop("samples", 10), space.pop("seed", 0)
+    check(
+        type(samples) is int and 1 <= samples <= limit,
+        f"samples={samples!r} in [search]; give a whole number from 1 to {limit:,}",
+    )
+    check(type(seed) is int, f"seed={seed!r} in [search]; give a whole number")
+    check_seed(seed)
+    check(bool(space), "[search] names no setting; give learning_rate = {low=1e-4, high=1e-2}, say")
+    ranges = {name: range_of(name, spec) for name, spec in space.items()}
+    generator = np.random.default_rng(seed)
+    return [{name: draw(spec, generator) for name, spec in ranges.items()} for _ in range(samples)]
+
+
+def range_of(name: str, spec: Any) -> Range | Choices:
+    """The distribution of one setting; ValueError for another form, or an empty list."""
+    where = f"search of {name}"
+    if isinstance(spec, dict) and "choices" in spec:
+        choices = read_as(Choices, spec, where, SEARCH_FORMS)
+        for value in choices.choices:
+            check_plain(name, value, "[search]")
+        return choices
+    return read_as(Range, spec, where, SEARCH_FORMS)
+
+
+def draw(spec: Range | Choices, generator: np.random.Generator) -> Any:
+    """A sample of one setting."""
+    if isinstance(spec, Choices):
+        return spec.choices[int(generator.integers(len(spec.choices)))]
+    if spec.scale == "log":
+        value = float(np.exp(generator.uniform(np.log(spec.low), np.log(spec.high))))
+    else:
+        value = float(generator.uniform(spec.low, spec.high))
+    return round(value) if spec.whole else float(f"{value:.4g}")

@@ -1,0 +1,177 @@
+"""The figures of studies: learning curves and final values, from rows and evaluations."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from train.experiments.rows import StudyRows, column_of, longer_is_better
+from train.experiments.statistics import NAN, distance_interval
+from train.experiments.summary import Measure, size_of
+from train.experiments.variants import by_variant
+from train.reports.curves import SINGLE_RUNS, Panel, Series, draw_panels
+from train.reports.figures import GREY, PALETTE, Estimate, draw_intervals, time_scale
+from train.reports.tables import Row
+
+COLUMNS = 4
+"""Maximum number of panels per row."""
+LINES = (
+    f"{SINGLE_RUNS.format('mean')}, or a band, their interval. Grey: the control. Dotted: the "
+    "optimum (horizontal), and for each run the start of its last stage (vertical)"
+)
+COLORS = tuple(color for color in PALETTE if color != GREY)
+POLICIES = [
+    Measure(policy, policy, f"gap to the optimum, %, {policy}", "gap", 100.0)
+    for policy in ("greedy", "sampled")
+]
+"""The measures of contestants."""
+
+
+def unit_of(study: StudyRows) -> str:
+    """The unit of training time: that of the budget."""
+    in_frames = all(row.get("budget_frames") is not None for row in study.rows)
+    return "frames" if in_frames else "seconds"
+
+
+def curve_of(
+    study: StudyRows, row: Row, column: str, factor: float, unit: str
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The known values of a column over training time."""
+    evaluations = study.curves.get(row["run"], [])
+    values = factor * column_of(evaluations, column)
+    times, known = time_scale(unit) * column_of(evaluations, unit), ~np.isnan(values)
+    return times[known], values[known]
+
+
+def draw_curves(
+    path: Path, study: StudyRows, measures: Sequence[Measure], unit: str, log: bool
+) -> None:
+    """Measures over seconds or frames: a panel for each measure and x, one colour per group."""
+    groups = list(dict.fromkeys(row["_group"] for row in study.rows))
+    panels: list[Panel] = []
+    for measure in measures:
+        for value in sorted({row["_x"] for row in study.rows}, key=size_of):
+            series = []
+            for place, name in enumerate(groups):
+                own = [r for r in study.rows if (r["_x"], r["_group"]) == (value, name)]
+                found = [curve_of(study, r, measure.column, measure.factor, unit) for r in own]
+                curves = [curve for curve in found if len(curve[0])]
+                color = PALETTE[place % len(PALETTE)]
+                if curves:
+                    series.append(Series(curves, name, color, interval=measure.interval))
+            title = f"{str(study.x).replace('_', ' ')} {value}" if study.x else ""
+            first = measure.label if not len(panels) % COLUMNS else ""
+            panels.append(Panel(series, first, title, measure.scale))
+    grid = [panels[first : first + COLUMNS] for first in range(0, len(panels), COLUMNS)]
+    note = f"{SINGLE_RUNS.format('mean')}, or a band, their interval"
+    draw_panels(path, grid, unit, study.layout.title, beside=True, log=log, note=note)
+
+
+def draw_final(
+    path: Path,
+    study: StudyRows,
+    table: Sequence[Row],
+    line: str,
+    panels: Mapping[str, tuple[str, str, str]],
+) -> None:
+    """Values of a table with their intervals and single runs, one line per x or variant.
+
+    Args:
+        path: of the figure.
+        study: with the layout.
+        table: the rows.
+        line: the column that names a line.
+        panels: by label: the scale of the axis, the column of the value, and that of single runs.
+    """
+    control = study.layout.control
+    groups = list(dict.fromkeys(row.get("group") for row in table))
+    several = len(table) > len({row[line] for row in table})
+    drawn = {}
+    for label, (scale, name, points) in panels.items():
+        estimates = []
+        for place, row in enumerate(table):
+            color = COLORS[place % len(COLORS)] if control is not None else PALETTE[
+                groups.index(row.get("group")) % len(PALETTE)
+            ]  # fmt: skip
+            own = control is not None and row[line] == control
+            ends = [row[f"{name}{end}"] for end in ("", "_low", "_high")]
+            ends = [NAN] * 3 if own and not points else ends
+            group = row.get("group") if several else None
+            shade = GREY if own else color
+            estimates.append(Estimate(str(row[line]), *ends, row.get(points, ()), shade, group))
+        drawn[label] = (scale, estimates)
+    words = str(study.x).replace("_", " ") if control is None else ""
+    draw_intervals(path, drawn, study.layout.title, words)
+
+
+# -- ablations -------------------------------------------------------------------------------------
+
+
+def draw_stages(folder: Path, study: StudyRows, unit: str, log: bool) -> list[str]:
+    """For each task a figure of all variants beside the control; returns the file names."""
+    names = []
+    for task in dict.fromkeys(str(row["_x"]) for row in study.rows):
+        name = re.sub(r"[^A-Za-z0-9_.+-]+", "_", f"variants{'-' + task if task else ''}.png")
+        title = study.layout.title + (f" ({task})" if task else "")
+        grid = variant_panels(study, task, unit)
+        draw_panels(folder / name, grid, unit, title, beside=True, log=log, note=LINES)
+        names.append(name)
+    return names
+
+
+def variant_panels(study: StudyRows, task: str, unit: str) -> list[list[Panel]]:
+    """Two panels per variant: the gaps, with the control in grey, and the stage of the curriculum.
+
+    A dotted line marks the start of the last stage of a run.
+    """
+    variants: Mapping[str, list[Row]] = {
+        name: own
+        for name, rows in by_variant(study).items()
+        if (own := [row for row in rows if str(row["_x"]) == task])
+    }
+    control = str(study.layout.control)
+    names = [name for name in variants if name != control] or [control]
+    places = list(variants)
+
+    def gaps(row: Row) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        return curve_of(
+            study, row, "optimality_gap", -100.0 if longer_is_better(row) else 100.0, unit
+        )
+
+    grid: list[list[Panel]] = []
+    for first in range(0, len(names), COLUMNS):
+        upper: list[Panel] = []
+        lower: list[Panel] = []
+        for name in names[first : first + COLUMNS]:
+            color = COLORS[places.index(name) % len(COLORS)]
+            series = [
+                Series(
+                    [gaps(row) for row in variants.get(variant, [])],
+                    variant if variant == control else None, shade,
+                    interval=lambda values: distance_interval([values]),
+                )
+                for variant, shade in ((control, GREY), (name, color))
+            ]  # fmt: skip
+            stages = [curve_of(study, row, "stage", 1.0, unit) for row in variants[name]]
+            curves = [curve for curve in stages if len(curve[0])]
+            settled = [(times, settled_at(values)) for times, values in curves]
+            marks = [(times[place - 1], color) for times, place in settled if place > 0]
+            label = "" if upper else "gap to the optimum (%)"
+            upper.append(Panel(series, label, name, "gap", marks=marks))
+            label = "" if lower else "trained on"
+            note = "the task itself" if name == control else "levels instead of stages"
+            lines = [Series([curve], None, color, width=1.0) for curve in curves]
+            note = "" if lines else note
+            lower.append(Panel(lines, label, marks=marks, note=note, height=1.5))
+        grid += [upper, lower]
+    return grid
+
+
+def settled_at(stage: NDArray[np.float64]) -> int:
+    """The first evaluation of the last stage, of [evaluations] stages."""
+    other = np.flatnonzero(~np.isclose(stage, stage[-1]))
+    return int(other[-1]) + 1 if len(other) else 0

@@ -1,0 +1,239 @@
+"""The page of a replication: its claims with conditions, rule, verdict and evidence."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from train.experiments.claims import (
+    CONFIRMED,
+    REFUTED,
+    UNDECIDED,
+    Decision,
+    cell_row,
+    correct,
+    decide,
+    evidence_rows,
+    named,
+)
+from train.experiments.exact_claims import states_table, tours_table
+from train.experiments.replication import PAGE, STUDIES, Replication, changed_rules
+from train.experiments.report import settings_parts
+from train.experiments.rows import StudyRows, read_all
+from train.experiments.runs import LAYOUT, TUNING
+from train.experiments.statistics import LEVEL
+from train.experiments.study import COMPARISONS, Claim, ClaimedStudy, Layout
+from train.experiments.summary import note
+from train.experiments.tuning import choose
+from train.files import write_bytes, write_csv
+from train.reports.pages import write_markdown
+from train.reports.tables import Column, ResultTable, Row, in_markdown, plain_table, words
+
+PICTURES = ("final.png", "learning_curves.png")
+"""Figures of a study's report; the first one that exists is shown."""
+SIDES = {True: "for", False: "against"}
+
+
+@dataclass(frozen=True)
+class Decided:
+    """A claim of a study with the decision of each cell, or of one that needs no runs its verdict,
+    a note and the evidence as Markdown."""
+
+    study: ClaimedStudy
+    claim: Claim
+    cells: tuple[Decision, ...] = ()
+    verdict: str = ""
+    note: str = ""
+    table: str = ""
+
+    def rows(self) -> list[Row]:
+        """A row for each cell: the rows of `claims.csv`."""
+        row: Row = {"study": self.study.id, "claim": self.claim.text, "rule": self.claim.rule}
+        row |= dict.fromkeys(("cell", "supports", "p", "p_holm", "least_p", "runs"), "")
+        exact = [{"verdict": self.verdict, "note": self.note}]
+        return [row | cell for cell in map(cell_row, self.cells)] or [row | each for each in exact]
+
+
+def rows_of(folder: Path, mazes: Mapping[str, str]) -> StudyRows:
+    """The complete runs of a study; user-defined mazes have the names of those they replace."""
+    if not (folder / "runs").is_dir():
+        return StudyRows(Layout(folder.name))
+    study = read_all(folder)
+    names = {path: name for name, path in mazes.items()}
+    study.rows = [row for row in study.everything if row["status"] == "complete"]
+    for row in study.rows:
+        row["maze"] = names.get(str(row.get("maze")), row.get("maze"))
+    return study
+
+
+def decide_all(plan: Replication, studies: Mapping[str, StudyRows]) -> list[Decided]:
+    """All claims, with the p of all their cells corrected together."""
+    decided = []
+    for study in plan.studies:
+        for claim in study.claims:
+            if study.exact:
+                exact = states_table() if claim.rule == "states" else tours_table(plan.mazes)
+                decided.append(Decided(study, claim, (), *exact))
+            else:
+                rows = studies[study.id]
+                cells = decide(claim, rows.rows, rows.varying, study.least_frames)
+                decided.append(Decided(study, claim, tuple(cells)))
+    corrected = iter(correct([cell for each in decided for cell in each.cells]))
+    return [replace(d, cells=tuple(next(corrected) for _ in d.cells)) for d in decided]
+
+
+# -- page ------------------------------------------------------------------------------------------
+
+
+def write_replication(plan: Replication, out: Path) -> Path:
+    """Decide every claim with the complete runs, and write the report.
+
+    Returns:
+        The path of `report/replication.md` in `out`. Also written: `replication.html`, `claims.csv`
+        (a row per cell of a claim), `runs.csv` (a row per run) and a figure per study.
+    """
+    folder = out / "report"
+    folder.mkdir(parents=True, exist_ok=True)
+    studies = {s.id: rows_of(out / STUDIES / s.id, plan.mazes) for s in plan.studies if not s.exact}
+    decided = decide_all(plan, studies)
+    for study in plan.studies:
+        drawn = [out / STUDIES / study.id / "report" / name for name in PICTURES]
+        for picture in [path for path in drawn if path.exists()][:1]:
+            write_bytes(folder / f"{study.id}.png", picture.read_bytes())
+    write_csv(folder / "claims.csv", [row for each in decided for row in each.rows()])
+    write_runs(folder, studies)
+    parts = [*head(plan, studies, out), "## Verdicts", *verdicts(decided)]
+    parts.append(note("claims.method", level=LEVEL))
+    trials, _ = choose(out)
+    parts += settings_parts(trials) if trials else []
+    for study in plan.studies:
+        parts += study_part(study, [d for d in decided if d.study is study], out, studies)
+    return write_markdown(folder / PAGE, plan.title, parts)
+
+
+def write_runs(folder: Path, studies: Mapping[str, StudyRows]) -> None:
+    """Write `runs.csv` with the runs of all studies."""
+    whole = StudyRows(Layout(""), varying=["study"])
+    for name, study in studies.items():
+        whole.everything += [{"study": name, **row} for row in study.everything]
+        for columns, more in ((whole.varying, study.varying), (whole.measures, study.measures)):
+            columns += [column for column in more if column not in columns]
+    whole.write(folder)
+
+
+def head(plan: Replication, studies: Mapping[str, StudyRows], out: Path) -> list[str]:
+    """The number of runs, their duration and their machines."""
+    searched = rows_of(out / TUNING, {}).rows if (out / TUNING / LAYOUT).exists() else []
+    done = [row for study in studies.values() for row in study.rows]
+    planned = sum(len(study.everything) for study in studies.values())
+    hours = sum(float(row["seconds"]) for row in done + searched) / 3600.0
+    machines = sorted({str(row["machine"]) for row in done + searched})
+    commits = sorted({str(row["commit"])[:7] for row in done + searched})
+    text = note(
+        "claims.head",
+        version=plan.version,
+        done=len(done),
+        planned=planned,
+        hours=hours,
+        machines=in_markdown(", ".join(machines) or "no machine"),
+        commits=", ".join(commits) or "none",
+        whose="the user's" if plan.mazes else "our",
+        name=plan.name,
+    )
+    left_out = in_markdown(", ".join(plan.left_out) or "none")
+    return [text, f"Studies that only the other version includes: {left_out}."]
+
+
+def verdicts(decided: Sequence[Decided]) -> list[str]:
+    """All verdicts in one table: a row for each cell."""
+    cells = Counter(cell.verdict for each in decided for cell in each.cells)
+    text = ", ".join(f"{cells[name]} {name}" for name in (CONFIRMED, REFUTED, UNDECIDED))
+    columns = [
+        *(words(name) for name in ("study", "claim", "cell", "verdict")),
+        Column("side", lambda row: SIDES.get(row["supports"], ""), left=True),
+        Column("p", lambda row: _p(row["p"])),
+        Column("p by Holm", lambda row: _p(row["p_holm"])),
+        Column("least p", lambda row: _p(row["least_p"])),
+        words("note"),
+    ]
+    return [
+        f"Of {cells.total()} tested claims about runs (a cell is a claim on one maze or "
+        f"algorithm): {text}.",
+        ResultTable([row for each in decided for row in each.rows()], columns).markdown(),
+        note("claims.columns", level=LEVEL),
+    ]
+
+
+def _p(p: float | str) -> str:
+    return p if isinstance(p, str) else f"{p:.2g}" if p >= 0.001 else "below 0.001"
+
+
+def study_part(
+    study: ClaimedStudy, decided: Sequence[Decided], out: Path, studies: Mapping[str, StudyRows]
+) -> list[str]:
+    """One study: its conditions, its claims with their rules, and the evidence."""
+    parts = [
+        f"## {in_markdown(f'{study.id}: {study.title}')}",
+        f"**The claim**: {in_markdown(study.thesis)} **Here**: {in_markdown(study.differs)}",
+    ]
+    if warning := changed_rules(study, out):
+        parts.append(f"**{in_markdown(warning)}**")
+    if study.id in studies and len(studies[study.id].rows) < len(studies[study.id].everything):
+        done, planned = len(studies[study.id].rows), len(studies[study.id].everything)
+        parts.append(f"**{done} of {planned} runs are complete.**")
+    for each in decided:
+        names = dict.fromkeys([cell.verdict for cell in each.cells] or [each.verdict])
+        causes = [each.claim.cause[name] for name in names if name in each.claim.cause]
+        more = [f"Our interpretation: {in_markdown(cause)}" for cause in causes]
+        verdict = [] if each.cells else [f"**{each.verdict.capitalize()}**."]
+        rule = rule_words(each.claim)
+        parts.append(" ".join([f"**{in_markdown(each.claim.text)}**", rule, *verdict, *more]))
+        parts.append(each.table or evidence_table(each))
+    if (out / "report" / f"{study.id}.png").exists():
+        parts.append(f"![{in_markdown(study.title)}: all runs]({study.id}.png)")
+    return parts
+
+
+def rule_words(claim: Claim) -> str:
+    """The decision rule of a claim, as text."""
+    return note(
+        f"rules.{claim.rule}",
+        more=note("rules.more"),
+        others=" and of ".join(named(other) for other in claim.than),
+        percent=claim.percent,
+        reference=note(f"rules.{claim.to}"),
+        part=note(f"rules.{claim.part}"),
+    )
+
+
+def evidence_table(each: Decided) -> str:
+    """The runs of each setting of each cell of a claim, as Markdown."""
+    claim = each.claim
+    rows: list[Row] = []
+    for cell in each.cells:
+        for row in evidence_rows(claim, cell):
+            line: Row = {"verdict": cell.verdict, "setting": row["setting"]}
+            line["each run"] = ", ".join(map(_three, row["values"]))
+            line["mean [95 %]"] = _bounded("mean", row)
+            compared = claim.rule in COMPARISONS
+            last = _bounded("difference", row) if compared else row["meets"]
+            line["difference [95 %]" if compared else "meet the rule"] = last
+            low, high = (f"{frames / 1e6:.2g}" for frames in row["frames"])
+            rows.append(line | {"frames, M": " to ".join(dict.fromkeys((low, high)))})
+    return plain_table(rows).markdown() if rows else ""
+
+
+def _bounded(name: str, row: Row) -> str:
+    """A number with its interval; empty if there is none."""
+    if name not in row:
+        return ""
+    return f"{_three(row[name])} [{_three(row[f'{name}_low'])}, {_three(row[f'{name}_high'])}]"
+
+
+def _three(value: float) -> str:
+    """A number with three significant digits."""
+    if abs(value) < 1e-9:  # rounding errors of sums
+        return "0"
+    return f"{value:.0f}" if abs(value) >= 99.5 else f"{value:.3g}"

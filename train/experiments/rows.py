@@ -1,0 +1,322 @@
+"""The results of runs as flat rows: one for each run, and one for each evaluation.
+
+The row of a run has everything that tables and tests need: its settings, its final measures with
+their references, what its learning curve says (times to gaps, means over training), versions and
+machine. Reports are made of rows alone; only figures read the evaluations.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pursuit.files import write_atomically
+from pursuit.plugins import references
+from train.experiments.expansion import MEASURED, flat_plain
+from train.experiments.runs import ERROR, read_label, read_layout, status_of
+from train.experiments.statistics import first_below, mean_over
+from train.experiments.study import Layout
+from train.files import write_csv
+from train.kinds import read_settings
+from train.reports.tables import Row
+from train.runs.folder import (
+    CONFIG,
+    METRICS,
+    RESULTS,
+    RUN,
+    SELF_PLAY,
+    load_results,
+    read_config,
+    read_metrics,
+)
+from train.runs.provenance import check_sources
+from train.runs.tasks import maze_called
+from train.self_play.names import entry_names
+from train.settings.checks import check
+from train.settings.self_play import ROLES
+from train.settings.task import learning_agent
+
+if TYPE_CHECKING:
+    import polars
+
+SCORES = {"random": "random_steps", "learned": "greedy_steps", "learned, sampled": "sampled_steps"}
+"""Columns of the mean steps of these scores."""
+RUNS, CURVES, RUNS_CSV = "results.parquet", "curves.parquet", "runs.csv"
+GAPS = (20.0, 10.0, 5.0, 2.0, 1.0)
+"""Per cent; a row has the time of the first evaluation within each of these gaps."""
+POLICIES = {"": "optimality_gap", "greedy_": "greedy", "sampled_": "sampled"}
+"""Prefixes of these times by the column of the gap; the last two are those of contestants."""
+
+
+@dataclass
+class StudyRows:
+    """The rows of a study, or of several folders.
+
+    Attributes:
+        layout: of the report.
+        rows: of the complete runs. "_group" is the label of the curve, "_x" the value on the axis.
+        everything: rows of all runs.
+        x: the column on the axis; None for none.
+        varying: the columns of the settings that distinguish the runs.
+        measures: the columns that are results.
+        curves: the evaluations of each run.
+    """
+
+    layout: Layout
+    rows: list[Row] = field(default_factory=list)
+    everything: list[Row] = field(default_factory=list)
+    x: str | None = None
+    varying: list[str] = field(default_factory=list)
+    measures: list[str] = field(default_factory=list)
+    curves: dict[str, list[Row]] = field(default_factory=dict)
+
+    def write(self, folder: Path) -> None:
+        """Write `runs.csv`: every run with the settings that vary, its budget, and all measures."""
+        names = ["run", "status", *self.varying, "seed", "maze", "budget_seconds", "budget_frames"]
+        names = list(dict.fromkeys([*names, *self.measures]))
+        rows = [{name: row.get(name) for name in names} for row in self.everything]
+        write_csv(folder / RUNS_CSV, rows, names)
+
+
+def collect(out: Path | str) -> tuple[polars.DataFrame, polars.DataFrame]:
+    """Read all runs in the folder of a study, complete or not, and write both Parquet files.
+
+    Returns:
+        Runs: the rows of `row_of`. Curves: "run" and the columns of `metrics.csv`.
+
+    Raises:
+        ValueError: no study in this folder, or a run of an incompatible version.
+    """
+    study = read_all(Path(out))
+    evaluations = [{"run": run, **row} for run, rows in study.curves.items() for row in rows]
+    runs, curves = _frame(study.everything), _frame(evaluations)
+    write_parquet(Path(out) / RUNS, runs)
+    write_parquet(Path(out) / CURVES, curves)
+    return runs, curves
+
+
+def _frame(rows: list[Row]) -> polars.DataFrame:
+    import polars
+
+    return polars.DataFrame(rows, infer_schema_length=None)
+
+
+def write_parquet(path: Path, frame: polars.DataFrame) -> None:
+    """Write `frame` as a Parquet file, atomically; OSError naming `path` if that fails."""
+    data = io.BytesIO()  # with a path, polars raises its own exception on a full disk
+    frame.write_parquet(data)
+    write_atomically(path, lambda beside: beside.write_bytes(data.getvalue()))
+
+
+def read_all(out: Path) -> StudyRows:
+    """All runs of a study with their evaluations; ValueError as `collect`."""
+    layout = read_layout(out)
+    folders = sorted(path.parent for path in out.glob(f"runs/*/{CONFIG}"))
+    if layout.runs is not None:  # leave out runs of an earlier version of the file
+        folders = [folder for folder in folders if folder.name in layout.runs]
+    check(bool(folders), f"{out}: no runs of a sweep; run `pursuit sweep FILE --out {out}` first")
+    found = StudyRows(layout)
+    labels = [read_label(folder) for folder in folders]
+    for folder in folders:
+        settings, results, found.curves[folder.name] = read_run(folder)
+        found.everything.append(settings | results)
+        found.measures += [name for name in results if name not in found.measures]
+    names = dict.fromkeys(MEASURED.get(name, name) for label in labels for name in label)
+    found.varying = [name for name in names if name != "variant"]
+    if "variant" in names:
+        found.varying.insert(0, "variant")
+    columns = dict.fromkeys(name for row in found.everything for name in row)
+    found.everything = [{name: row.get(name) for name in columns} for row in found.everything]
+    return found
+
+
+def read_study(out: Path) -> StudyRows:
+    """The runs in a folder, with the Parquet files written; ValueError if none is complete."""
+    collect(out)
+    found = read_all(out)
+    found.rows = [row for row in found.everything if row["status"] == "complete"]
+    check(
+        bool(found.rows), f"{out}: no run is complete; repeat the command of the study to continue"
+    )
+    columns, layout = found.rows[0], found.layout
+    found.x = layout.x if layout.x in columns else None
+    group = [name for name in layout.group if name in columns]
+    for row in found.rows:
+        usual = ["algorithm"] if row["kind"] == RUN else ["kind"]
+        row["_group"] = ", ".join(in_words(name, row[name]) for name in group or usual)
+        row["_x"] = row[found.x] if found.x else ""
+    return found
+
+
+def in_words(name: str, value: Any) -> str:
+    """The value of a setting as text, with its name if it is a boolean or a number."""
+    if isinstance(value, bool):
+        return name if value else f"no {name}"
+    return f"{name} {value:g}" if isinstance(value, int | float) else str(value)
+
+
+def read_several(folders: Sequence[Path]) -> StudyRows:
+    """Runs, sweeps and ablations as one study, with a group per run and per setting of a sweep.
+
+    Raises:
+        ValueError: a folder without complete runs, or runs with different objectives.
+    """
+    names = entry_names([str(folder) for folder in folders], lambda entry: False)
+    whole = StudyRows(Layout(", ".join(names)), varying=["_group"])
+    for name, folder in zip(names, folders, strict=True):
+        if (folder / CONFIG).exists():
+            complete = (folder / RESULTS).exists()
+            check(complete, f"{folder}: no results yet; continue this run with --resume {folder}")
+            settings, results, curve = read_run(folder)
+            study = StudyRows(Layout(name), measures=list(results), curves={folder.name: curve})
+            study.rows = [settings | results | {"_group": name, "_x": ""}]
+            variants, label = [], [name]
+        else:
+            study = read_study(folder)
+            variants, label = study.layout.variants, []
+        for row in sorted(
+            study.rows, key=lambda row: variants.index(row["variant"]) if variants else 0
+        ):
+            run = str(folder if label else folder / row["run"])
+            parts = label or [row["variant"] if variants else row["_group"]]
+            parts = parts + ([in_words(str(study.x), row["_x"])] if study.x else [])
+            whole.curves[run] = study.curves.get(row["run"], [])
+            alone = len(folders) == 1 or bool(label)
+            group = ", ".join(parts) if alone else f"{name}: {', '.join(parts)}"
+            whole.rows.append(row | {"run": run, "_group": group, "_x": ""})
+        whole.measures += [name for name in study.measures if name not in whole.measures]
+    objectives = sorted({str(row["objective"]) for row in whole.rows})
+    check(
+        len(objectives) == 1,
+        f"these runs have different objectives ({' and '.join(objectives)}); give runs "
+        "with the same objective",
+    )
+    whole.everything = whole.rows
+    return whole
+
+
+# -- one run ---------------------------------------------------------------------------------------
+
+
+def row_of(folder: Path) -> Row:
+    """One run as a flat row: "run", "kind", "status", all settings, and its results."""
+    settings, results, _ = read_run(folder)
+    return settings | results
+
+
+def read_run(folder: Path) -> tuple[Row, Row, list[Row]]:
+    """The settings of one run as a flat row, its results as one, and its evaluations.
+
+    Results are "frames", "seconds", the evaluation ("mean_steps", "optimality_gap", ...),
+    "random_steps", "scripted_steps", "greedy_steps" and "sampled_steps", `curve_measures`,
+    versions, "commit", "machine" and "error".
+    """
+    settings = settings_row(folder)
+    evaluations: list[Row] = [*read_metrics(folder)] if (folder / METRICS).exists() else []
+    results: Row = {}
+    if (folder / RESULTS).exists():
+        content = load_results(folder)
+        results |= {n: content[n] for n in ("frames", "seconds", "frames_per_second")}
+        results |= content["evaluation"]
+        results |= {f"{name}_at_start": value for name, value in content["at_start"].items()}
+        for score in content["scores"]:
+            if score["name"] in SCORES:
+                results[SCORES[score["name"]]] = score["mean_steps"]
+            elif not score["name"].startswith(("learned", "optimal")):
+                results |= {"scripted": score["name"], "scripted_steps": score["mean_steps"]}
+        results |= {"objective": content["objective"]["column"]}
+        results |= {"unit": content["objective"]["unit"]}
+        results |= curve_measures(settings | results, evaluations)
+        results |= {f"{name}_version": value for name, value in content["versions"].items()}
+        results["commit"] = results.pop("commit_version", None)
+        results["machine"] = content["machine"]["processor"]
+    elif evaluations:
+        results |= evaluations[-1]
+    return settings, results | {"error": error_of(folder)}, evaluations
+
+
+def settings_row(folder: Path) -> Row:
+    """The settings of one run, with values and file names as the study file gives them."""
+    kind, plain = read_config(folder)
+    check_sources(folder / CONFIG, plain)
+    if not any(references(plain)):  # user-defined parts are not imported to read their settings
+        kind, settings = read_settings(folder)
+        plain = asdict(settings)
+    task, label = plain["task"], read_label(folder)
+    row: Row = {"run": folder.name, "kind": kind, "status": status_of(folder)}
+    row |= {name: value for name, value in flat_plain(plain).items() if name not in row}
+    row["variant"] = label.get("variant")
+    if "maze" in task:
+        row["maze"] = maze_called(task["maze"])
+        one = kind != SELF_PLAY
+        row["role"] = learning_agent(task["task"], task["role"]) if one else "both"
+    if "members" in row:
+        row["members"] = " ".join(row["members"])
+    # Labels also have settings such as `preset`, by which reports can group.
+    files = ("maze", "curriculum_mazes", "opponent", *ROLES)
+    varying = {MEASURED.get(name, name): value for name, value in label.items()}
+    return row | {n: value for n, value in varying.items() if n not in row or n in files}
+
+
+def curve_measures(row: Row, evaluations: Sequence[Row]) -> Row:
+    """What the learning curve of a complete run says.
+
+    Returns:
+        "shortfall": per cent by which the final policy is worse than the exact optimum: more steps,
+        or fewer for an evader. "seconds_to_5", "frames_to_5", ...: at the first evaluation with a
+        shortfall of at most 5 %; None if there is none. "mean_optimality": optimum / steps, or for
+        an evader steps / optimum, averaged over the frames of training. "hardest_share": of the
+        frames in the hardest stage of a curriculum. "last_fall": by how many steps episode lengths
+        fall in the last third of the evaluations (means of its halves). Without what it needs, a
+        measure is None.
+    """
+    evader = longer_is_better(row)
+    sign = -100.0 if evader else 100.0
+    seconds, frames = column_of(evaluations, "seconds"), column_of(evaluations, "frames")
+    found: Row = dict.fromkeys(("shortfall", "mean_optimality", "hardest_share", "last_fall"))
+    gap, known = column_of(evaluations, "optimality_gap"), row.get("optimality_gap") is not None
+    if known and len(evaluations):
+        found["shortfall"] = sign * float(row["optimality_gap"])
+        optimality = 1.0 + gap if evader else 1.0 / (1.0 + gap)
+        found["mean_optimality"] = mean_over(frames, optimality)
+    for prefix, name in POLICIES.items():
+        values = sign * column_of(evaluations, name)
+        for threshold in GAPS if known and not np.isnan(values).all() else ():
+            for unit, times in (("seconds", seconds), ("frames", frames)):
+                first = first_below(times, values, threshold)
+                found[f"{prefix}{unit}_to_{threshold:g}"] = first if np.isfinite(first) else None
+    hardest = column_of(evaluations, "on_hardest")
+    told = np.isfinite(hardest)
+    if told.any():
+        spent = np.diff(frames, prepend=0.0)
+        found["hardest_share"] = float(np.average(hardest[told], weights=spent[told]))
+    lengths = column_of(evaluations, "mean_steps")
+    last = lengths[-max(len(lengths) // 3, 2) :]
+    if len(last) >= 2:
+        half = len(last) // 2
+        found["last_fall"] = float(last[:half].mean() - last[half:].mean())
+    return found
+
+
+def column_of(evaluations: Sequence[Row], name: str) -> NDArray[np.float64]:
+    """[evaluations] a column; NaN for missing values."""
+    return np.array([row.get(name) for row in evaluations], dtype=np.float64)
+
+
+def longer_is_better(row: Mapping[str, Any]) -> bool:
+    """Whether more steps are better: for "evader" or a single one ("evader_0"), without goals."""
+    return str(row.get("role")).startswith("evader") and row.get("num_goals") in (None, 0)
+
+
+def error_of(folder: Path) -> str | None:
+    """The first line of `error.txt`; None if there is none."""
+    path = folder / ERROR
+    if not path.is_file():
+        return None
+    return next(iter(path.read_text(encoding="utf-8", errors="replace").splitlines()), "unknown")

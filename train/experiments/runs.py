@@ -1,0 +1,193 @@
+"""The runs of a study, each in a folder of its own, and their status.
+
+`train.experiments.executors` executes them: complete ones are skipped, interrupted ones are
+resumed. Reports read the folders.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from train.experiments.identity import INPUTS, Input, copy_of, fingerprint, with_policies
+from train.experiments.study import Layout
+from train.files import LOCK, read_json, write_json
+from train.kinds import read_settings, write_config
+from train.runs.folder import CHECKPOINT, CONFIG, is_complete
+from train.runs.forms import Final
+from train.schemas import read_as
+from train.settings.checks import check
+
+LAYOUT, LABEL = "sweep.json", "run.json"
+ERROR, PROGRESS = "error.txt", "progress.txt"
+TUNING = "tuning"
+"""Subfolder with the search for settings."""
+FORMAT = 2
+"""Version of the folder layout; increased when the names of runs change."""
+ANEW = "remove that file; the next `pursuit sweep` writes it again"
+
+Watch = Callable[[dict[str, str], dict[str, float]], None]
+"""Called repeatedly with the status of every run by name, and the progress of running ones."""
+Label = dict[str, bool | int | float | str | list[str] | None]
+"""`run.json`: the values of the study file for one run."""
+
+
+@dataclass(frozen=True)
+class TrainingRun:
+    """A run of a learner.
+
+    Attributes:
+        name: of its folder: readable, with a fingerprint of everything that affects the result.
+        kind: of run, one of `KINDS`.
+        settings: all settings; maze files are replaced by their text.
+        episodes: of the final evaluation.
+        label: the varying settings of this run, and `variant`.
+        given: names in reports of mazes and opponents given as files.
+        inputs: the policies that it loads, by name of the setting.
+    """
+
+    name: str
+    kind: str
+    settings: Any
+    episodes: int
+    label: dict[str, Any]
+    given: dict[str, Any] = field(default_factory=dict)
+    inputs: dict[str, Input] = field(default_factory=dict)
+
+    @property
+    def seed(self) -> int:
+        """The seed of the settings."""
+        return int(self.settings.seed)
+
+    def write(self, folder: Path, study: Path) -> None:
+        """Write `config.json` and `run.json`, and copy the policies that it loads.
+
+        Args:
+            folder: of the run.
+            study: the folder of the study.
+
+        Raises:
+            ValueError: the folder holds another run.
+        """
+        before = None
+        if (folder / CONFIG).exists():
+            kind, before = read_settings(folder)
+            check(
+                self.name.endswith(fingerprint(kind, before, self.episodes, self.inputs)),
+                f"{folder}: contains a run with other settings than its name; remove that folder",
+            )
+        folder.mkdir(parents=True, exist_ok=True)
+        copies = {name: str(copy_of(policy, study)) for name, policy in self.inputs.items()}
+        settings = with_policies(self.settings, copies)
+        if before != settings:  # new, or the folder of the study was moved
+            write_config(self.kind, settings, folder, Final(self.episodes))
+        write_json(folder / LABEL, {**self.given, **self.label})
+
+
+@dataclass(frozen=True)
+class Study:
+    """Runs, and the layout of their report.
+
+    Attributes:
+        layout: of the report.
+        runs: in order of execution.
+        pinned: whether every process is pinned to one core, for runs whose speed is compared.
+    """
+
+    layout: Layout
+    runs: tuple[TrainingRun, ...]
+    pinned: bool = False
+
+
+def job_name(label: Mapping[str, Any], seed: int, print_: str, without: str) -> str:
+    """A readable and unique folder name; `without` replaces an empty label."""
+    parts = [str(value) for value in label.values()] or [without]
+    text = "-".join([*parts, f"seed{seed}"])
+    return re.sub(r"[^A-Za-z0-9_.+-]+", "_", text)[:80] + "-" + print_
+
+
+def folder_of(study_folder: Path, name: str) -> Path:
+    """The folder of a run."""
+    return study_folder / "runs" / name
+
+
+def prepare(study: Study, out: Path | str) -> list[tuple[TrainingRun, Path]]:
+    """Create the folders of all runs with their files, and check existing ones.
+
+    Returns:
+        Every run with its folder.
+
+    Raises:
+        ValueError: `out` is not a study, or has runs of other settings or of another version.
+    """
+    out = Path(out)
+    check(not out.is_file(), f"{out}: a file; give a folder")
+    there = {path.name for path in out.iterdir()} if out.is_dir() else set[str]()
+    if there - {LOCK, INPUTS, TUNING} and "runs" not in there:
+        raise ValueError(f"{out}: not empty, and not a sweep; give a new folder")
+    check_format(out)
+    out.mkdir(parents=True, exist_ok=True)
+    names = [run.name for run in study.runs]
+    layout = msgspec.structs.replace(study.layout, format=FORMAT, runs=names)
+    write_json(out / LAYOUT, msgspec.to_builtins(layout))
+    folders = [(run, folder_of(out, run.name)) for run in study.runs]
+    for run, folder in folders:
+        run.write(folder, out)
+    return folders
+
+
+def check_format(out: Path) -> None:
+    """ValueError if the study in a folder has another format.
+
+    A damaged `sweep.json` is ignored, because it is written again.
+    """
+    try:
+        found = read_layout(out).format if (out / LAYOUT).exists() else FORMAT
+    except ValueError:
+        return
+    check(
+        found == FORMAT,
+        f"{out}: has format {found}, this version of pursuit needs {FORMAT}; use the version that "
+        "made it, or a new folder",
+    )
+
+
+def is_folder_of(study: Study, out: Path) -> bool:
+    """Whether `out` is the folder of this study, or of one with the same title."""
+    if not (out / LAYOUT).exists():  # interrupted before the first run
+        return {path.name for path in out.iterdir()} <= {LOCK, INPUTS, TUNING}
+    layout = read_layout(out)
+    return (layout.title, layout.control) == (study.layout.title, study.layout.control)
+
+
+def read_layout(out: Path) -> Layout:
+    """`sweep.json` of a folder, or a default if there is none."""
+    path = out / LAYOUT
+    if not path.exists():
+        return Layout(title=out.name)
+    return read_as(Layout, read_json(path), path, ANEW)
+
+
+def read_label(folder: Path) -> Label:
+    """`run.json` of a run; empty if there is none."""
+    path = folder / LABEL
+    return read_as(Label, read_json(path), path, ANEW) if path.exists() else {}
+
+
+def status_of(folder: Path) -> str:
+    """The status of a run: complete, failed, interrupted or new."""
+    if is_complete(folder):
+        return "complete"
+    if (folder / ERROR).exists():
+        return "failed"
+    return "interrupted" if (folder / CHECKPOINT).exists() else "new"
+
+
+def statuses_of(study: Study, out: Path) -> dict[str, str]:
+    """The status of every run by name."""
+    return {run.name: status_of(folder_of(out, run.name)) for run in study.runs}

@@ -1,0 +1,115 @@
+"""What the commands do: studies that are executed one after the other, each with its report.
+
+A sweep and an ablation are one study. A comparison has a search for settings before it, and a
+replication has several studies after a common search.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from train.experiments.expansion import Change, load_study
+from train.experiments.report import report_on
+from train.experiments.runs import TUNING, Study
+from train.experiments.study import StudyFile, choose_version, read_file
+from train.experiments.tuning import choose, search_of
+from train.settings.checks import check
+
+Statuses = dict[str, str]
+Execute = Callable[[Study, Path], Statuses]
+"""Executes the runs of a study that are not complete in a folder; the status of every run."""
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A study of a command.
+
+    Attributes:
+        name: in the output.
+        runs: makes the study, with the settings that a search has found so far.
+        folder: of the study.
+        tuned: whether it is left out if trials of the search failed.
+    """
+
+    name: str
+    runs: Callable[[], Study]
+    folder: Path
+    tuned: bool = False
+
+
+def stages_of(
+    name: str,
+    kind: str,
+    version: str | None,
+    out: Path,
+    change: Change = lambda file: file,
+) -> list[Stage]:
+    """The stages of a study file: its search if it has one, and its runs.
+
+    Args:
+        name, kind, version, change: as in `load_study`.
+        out: the folder of the study.
+
+    Raises:
+        ValueError: as `load_study`.
+    """
+    path, content = read_file(name, kind, StudyFile)
+    study = Stage(path.stem, lambda: load_study(name, kind, version, change, choose(out)[1]), out)
+    try:
+        file = change(choose_version(content, version))
+        if file.tuning is None:
+            return [study]
+        tuning = file.tuning
+        check(kind == "comparison", "[tuning] is for comparisons and replications; leave it out")
+        search = search_of(tuning, version, file)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+    return [Stage("search", lambda: search, out / TUNING), study]
+
+
+def carry_out(
+    stages: Iterable[Stage], execute: Execute, tell: Callable[[str], None]
+) -> list[tuple[Path, Statuses]]:
+    """Execute all stages, and write the reports of their studies.
+
+    Args:
+        stages: in order.
+        execute: see `Execute`.
+        tell: called with a line before each stage.
+
+    Returns:
+        The folder of each executed stage with the status of every run.
+
+    Raises:
+        ValueError: a folder with other contents, or all trials of a contestant failed.
+        KeyboardInterrupt: once the runs have saved.
+    """
+    done: list[tuple[Path, Statuses]] = []
+    searched = True
+    for stage in stages:
+        if stage.tuned and not searched:
+            tell(f"{stage.name}: skipped, as trials of the search for its settings have failed")
+            continue
+        study = stage.runs()
+        tell(f"{study.layout.title}: {len(study.runs)} runs into {stage.folder}")
+        statuses = execute(study, stage.folder)
+        done.append((stage.folder, statuses))
+        if stage.folder.name == TUNING:
+            searched = {*statuses.values()} == {"complete"}
+            check_chosen(stage.folder, study)
+        elif "complete" in statuses.values():
+            report_on(stage.folder)
+    return done
+
+
+def check_chosen(folder: Path, search: Study) -> None:
+    """ValueError unless every contestant has a trial that succeeded, for each task."""
+    trials, tuned = choose(folder.parent)
+    for row in trials if search.pinned else ():
+        check(
+            (row["contestant"], row["task"]) in tuned,
+            f"{row['contestant']} failed in every trial on {row['task']!r}; see the error.txt "
+            f"files in {folder}",
+        )

@@ -1,0 +1,345 @@
+"""The tables of studies: rows of runs, summarised by setting; their columns and explanations."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache, partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from train.experiments.contestants import CONTESTANTS
+from train.experiments.rows import StudyRows
+from train.experiments.statistics import (
+    LEVEL,
+    Interval,
+    bounded,
+    distance_interval,
+    interquartile_mean,
+    mean_interval,
+)
+from train.experiments.study import THRESHOLDS, Layout
+from train.experiments.variants import LEAST, TARGETS, equal_results, p_text
+from train.reports.tables import Column, ResultTable, Row, in_markdown, numeric, words
+from train.runs.folder import RUN
+
+REFERENCES = {
+    "random": "random_steps",
+    "scripted": "scripted_steps",
+    "optimal": "optimal_steps",
+    "learned": "mean_steps",
+    "chaser vs A*": "chaser_vs_astar",
+    "evader vs A*": "evader_vs_astar",
+}
+"""Further columns of tables, if the runs have them: means over seeds."""
+HEADS = {
+    "objective_gap": "gap of the objective's optimum, %",
+    "success": "success, %",
+    "less": "less than at the start, %",
+    "least": "of the worst seed, %",
+}
+SPENT = 0.8
+"""Variants with a smaller share of frames on the hardest stage are marked."""
+
+
+@dataclass(frozen=True)
+class Measure:
+    """The measure by which runs are compared.
+
+    Attributes:
+        name: in tables.
+        column: in the tables of runs and of their evaluations, to be multiplied by `factor`.
+        label: in figures and headers.
+        scale: of its axis (`Panel.scale`).
+    """
+
+    name: str
+    column: str
+    label: str
+    scale: str
+    factor: float = 1.0
+
+    def interval(self, values: Sequence[float]) -> Interval:
+        """The 95 % interval of the mean over runs; other measures than returns are not negative."""
+        signed = self.column == "mean_return"
+        return mean_interval([values]) if signed else distance_interval([values])
+
+
+GAP = Measure("gap", "optimality_gap", "gap to the optimum, %", "gap", 100.0)
+STEPS = Measure("steps", "mean_steps", "steps", "log")
+
+
+def measure_of(rows: list[Row]) -> Measure:
+    """The gap if the optimum of every run is known, otherwise steps; the objective for self-play.
+
+    Args:
+        rows: complete runs of one kind. If only some games of self-play are exact, the measure is
+            steps.
+    """
+    objectives = {(row["objective"], row["unit"]) for row in rows}
+    column, unit = objectives.pop() if len(objectives) == 1 else ("steps", "steps")
+    if column == "mean_steps":
+        known = all(row.get("optimality_gap") is not None for row in rows)
+        return GAP if known else STEPS
+    name = "NashConv" if column == "nash_conv" else column.replace("_", " ")
+    label = name if name.endswith(unit) else f"{name} ({unit})"
+    return Measure(column, column, label, "linear" if column == "mean_return" else "from 0")
+
+
+def size_of(value: Any) -> tuple[Any, ...]:
+    """A sort key that orders 3x3 before 10x10, and numbers by value."""
+    text = str(value)
+    digits = "".join(c if c.isdigit() or c == "." else " " for c in text).split()
+    return (float(digits[0]) if digits else 0.0, text)
+
+
+# -- settings of a sweep ---------------------------------------------------------------------------
+
+
+def summary(rows: list[Row], x: str | None) -> list[Row]:
+    """One row for each x and group: means over seeds with their intervals, gaps in per cent."""
+    measure, table = measure_of(rows), []
+    keys = dict.fromkeys((row["_x"], row["_group"]) for row in rows)
+    known = {name for name in rows[0] if all(row.get(name) is not None for row in rows)}
+    for value, name in sorted(keys, key=lambda key: size_of(key[0])):
+        chosen = [row for row in rows if (row["_x"], row["_group"]) == (value, name)]
+
+        def mean(column: str, chosen: list[Row] = chosen) -> float:
+            return float(np.mean([row[column] for row in chosen]))
+
+        line: Row = {x: value} if x else {}
+        line |= {"group": name, "seeds": len(chosen)}
+        line |= {word: mean(column) for word, column in REFERENCES.items() if column in known}
+        values = [measure.factor * row[measure.column] for row in chosen]
+        line |= bounded(measure.name, float(np.mean(values)), measure.interval(values))
+        line[f"{measure.name}_iqm"] = interquartile_mean(values)
+        line["each_run"] = values
+        before = f"{measure.column}_at_start"
+        if before in known:
+            less = [reduction(row[before], row[measure.column]) for row in chosen]
+            line |= {"less": float(np.mean(less)), "least": min(less)}
+        if measure is GAP and "objective_gap" in known:
+            line["objective_gap"] = 100.0 * mean("objective_gap")
+        if "success_rate" in known:
+            line["success"] = 100.0 * mean("success_rate")
+        table.append(line | {"seconds": mean("seconds"), "frames": mean("frames")})
+    return table
+
+
+def reduction(before: float, after: float) -> float:
+    """The reduction in per cent; 0 if it was 0."""
+    return 100.0 * (1.0 - after / before) if before else 0.0
+
+
+def sweep_table(rows: list[Row], x: str | None) -> ResultTable:
+    """The summary of runs as a table."""
+    table, measure = summary(rows, x), measure_of(rows)
+    unit = measure.name
+    heads = HEADS | {unit: f"{measure.label} [95 %]", f"{unit}_iqm": "interquartile mean"}
+    columns = []
+    for name in table[0]:
+        head = heads.get(name, name.replace("_", " "))
+        if name in (x, "group"):
+            columns.append(Column(head, partial(_setting, name), left=True))
+        elif name == unit:
+            columns.append(Column(head, partial(_with_interval, name, "z.2f")))
+        elif name not in (f"{unit}_low", f"{unit}_high", "frames", "each_run"):
+            whole = name in ("seeds", "success", "seconds")
+            columns.append(numeric(head, name, ".0f" if whole else "z.2f"))
+    return ResultTable(table, columns)
+
+
+def _setting(name: str, row: Row) -> str:
+    return f"{row[name]:g}" if isinstance(row[name], float) else str(row[name])
+
+
+def _with_interval(name: str, form: str, row: Row) -> str:
+    """A value with its interval, in a format or, for an empty one, with three digits."""
+    value, low, high = (row[key] for key in (name, f"{name}_low", f"{name}_high"))
+    if np.isnan(value):
+        return ""
+    shown = [format(each, form) if form else _number(each) for each in (value, low, high)]
+    return shown[0] + ("" if np.isnan(low) else f" [{shown[1]}, {shown[2]}]")
+
+
+def _number(value: float) -> str:
+    if np.isinf(value):
+        return "never"
+    size = abs(value)
+    return f"{value:.0f}" if size >= 100 else f"{value:.1f}" if size >= 10 else f"{value:z.2f}"
+
+
+def sweep_notes(rows: list[Row]) -> list[str]:
+    """The explanation of the table and the figures."""
+    measure, single = measure_of(rows), all(row["kind"] == RUN for row in rows)
+    lines = [note("sweep.intervals", test=" (`pursuit ablate` makes one)" if single else "")]
+    lines += [note("gaps.cut")] if measure is GAP else []
+    kinds = policies_of(rows)
+    if measure in (GAP, STEPS) and kinds:
+        lines.append(note("sweep.steps", kinds=kinds))
+    elif measure.name == "nash_conv":
+        lines.append(note("sweep.nash_conv"))
+    if measure is GAP and all(row.get("objective_gap") is not None for row in rows):
+        lines.append(note("sweep.objective"))
+    return lines
+
+
+def policies_of(rows: list[Row]) -> str:
+    """The evaluated policies, greedy or sampled."""
+    return " or ".join(sorted({row["evaluate"] for row in rows if row.get("evaluate")}))
+
+
+def note(place: str, **values: Any) -> str:
+    """An explanation of `notes.toml`, by "section.name", with its values."""
+    section, _, key = place.partition(".")
+    text: str = notes()[section][key]
+    return text.strip().format(**values)
+
+
+@cache
+def notes() -> dict[str, dict[str, str]]:
+    """The content of `notes.toml`."""
+    return tomllib.loads(Path(__file__).with_name("notes.toml").read_text(encoding="utf-8"))
+
+
+# -- variants of an ablation -----------------------------------------------------------------------
+
+
+def variant_columns(layout: Layout) -> list[Column]:
+    """The columns of variants that are compared by gaps."""
+    control = layout.control
+    return [
+        words("variant"),
+        words("verdict"),
+        numeric("runs", "runs"),
+        Column("final gap, mean, % [95 %]", partial(_with_interval, "gap", "")),
+        Column("best to worst", _extremes),
+        *(Column(f"to {t:g} %: seconds, frames (runs)", partial(_time, t)) for t in THRESHOLDS),
+        Column(f"log-rank p, to {layout.threshold:g} %", lambda row: p_text(row["p_time"])),
+        Column("optimality over training [95 %]", partial(_with_interval, "area", "")),
+        Column("frames on the hardest stage", _settled),
+        Column(f"P(better than {control}) [95 %]",
+               lambda row: "" if row["variant"] == control
+               else _with_interval("improvement", "", row)),
+    ]  # fmt: skip
+
+
+def _extremes(row: Row) -> str:
+    return f"{_number(row['best'])} to {_number(row['worst'])}"
+
+
+def _settled(row: Row) -> str:
+    share = row["settled"]
+    if np.isnan(share):
+        return ""
+    return f"{100 * share:.0f} %" + ("" if share >= SPENT else f", below {100 * SPENT:.0f} %")
+
+
+def _time(gap: float, row: Row) -> str:
+    reached, runs = row[f"reached_{gap:g}"], row["runs"]
+    seconds, frames = row[f"seconds_to_{gap:g}"], row[f"frames_to_{gap:g}"]
+    if not np.isfinite(seconds):
+        return f"median not reached ({reached} of {runs})"
+    scale, unit = (1e6, "M") if frames >= 1e6 else (1e3, "k")
+    return f"{_number(seconds)}, {_number(frames / scale)} {unit} ({reached} of {runs})"
+
+
+def nash_conv_columns(layout: Layout) -> list[Column]:
+    """The columns of variants of self-play."""
+    return [
+        words("variant"),
+        words("verdict"),
+        numeric("runs", "runs"),
+        numeric("NashConv, geometric mean", "nash_conv", ".3f"),
+        numeric("worst", "worst", ".3f"),
+        Column(f"ratio to {layout.control} [95 %]", partial(_with_interval, "ratio", ".2f")),
+        words(f"mazes below {layout.control}", "lower_in"),
+    ]
+
+
+def budget_note(study: StudyRows) -> str:
+    """The budgets of the runs."""
+    budgets = {(row["budget_seconds"], row["budget_frames"]) for row in study.rows}
+    texts = (f"{s:g} s" if s is not None else f"{f:,} frames" for s, f in budgets)
+    return f"Budget per run: {'; '.join(texts)}."
+
+
+def ablation_notes(study: StudyRows) -> list[str]:
+    """The explanation of the table of variants that are compared by gaps."""
+    layout, kinds = study.layout, policies_of(study.rows)
+    pairs = [in_markdown(f"Variants {one} and {other}") for one, other in equal_results(study)]
+    lines = [
+        *(note("gaps.equal", pair=pair) for pair in pairs),
+        budget_note(study),
+        note("gaps.verdict", level=LEVEL),
+        note("gaps.times", kinds=kinds, cut=note("gaps.cut")),
+        note("gaps.hardest", spent=100 * SPENT),
+    ]
+    if layout.primary is None:
+        lines.append(note("gaps.no_primary"))
+    else:
+        pair = in_markdown(f"{layout.primary} against {layout.control}")
+        lines.append(note("gaps.primary", pair=pair))
+    return lines + ([note("gaps.margin", margin=layout.margin)] if layout.margin else [])
+
+
+def nash_conv_notes(study: StudyRows, table: Sequence[Row]) -> list[str]:
+    """The explanation of the table of variants of self-play."""
+    units = "mazes" if max(row["mazes"] for row in table) > 1 else "runs"
+    values = note("nash_conv.values", least=LEAST)
+    return [budget_note(study), note(f"nash_conv.{units}", level=LEVEL), values]
+
+
+# -- contestants -----------------------------------------------------------------------------------
+
+
+def title_of(contestant: str | None) -> str:
+    """The name of a library in reports; "none" for None."""
+    return "none" if contestant is None else CONTESTANTS[contestant].title
+
+
+def contestant_columns() -> list[Column]:
+    """The columns of contestants, by task and policy."""
+    return [
+        words("task"),
+        words("policy"),
+        Column("contestant", lambda row: title_of(row["contestant"]), left=True),
+        *(Column(f"to {t:g} %: seconds, frames (runs)", partial(_time, t)) for t in TARGETS),
+        Column("gap at the end, mean, % [95 %]", partial(_with_interval, "gap", "")),
+        Column("best to worst", _extremes),
+        numeric("unsolved, %", "unsolved", ".2f"),
+        numeric("frames/s", "frames_per_second", ",.0f"),
+    ]
+
+
+def first_columns() -> list[Column]:
+    """The columns of the fastest contestants."""
+    return [
+        words("task"),
+        words("policy"),
+        numeric("gap, %", "gap", "g"),
+        words("unit"),
+        Column("first", lambda row: title_of(row["first"]), left=True),
+        Column("second", lambda row: title_of(row["second"]), left=True),
+        numeric("times as long", "ratio", ".2f"),
+        numeric("faster in, % of pairs of runs", "faster_in", ".0f", scale=100),
+        numeric("p", "p", ".2g"),
+    ]
+
+
+def contestant_notes(study: StudyRows) -> list[str]:
+    """The method, and the versions of the libraries."""
+    rows = study.rows
+    clock = "processor time" if rows[0]["clock"] == "processor" else "wall clock"
+    shares = [100 * row["processor_seconds"] / row["wall_seconds"] for row in rows]
+    ends = {"least": min(shares), "most": max(shares)}
+    libraries, torch = (
+        in_markdown(", ".join(sorted({str(row[name]) for row in rows})))
+        for name in ("library", "torch_version")
+    )
+    method = note("contestants.method", clock=clock, **ends, cut=note("gaps.cut"))
+    versions = note("contestants.libraries", libraries=libraries, torch=torch)
+    return [f"{budget_note(study)} {method}", versions]

@@ -1,0 +1,159 @@
+"""The search for settings before the runs of a study: [tuning] of its file.
+
+Every algorithm or contestant gets the same number of trials with the same budget, on mazes that the
+study does not use. The trial with the smallest mean logarithm of the gap to the optimum is chosen.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from pathlib import Path
+
+from pursuit.mazes.maze import load_maze
+from pursuit.mazes.suite_files import is_suite
+from pursuit.mazes.suites import least_copy, load_suite
+from train.experiments.contestant_runs import CONTESTANT
+from train.experiments.expansion import Tuned, alternating, draw_samples, runs_of
+from train.experiments.rows import read_all
+from train.experiments.runs import TUNING, Study, TrainingRun, read_label
+from train.experiments.study import Layout, StudyFile, Table, Trials, Tuning, check_once
+from train.reports.tables import Row
+from train.runs.folder import RUN
+from train.settings.checks import check
+
+FIRST_TRIAL_SEED = 10**6
+"""The first seed of trials; runs of studies have seeds below it."""
+LEAST_GAP = 1e-3
+"""Gaps below this count as equal in the selection of settings."""
+MOST_TRIALS = 10_000
+
+
+def search_of(tuning: Tuning, version: str | None, file: StudyFile | None = None) -> Study:
+    """The trials of every algorithm or contestant.
+
+    Args:
+        tuning: the search.
+        version: "short" or "full"; short by default.
+        file: the comparison whose tasks (its variants) are searched one by one; None: algorithms
+            are searched on the task in the settings of `tuning`.
+
+    Raises:
+        ValueError: a maze of the search that is also one of the study, or settings that cannot run.
+    """
+    trials = tuning.full if version == "full" else tuning.short
+    common, tasks, names, episodes = tuning.settings, [Table()], list(tuning.space), 1000
+    kind, of = RUN, "algorithm"
+    if file is not None:
+        kind, of, names = CONTESTANT, "contestant", (file.grid or {}).get("contestant", [])
+        common = {**(file.settings or {}), **tuning.settings, "evaluations": 1}
+        tasks, episodes = file.variants or tasks, file.episodes or episodes
+        check(
+            max(file.seeds or [0]) < FIRST_TRIAL_SEED,
+            f"seeds={file.seeds}; give seeds below {FIRST_TRIAL_SEED}, the first seed of trials",
+        )
+    check_once(f"{of} in [tuning]" if file is None else f"{of} in [grid]", names)
+    budget = {"seconds": trials.seconds, "frames": trials.frames}
+    common = {**common, **budget}
+    drawn = {name: draws_of(tuning, trials, name) for name in names}
+    runs: list[TrainingRun] = []
+    for number, task in itertools.product(range(trials.samples), tasks):
+        for place, maze in enumerate(mazes_of(tuning, trials, {**common, **task})):
+            seed = FIRST_TRIAL_SEED + 1000 * number + place
+            own = {**common, **{key: value for key, value in task.items() if key != "name"}}
+            for name in names:
+                label = {of: name, "maze": maze, **drawn[name][number], "trial": number}
+                label |= {"name": task["name"]} if "name" in task else {}
+                runs += runs_of(kind, own, label, [seed], episodes)
+    layout = Layout(f"Search for the settings of each {of}", x="trial", group=[of])
+    return Study(layout, alternating(runs), pinned=file is not None)
+
+
+def draws_of(tuning: Tuning, trials: Trials, name: str) -> list[Table]:
+    """The settings of every trial of an algorithm or contestant; equal spaces give equal draws."""
+    space = tuning.space.get(name, tuning.space.get("all"))
+    check(space is not None, f"no space of {name!r} in [tuning]; give it, or [tuning.space.all]")
+    for setting in ("samples", "seed"):
+        check(setting not in (space or {}), f"{setting!r} in [tuning.space]; give it in [tuning]")
+    defaults: list[Table] = [{}] if tuning.shipped else []
+    count = trials.samples - len(defaults)
+    search = {**(space or {}), "samples": count, "seed": tuning.search_seed}
+    return defaults + (draw_samples(search, MOST_TRIALS) if count else [])
+
+
+def mazes_of(tuning: Tuning, trials: Trials, task: Table) -> list[str]:
+    """The mazes on which the settings of a task are searched.
+
+    Raises:
+        ValueError: none, one given twice (also rotated or mirrored), or the maze of the task.
+    """
+    name, mazes = str(task.get("name", "")), tuning.mazes
+    if isinstance(mazes, dict):
+        mazes = mazes.get(name, [])
+    own = task.get("maze")
+    where = f"mazes of {name!r} in [tuning]" if name else "mazes in [tuning]"
+    chosen = mazes[: trials.mazes]
+    check(bool(chosen), f"{where}: none; give mazes for the search")
+    copies = {copy_of(own): own} if isinstance(own, str) else {}
+    for maze in chosen:
+        before = copies.get(copy_of(maze))
+        check(
+            before is None or before != own,
+            f"{where}: {maze!r} is the maze of the study; give another",
+        )
+        same = "is given twice" if before == maze else f"is a copy of {before!r}"
+        check(before is None, f"{where}: {maze!r} {same}; give each once")
+        copies[copy_of(maze)] = maze
+    return chosen
+
+
+def copy_of(maze: str) -> bytes:
+    """A key that is equal for a maze and its rotated and mirrored copies."""
+    found = load_suite(maze) if is_suite(maze) else (load_maze(maze),)
+    check(len(found) == 1, f"maze={maze!r} is several mazes; give one of them, as {maze}/0")
+    return least_copy(found[0])
+
+
+# -- the choice ------------------------------------------------------------------------------------
+
+
+def choose(out: Path) -> tuple[list[Row], Tuned]:
+    """The trials of the search of a study as rows, and the settings of the best ones.
+
+    Args:
+        out: the folder of the study.
+
+    Returns:
+        A row for each trial of each algorithm or contestant (and task): its settings, its gaps on
+        all mazes, their mean logarithm "score" (None while a run is missing), and whether it is
+        "chosen": the first one with the lowest score. Nothing without a search.
+    """
+    folder = out / TUNING
+    if not (folder / "runs").is_dir():
+        return [], {}
+    search = read_all(folder)
+    of = search.layout.group[0]
+    trials: dict[tuple[str, str, int], Row] = {}
+    settings: dict[tuple[str, str, int], Table] = {}
+    for row in sorted(search.everything, key=lambda row: (row["trial"], row["seed"])):
+        key = (row[of], row["variant"] or "", row["trial"])
+        label = read_label(folder / "runs" / row["run"])
+        own = {n: v for n, v in label.items() if n not in (of, "maze", "variant", "trial")}
+        settings[key] = own
+        first: Row = {of: key[0], "task": key[1], "trial": key[2], **own, "gaps": []}
+        gap = row["optimality_gap"] if row["status"] == "complete" else None
+        trials.setdefault(key, first)["gaps"].append(gap)
+    for row in trials.values():
+        # Absolute, as evaders have negative gaps.
+        logs = [math.log(max(abs(gap), LEAST_GAP)) for gap in row["gaps"] if gap is not None]
+        row["score"] = sum(logs) / len(logs) if len(logs) == len(row["gaps"]) else None
+    tuned: dict[tuple[str, str], Table] = {}
+    for group in dict.fromkeys(key[:2] for key in trials):
+        scores = {k: r["score"] for k, r in trials.items() if k[:2] == group}
+        known = [key for key, score in scores.items() if score is not None]
+        best = min(known, key=lambda key: scores[key]) if known else None
+        for key in scores:
+            trials[key]["chosen"] = key == best
+        if best is not None:
+            tuned[group] = settings[best]
+    return list(trials.values()), tuned
