@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from pursuit.validation import as_path, one_of, shortened
-from train.files import hold, remove_leftovers
+from train.files import Plain, hold, remove_leftovers
 from train.runs.folder import (
     CHECKPOINT,
     CONFIG,
@@ -19,7 +19,6 @@ from train.runs.folder import (
     RESULTS,
     RUN,
     SELF_PLAY,
-    Plain,
     check_new,
     is_complete,
     load_checkpoint,

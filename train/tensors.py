@@ -13,6 +13,9 @@ import torch
 
 from pursuit.files import cannot_write, write_atomically
 
+State = dict[str, Any]
+"""Tensors and plain values by name: the content of a checkpoint, or a part of it."""
+
 REMEDY = "restore it from a copy"
 MARK = b"sha256:"
 """The end of a file, followed by the digest of its content: torch itself verifies no checksums."""

@@ -85,7 +85,7 @@ def pools(folder: Path) -> None:
             for number in range(size - 1):
                 for role, side in game.sides.items():
                     game.pools[role].add(f"{number}", side.snapshot(), game.rng)
-            game._share_out()
+            game._update_sampling()
             for side in game.sides.values():
                 side.learner.iterate(0.0)
             before, began = game.frames, time.perf_counter()

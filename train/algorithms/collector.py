@@ -6,15 +6,20 @@ A feed-forward policy is a recurrent one with an empty state.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import TypeAlias
 
 import torch
+from tensordict import TensorDictBase
 
 from pursuit.observations.masks import ACTION_MASK
 from train.algorithms.learner import VecEnv
 from train.environments.lockstep import LockstepEnv
 
 Columns = dict[str, torch.Tensor]
+Seen: TypeAlias = "Columns | TensorDictBase"
+"""Observations and, after a step, its results, by name."""
+Cut = tuple[int, torch.Tensor, torch.Tensor, torch.Tensor]
+"""A step, and of the games whose value after it is needed: numbers, observations, states."""
 Act = Callable[[Columns, torch.Tensor], tuple[Columns, torch.Tensor]]
 """(observations, states) -> ("action" and other columns to keep, next states)."""
 
@@ -60,7 +65,7 @@ class Collector:
         self.state = torch.zeros(games, state_size, device=device)
         self.episode_start = torch.ones(games, dtype=torch.bool, device=device)
         self.states: list[torch.Tensor] = []
-        self._now: Any = None
+        self._now: Seen | None = None
 
     @torch.no_grad()
     def rollout(self) -> Columns:
@@ -76,9 +81,9 @@ class Collector:
             self._now = self.env.reset()
         self.states = []
         rows: list[Columns] = []
-        cuts: list[tuple[int, torch.Tensor, torch.Tensor, torch.Tensor]] = []
+        cuts: list[Cut] = []
         for step in range(self.steps):
-            row, after = self._step()
+            row, after = self._step(self._now)
             rows.append(row)
             if self.value is not None:
                 cut = ~row["terminated"]
@@ -93,9 +98,8 @@ class Collector:
             columns["value_after"] = self._values_after(columns["reward"], cuts)
         return columns
 
-    def _step(self) -> tuple[Columns, Any]:
+    def _step(self, now: Seen) -> tuple[Columns, Seen]:
         """The kept columns of a step, and all its results."""
-        now = self._now
         row = {name: now[name].to(self.device) for name in SEEN if name in now.keys()}  # noqa: SIM118 (of a TensorDict)
         row["episode_start"] = self.episode_start
         self.states.append(self.state)
@@ -113,22 +117,21 @@ class Collector:
             self.ended(row["done"])
         return row, after
 
-    def _values_after(self, like: torch.Tensor, cuts: list[Any]) -> torch.Tensor:
+    def _values_after(self, like: torch.Tensor, cuts: list[Cut]) -> torch.Tensor:
         """[games, steps]: the values of the observations in `cuts`, 0 elsewhere.
 
         Args:
             like: [games, steps].
-            cuts: (step, games [n], observations [n, ...], states [n, numbers]) each.
+            cuts: with games [n], observations [n, ...], states [n, numbers] each.
         """
         assert self.value is not None
-        found = torch.zeros_like(like)
+        after = torch.zeros_like(like)
         if cuts:
-            _, _, observations, states = zip(*cuts, strict=True)
-            values = self.value(torch.cat(observations), torch.cat(states))
-            parts: Any = torch.split(values, [len(cut[1]) for cut in cuts])
+            observations, states = (torch.cat(each) for each in list(zip(*cuts, strict=True))[2:])
+            parts = torch.split(self.value(observations, states), [len(cut[1]) for cut in cuts])
             for (step, games, *_), part in zip(cuts, parts, strict=True):
-                found[games, step] = part
-        return found
+                after[games, step] = part
+        return after
 
     def state_dict(self) -> Columns:
         """The recurrent states, and the starts of episodes."""
@@ -140,7 +143,7 @@ class Collector:
         self.episode_start = state["fresh"].to(self.device)
 
 
-def step_games(env: Any, now: Any, action: torch.Tensor) -> tuple[Any, Any]:
+def step_games(env: VecEnv, now: Seen, action: torch.Tensor) -> tuple[Seen, Seen]:
     """The results of a step, and the observations for the next step: where an episode ended, the
     first one of the next episode.
 
@@ -151,5 +154,6 @@ def step_games(env: Any, now: Any, action: torch.Tensor) -> tuple[Any, Any]:
     """
     if isinstance(env, LockstepEnv):
         return env.step_tensors(action)
+    assert isinstance(now, TensorDictBase)
     stepped, following = env.step_and_maybe_reset(now.set("action", action))
     return stepped["next"], following

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import torch
 
-from train.algorithms.replay import Batch, mean
+from train.algorithms.replay import Batch, weighted_mean
 from train.networks.continuous import Critics, DeterministicActor, GaussianActor
 
 
@@ -54,7 +54,7 @@ def critic_loss(
         The loss, and |error| [batch], detached.
     """
     error = values - goal
-    return mean(error.square().sum(dim=0), batch), error.detach().abs().amax(dim=0)
+    return weighted_mean(error.square().sum(dim=0), batch), error.detach().abs().amax(dim=0)
 
 
 def deterministic_actor_loss(
@@ -64,7 +64,7 @@ def deterministic_actor_loss(
     batch: Batch,
 ) -> torch.Tensor:
     """Minus the value of the actor's action, by the first critic (Silver et al., 2014)."""
-    return -mean(critics.frozen(prepared, actor(prepared), 1)[0], batch)
+    return -weighted_mean(critics.frozen(prepared, actor(prepared), 1)[0], batch)
 
 
 def soft_actor_loss(
@@ -81,7 +81,7 @@ def soft_actor_loss(
     """
     action, log_prob = actor.draw(prepared)
     values = critics.frozen(prepared, action, len(critics.weights[0])).amin(dim=0)
-    return mean(alpha * log_prob - values, batch), log_prob.detach()
+    return weighted_mean(alpha * log_prob - values, batch), log_prob.detach()
 
 
 def temperature_loss(
@@ -91,4 +91,4 @@ def temperature_loss(
     batch: Batch,
 ) -> torch.Tensor:
     """Lowers the temperature where the entropy is above its target, and raises it below."""
-    return mean(-log_alpha * (log_prob + target), batch)
+    return weighted_mean(-log_alpha * (log_prob + target), batch)

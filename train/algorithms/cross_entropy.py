@@ -24,6 +24,7 @@ from train.networks.layers import Convolutions, Hidden, IndexLayer
 from train.networks.policy import Player
 from train.settings.algorithms import CrossEntropySettings
 from train.settings.checks import check
+from train.tensors import State
 
 
 @merged_sums
@@ -110,21 +111,20 @@ class CrossEntropy:
     Args:
         settings: the hyperparameters.
         env: the training environment.
-        network: its policy weights are searched; its value function is not used.
-        seed: of the candidates.
+        options: have the seed of the candidates.
 
     Attributes:
+        network: its policy weights are searched; its value function is not used.
         mean, std: [weights] float32, the distribution.
         frames: environment steps, summed over games.
     """
 
-    def __init__(
-        self, settings: CrossEntropySettings, env: LockstepEnv, network: ActorCritic, seed: int
-    ) -> None:
-        self.settings, self.env, self.network, self.frames = settings, env, network, 0
+    def __init__(self, settings: CrossEntropySettings, env: LockstepEnv, options: Build) -> None:
+        self.settings, self.env, self.frames = settings, env, 0
+        self.network = network = network_of(settings, env.player, options)
         self._policy = nn.Sequential(network.policy_trunk, network.policy_head)
         self._searched = dict(self._policy.named_parameters())
-        self.generator = torch.Generator().manual_seed(seed)
+        self.generator = torch.Generator().manual_seed(options.seed)
         self.mean = torch.zeros_like(parameters_to_vector(self._searched.values()).detach())
         self.std = torch.full_like(self.mean, settings.initial_std)
         self._write_mean()
@@ -217,7 +217,7 @@ class CrossEntropy:
         """The policy of the mean weights."""
         return self.env.player.policy(self.network, greedy)
 
-    def state_dict(self) -> dict[str, Any]:
+    def state_dict(self) -> State:
         """The distribution, its random state and the frames; the mean also as a network."""
         return {
             "network": self.network.state_dict(),
@@ -227,7 +227,7 @@ class CrossEntropy:
             "frames": self.frames,
         }
 
-    def load_state_dict(self, state: dict[str, Any]) -> None:
+    def load_state_dict(self, state: State) -> None:
         """Restore the state; the next generation starts new episodes."""
         self.network.load_state_dict(state["network"])
         self.mean, self.std = state["mean"], state["std"]
@@ -248,13 +248,8 @@ def check_player(settings: CrossEntropySettings, player: Player) -> None:
     )
 
 
-def network_of(settings: CrossEntropySettings, player: Player, how: Build) -> ActorCritic:
+def network_of(settings: CrossEntropySettings, player: Player, options: Build) -> ActorCritic:
     """A new policy network for the player; its value function is not used."""
     hidden = Hidden(settings.width, settings.activation, form="dense")
     action_std = settings.action_std if player.continuous else None
     return ActorCritic(player.features, player.num_actions, hidden, action_std=action_std)
-
-
-def build(settings: CrossEntropySettings, env: LockstepEnv, how: Build) -> CrossEntropy:
-    """A cross-entropy learner for an environment."""
-    return CrossEntropy(settings, env, network_of(settings, env.player, how), how.seed)

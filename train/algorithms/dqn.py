@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import ClassVar
 
 import torch
 
 from curricula import linear
 from pursuit.observations.masks import ACTION_MASK
 from train.algorithms.collector import NEXT_MASK, Collector, Columns
-from train.algorithms.learner import Build, VecEnv
+from train.algorithms.learner import Build, HasState, VecEnv
 from train.algorithms.off_policy import OffPolicyLearner
-from train.algorithms.replay import Batch, mean
+from train.algorithms.replay import Batch, weighted_mean
 from train.networks.distributions import masked
 from train.networks.policy import Player
 from train.networks.q_network import QNetwork
@@ -24,29 +24,23 @@ class DQN(OffPolicyLearner):
     Args:
         settings: the hyperparameters.
         env: the training environment.
-        network: action values.
-        target: the target network.
-        device: of both networks.
-        seed: of the draws from the replay buffer.
+        options: of this machine.
 
     Attributes:
+        network, target: action values; the target network.
         epsilon: probability of a random action.
     """
 
+    NO_DISTRIBUTION: ClassVar[str] = "dqn learns no distribution over actions"
+    settings: DQNSettings
     network: QNetwork
 
-    def __init__(
-        self,
-        settings: DQNSettings,
-        env: VecEnv,
-        network: QNetwork,
-        target: QNetwork,
-        device: str,
-        seed: int,
-    ) -> None:
-        collector = Collector(env, self.act, settings.rollout_steps, 0, device, keep_next=True)
-        super().__init__(settings, env, network, collector, device, seed)
-        self.settings, self.target, self.epsilon = settings, target, 1.0
+    def __init__(self, settings: DQNSettings, env: VecEnv, options: Build) -> None:
+        network, self.target = (network_of(settings, env.player, options) for _ in range(2))
+        steps = settings.rollout_steps
+        collector = Collector(env, self.act, steps, 0, options.device, keep_next=True)
+        super().__init__(settings, env, network, collector, options.device, options.seed)
+        self.epsilon = 1.0
         self.target.load_state_dict(network.state_dict())
 
     @property
@@ -86,20 +80,9 @@ class DQN(OffPolicyLearner):
         self.descend(loss)
         return error, {"loss": loss.detach(), "td_error": error.mean()}
 
-    def policy(self, greedy: bool = True) -> Any:
-        """The greedy policy; otherwise ValueError, as action values are not a distribution."""
-        if not greedy:
-            raise ValueError("dqn learns no distribution over actions; use the greedy policy")
-        return super().policy()
-
-    def state_dict(self) -> dict[str, Any]:
-        """The state, with the target network and the replay buffer."""
-        return super().state_dict() | {"target": self.target.state_dict()}
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Restore the state."""
-        super().load_state_dict(state)
-        self.target.load_state_dict(state["target"])
+    def parts(self) -> dict[str, HasState]:
+        """As of `NetworkLearner`, with the target network."""
+        return {**super().parts(), "target": self.target}
 
 
 def dqn_loss(
@@ -136,16 +119,10 @@ def dqn_loss(
     discount = gamma ** batch["steps"] * ~batch["terminated"]
     goal = batch["reward"] + discount * next_value
     error = values.gather(-1, batch["action"][:, None]).squeeze(-1) - goal
-    return mean(error.square(), batch), error.detach().abs()
+    return weighted_mean(error.square(), batch), error.detach().abs()
 
 
 def network_of(settings: DQNSettings, player: Player, build: Build) -> QNetwork:
     """A new action value network for the player."""
     sizes = (player.features, player.num_actions, build.hidden(settings))
     return QNetwork(*sizes, settings.dueling, build.fused).to(build.device)
-
-
-def build(settings: DQNSettings, env: VecEnv, how: Build) -> DQN:
-    """A DQN learner for an environment."""
-    network, target = (network_of(settings, env.player, how) for _ in range(2))
-    return DQN(settings, env, network, target, how.device, how.seed)

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import torch
+from tensordict import TensorDictBase
+from torch import nn
+from torch.optim import Adam
+from torchrl.data import Composite, TensorSpec
 
 from curricula import linear
 from pursuit.observations.masks import ACTION_MASK
@@ -14,8 +18,9 @@ from pursuit.simulator.policy import Policy
 from pursuit.validation import raised
 from train.environments.hooks import EpisodeHook
 from train.networks.layers import Hidden
-from train.networks.policy import Network, Player
+from train.networks.policy import Player
 from train.settings.algorithms import NetworkSettings
+from train.tensors import State
 
 
 class VecEnv(Protocol):
@@ -37,24 +42,38 @@ class VecEnv(Protocol):
         """The learning agent."""
 
     @property
-    def observation_spec(self) -> Any:
+    def observation_spec(self) -> Composite:
         """TorchRL's spec of the observations."""
 
     @property
-    def action_spec(self) -> Any:
+    def action_spec(self) -> TensorSpec:
         """TorchRL's spec of the actions."""
 
-    def reset(self) -> Any:
-        """Reset all games; a TensorDict of observations."""
+    def reset(self) -> TensorDictBase:
+        """Reset all games; returns the observations."""
 
-    def step_and_maybe_reset(self, tensordict: Any) -> Any:
+    def step_and_maybe_reset(
+        self, tensordict: TensorDictBase
+    ) -> tuple[TensorDictBase, TensorDictBase]:
         """A step with "action", which writes "next"; also returns the input of the next step."""
 
-    def step_episodes(self, actions: torch.Tensor, running: torch.Tensor) -> Any:
+    def step_episodes(
+        self, actions: torch.Tensor, running: torch.Tensor
+    ) -> dict[str, torch.Tensor]:
         """A step without restarts, for learning from whole episodes."""
 
 
-def has_masks(env: Any) -> bool:
+class HasState(Protocol):
+    """A part of a learner with a state of its own: a network, an optimiser, noise."""
+
+    def state_dict(self) -> State:
+        """Tensors and plain values."""
+
+    def load_state_dict(self, state_dict: State) -> object:
+        """Restore the state."""
+
+
+def has_masks(env: VecEnv) -> bool:
     """Whether a TorchRL environment provides an "action_mask"."""
     return ACTION_MASK in env.observation_spec.keys()  # noqa: SIM118 (its `in` wants .keys())
 
@@ -82,14 +101,14 @@ class Learner(Protocol):
             ValueError: not greedy, and the algorithm learns no distribution.
         """
 
-    def state_dict(self) -> dict[str, Any]:
+    def state_dict(self) -> State:
         """Tensors and plain values from which a learner resumes exactly.
 
         All tensors must be finite; otherwise the run stops as diverged.
         The run saves the state of the games and torch's random state.
         """
 
-    def load_state_dict(self, state: dict[str, Any]) -> None:
+    def load_state_dict(self, state: State) -> None:
         """Restore a `state_dict`; raises one of `MISFITS` where it does not match."""
 
     def close(self) -> None:
@@ -121,23 +140,29 @@ class Build:
 
     def hidden(self, settings: NetworkSettings) -> Hidden:
         """The configuration of the hidden layers."""
-        form: Any = None if self.first_layer == "auto" else self.first_layer
-        rest = (settings.activation, settings.first_std, form, self.bfloat16, settings.recurrent)
-        return Hidden(settings.width, *rest)
+        return Hidden(
+            settings.width,
+            settings.activation,
+            settings.first_std,
+            self.first_layer,
+            self.bfloat16,
+            settings.recurrent,
+        )
 
 
 def network_loader(
-    network_of: Callable[[Any, Player, Build], Network],
-) -> Callable[[Any, Player, dict[str, Any], bool], Policy]:
+    network_of: Callable[[Any, Player, Build], nn.Module],
+) -> Callable[[Any, Player, State, bool], Policy]:
     """A function that makes a policy, on the CPU, from the state of a learner.
 
     It raises one of `MISFITS` for the state of other settings.
     """
 
-    def load(settings: Any, player: Player, state: dict[str, Any], greedy: bool = True) -> Policy:
+    def load(settings: Any, player: Player, state: State, greedy: bool = True) -> Policy:
         network = network_of(settings, player, Build())
         network.load_state_dict(state["network"])
-        return player.policy(network.eval(), greedy)
+        policy: Policy = player.policy(network.eval(), greedy)
+        return policy
 
     return load
 
@@ -157,8 +182,8 @@ def clip_gradients(parameters: list[torch.nn.Parameter], most: float) -> None:
         parameters: with gradients.
         most: the largest norm.
     """
-    gradients: Any = [weight.grad for weight in parameters if weight.grad is not None]
-    norm = torch.linalg.vector_norm(torch.stack(torch._foreach_norm(gradients)))
+    gradients = [weight.grad for weight in parameters if weight.grad is not None]
+    norm = torch.linalg.vector_norm(torch.stack(list(torch._foreach_norm(gradients))))
     scale = (most / (norm + 1e-6)).clamp(max=1.0)
     if not scale.is_cpu or float(scale) != 1.0:  # no synchronisation with a GPU
         torch._foreach_mul_(gradients, scale)
@@ -191,13 +216,13 @@ def step_adam(optimizer: torch.optim.Adam) -> None:
         )  # fmt: skip
 
 
-def averaged_buffers(network: Network) -> list[torch.Tensor]:
+def averaged_buffers(network: nn.Module) -> list[torch.Tensor]:
     """The buffers of a network with real numbers, such as statistics of batches."""
     return [each for each in network.buffers() if each.is_floating_point()]
 
 
 class NetworkLearner:
-    """The base class of learners with a network and Adam.
+    """The base class of learners with networks and Adam.
 
     Args:
         settings: the hyperparameters.
@@ -206,24 +231,32 @@ class NetworkLearner:
         device: of the network.
 
     Attributes:
+        settings, env, network, device: the arguments.
+        optimizer: of the network.
+        rates: every optimiser, with its initial learning rate.
         average: replaces tensors by their means over data parallel processes; None for one process.
+        COUNTERS: the numbers in checkpoints, by the names of attributes.
+        NO_DISTRIBUTION: why `policy` must be greedy; "" if it need not be.
     """
 
+    COUNTERS: ClassVar[tuple[str, ...]] = ("frames",)
+    NO_DISTRIBUTION: ClassVar[str] = ""
     average: Callable[[list[torch.Tensor]], None] | None = None
 
     def __init__(
-        self, settings: NetworkSettings, env: VecEnv, network: Network, device: str
+        self, settings: NetworkSettings, env: VecEnv, network: nn.Module, device: str
     ) -> None:
-        self.env, self.network, self.device = env, network, device
-        self._descent = settings
+        self.settings, self.env, self.network, self.device = settings, env, network, device
         self.frames = 0
-        self.optimizer = torch.optim.Adam(
-            network.parameters(),
-            lr=settings.learning_rate,
-            betas=(settings.adam_beta1, 0.999),
-            eps=settings.adam_epsilon,
-            fused=True,
-        )
+        self.rates: list[tuple[Adam, float]] = []
+        self.optimizer = self.new_optimizer(network.parameters(), settings.learning_rate)
+
+    def new_optimizer(self, weights: Iterable[torch.Tensor], learning_rate: float) -> Adam:
+        """Adam for these weights; `set_schedules` anneals its learning rate."""
+        betas, epsilon = (self.settings.adam_beta1, 0.999), self.settings.adam_epsilon
+        optimizer = Adam(weights, lr=learning_rate, betas=betas, eps=epsilon, fused=True)
+        self.rates.append((optimizer, learning_rate))
+        return optimizer
 
     @property
     def update_form(self) -> str:
@@ -232,51 +265,58 @@ class NetworkLearner:
 
     def annealed(self, value: float, progress: float, end: float = 0.0) -> float:
         """`value` annealed linearly to `end` if the settings say so."""
-        return linear(value, end, progress) if self._descent.anneal else value
+        return linear(value, end, progress) if self.settings.anneal else value
 
-    def descend(self, loss: torch.Tensor) -> None:
-        """One step of Adam, with the gradient clipped to the norm `max_grad_norm`."""
+    def set_schedules(self, progress: float) -> None:
+        """Set learning rates and, for PPO, the discount; `progress` in [0, 1] of the budget."""
+        for optimizer, learning_rate in self.rates:
+            optimizer.param_groups[0]["lr"] = self.annealed(learning_rate, progress)
+
+    def descend(self, loss: torch.Tensor, optimizer: Adam | None = None) -> None:
+        """One step of Adam (None: of `optimizer`), with the gradient clipped to the norm
+        `max_grad_norm`."""
+        optimizer = optimizer or self.optimizer
         # Listing a network's parameters takes longer than the norm of a gradient.
-        weights = self.optimizer.param_groups[0]["params"]
-        for weight in weights:
+        for weight in optimizer.param_groups[0]["params"]:
             weight.grad = None
         backward(loss)
-        self.descend_by_gradients()
+        self.descend_by_gradients(optimizer)
 
-    def descend_by_gradients(self) -> None:
+    def descend_by_gradients(self, optimizer: Adam | None = None) -> None:
         """One step of Adam with the gradients in `grad`, clipped likewise."""
-        weights = self.optimizer.param_groups[0]["params"]
+        optimizer = optimizer or self.optimizer
+        weights = optimizer.param_groups[0]["params"]
         if self.average is not None:
             gradients = [weight.grad for weight in weights if weight.grad is not None]
             self.average(gradients + averaged_buffers(self.network))
-        clip_gradients(weights, self._descent.max_grad_norm)
-        step_adam(self.optimizer)
+        clip_gradients(weights, self.settings.max_grad_norm)
+        step_adam(optimizer)
         # Cached tables of a policy compare the versions of the weights, which a fused step does not
         # increment.
         torch.autograd.graph.increment_version(weights)
 
-    def set_schedules(self, progress: float) -> None:
-        """Set learning rates and, for rollout learners, the discount; `progress` in [0, 1] of the
-        budget."""
-        self.optimizer.param_groups[0]["lr"] = self.annealed(self._descent.learning_rate, progress)
-
     def policy(self, greedy: bool = True) -> Policy:
         """The policy of the player with this network."""
-        return self.env.player.policy(self.network, greedy)
+        if not greedy and self.NO_DISTRIBUTION:
+            raise ValueError(f"{self.NO_DISTRIBUTION}; use the greedy policy")
+        policy: Policy = self.env.player.policy(self.network, greedy)
+        return policy
 
-    def state_dict(self) -> dict[str, Any]:
-        """Weights, Adam's moments and the frames."""
-        return {
-            "network": self.network.state_dict(),
-            "optimizer": self.optimizer.state_dict(),
-            "frames": self.frames,
-        }
+    def parts(self) -> dict[str, HasState]:
+        """What has a state of its own, by the names in checkpoints."""
+        return {"network": self.network, "optimizer": self.optimizer}
 
-    def load_state_dict(self, state: dict[str, Any]) -> None:
+    def state_dict(self) -> State:
+        """The states of the parts, such as weights and Adam's moments, and the counters."""
+        counters = {name: getattr(self, name) for name in self.COUNTERS}
+        return {name: part.state_dict() for name, part in self.parts().items()} | counters
+
+    def load_state_dict(self, state: State) -> None:
         """Restore the state."""
-        self.network.load_state_dict(state["network"])
-        self.optimizer.load_state_dict(state["optimizer"])
-        self.frames = state["frames"]
+        for name, part in self.parts().items():
+            part.load_state_dict(state[name])
+        for name in self.COUNTERS:
+            setattr(self, name, state[name])
 
     def close(self) -> None:
         """Nothing to release."""

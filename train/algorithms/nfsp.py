@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import ClassVar
 
 import torch
 
 from pursuit.observations.masks import ACTION_MASK
+from pursuit.simulator.policy import Policy
 from train.algorithms.collector import Columns
 from train.algorithms.dqn import DQN, network_of
-from train.algorithms.learner import Build, VecEnv, backward, clip_gradients, step_adam
+from train.algorithms.learner import Build, HasState, VecEnv
 from train.algorithms.replay import Batch, Replay
 from train.networks.distributions import Categorical
-from train.networks.q_network import QNetwork
 from train.settings.off_policy import NFSPSettings
+from train.tensors import State
 
 
 class NFSP(DQN):
@@ -29,41 +30,25 @@ class NFSP(DQN):
     Args:
         settings: the hyperparameters.
         env: the training environment.
-        network: action values of the best response.
-        target: its target network.
-        average: the average policy; its outputs are logits.
-        device: of the networks.
-        seed: of the draws from both buffers.
+        options: of this machine.
 
     Attributes:
-        average_network: of the average policy.
+        average_network: the average policy; its outputs are logits.
         reservoir: observations and actions of best responses.
         responding: [games] bool, which games are played by the best response.
     """
 
+    NO_DISTRIBUTION: ClassVar[str] = ""
     settings: NFSPSettings
 
-    def __init__(
-        self,
-        settings: NFSPSettings,
-        env: VecEnv,
-        network: QNetwork,
-        target: QNetwork,
-        average: QNetwork,
-        device: str,
-        seed: int,
-    ) -> None:
-        super().__init__(settings, env, network, target, device, seed)
-        self.average_network = average
-        self.average_optimizer = torch.optim.Adam(
-            average.parameters(),
-            lr=settings.average_learning_rate,
-            betas=(settings.adam_beta1, 0.999),
-            eps=settings.adam_epsilon,
-            fused=True,
-        )
+    def __init__(self, settings: NFSPSettings, env: VecEnv, options: Build) -> None:
+        super().__init__(settings, env, options)
+        self.average_network = network_of(settings, env.player, options)
+        weights, rate = self.average_network.parameters(), settings.average_learning_rate
+        self.average_optimizer = self.new_optimizer(weights, rate)
         self.reservoir = Reservoir(settings.reservoir_size, self.generator)
-        self.responding = torch.zeros(env.action_spec.shape[0], dtype=torch.bool, device=device)
+        games = env.action_spec.shape[0]
+        self.responding = torch.zeros(games, dtype=torch.bool, device=options.device)
 
     def act(self, seen: Columns, state: torch.Tensor) -> tuple[Columns, torch.Tensor]:
         """Actions of the best response or of the average policy, chosen for whole episodes."""
@@ -82,12 +67,6 @@ class NFSP(DQN):
         names = ["observation", "action", *([ACTION_MASK] if self.masks else [])]
         self.reservoir.extend({name: rollout[name][responding].cpu() for name in names})
 
-    def set_schedules(self, progress: float) -> None:
-        """Set both learning rates."""
-        super().set_schedules(progress)
-        rate = self.annealed(self.settings.average_learning_rate, progress)
-        self.average_optimizer.param_groups[0]["lr"] = rate
-
     def learn(self, batch: Batch) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
         """A gradient step of the best response, and one of the average policy."""
         error, figures = super().learn(batch)
@@ -101,38 +80,32 @@ class NFSP(DQN):
         batch = {name: column.to(self.device) for name, column in drawn.items()}
         logits = self.average_network.forward_inference(batch["observation"])
         loss = -Categorical(logits, batch.get(ACTION_MASK)).log_prob(batch["action"]).mean()
-        weights = self.average_optimizer.param_groups[0]["params"]
-        self.average_optimizer.zero_grad()
-        backward(loss)
-        clip_gradients(weights, self.settings.max_grad_norm)
-        step_adam(self.average_optimizer)
-        torch.autograd.graph.increment_version(weights)  # as in `NetworkLearner`
+        self.descend(loss, self.average_optimizer)
         return loss.detach()
 
-    def policy(self, greedy: bool = True) -> Any:
+    def policy(self, greedy: bool = True) -> Policy:
         """The average policy."""
         return self.env.player.policy(self.average_network, greedy)
 
-    def state_dict(self) -> dict[str, Any]:
-        """The state; "network" has the weights of the average policy, which snapshots keep."""
-        state = super().state_dict()
-        return state | {
-            "network": self.average_network.state_dict(),
-            "response": state["network"],
-            "average_optimizer": self.average_optimizer.state_dict(),
-            "reservoir": self.reservoir.state_dict(),
-            "responding": self.responding.cpu(),
-            "memory": self.collector.state_dict(),
+    def parts(self) -> dict[str, HasState]:
+        """As of DQN; "network" is the average policy, which snapshots keep."""
+        return {
+            **super().parts(),
+            "network": self.average_network,
+            "response": self.network,
+            "average_optimizer": self.average_optimizer,
+            "reservoir": self.reservoir,
+            "memory": self.collector,
         }
 
-    def load_state_dict(self, state: dict[str, Any]) -> None:
+    def state_dict(self) -> State:
+        """The state, with the games of the best response."""
+        return super().state_dict() | {"responding": self.responding.cpu()}
+
+    def load_state_dict(self, state: State) -> None:
         """Restore the state."""
-        super().load_state_dict({**state, "network": state["response"]})
-        self.average_network.load_state_dict(state["network"])
-        self.average_optimizer.load_state_dict(state["average_optimizer"])
-        self.reservoir.load_state_dict(state["reservoir"])
+        super().load_state_dict(state)
         self.responding = state["responding"].to(self.device)
-        self.collector.load_state_dict(state["memory"])
 
 
 class Reservoir(Replay):
@@ -158,9 +131,3 @@ class Reservoir(Replay):
             column.numpy()[place] = rows[name][kept].numpy()  # of equal places the last one is kept
         self.cursor += count
         self._filled = min(self.cursor, self.capacity)
-
-
-def build(settings: NFSPSettings, env: VecEnv, how: Build) -> NFSP:
-    """An NFSP learner for an environment."""
-    network, target, average = (network_of(settings, env.player, how) for _ in range(3))
-    return NFSP(settings, env, network, target, average, how.device, how.seed)

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Any
+from typing import ClassVar
 
 import torch
+from torch import nn
 
 from curricula import linear
 from train.algorithms.collector import Collector, Columns
 from train.algorithms.learner import NetworkLearner, VecEnv, has_masks, means
 from train.algorithms.prioritized import Priorities
 from train.algorithms.replay import Batch, Replay, n_step_rows
-from train.networks.policy import Network
 from train.settings.off_policy import ReplaySettings
+from train.tensors import State
 
 
 class OffPolicyLearner(NetworkLearner, ABC):
@@ -30,18 +31,20 @@ class OffPolicyLearner(NetworkLearner, ABC):
         seed: of the draws from the replay buffer.
     """
 
+    COUNTERS: ClassVar[tuple[str, ...]] = ("frames", "updates")
+    settings: ReplaySettings
+
     def __init__(
         self,
         settings: ReplaySettings,
         env: VecEnv,
-        network: Network,
+        network: nn.Module,
         collector: Collector,
         device: str,
         seed: int,
     ) -> None:
         super().__init__(settings, env, network, device)
-        self.replayed, self.updates = settings, 0
-        self.masks, self.collector = has_masks(env), collector
+        self.updates, self.masks, self.collector = 0, has_masks(env), collector
         self.beta, exponent = settings.importance_exponent, settings.priority_exponent
         priorities = Priorities(settings.buffer_size, exponent) if settings.prioritized else None
         self.generator = torch.Generator().manual_seed(seed)
@@ -50,8 +53,8 @@ class OffPolicyLearner(NetworkLearner, ABC):
     @property
     def learning(self) -> bool:
         """Whether gradient steps are taken yet."""
-        enough = len(self.replay) >= self.replayed.batch_size
-        return enough and self.frames >= self.replayed.learning_starts
+        enough = len(self.replay) >= self.settings.batch_size
+        return enough and self.frames >= self.settings.learning_starts
 
     @abstractmethod
     def explore(self, progress: float) -> dict[str, float]:
@@ -63,7 +66,7 @@ class OffPolicyLearner(NetworkLearner, ABC):
 
     def iterate(self, progress: float) -> dict[str, float]:
         """Collect one rollout into the buffer, and take `gradient_steps` from it."""
-        settings = self.replayed
+        settings = self.settings
         self.set_schedules(progress)
         figures = self.explore(progress)
         if settings.prioritized:  # Schaul et al. (2016), section 3.4
@@ -75,15 +78,15 @@ class OffPolicyLearner(NetworkLearner, ABC):
         logged: list[dict[str, torch.Tensor]] = []
         for _ in range(settings.gradient_steps):
             batch = self.sample()
-            error, found = self.learn(batch)
+            error, values = self.learn(batch)
             if settings.prioritized:
                 self.replay.update(batch["index"], error)
-            logged.append(found)
+            logged.append(values)
         return {**figures, **means(logged)}
 
     def sample(self) -> Columns:
         """A minibatch from the buffer, on the device of the networks."""
-        batch = self.replay.draw(self.replayed.batch_size, self.beta)
+        batch = self.replay.draw(self.settings.batch_size, self.beta)
         if self.device == "cpu":
             return batch
         return {name: column.to(self.device) for name, column in batch.items()}
@@ -91,14 +94,13 @@ class OffPolicyLearner(NetworkLearner, ABC):
     def store(self, rollout: Columns) -> None:
         """Add the n-step transitions of a rollout [games, steps] to the buffer."""
         self.frames += rollout["reward"].numel()
-        self.replay.extend(n_step_rows(rollout, self.replayed.gamma, self.replayed.n_steps))
+        self.replay.extend(n_step_rows(rollout, self.settings.gamma, self.settings.n_steps))
 
-    def state_dict(self) -> dict[str, Any]:
+    def state_dict(self) -> State:
         """The state, with the replay buffer and its priorities."""
-        return super().state_dict() | {"updates": self.updates} | self.replay.state_dict()
+        return super().state_dict() | self.replay.state_dict()
 
-    def load_state_dict(self, state: dict[str, Any]) -> None:
+    def load_state_dict(self, state: State) -> None:
         """Restore the state."""
         super().load_state_dict(state)
-        self.updates = state["updates"]
         self.replay.load_state_dict(state)

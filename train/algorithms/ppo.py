@@ -1,24 +1,26 @@
-"""Proximal policy optimisation (PPO)."""
+"""Proximal policy optimisation (PPO): the loss, and the learner that A2C and others are made of."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Any
+import math
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, ClassVar, Self
 
 import torch
 
 from pursuit.observations.masks import ACTION_MASK
 from train.algorithms.advantages import standardized
-from train.algorithms.fused_rollouts import Frames, select
-from train.algorithms.learner import Build, VecEnv, means
-from train.algorithms.rollouts import Figures, RolloutLearner, actor_critic_of
+from train.algorithms.fused_rollouts import FusedUpdate, fused_update
+from train.algorithms.learner import Build, NetworkLearner, VecEnv, means
+from train.algorithms.rollouts import Figures, Frames, TorchUpdate, actor_critic_of, select
 from train.networks.actor_critic import ActorCritic
 from train.networks.distributions import DISTRIBUTION
 from train.networks.fused_actor_critic import LossCoefficients
 from train.settings.algorithms import PPOSettings
+from train.tensors import State
 
 
-class PPO(RolloutLearner):
+class PPO(NetworkLearner):
     """Schulman et al. (2017) with generalised advantages (Schulman et al., 2016).
 
     Args:
@@ -30,8 +32,16 @@ class PPO(RolloutLearner):
         fused: whether the fused update is used where possible.
 
     Attributes:
+        update: collects rollouts and computes gradients: a `FusedUpdate` where possible, else a
+            `TorchUpdate` of `loss`.
         kl_coef: weight of the KL penalty; adapted after each rollout if there is a target.
+        gamma: the current discount.
+        frames_of_row: number of frames in a row of `collect`.
     """
+
+    COUNTERS: ClassVar[tuple[str, ...]] = ("frames", "kl_coef")
+    settings: PPOSettings
+    network: ActorCritic
 
     def __init__(
         self,
@@ -41,56 +51,56 @@ class PPO(RolloutLearner):
         device: str = "cpu",
         fused: bool = True,
     ) -> None:
-        penalised, custom = settings.kl_target > 0, type(self).loss is not PPO.loss
-        super().__init__(
-            settings,
-            env,
-            network,
-            device,
-            gae_lambda=settings.gae_lambda if settings.critic else 1.0,
-            critic=settings.critic,
-            keep_distribution=penalised or custom,
-            fused=fused and not custom,
-        )
-        self.settings = settings
-        self.kl_coef = settings.kl_coef if penalised else 0.0
+        super().__init__(settings, env, network, device)
+        self.kl_coef = settings.kl_coef if settings.kl_target > 0 else 0.0
+        self.gamma = settings.gamma
+        self.frames_of_row = settings.rollout_steps if network.policy_memory is not None else 1
+        self.update = self._choose_update(fused)
+
+    @classmethod
+    def build(cls, settings: Any, env: VecEnv, options: Build) -> Self:
+        """A learner with a new network for an environment."""
+        network = actor_critic_of(settings, env.player, options)
+        return cls(settings, env, network, options.device, options.fused)
 
     def iterate(self, progress: float) -> dict[str, float]:
         """Collect one rollout and learn from it; `progress` in [0, 1] of the budget.
 
-        `self.update` collects and computes gradients: `TorchUpdate` with the loss `ppo_loss` below,
-        or for small networks on the CPU `FusedUpdate`, which computes the same with kernels
-        (`RolloutLearner._choose_update` selects it).
+        `self.update` collects and computes gradients. By default, with a small network on the CPU,
+        it is a `FusedUpdate`, with kernels; it computes the same as a `TorchUpdate` with the loss
+        `ppo_loss` below, which supports everything.
 
         Returns:
             Means over the gradient steps: the losses, the entropy, the clipped share and so on.
         """
-        settings = self.settings
         self.set_schedules(progress)
-        coefficients = LossCoefficients(
-            settings.clip,
-            settings.value_coef if settings.critic else None,
-            self.annealed(settings.entropy_coef, progress, settings.entropy_end),
-            settings.standardize_advantages,
-            kl_coef=self.kl_coef,
-        )
+        coefficients = self.coefficients(progress)
         frames = self.collect()  # with advantages
-        rows = len(frames["advantage"])
-        # A team with idle agents gives fewer frames than were collected.
-        size = min(max(settings.minibatch_size // self.frames_of_row, 1), rows)
         logged: list[Figures] = []
-        for _ in range(settings.epochs):
-            for chosen in torch.split(torch.randperm(rows, device=self.device), size):
-                if len(chosen) < size:
-                    continue
-                minibatch = select(frames, chosen)
-                active = minibatch.get("loss_mask")
-                if active is None or active.any():  # sequences of captured agents have no frames
-                    logged.append(self.update.set_gradients(minibatch, coefficients))
-                    self.descend_by_gradients()
+        for minibatch in self.minibatches(frames):
+            active = minibatch.get("loss_mask")
+            if active is None or active.any():  # sequences of captured agents have no frames
+                logged.append(self.update.set_gradients(minibatch, coefficients))
+                self.descend_by_gradients()
         if self.kl_coef and logged:
             self._adapt_kl_coef(logged[-1]["kl"])
         return means(logged)
+
+    def collect(self) -> Frames:
+        """A rollout with advantages, as the input of `ActorCritic.forward_sequence`."""
+        settings = self.settings
+        self.frames += settings.rollout_steps * self.env.action_spec.shape[0]
+        return self.update.collect(self.gamma, settings.gae_lambda if settings.critic else 1.0)
+
+    def minibatches(self, frames: Frames) -> Iterator[Frames]:
+        """In each epoch the frames of a rollout, in a new random order, in parts of equal size."""
+        rows = len(frames["advantage"])
+        # A team with idle agents gives fewer frames than were collected.
+        size = min(max(self.settings.minibatch_size // self.frames_of_row, 1), rows)
+        for _ in range(self.settings.epochs):
+            for chosen in torch.split(torch.randperm(rows, device=self.device), size):
+                if len(chosen) == size:
+                    yield select(frames, chosen)
 
     def loss(
         self, minibatch: Frames, coefficients: LossCoefficients
@@ -98,24 +108,61 @@ class PPO(RolloutLearner):
         """`ppo_loss`, which the torch update minimises; the fused one has kernels for it."""
         return ppo_loss(self.network, minibatch, coefficients)
 
-    def _adapt_kl_coef(self, found: torch.Tensor) -> None:
+    def coefficients(self, progress: float) -> LossCoefficients:
+        """The coefficients of the loss."""
+        settings = self.settings
+        return LossCoefficients(
+            settings.clip,
+            settings.value_coef if settings.critic else None,
+            self.annealed(settings.entropy_coef, progress, settings.entropy_end),
+            settings.standardize_advantages,
+            self.kl_coef,
+        )
+
+    def set_schedules(self, progress: float) -> None:
+        """Set also the discount."""
+        super().set_schedules(progress)
+        self.gamma = self.settings.gamma_at(progress)
+
+    def _adapt_kl_coef(self, divergence: torch.Tensor) -> None:
         """Schulman et al. (2017), section 4, with the thresholds of RLlib."""
         if self.average is not None:
-            self.average([found])
-        divergence = float(found)
-        if divergence > 2.0 * self.settings.kl_target:
+            self.average([divergence])
+        if float(divergence) > 2.0 * self.settings.kl_target:
             self.kl_coef *= 1.5
-        elif divergence < 0.5 * self.settings.kl_target:
+        elif float(divergence) < 0.5 * self.settings.kl_target:
             self.kl_coef *= 0.5
 
-    def state_dict(self) -> dict[str, Any]:
-        """The state, with the weight of the KL penalty."""
-        return {**super().state_dict(), "kl_coef": self.kl_coef}
+    def _choose_update(self, fused: bool) -> FusedUpdate | TorchUpdate:
+        """The fused update where its kernels support everything, else the torch update.
 
-    def load_state_dict(self, state: dict[str, Any]) -> None:
+        They need fused="auto", the built-in `loss` and `collect`, a critic and no KL target, the
+        CPU, a `LockstepEnv` without masks (`fused_update`), and a non-recurrent actor-critic on
+        `index` with one shared trunk of two layers with ReLUs (`fused_actor_critic`).
+        """
+        settings, own = self.settings, type(self)
+        custom_loss, penalised = own.loss is not PPO.loss, settings.kl_target > 0
+        custom = custom_loss or own.collect is not PPO.collect
+        sizes = (self.env, self.network, settings.rollout_steps, self.device)
+        if fused and settings.critic and not penalised and not custom:
+            update = fused_update(*sizes)
+            if update is not None:
+                return update
+        return TorchUpdate(*sizes, self.loss, settings.critic, penalised or custom_loss)
+
+    @property
+    def update_form(self) -> str:
+        """The form of the update: "fused" or "torch"."""
+        return self.update.name
+
+    def state_dict(self) -> State:
+        """The state, with the recurrent states of the games."""
+        return super().state_dict() | self.update.state_dict()
+
+    def load_state_dict(self, state: State) -> None:
         """Restore the state."""
         super().load_state_dict(state)
-        self.kl_coef = state["kl_coef"]
+        self.update.load_state_dict(state)
 
 
 def ppo_loss(
@@ -129,6 +176,10 @@ def ppo_loss(
     Equal to TorchRL's `ClipPPOLoss` with squared value errors, and advantages standardised as the
     coefficients say (tested); that has a fixed cost which slowed training of 128x128 networks to
     0.7. With `kl_coef` the penalty of `KLPENPPOLoss` is added, as in RLlib's PPO.
+
+    Without clipping it is the loss of A2C, the policy gradient, equal to TorchRL's `A2CLoss`
+    (tested): on the frames of the current policy all probability ratios are 1. On standardised
+    returns of whole episodes and their errors it is the loss of REINFORCE.
 
     Args:
         network: policy and value.
@@ -147,32 +198,28 @@ def ppo_loss(
     advantage = minibatch["advantage"]
     if coefficients.standardize:
         advantage = standardized(advantage)
-    change = distribution.log_prob(minibatch[distribution.DRAWN]) - minibatch["action_log_prob"]
-    ratio = change.exp()
-    clipped = ratio.clamp(1.0 - coefficients.clip, 1.0 + coefficients.clip)
-    objective = -torch.minimum(ratio * advantage, clipped * advantage).mean()
+    log_prob, measured = distribution.log_prob(minibatch[distribution.DRAWN]), Figures()
+    if math.isinf(coefficients.clip):
+        objective = -(log_prob * advantage).mean()
+    else:
+        change = log_prob - minibatch["action_log_prob"]
+        ratio = change.exp()
+        clipped = ratio.clamp(1.0 - coefficients.clip, 1.0 + coefficients.clip)
+        objective = -torch.minimum(ratio * advantage, clipped * advantage).mean()
+        measured["clip_fraction"] = (ratio != clipped).float().mean()
+        measured["kl_approx"] = -change.mean()
     entropy = distribution.entropy().mean()
-    total, parts = objective, {"loss_objective": objective}
+    total, terms = objective, {"loss_objective": objective}
     if coefficients.value_coef is not None:
         error = network.value_head(value_hidden).squeeze(-1) - minibatch["value_target"]
-        parts["loss_critic"] = coefficients.value_coef * error.square().mean()
-        total = total + parts["loss_critic"]
+        terms["loss_critic"] = coefficients.value_coef * error.square().mean()
+        total = total + terms["loss_critic"]
     total = total - coefficients.entropy_coef * entropy
-    parts |= {
-        "entropy": entropy,
-        "clip_fraction": (ratio != clipped).float().mean(),
-        "kl_approx": -change.mean(),
-    }
+    terms |= {"entropy": entropy, **measured}
     if coefficients.kl_coef:
-        parts["kl"] = distribution.divergence(minibatch[DISTRIBUTION]).mean()
-        total = total + coefficients.kl_coef * parts["kl"]
+        terms["kl"] = distribution.divergence(minibatch[DISTRIBUTION]).mean()
+        total = total + coefficients.kl_coef * terms["kl"]
     if penalties is not None:
         more = penalties(distribution)
-        parts, total = parts | more, total + sum(more.values())
-    return total, {name: value.detach() for name, value in parts.items()}
-
-
-def build(settings: PPOSettings, env: VecEnv, how: Build) -> PPO:
-    """A PPO learner for an environment."""
-    network = actor_critic_of(settings, env.player, how)
-    return PPO(settings, env, network, how.device, how.fused)
+        terms, total = terms | more, total + sum(more.values())
+    return total, {name: value.detach() for name, value in terms.items()}

@@ -21,6 +21,7 @@ from train.environments.simulator_env import SimulatorEnv
 from train.networks.policy import Seat
 from train.settings.algorithms import QLearningSettings
 from train.settings.checks import check
+from train.tensors import State
 
 MAX_STATES = 20_000_000
 """Limit of the table's size: with four actions 320 MB, and as much for the visits."""
@@ -175,7 +176,7 @@ class QLearning:
     Args:
         settings: the hyperparameters.
         env: the training environment; its simulator is stepped directly.
-        seed: of the exploration.
+        options: have the seed of the exploration.
 
     Raises:
         ValueError: the task has too many states for a table.
@@ -185,18 +186,16 @@ class QLearning:
         visits: [states, actions] uint32.
     """
 
-    def __init__(self, settings: QLearningSettings, env: SimulatorEnv, seed: int) -> None:
+    def __init__(self, settings: QLearningSettings, env: SimulatorEnv, options: Build) -> None:
         self.settings, self.env, self.frames = settings, env, 0
         simulator = env.simulator
-        self.numbers, self.allowed = (
-            StateNumbers(simulator.task),
-            allowed_in(simulator.task, env.player.mask_bumps),
-        )
+        self.numbers = StateNumbers(simulator.task)
+        self.allowed = allowed_in(simulator.task, env.player.mask_bumps)
         shape = (self.numbers.count, simulator.task.num_actions)
         self.q_values = initial_values(self.numbers, settings.optimism)
         self.visits = np.zeros(shape, dtype=np.uint32)
         self._streams = np.zeros((simulator.num_games, 1), dtype=np.uint64)
-        own: Any = np.uint64(EXPLORATION_SEEDS + seed)
+        own: Any = np.uint64(EXPLORATION_SEEDS + options.seed)
         seed_streams(self._streams, own, simulator.first_game)
         self._actions = np.zeros((simulator.num_games, simulator.num_agents), dtype=np.int32)
         self._states = np.zeros(simulator.num_games, dtype=np.int64)
@@ -244,7 +243,7 @@ class QLearning:
         seat = self.env.player
         return QTablePolicy(seat.task, seat.agent, self.q_values, seat.mask_bumps)
 
-    def state_dict(self) -> dict[str, Any]:
+    def state_dict(self) -> State:
         """The table, the visits, the random streams and the frames."""
         return {
             "q_values": torch.from_numpy(self.q_values),
@@ -253,7 +252,7 @@ class QLearning:
             "frames": self.frames,
         }
 
-    def load_state_dict(self, state: dict[str, Any]) -> None:
+    def load_state_dict(self, state: State) -> None:
         """Restore the state; ValueError where the table has another shape."""
         self.q_values[:] = state["q_values"].numpy()
         self.visits[:] = state["visits"].numpy().view(np.uint32)
@@ -264,16 +263,11 @@ class QLearning:
         """Nothing to release."""
 
 
-def build(settings: QLearningSettings, env: SimulatorEnv, how: Build) -> QLearning:
-    """A Q-learning learner for an environment."""
-    return QLearning(settings, env, how.seed)
-
-
 def load(
-    settings: QLearningSettings, seat: Seat, state: dict[str, Any], greedy: bool = True
+    settings: QLearningSettings, seat: Seat, state: State, greedy: bool = True
 ) -> QTablePolicy:
     """The policy in a `QLearning.state_dict`; ValueError for a table of another shape."""
     shape = (StateNumbers(seat.task).count, seat.num_actions)
-    found = tuple(state["q_values"].shape)
-    check(found == shape, f"the table has shape {found} instead of {shape}")
+    saved = tuple(state["q_values"].shape)
+    check(saved == shape, f"the table has shape {saved} instead of {shape}")
     return QTablePolicy(seat.task, seat.agent, state["q_values"].numpy(), seat.mask_bumps)

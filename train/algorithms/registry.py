@@ -27,6 +27,7 @@ from train.algorithms.rollouts import actor_critic_of
 from train.networks.policy import Player, Seat
 from train.settings.algorithms import HYPERPARAMETERS, LEARNERS, Hyperparameters
 from train.settings.checks import check
+from train.tensors import State
 
 __all__ = ["ALGORITHMS", "Algorithm", "Build", "entry", "register"]
 
@@ -54,7 +55,7 @@ class Algorithm:
     name: str
     settings: type[Hyperparameters]
     build: Callable[[Any, Any, Build], Learner]
-    load: Callable[[Any, Any, dict[str, Any], bool], Policy]
+    load: Callable[[Any, Any, State, bool], Policy]
     learns_distribution: bool = True
     has_advantages: bool = False
     self_play: bool = False
@@ -97,13 +98,13 @@ class Algorithm:
         """ValueError for actions of an unsupported kind."""
         kind = "continuous" if player.continuous else "discrete"
         in_maze = isinstance(player, Seat)
-        able = [
-            name
-            for name, other in ALGORITHMS.items()
-            if kind in other.actions
-            and (in_maze or not other.tabular)
-            and not other.settings.SELF_PLAY_ONLY
-        ]
+        able = _names_of(
+            lambda other: (
+                kind in other.actions
+                and (in_maze or not other.tabular)
+                and not other.settings.SELF_PLAY_ONLY
+            )
+        )
         turned = player.continuous and "discrete" in self.actions and not self.tabular
         check(
             kind in self.actions,
@@ -118,11 +119,10 @@ class Algorithm:
 
     def check_memory(self, settings: Hyperparameters, player: Player) -> None:
         """ValueError where a recurrent network is configured but not supported."""
-        able = [name for name, other in ALGORITHMS.items() if other.recurrent]
         check(
             settings.recurrent is None or self.recurrent,
             f"recurrent={settings.recurrent!r} is not supported by {self.name}; use "
-            f"{' or '.join(able)}",
+            f"{' or '.join(_names_of(lambda other: other.recurrent))}",
         )
         check(
             settings.recurrent is None or isinstance(player, Seat),
@@ -132,7 +132,7 @@ class Algorithm:
 
     def check_self_play(self, role: str, agents: int) -> None:
         """ValueError unless it can learn for this number of agents in self-play."""
-        able = [name for name, other in ALGORITHMS.items() if other.self_play]
+        able = _names_of(lambda other: other.self_play)
         check(
             self.self_play,
             f"{role}.algorithm={self.name!r} does not support self-play; use "
@@ -141,11 +141,16 @@ class Algorithm:
         check(
             self.teams or agents == 1,
             f"{role}.algorithm={self.name!r} with {agents} {role}s; for several agents of a role "
-            f"use {' or '.join(name for name in able if ALGORITHMS[name].teams)}",
+            f"use {' or '.join(_names_of(lambda other: other.self_play and other.teams))}",
         )
 
 
 ALGORITHMS: dict[str, Algorithm] = {}
+
+
+def _names_of(condition: Callable[[Algorithm], bool]) -> list[str]:
+    """The names of the algorithms for which a condition holds."""
+    return [name for name, algorithm in ALGORITHMS.items() if condition(algorithm)]
 
 
 def register(algorithm: Algorithm) -> None:
@@ -166,12 +171,12 @@ def entry(name: str) -> Algorithm:
     """An algorithm by name, built-in or user-defined; ValueError for an unknown one."""
     if name in ALGORITHMS:
         return ALGORITHMS[name]
-    found = LEARNERS.get(name)
+    custom = LEARNERS.get(name)
     check(
-        isinstance(found, Algorithm),
-        f"algorithm {name!r} is {found!r}; give {LEARNERS.needs}",
+        isinstance(custom, Algorithm),
+        f"algorithm {name!r} is {custom!r}; give {LEARNERS.needs}",
     )
-    return replace(found, name=name)
+    return replace(custom, name=name)
 
 
 BOTH = frozenset({"discrete", "continuous"})
@@ -185,14 +190,14 @@ def _ours(name: str, build: Any, load: Any, **abilities: Any) -> None:
 
 
 _ROLLOUTS: Any = {"has_advantages": True, "self_play": True, "teams": True}
-_ours("ppo", ppo.build, _LOAD_ACTOR_CRITIC, **_ROLLOUTS, actions=BOTH, recurrent=True)
-_ours("a2c", a2c.build_a2c, _LOAD_ACTOR_CRITIC, **_ROLLOUTS, actions=BOTH, recurrent=True)
-_ours("reinforce", a2c.build_reinforce, _LOAD_ACTOR_CRITIC, actions=BOTH)
+_ours("ppo", ppo.PPO.build, _LOAD_ACTOR_CRITIC, **_ROLLOUTS, actions=BOTH, recurrent=True)
+_ours("a2c", a2c.A2C.build, _LOAD_ACTOR_CRITIC, **_ROLLOUTS, actions=BOTH, recurrent=True)
+_ours("reinforce", a2c.Reinforce.build, _LOAD_ACTOR_CRITIC, actions=BOTH)
 _GREEDY: Any = {"learns_distribution": False}
-_ours("dqn", dqn.build, network_loader(dqn.network_of), **_GREEDY, self_play=True)
+_ours("dqn", dqn.DQN, network_loader(dqn.network_of), **_GREEDY, self_play=True)
 _ours(
     "q_learning",
-    q_learning.build,
+    q_learning.QLearning,
     q_learning.load,
     **_GREEDY,
     tabular=True,
@@ -200,14 +205,14 @@ _ours(
 )
 _ours(
     "cross_entropy",
-    cross_entropy.build,
+    cross_entropy.CrossEntropy,
     network_loader(cross_entropy.network_of),
     actions=BOTH,
     check_player=cross_entropy.check_player,
 )
-_ours("ddpg", continuous.build_ddpg, _LOAD_DETERMINISTIC, **_GREEDY, actions=CONTINUOUS)
-_ours("td3", continuous.build_td3, _LOAD_DETERMINISTIC, **_GREEDY, actions=CONTINUOUS)
-_ours("sac", continuous.build_sac, network_loader(continuous.gaussian_of), actions=CONTINUOUS)
-_ours("mmd", regularized.build_mmd, _LOAD_ACTOR_CRITIC, **_ROLLOUTS)
-_ours("rnad", regularized.build_rnad, _LOAD_ACTOR_CRITIC, **_ROLLOUTS)
-_ours("nfsp", nfsp.build, network_loader(dqn.network_of), self_play=True)
+_ours("ddpg", continuous.DDPG, _LOAD_DETERMINISTIC, **_GREEDY, actions=CONTINUOUS)
+_ours("td3", continuous.TD3, _LOAD_DETERMINISTIC, **_GREEDY, actions=CONTINUOUS)
+_ours("sac", continuous.SAC, network_loader(continuous.gaussian_of), actions=CONTINUOUS)
+_ours("mmd", regularized.MMD.build, _LOAD_ACTOR_CRITIC, **_ROLLOUTS)
+_ours("rnad", regularized.RNaD.build, _LOAD_ACTOR_CRITIC, **_ROLLOUTS)
+_ours("nfsp", nfsp.NFSP, network_loader(dqn.network_of), self_play=True)

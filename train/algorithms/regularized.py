@@ -9,16 +9,16 @@ equilibrium of the game.
 from __future__ import annotations
 
 from copy import deepcopy
-from typing import Any
+from typing import ClassVar
 
 import torch
 
 from pursuit.observations.masks import ACTION_MASK
 from train.algorithms.collector import Columns
-from train.algorithms.fused_rollouts import Frames, FusedUpdate
-from train.algorithms.learner import Build, VecEnv
+from train.algorithms.fused_rollouts import FusedUpdate
+from train.algorithms.learner import HasState, VecEnv
 from train.algorithms.ppo import PPO, ppo_loss
-from train.algorithms.rollouts import Figures, TorchUpdate, actor_critic_of
+from train.algorithms.rollouts import Figures, Frames, TorchUpdate
 from train.networks.actor_critic import ActorCritic
 from train.networks.continuous import polyak_update
 from train.networks.distributions import DISTRIBUTION, Categorical
@@ -37,11 +37,15 @@ class ReferencePPO(PPO):
         env: the training environment.
         network: policy and value.
         device: of the network.
+        fused: has no effect, as there are no kernels for this.
 
     Attributes:
         reference: the network of the reference policy.
         iterations: so far.
     """
+
+    COUNTERS: ClassVar[tuple[str, ...]] = (*PPO.COUNTERS, "iterations")
+    settings: ReferenceSettings
 
     def __init__(
         self,
@@ -49,29 +53,22 @@ class ReferencePPO(PPO):
         env: VecEnv,
         network: ActorCritic,
         device: str = "cpu",
+        fused: bool = False,
     ) -> None:
-        self.reference, self.iterations = deepcopy(network).requires_grad_(False), 0
-        self.interval, self.rate = settings.reference_interval, settings.reference_rate
         super().__init__(settings, env, network, device, fused=False)
+        self.reference, self.iterations = deepcopy(network).requires_grad_(False), 0
 
     def iterate(self, progress: float) -> dict[str, float]:
         """As PPO, then an update of the reference policy when it is due."""
         figures = super().iterate(progress)
         self.iterations += 1
-        if self.iterations % self.interval == 0:
-            polyak_update(self.reference, self.network, self.rate)
+        if self.iterations % self.settings.reference_interval == 0:
+            polyak_update(self.reference, self.network, self.settings.reference_rate)
         return figures
 
-    def state_dict(self) -> dict[str, Any]:
-        """The state, with the reference policy."""
-        more = {"reference": self.reference.state_dict(), "iterations": self.iterations}
-        return super().state_dict() | more
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Restore the state."""
-        super().load_state_dict(state)
-        self.reference.load_state_dict(state["reference"])
-        self.iterations = state["iterations"]
+    def parts(self) -> dict[str, HasState]:
+        """As of PPO, with the reference policy."""
+        return {**super().parts(), "reference": self.reference}
 
 
 class MMD(ReferencePPO):
@@ -129,8 +126,8 @@ class RNaD(ReferencePPO):
 
     settings: RNaDSettings
 
-    def _choose_update(self) -> FusedUpdate | TorchUpdate:
-        update = super()._choose_update()
+    def _choose_update(self, fused: bool) -> FusedUpdate | TorchUpdate:
+        update = super()._choose_update(fused)
         assert isinstance(update, TorchUpdate)  # as fused=False
         update.edit = self.regularized
         return update
@@ -142,13 +139,3 @@ class RNaD(ReferencePPO):
         reference = Categorical(logits, rollout.get(ACTION_MASK)).log_prob(rollout["action"])
         change = self.settings.reward_coef * (rollout["action_log_prob"] - reference)
         return {**rollout, "reward": rollout["reward"] - change}
-
-
-def build_mmd(settings: MMDSettings, env: VecEnv, how: Build) -> MMD:
-    """An MMD learner for an environment."""
-    return MMD(settings, env, actor_critic_of(settings, env.player, how), how.device)
-
-
-def build_rnad(settings: RNaDSettings, env: VecEnv, how: Build) -> RNaD:
-    """An R-NaD learner for an environment."""
-    return RNaD(settings, env, actor_critic_of(settings, env.player, how), how.device)

@@ -9,6 +9,7 @@ import torch
 
 from train.algorithms.collector import NEXT_MASK, Columns
 from train.algorithms.prioritized import Priorities
+from train.tensors import State
 
 ALIGNED = 8
 """Alignment of rows, in bytes."""
@@ -17,7 +18,7 @@ Batch = Mapping[str, torch.Tensor]
 """Drawn rows, [batch, ...] by column name."""
 
 
-def mean(values: torch.Tensor, batch: Batch) -> torch.Tensor:
+def weighted_mean(values: torch.Tensor, batch: Batch) -> torch.Tensor:
     """The mean of [batch] values; with prioritised replay weighted, as in TorchRL."""
     weight = batch.get("priority_weight", None)
     return values.mean() if weight is None else (weight * values).sum() / weight.sum()
@@ -100,9 +101,9 @@ class Replay:
         assert self.priorities is not None
         self.priorities.update(index, errors.cpu())
 
-    def state_dict(self) -> dict[str, Any]:
+    def state_dict(self) -> State:
         """Every row, the cursor, the generator and the priorities; on the CPU."""
-        state: dict[str, Any] = {
+        state: State = {
             "replay": {name: _copied(rows) for name, rows in self.columns().items()},
             "cursor": self.cursor,
             "generator": self.generator.get_state(),

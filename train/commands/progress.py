@@ -13,10 +13,9 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from train.commands.parse import print_warnings
-from train.files import check_folder
+from train.files import Plain, check_folder
 from train.runs.folder import (
     CONFIG,
-    Plain,
     check_new,
     is_complete,
     load_final,

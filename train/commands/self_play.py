@@ -22,8 +22,9 @@ from train.commands.progress import (
     finish_run,
     start_or_resume,
 )
+from train.files import Plain
 from train.reports.tables import print_table
-from train.runs.folder import CURVE, REPORT, SELF_PLAY, Plain
+from train.runs.folder import CURVE, REPORT, SELF_PLAY
 from train.self_play.learners import checked_names, learning_side, unchecked_self_play
 from train.settings.algorithms import Hyperparameters
 from train.settings.checks import check

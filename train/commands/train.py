@@ -23,7 +23,8 @@ from train.commands.scores import (
 )
 from train.evaluation.arm_contest import ArmContest
 from train.evaluation.scores import Score
-from train.runs.folder import CURVE, REPLAY, REPORT, RUN, Plain
+from train.files import Plain
+from train.runs.folder import CURVE, REPLAY, REPORT, RUN
 from train.runs.pictures import draw_learning_curve, save_replay
 from train.runs.report import describe_loops, headline, of_solved, write_report
 from train.runs.tasks import default_settings, task_of

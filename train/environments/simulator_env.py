@@ -74,7 +74,7 @@ class SimulatorEnv(LockstepEnv):
         if player.frame_stack > 1:
             self.stack = FrameStack(player.seen, player.frame_stack)
             dtype = simulator.encoder(self.encoding).dtype
-            self.frames = self.stack.begun(self.num_games * members, dtype)
+            self.frames = self.stack.empty_frames(self.num_games * members, dtype)
         self._specify_observation()
 
     def _specify_observation(self) -> None:
@@ -104,7 +104,7 @@ class SimulatorEnv(LockstepEnv):
         """[games, k, *shape]: the current observations, stacked with the previous ones."""
         if self.stack is None:
             return seen
-        flat = self.stack.seen(self.frames, seen.reshape(-1, *seen.shape[2:]))
+        flat = self.stack.with_newest(self.frames, seen.reshape(-1, *seen.shape[2:]))
         return flat.reshape(*seen.shape[:2], *flat.shape[1:])
 
     def _returns(self, games: NDArray[np.bool_]) -> NDArray[Any]:

@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 
 from train.networks.features import Features
 
+Observations = NDArray[Any]
+"""Of a batch of games, [games, *shape], in the type of their encoding."""
+
 
 def stacked(features: Features, count: int) -> Features:
     """The features of `count` stacked observations, the newest first.
@@ -54,29 +57,29 @@ class FrameStack:
         self._offsets = _offsets(features, count) if self._index else None
         self._empty = len(features.rows) - 1 if self._index else 0
 
-    def begun(self, games: int, dtype: Any) -> NDArray[Any]:
+    def empty_frames(self, games: int, dtype: np.dtype[Any]) -> Observations:
         """[games, count, *shape of one], all empty."""
         return np.full((games, self.count, *self._one), self._empty, dtype=dtype)
 
-    def forget(self, frames: NDArray[Any], games: Any) -> None:
+    def forget(self, frames: Observations, games: NDArray[np.intp]) -> None:
         """Empty those of the given games, at the start of an episode."""
         frames[games] = self._empty
 
-    def concatenate(self, frames: NDArray[Any]) -> NDArray[Any]:
+    def concatenate(self, frames: Observations) -> Observations:
         """[games, *shape], a new array, from [games, count, ...] with the newest first."""
         if self._offsets is not None:
             added = frames + self._offsets.astype(frames.dtype)[:, None]
             return added.reshape(len(frames), *self.shape)
         return frames.reshape(len(frames), *self.shape).copy()
 
-    def seen(self, frames: NDArray[Any], observed: NDArray[Any]) -> NDArray[Any]:
+    def with_newest(self, frames: Observations, observed: Observations) -> Observations:
         """Writes the current observation [games, *shape of one] into `frames`, and returns
         `concatenate(frames)`."""
         frames[:, 0] = observed
         return self.concatenate(frames)
 
 
-def shift(frames: NDArray[Any]) -> None:
+def shift(frames: Observations) -> None:
     """Shift by one observation: the oldest is dropped, the newest is there twice."""
     frames[:, 1:] = frames[:, :-1].copy()
 

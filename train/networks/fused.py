@@ -54,24 +54,38 @@ class Passed(NamedTuple):
 
     Attributes:
         first: float32, the first hidden layer.
-        given: the same, in the type of the matrix products.
+        rounded: the same, in the type of the matrix products.
         second: the second hidden layer, in the type of the matrix products.
     """
 
     first: torch.Tensor
-    given: torch.Tensor
+    rounded: torch.Tensor
     second: torch.Tensor
 
 
-def hidden_layers(layers: FusedLayers, observation: torch.Tensor) -> Passed:
-    """Both hidden layers of observations [batch, numbers], without autograd."""
-    layer, second, bfloat16 = layers
+def second_layer(layers: FusedLayers) -> tuple[torch.Tensor, torch.Tensor]:
+    """Bias [width] and transposed weight [width, width] of the second layer, in the type of the
+    matrix products."""
+    form = torch.bfloat16 if layers.bfloat16 else torch.float32
+    return layers.second.bias.detach().to(form), layers.second.weight.detach().T.to(form)
+
+
+def hidden_layers(
+    layers: FusedLayers,
+    observation: torch.Tensor,
+    second: tuple[torch.Tensor, torch.Tensor] | None = None,
+) -> Passed:
+    """Both hidden layers of observations [batch, numbers], without autograd.
+
+    `second` is the result of `second_layer`, where it is known already.
+    """
+    layer = layers.first
     first = torch.empty(len(observation), len(layer.bias))
-    given = (observation, layer.rows, layer.weight.detach(), layer.bias.detach(), first)
-    first_layer(*(tensor.numpy() for tensor in given))
-    form = torch.bfloat16 if bfloat16 else torch.float32
-    rounded, bias, weight = (one.to(form) for one in (first, second.bias, second.weight.T))
-    return Passed(first, rounded, torch.addmm(bias.detach(), rounded, weight.detach()).relu_())
+    arrays = (observation, layer.rows, layer.weight.detach(), layer.bias.detach(), first)
+    first_layer(*(tensor.numpy() for tensor in arrays))
+    bias, weight = second or second_layer(layers)
+    rounded = first.to(bias.dtype)
+    return Passed(first, rounded, torch.addmm(bias, rounded, weight).relu_())
 
 
 def gradients_of(
@@ -86,7 +100,7 @@ def gradients_of(
         behind: [batch, width], the gradient before the second ReLU, in the type of the products.
     """
     layer, second, _ = layers
-    of_weight = (behind.T @ passed.given).float()
+    of_weight = (behind.T @ passed.rounded).float()
     ahead = (behind @ second.weight.detach().to(behind.dtype)).float()
     of_table, of_bias = torch.zeros_like(layer.weight), torch.zeros_like(layer.bias)
     given = (observation, layer.rows, passed.first, ahead, of_table, of_bias)

@@ -1,8 +1,8 @@
 """Fused actor-critic networks on the CPU, with explicit sampling and gradients.
 
 For small networks, half the time of PPO and A2C goes into small operations and products with few
-columns, which the kernels of `fused_kernels` replace. The functions equal `ActorCritic`, `ppo_loss`
-and `a2c_loss` up to rounding; with bfloat16 the first layer stays float32.
+columns, which the kernels of `fused_kernels` replace. The functions equal `ActorCritic` and
+`ppo_loss` up to rounding; with bfloat16 the first layer stays float32.
 """
 
 from __future__ import annotations
@@ -15,7 +15,13 @@ import torch
 
 from train.networks.actor_critic import ActorCritic
 from train.networks.distributions import Categorical
-from train.networks.fused import FusedLayers, fused_layers, gradients_of, hidden_layers
+from train.networks.fused import (
+    FusedLayers,
+    fused_layers,
+    gradients_of,
+    hidden_layers,
+    second_layer,
+)
 from train.networks.fused_kernels import below_heads, clipped_loss, draw_actions
 
 
@@ -24,12 +30,12 @@ class Drawn(NamedTuple):
 
     Attributes:
         action: [batch] int64.
-        log_prob: [batch] float32, of the action.
+        action_log_prob: [batch] float32, of the action.
         value: [batch] float32.
     """
 
     action: torch.Tensor
-    log_prob: torch.Tensor
+    action_log_prob: torch.Tensor
     value: torch.Tensor
 
 
@@ -63,6 +69,12 @@ class FusedActorCritic:
     def __init__(self, network: ActorCritic, layers: FusedLayers) -> None:
         self.layers, self.policy, self.value_head = layers, network.policy_head, network.value_head
         self._scratch = torch.empty(self.policy.out_features)
+        self.cast_weights()
+
+    @torch.no_grad()
+    def cast_weights(self) -> None:
+        """Prepare the weights for `draw` and `value`, until they change: casts and copies."""
+        self._second, self._both_heads = second_layer(self.layers), self._heads()
 
     def _heads(self) -> tuple[torch.Tensor, torch.Tensor]:
         """[actions + 1, width] and [actions + 1]: weight and bias of both heads."""
@@ -73,8 +85,8 @@ class FusedActorCritic:
     @torch.no_grad()
     def draw(self, observation: torch.Tensor) -> Drawn:
         """Actions for observations [batch, numbers], drawn with torch's generator."""
-        hidden = hidden_layers(self.layers, observation).second.float()
-        weight, bias = self._heads()
+        hidden = hidden_layers(self.layers, observation, self._second).second.float()
+        weight, bias = self._both_heads
         batch = len(observation)
         outputs = torch.empty(batch, len(bias))
         action, log_prob = torch.empty(batch, dtype=torch.int64), torch.empty(batch)
@@ -86,7 +98,7 @@ class FusedActorCritic:
     @torch.no_grad()
     def value(self, observation: torch.Tensor) -> torch.Tensor:
         """[batch]: values of observations [batch, numbers]."""
-        hidden = hidden_layers(self.layers, observation).second.float()
+        hidden = hidden_layers(self.layers, observation, self._second).second.float()
         return torch.addmv(
             self.value_head.bias.expand(len(hidden)), hidden, self.value_head.weight[0]
         )
@@ -99,11 +111,10 @@ class FusedActorCritic:
 
         Args:
             frames: [batch] "observation", "action", "action_log_prob", "advantage", "value_target".
-            coefficients: of the loss. Without clipping it is the loss of A2C: on the data of the
-                current policy the ratios are 1, so PPO's gradient is A2C's.
+            coefficients: of the loss.
 
         Returns:
-            Means over the frames for the log, as of `ppo_loss` or `a2c_loss`.
+            Means over the frames for the log, as of `ppo_loss`.
         """
         value_coef, observation = coefficients.value_coef, frames["observation"]
         assert value_coef is not None
@@ -133,13 +144,11 @@ class FusedActorCritic:
         for one, gradient in gradients.items():
             one.grad = gradient if one.requires_grad else None
         objective, error, entropy, clipped, change, gain = (sums / len(hidden)).float().unbind()
-        return {
-            "loss_objective": -gain if math.isinf(coefficients.clip) else objective,
-            "loss_critic": value_coef * error,
-            "entropy": entropy,
-            "clip_fraction": clipped,
-            "kl_approx": -change,
-        }
+        terms = {"loss_critic": value_coef * error, "entropy": entropy}
+        if math.isinf(coefficients.clip):  # the ratios are 1, so that the gradients are the same
+            return {"loss_objective": -gain, **terms}
+        measured = {"clip_fraction": clipped, "kl_approx": -change}
+        return {"loss_objective": objective, **terms, **measured}
 
 
 def _arrays(tensors: tuple[torch.Tensor, ...]) -> list[Any]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Protocol
 
 import numpy as np
 import torch
@@ -22,10 +22,8 @@ from train.networks.planning import Planning
 from train.settings.checks import check
 from train.settings.common import NETWORKS
 
-FirstLayerForm = Literal["bag", "dense"]
 
-
-def first_layer_form(num_rows: int) -> FirstLayerForm:
+def first_layer_form(num_rows: int) -> str:
     """The faster form of the first layer, as measured by `tools/benchmarks/bench_learning.py`.
 
     The cost of the matrix product grows with the rows of the weight matrix. On two cores without
@@ -42,7 +40,7 @@ class Hidden:
         width: units of each.
         activation: "relu" or "tanh".
         std: initial standard deviation of the first layer's weights for "index".
-        form: of the first layer for "index"; None for the faster one.
+        form: of the first layer for "index": "bag", "dense", or "auto" for the faster one.
         bfloat16: matrix products run under autocast; parameters and outputs stay float32.
         recurrent: the recurrent cell after them, "gru"; None for none.
     """
@@ -50,7 +48,7 @@ class Hidden:
     width: int = 128
     activation: str = "relu"
     std: float = 0.06
-    form: FirstLayerForm | None = None
+    form: str = "auto"
     bfloat16: bool = False
     recurrent: str | None = None
 
@@ -67,9 +65,7 @@ class IndexLayer(nn.Module):
 
     rows: torch.Tensor
 
-    def __init__(
-        self, features: Features, width: int, form: FirstLayerForm, std: float = 0.06
-    ) -> None:
+    def __init__(self, features: Features, width: int, form: str, std: float = 0.06) -> None:
         super().__init__()
         self.num_rows, self.form = features.num_rows, form
         self.register_buffer("rows", torch.from_numpy(features.rows), False)
@@ -96,17 +92,14 @@ class IndexLayer(nn.Module):
         if prepared.is_floating_point():
             return nn.functional.linear(prepared, self.weight[: self.num_rows].T, self.bias)
         rows = prepared.reshape(-1, prepared.shape[-1])
+        table: torch.Tensor = self.weight
+        padding: int | None = self.num_rows
         if self.form == "dense":
             # A copy of the few rows with zeros in the last row takes a sixth of the time of
             # `padding_idx`.
-            table = nn.functional.pad(self.weight[: self.num_rows], (0, 0, 0, 1))
-            found = nn.functional.embedding_bag(rows, table, mode="sum").add_(self.bias)
-            return found.reshape(*prepared.shape[:-1], -1)
-        found = nn.functional.embedding_bag(
-            rows, self.weight, mode="sum", padding_idx=self.num_rows
-        )
-        found = found + self.bias
-        return found.reshape(*prepared.shape[:-1], -1)
+            table, padding = nn.functional.pad(table[: self.num_rows], (0, 0, 0, 1)), None
+        summed = nn.functional.embedding_bag(rows, table, mode="sum", padding_idx=padding)
+        return (summed + self.bias).reshape(*prepared.shape[:-1], -1)
 
 
 class Flat(nn.Module):
@@ -193,10 +186,10 @@ class Own(nn.Module):
         example = torch.zeros(2, *self.shape, dtype=self.form)
         try:
             made = factory(features, width)
-            found: tuple[int, ...] = ()
+            output_shape: tuple[int, ...] = ()
             if isinstance(made, nn.Module):
                 with torch.no_grad(), evaluation_mode(made):  # also initialises lazy layers
-                    found = tuple(made(example).shape)
+                    output_shape = tuple(made(example).shape)
         except Exception as error:  # of the user's code
             remedy = "; convolutions need --observation planes, dense layers one_hot"
             raise ValueError(
@@ -206,8 +199,8 @@ class Own(nn.Module):
             ) from error
         check(isinstance(made, nn.Module), f"network {features.network!r} is not a torch.nn.Module")
         check(
-            found == (2, width),
-            f"network {features.network!r} returned {found} for 2 observations; return "
+            output_shape == (2, width),
+            f"network {features.network!r} returned {output_shape} for 2 observations; return "
             f"[batch, width], here {(2, width)}",
         )
         self.network = made
@@ -218,11 +211,11 @@ class Own(nn.Module):
 
     def forward(self, prepared: torch.Tensor) -> torch.Tensor:
         """[..., width] from [..., *shape]; ValueError if the network raises an exception."""
-        given, before = prepared.reshape(-1, *self.shape), prepared.dim() - len(self.shape)
+        batch, before = prepared.reshape(-1, *self.shape), prepared.dim() - len(self.shape)
         mode = nullcontext() if torch.is_grad_enabled() else evaluation_mode(self.network)
         try:
             with mode:
-                hidden: torch.Tensor = self.network(given)
+                hidden: torch.Tensor = self.network(batch)
             return hidden.reshape(*prepared.shape[:before], -1)
         except Exception as error:  # of the user's code
             raise ValueError(f"network {self.name!r} raised {raised(error)}; mend it") from error
@@ -242,7 +235,8 @@ class Trunk(nn.Module):
             return
         first: IndexLayer | Flat | Convolutions | Planning
         if features.kind == "index":
-            form = hidden.form or first_layer_form(features.num_rows)
+            auto = hidden.form == "auto"
+            form = first_layer_form(features.num_rows) if auto else hidden.form
             first = IndexLayer(features, width, form, hidden.std)
         else:
             kinds: dict[str, type[Flat | Convolutions | Planning]]
@@ -277,8 +271,15 @@ class Trunk(nn.Module):
         return hidden.float()
 
 
+class HasModules(Protocol):
+    """A network."""
+
+    def modules(self) -> Iterator[nn.Module]:
+        """It and all its parts."""
+
+
 @contextmanager
-def evaluation_mode(network: Any) -> Iterator[None]:
+def evaluation_mode(network: HasModules) -> Iterator[None]:
     """Evaluation mode of a network and all its parts; then each has its own mode again."""
     switched = [each for each in network.modules() if each.training]
     for module in switched:
@@ -291,20 +292,20 @@ def evaluation_mode(network: Any) -> Iterator[None]:
 
 
 @contextmanager
-def float32_inference(network: Any) -> Iterator[None]:
+def float32_inference(network: HasModules) -> Iterator[None]:
     """Forward passes in float32 and evaluation mode, also of a network that is trained in bfloat16.
 
     All policies use it, so that a policy in training acts as it does when loaded from its run.
     """
     rounded = [each for each in network.modules() if getattr(each, "autocast_bfloat16", False)]
     for module in rounded:
-        module.autocast_bfloat16 = False
+        setattr(module, "autocast_bfloat16", False)  # noqa: B010 (of any module)
     try:
         with torch.no_grad(), evaluation_mode(network):
             yield
     finally:
         for module in rounded:
-            module.autocast_bfloat16 = True
+            setattr(module, "autocast_bfloat16", True)  # noqa: B010
 
 
 def head(width: int, outputs: int, gain: float) -> nn.Linear:

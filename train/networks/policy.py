@@ -11,6 +11,7 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import nn
 
 from pursuit.mazes.maze import Maze
 from pursuit.mazes.maze_arrays import lay_out
@@ -22,7 +23,7 @@ from pursuit.simulator.policy import GameView, pairs_of_cells
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task
 from train.networks.features import Features, features_for, features_of
-from train.networks.frames import stacked
+from train.networks.frames import Observations, stacked
 from train.networks.layers import float32_inference
 from train.networks.recurrent_policy import (
     RecurrentPolicy,
@@ -40,25 +41,13 @@ NO_WALLS = ("index", "one_hot", "positions", "cells")
 
 
 class Network(Protocol):
-    """A module with weights."""
+    """What policies use of a module."""
 
-    def modules(self) -> Iterator[torch.nn.Module]:
+    def modules(self) -> Iterator[nn.Module]:
         """It and all its parts."""
 
-    def parameters(self) -> Iterator[torch.nn.Parameter]:
+    def parameters(self) -> Iterator[nn.Parameter]:
         """All weights."""
-
-    def buffers(self) -> Iterator[torch.Tensor]:
-        """All buffers, such as statistics of batches."""
-
-    def eval(self) -> Any:
-        """Switch to evaluation mode; returns itself."""
-
-    def state_dict(self) -> dict[str, Any]:
-        """All weights by name."""
-
-    def load_state_dict(self, state_dict: dict[str, Any]) -> Any:
-        """Load all weights."""
 
 
 class PolicyNetwork(Network, Protocol):
@@ -173,7 +162,7 @@ class Seat:
 
 
 @lru_cache(maxsize=64)
-def sees_cells_only(task: Task, encoding: Any) -> bool:
+def sees_cells_only(task: Task, encoding: str) -> bool:
     """Whether the observation is a function of cells and goals only, not of time.
 
     Tested on all pairs of cells of a duel, and on a thousand starts of other tasks.
@@ -212,7 +201,7 @@ class NetworkPolicy:
         self._shape = seat.features.shape
 
     def probabilities(
-        self, observations: NDArray[Any], allowed: NDArray[np.bool_] | None = None
+        self, observations: Observations, allowed: NDArray[np.bool_] | None = None
     ) -> NDArray[np.float64]:
         """[..., actions] float64: the action probabilities.
 
@@ -238,7 +227,7 @@ class NetworkPolicy:
     def choose(
         self,
         view: GameView,
-        observations: NDArray[Any],
+        observations: Observations,
         draws: NDArray[np.float64] | None,
         allowed: NDArray[np.bool_] | None = None,
     ) -> NDArray[np.int32]:
@@ -281,28 +270,22 @@ class LearnedPolicy(NetworkPolicy):
                 "observation window:R to play in mazes of any size (on graphs, an observation "
                 "of your own)"
             )
-        return self._in_parts(encoder, task, games, seat)
+        return self._in_batches(encoder, task, games, seat)
 
-    def _in_parts(
+    def _in_batches(
         self, encoder: Encoder, task: Task, games: Games, seat: int
     ) -> NDArray[np.float64]:
         """[games, actions] float64, computed in batches of limited size."""
-        found = np.empty((len(games.steps), task.num_actions))
+        probabilities = np.empty((len(games.steps), task.num_actions))
         at_once = max(min(GAMES_AT_ONCE, NUMBERS_AT_ONCE // math.prod(self._shape)), 1)
-        for first in range(0, len(found), at_once):
-            some = slice(first, first + at_once)
-            part = Games(*(array[some] for array in games))
-            found[some] = self._played(encoder, task, part, seat)
-        return found
-
-    def _played(self, encoder: Encoder, task: Task, games: Games, seat: int) -> NDArray[np.float64]:
-        """[games, actions] float64."""
-        own = slice(seat, seat + 1)
-        observed, allowed = encoder.encode(games, own)[:, 0], None
-        if self.seat.mask_bumps:
-            world = lay_out(task.mazes).world
-            allowed = action_masks(games, world, task.num_actions, own)[:, 0]
-        return self.probabilities(observed, allowed)
+        own, world, allowed = slice(seat, seat + 1), lay_out(task.mazes).world, None
+        for first in range(0, len(probabilities), at_once):
+            batch = slice(first, first + at_once)
+            part = Games(*(array[batch] for array in games))
+            if self.seat.mask_bumps:
+                allowed = action_masks(part, world, task.num_actions, own)[:, 0]
+            probabilities[batch] = self.probabilities(encoder.encode(part, own)[:, 0], allowed)
+        return probabilities
 
     def action_probabilities(self, maze: Maze, stay_action: bool = False) -> NDArray[np.float64]:
         """[self cell, other cell, action] float64: one forward pass for all pairs of cells.
@@ -325,8 +308,8 @@ class LearnedPolicy(NetworkPolicy):
         task = self._in_maze(maze)
         size, seat = maze.num_cells, task.seat(self.agent)
         pairs = pairs_of_cells(task, maze, seat)
-        found = self._in_parts(Encoder(task, self.encoding), task, pairs, seat)
-        return found.reshape(size, size, task.num_actions)
+        probabilities = self._in_batches(Encoder(task, self.encoding), task, pairs, seat)
+        return probabilities.reshape(size, size, task.num_actions)
 
     def plays_in(self, maze: Maze) -> bool:
         """Whether it can play in a maze: a training maze, or any maze if the observation contains

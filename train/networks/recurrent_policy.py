@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pursuit.simulator.policy import GameView, Memory
 from pursuit.tasks.task import Task
 from train.networks.distributions import masked
-from train.networks.frames import FrameStack, shift
+from train.networks.frames import FrameStack, Observations, shift
 from train.networks.layers import float32_inference
 
 
@@ -39,8 +39,8 @@ def without_improbable(probabilities: NDArray[np.float64], least: float) -> NDAr
         return probabilities
     kept = probabilities >= least
     kept |= ~kept.any(axis=-1, keepdims=True)
-    found = np.where(kept, probabilities, 0.0)
-    return np.asarray(found / found.sum(axis=-1, keepdims=True))
+    positive = np.where(kept, probabilities, 0.0)
+    return np.asarray(positive / positive.sum(axis=-1, keepdims=True))
 
 
 def chosen_from(
@@ -66,7 +66,7 @@ def numbers_fit(encoding: str, own: Task, other: Task) -> bool:
 
 
 def check_looks(
-    observations: NDArray[Any], shape: tuple[int, ...], own: Task, view: GameView, encoding: str
+    observations: Observations, shape: tuple[int, ...], own: Task, view: GameView, encoding: str
 ) -> None:
     """ValueError unless the observations have the form of those in a policy's training.
 
@@ -113,18 +113,20 @@ class RecurrentPolicy:
     def __init__(self, network: Any, seat: Any, greedy: bool = True) -> None:
         self.network, self.seat, self.greedy = network, seat, greedy
         self.task, self.agent, self.encoding = seat.task, seat.agent, seat.encoding
-        self.memory = Memory(self._nothing)
+        self.memory = Memory(self._empty_memory)
         self._recurrent = getattr(network, "policy_memory", None) is not None
         self._stack = FrameStack(seat.seen, seat.frame_stack) if seat.frame_stack > 1 else None
 
-    def _nothing(self, view: GameView) -> dict[str, NDArray[Any]]:
+    def _empty_memory(self, view: GameView) -> dict[str, Observations]:
         """The empty memory of a batch of games."""
-        found: dict[str, NDArray[Any]] = {}
+        empty: dict[str, Observations] = {}
         if self._recurrent:
-            found["state"] = np.zeros((view.num_games, self.network.sizes[0]), dtype=np.float32)
+            empty["state"] = np.zeros((view.num_games, self.network.sizes[0]), dtype=np.float32)
         if self._stack is not None:
-            found["frames"] = self._stack.begun(view.num_games, view.observe(self.encoding).dtype)
-        return found
+            empty["frames"] = self._stack.empty_frames(
+                view.num_games, view.observe(self.encoding).dtype
+            )
+        return empty
 
     def begin(self, view: GameView, games: NDArray[np.intp]) -> None:
         """Reset the memory of these games of `view`."""
@@ -146,17 +148,17 @@ class RecurrentPolicy:
         if self._stack is not None:
             frames = kept["frames"][rows]
             shift(frames)
-            observed = self._stack.seen(frames, observed)
+            observed = self._stack.with_newest(frames, observed)
             kept["frames"][rows] = frames
         device = next(self.network.parameters()).device
         with float32_inference(self.network):
-            given = torch.from_numpy(observed).to(device)
+            observation = torch.from_numpy(observed).to(device)
             if self._recurrent:
                 before = torch.from_numpy(kept["state"][rows]).to(device)
-                logits, state = self.network.remember(given, before)
+                logits, state = self.network.remember(observation, before)
                 kept["state"][rows] = state.cpu().numpy()
             else:
-                logits = self.network.logits(given)
+                logits = self.network.logits(observation)
         allowed, least = self.seat.masks(view), self.seat.min_probability
-        found = probabilities_of(logits, allowed, self.greedy, least)
-        return chosen_from(found, None if self.greedy else view.uniform())
+        probabilities = probabilities_of(logits, allowed, self.greedy, least)
+        return chosen_from(probabilities, None if self.greedy else view.uniform())

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from textwrap import fill
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +22,14 @@ from train.reports.figures import (
     time_head,
 )
 
+if TYPE_CHECKING:  # slow to import
+    from matplotlib.axes import Axes
+
 Curve = tuple[NDArray[Any], NDArray[Any]]
 """Points on the axis, and values."""
+
+LineStyle = str | tuple[int, tuple[int, ...]]
+"""As Matplotlib takes it: a name, or an offset and the lengths of strokes and gaps."""
 
 SINGLE_RUNS = "Thick: {} of the runs; thin: single runs"
 """What the lines of several runs are, for `draw_panels`."""
@@ -44,7 +50,7 @@ class Level(NamedTuple):
     value: float
     label: str | None = None
     color: str = "#333333"
-    style: Any = ":"
+    style: LineStyle = ":"
 
 
 @dataclass(frozen=True)
@@ -62,7 +68,7 @@ class Series:
     curves: Sequence[Curve]
     label: str | None = None
     color: str = BLUE
-    style: Any = "-"
+    style: LineStyle = "-"
     width: float = 1.7
     interval: Callable[[Sequence[float]], tuple[float, float]] | None = None
     middle: Callable[..., Any] = np.mean
@@ -166,7 +172,7 @@ def draw_panels(
     save(figure, path, also_svg=True)
 
 
-def _draw_panel(axis: Any, panel: Panel, log: bool, gaps: Sequence[NDArray[Any]]) -> None:
+def _draw_panel(axis: Axes, panel: Panel, log: bool, gaps: Sequence[NDArray[Any]]) -> None:
     """Draw one panel; panels of scale "gap" share the limits of all `gaps` in the figure."""
     for series in panel.series:
         _draw_series(axis, series, log)
@@ -190,7 +196,7 @@ def _draw_panel(axis: Any, panel: Panel, log: bool, gaps: Sequence[NDArray[Any]]
     tidy(axis)
 
 
-def _draw_series(axis: Any, series: Series, log: bool) -> None:
+def _draw_series(axis: Axes, series: Series, log: bool) -> None:
     """Draw the middle of the runs, and every run, or a band for at least `BAND_FROM` runs."""
     style: dict[str, Any] = {"ls": series.style, "color": series.color}
     thick = {**style, "lw": series.width, "label": in_legend(series.label)}

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from textwrap import fill
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,6 +14,11 @@ from numpy.typing import ArrayLike, NDArray
 from pursuit.files import write_atomically
 from pursuit.mazes.maze import Maze
 from pursuit.validation import one_of
+
+if TYPE_CHECKING:  # slow to import
+    from matplotlib.axes import Axes
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.figure import Figure
 
 FORMATS = ("png", "svg")
 """.png is what pages show; .svg holds lines and letters, as journals ask for."""
@@ -40,13 +45,13 @@ def pyplot() -> Any:
     return pyplot
 
 
-def tidy(axis: Any) -> None:
+def tidy(axis: Axes) -> None:
     """Remove the upper and right frame, and add a faint grid."""
     axis.spines[["top", "right"]].set_visible(False)
     axis.grid(alpha=0.25, lw=0.6)
 
 
-def log_axis(axis: Any, which: str) -> None:
+def log_axis(axis: Axes, which: str) -> None:
     """Make the axis x or y logarithmic, with plain numbers."""
     from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
@@ -59,7 +64,7 @@ def log_axis(axis: Any, which: str) -> None:
     one.set_minor_formatter(NullFormatter())
 
 
-def gap_axis(axis: Any, which: str, values: ArrayLike) -> None:
+def gap_axis(axis: Axes, which: str, values: ArrayLike) -> None:
     """Make the axis x or y fit these gaps in per cent: linear near 0, logarithmic beyond."""
     from matplotlib.ticker import FormatStrFormatter
 
@@ -71,7 +76,7 @@ def gap_axis(axis: Any, which: str, values: ArrayLike) -> None:
     line(0, color="#333333", lw=1.0, ls=":")
 
 
-def draw_walls(axis: Any, maze: Maze) -> None:
+def draw_walls(axis: Axes, maze: Maze) -> None:
     """Draw the walls of a maze, or the edges of a graph.
 
     A cell has its centre at x = column, y = row of `maze.picture`.
@@ -92,7 +97,9 @@ def draw_walls(axis: Any, maze: Maze) -> None:
                 axis.plot(*ends, color="#222222", lw=2.2, solid_capstyle="round")
 
 
-def draw_cells(axis: Any, maze: Maze, values: NDArray[np.float64], title: str, **style: Any) -> Any:
+def draw_cells(
+    axis: Axes, maze: Maze, values: NDArray[np.float64], title: str, **style: Any
+) -> ScalarMappable:
     """Draw the cells of a maze in the colours of their values, and its walls; returns the image.
 
     Args:
@@ -105,7 +112,7 @@ def draw_cells(axis: Any, maze: Maze, values: NDArray[np.float64], title: str, *
     if maze.is_grid:
         grid = np.full((maze.height, maze.width), np.nan)
         grid[maze.rows, maze.columns] = values
-        image = axis.imshow(grid, **style)
+        image: ScalarMappable = axis.imshow(grid, **style)
     else:
         y, x = maze.picture.T
         image = axis.scatter(x, y, c=values, s=60, **style)
@@ -132,7 +139,7 @@ def time_head(unit: str) -> str:
     return "frames (millions)" if unit == "frames" else "training time (s)"
 
 
-def save(figure: Any, path: Path, also_svg: bool = False, dpi: int = 130) -> None:
+def save(figure: Figure, path: Path, also_svg: bool = False, dpi: int = 130) -> None:
     """Write a figure atomically, in the format of its suffix and as .svg, and close it.
 
     Equal figures give equal bytes: files contain no date, and .svg contains text as text. Names

@@ -15,7 +15,7 @@ from typing import Any
 from pursuit.mazes.maze import library_names
 from pursuit.mazes.suite_files import is_suite
 from pursuit.plugins import check_trusted
-from train.files import LOCK, check_utf8, is_leftover, read_json, write_json
+from train.files import LOCK, Plain, check_utf8, is_leftover, read_json, write_json
 from train.runs import forms
 from train.runs.provenance import COMMAND, PARTS, command_line, provenance
 from train.schemas import read_as
@@ -36,9 +36,6 @@ FORMAT = 5
 
 RUN, SIDE, SELF_PLAY = "single", "side", "self-play"
 """Kinds of runs: a single agent; one role of self-play, saved as a policy; self-play."""
-
-Plain = dict[str, Any]
-"""Values by name: the content of a JSON file, or of a checkpoint (then also tensors)."""
 
 
 def check_new(path: Path) -> None:

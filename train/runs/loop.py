@@ -19,7 +19,7 @@ from torchrl.record.loggers import TensorboardLogger
 from typing_extensions import TypeVar  # with defaults, which Python has from 3.13 on
 
 from pursuit.files import cannot_write
-from train.files import write_csv, write_json
+from train.files import Plain, write_csv, write_json
 from train.runs.folder import (
     CHECKPOINT,
     CONFIG,
@@ -28,7 +28,6 @@ from train.runs.folder import (
     MISFITS,
     REPLAY,
     RESULTS,
-    Plain,
     misfit,
     read_metrics,
     save_checkpoint,

@@ -24,8 +24,9 @@ from train.evaluation.scores import (
     Score,
     optimality_gap,
 )
+from train.files import Plain
 from train.runs.data_parallel import OtherProcesses
-from train.runs.folder import RUN, Plain
+from train.runs.folder import RUN
 from train.runs.forms import Objective
 from train.runs.loop import BRIEF_EPISODES, BRIEF_STEPS, Clock
 from train.runs.parts import Parts

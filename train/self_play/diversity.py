@@ -111,17 +111,16 @@ def visited_states(
         "chaser", maze, evader, chaser.shape[2], move_order
     ):
         weight = chaser[:, :, action] * chance
-        some = apart & ~caught & (weight > 0.0)
-        before.append(states[some])
-        after.append((mine * cells + theirs)[some])
-        chances.append(weight[some])
+        possible = apart & ~caught & (weight > 0.0)
+        before.append(states[possible])
+        after.append((mine * cells + theirs)[possible])
+        chances.append(weight[possible])
     entries = np.concatenate(chances), (np.concatenate(after), np.concatenate(before))
     following = csc_array(entries, (cells**2, cells**2))
     visits = splu(csc_array(eye_array(cells**2) - discount * following)).solve(
         apart.ravel().astype(np.float64)
     )
-    found: Table = (visits / visits.sum()).reshape(cells, cells)
-    return found
+    return np.asarray(visits / visits.sum()).reshape(cells, cells)
 
 
 def mean_distance(maze: Maze, tables: Table, visits: Table) -> float:
@@ -196,8 +195,8 @@ def diversity_of(
         return {}
     tables = [np.stack([table_in(task, one.policy) for one in chosen[role]]) for role in ROLES]
     order: Any = task.move_order
-    found = diversity(task.mazes[0], tables[0], tables[1], discount, order)
-    return {role: asdict(one) for role, one in found.items()}
+    measures = diversity(task.mazes[0], tables[0], tables[1], discount, order)
+    return {role: asdict(one) for role, one in measures.items()}
 
 
 def describe_diversity(found: Mapping[str, Mapping[str, float | None]]) -> str:

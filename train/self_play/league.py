@@ -6,7 +6,6 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +22,7 @@ from scripted_agents.environments import (
 )
 from train.evaluation.games import half_width
 from train.evaluation.matchups import can_solve, match, play_pair
+from train.files import Plain
 from train.runs.folder import CONFIG
 from train.runs.opponents import check_fits, is_self_play, load_opponent, role_of
 from train.runs.saved import load_settings
@@ -103,7 +103,7 @@ def enter(
     bare = [name for name in models if not description_of(name).is_file()]
     roles = _one_each("model_roles", model_roles, bare)
     observations = _one_each("model_observations", model_observations, bare)
-    given: dict[str, Any] = {
+    given: Plain = {
         name: {"agent": role, "observation": observation}
         for name, role, observation in zip(bare, roles, observations, strict=False)
     }
@@ -198,7 +198,7 @@ def play_league(task: Task, entries: Sequence[Entry], games: int, seed: int) -> 
     return LeagueTable(names[0], names[1], payoff, ci95, lengths, task.max_steps)
 
 
-def survival(table: LeagueTable) -> dict[str, Any]:
+def survival(table: LeagueTable) -> Plain:
     """Evaders that are never caught, and the ratings that are meaningless because of them.
 
     Returns:
@@ -227,9 +227,9 @@ def survival(table: LeagueTable) -> dict[str, Any]:
     }
 
 
-def rate(table: LeagueTable, seed: int = 0) -> dict[str, Any]:
+def rate(table: LeagueTable, seed: int = 0) -> Plain:
     """Ratings of both roles, Nash averaging and a cycle of best responses, as plain values."""
-    content: dict[str, Any] = {
+    content: Plain = {
         "chasers": table.chasers,
         "evaders": table.evaders,
         "payoff": table.payoff.tolist(),

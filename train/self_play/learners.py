@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
+from train.files import Plain
 from train.runs.tasks import profile_of
 from train.settings.algorithms import hyperparameter_form
 from train.settings.checks import check
@@ -70,8 +71,8 @@ def unchecked_self_play(**flat: Any) -> SelfPlaySettings:
     flat = with_memory(unnested_sides(flat))
     checked_names(flat)
     task = settings_with(TaskSettings, flat, {"rewards": "zero_sum"})
-    own: dict[str, dict[str, Any]] = {role: {} for role in ROLES}
-    common: dict[str, Any] = {}
+    own: dict[str, Plain] = {role: {} for role in ROLES}
+    common: Plain = {}
     shared = {*names_of(TaskSettings, SelfPlaySettings), *ROLES}
     for name, value in flat.items():
         role, dot, rest = name.partition(".")
@@ -79,7 +80,7 @@ def unchecked_self_play(**flat: Any) -> SelfPlaySettings:
             own[role][rest] = value
         elif name not in shared:
             common[name] = value
-    sides: dict[str, Any] = {}
+    sides: Plain = {}
     known = {ALGORITHM, *shared}
     for role in ROLES:
         fixed = flat.get(role, LEARN)

@@ -21,6 +21,7 @@ from train.evaluation.exploitability import exploitability, nash_conv, team_expl
 from train.evaluation.games import other_role, table_in
 from train.evaluation.hidden_contest import best_response_interval
 from train.evaluation.matchups import match
+from train.files import Plain
 from train.settings.self_play import ROLES
 
 
@@ -32,20 +33,20 @@ def exploited(task: Task, chaser: Policy, evader: Policy, discount: float) -> di
     if is_exact(task, chaser, evader):
         maze = task.mazes[0]
         tables = [table_in(task, policy) for policy in (chaser, evader)]
-        rest: Any = (discount, task.move_order)
+        order: Any = task.move_order
         if maze.num_cells > MAX_GAME_CELLS:
-            return {"nash_conv": nash_conv(maze, tables[0], tables[1], *rest)}
-        found = exploitability(maze, tables[0], tables[1], *rest)
+            return {"nash_conv": nash_conv(maze, tables[0], tables[1], discount, order)}
+        exploited_by = exploitability(maze, tables[0], tables[1], discount, order)
     elif is_exact_team(task, {"chaser": chaser, "evader": evader}):
-        found = team_exploitability(task, chaser, evader, discount)
+        exploited_by = team_exploitability(task, chaser, evader, discount)
     else:
         return {}
     return {
-        "nash_conv": found.nash_conv,
-        "chaser_exploitability": found.mean_chaser,
-        "evader_exploitability": found.mean_evader,
-        "value": found.mean_value,
-        "game_value": found.mean_game_value,
+        "nash_conv": exploited_by.nash_conv,
+        "chaser_exploitability": exploited_by.mean_chaser,
+        "evader_exploitability": exploited_by.mean_evader,
+        "value": exploited_by.mean_value,
+        "game_value": exploited_by.mean_game_value,
     }
 
 
@@ -85,7 +86,7 @@ def scripted_references(task: Task, role: str | None = None) -> tuple[str, ...]:
 
 def matches(
     task: Task, players: Mapping[str, Mapping[str, Policy]], episodes: int, most: int
-) -> list[dict[str, Any]]:
+) -> list[Plain]:
     """All chasers against all evaders, given as policies by role and name; `most` as in `match`."""
     return [
         {"chaser": c, "evader": e, **asdict(match(task, chaser, evader, episodes, most=most))}
@@ -101,17 +102,17 @@ def exact_best_responses(
 
     {"against_evader": steps, ...}; `tell` is called with a description and the progress in [0, 1].
     """
-    found = {}
+    steps = {}
     for number, (role, policy) in enumerate(learned.items()):
         tell(f"exact best response against the {role}", number / len(learned))
         best = best_team_response(task, other_role(role), {role: policy}, task.max_steps)
-        found[f"against_{role}"] = best.mean_over_starts
-    return found
+        steps[f"against_{role}"] = best.mean_over_starts
+    return steps
 
 
 def limited_best_responses(
     task: Task, pair: Mapping[str, Policy], seconds: float = SEARCH_SECONDS
-) -> dict[str, Any]:
+) -> Plain:
     """Proven intervals of best responses with limited views, in discounted steps.
 
     A best response has the view of its role; its opponent must be a policy without memory. The
@@ -121,21 +122,21 @@ def limited_best_responses(
         "against_chaser" and "against_evader", each (lower, upper), where these are known; with both
         also "nash_conv".
     """
-    found: dict[str, Any] = {}
+    intervals: Plain = {}
     for role, policy in pair.items():
         if is_exact(task, policy):
             table = table_in(task, policy)
             bounds = best_response_interval(task, other_role(role), table, seconds)
-            found |= {} if bounds is None else {f"against_{role}": bounds}
-    if len(found) == len(ROLES):  # an evader's best response is against the chaser
-        (low, high), (least, most) = found["against_chaser"], found["against_evader"]
-        found["nash_conv"] = max(low - most, 0.0), high - least
-    return found
+            intervals |= {} if bounds is None else {f"against_{role}": bounds}
+    if len(intervals) == len(ROLES):  # an evader's best response is against the chaser
+        (low, high), (least, most) = intervals["against_chaser"], intervals["against_evader"]
+        intervals["nash_conv"] = max(low - most, 0.0), high - least
+    return intervals
 
 
 def whole_game(
     task: Task, pair: Mapping[str, Policy], discount: float, most: int = MAX_WORK
-) -> dict[str, Any]:
+) -> Plain:
     """Exact NashConv of a game of teams or with goals, in returns, with each side as one player.
 
     Without time limit: {"nash_conv": ..., "returns": by role, "gains": by role}. Empty if the game
@@ -148,5 +149,5 @@ def whole_game(
         or why_not_joint(task, pair, most) is not None
     ):
         return {}
-    found = joint_nash_conv(task, pair, None, discount, sides=True)
-    return {"nash_conv": found.nash_conv, "returns": found.returns, "gains": found.gains}
+    game = joint_nash_conv(task, pair, None, discount, sides=True)
+    return {"nash_conv": game.nash_conv, "returns": game.returns, "gains": game.gains}

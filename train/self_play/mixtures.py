@@ -17,6 +17,7 @@ from pursuit.tasks.task import Task
 from scripted_agents import PairValues, mean_over_starts, solve_chase
 from scripted_agents.references import is_exact
 from train.evaluation.games import best_reply, other_role, table_in, values_between
+from train.files import Plain
 from train.networks.recurrent_policy import without_improbable
 from train.self_play.diversity import diversity_of
 from train.self_play.pool import Member
@@ -49,9 +50,10 @@ def mixture_bounds(
     Returns:
         Lower and upper bound of the mean over all starts in distinct cells, in discounted steps.
     """
-    maze, sign = task.mazes[0], 1.0 if role == "chaser" else -1.0
-    rules: Any = (discount, task.stay_action, None, task.move_order)
-    value = mean_over_starts(solve_chase(maze, *rules).values, maze)
+    maze, sign, other = task.mazes[0], 1.0 if role == "chaser" else -1.0, other_role(role)
+    order: Any = task.move_order
+    game = solve_chase(maze, discount, task.stay_action, None, order)
+    value = mean_over_starts(game.values, maze)
 
     def gain(values: Table | PairValues) -> float:
         return sign * (mean_over_starts(values, maze) - value)
@@ -60,11 +62,9 @@ def mixture_bounds(
         each = [values_between(task, role, (table, response), None, discount) for table in tables]
         return float(shares @ [gain(values) for values in each])
 
-    each = [best_reply(task, other_role(role), table, None, discount) for table in tables]
-    upper = float(shares @ [gain(found.values) for found in each])
-    average = best_reply(
-        task, other_role(role), np.tensordot(shares, tables, axes=1), None, discount
-    )
+    each = [best_reply(task, other, table, None, discount) for table in tables]
+    upper = float(shares @ [gain(response.values) for response in each])
+    average = best_reply(task, other, np.tensordot(shares, tables, axes=1), None, discount)
     likely = np.argsort(-shares, kind="stable")[:: max(len(shares) // RESPONSES, 1)]
     responses = [each[number].policy for number in likely] + [average.policy]
     lower = max(0.0, *map(gain_of, responses))  # exploitability is never negative
@@ -96,17 +96,17 @@ def mixture_nash_conv(
     bounds = []
     for role, members in kept.items():
         equal = {member.name: 1.0 / len(members) for member in members}
-        given = equal if mixtures is None else mixtures.get(role, {})
-        shares = np.array([given.get(member.name, 0.0) for member in members])
+        by_name = equal if mixtures is None else mixtures.get(role, {})
+        shares = np.array([by_name.get(member.name, 0.0) for member in members])
         policies = [member.policy_once() for member in members]
         if shares.sum() < 1.0 - 1e-6 or not all(is_exact(task, policy) for policy in policies):
             return None
         tables = np.stack(
             [without_improbable(table_in(task, policy), min_probability) for policy in policies]
         )
-        some = shares > 0.0
-        known = (tables[some], shares[some] / shares.sum())
-        bounds.append(mixture_bounds(task, role, *known, discount))
+        drawn = shares > 0.0
+        drawn_shares = shares[drawn] / shares.sum()
+        bounds.append(mixture_bounds(task, role, tables[drawn], drawn_shares, discount))
     lower, upper = (sum(ends) for ends in zip(*bounds, strict=True))
     return lower, upper
 
@@ -118,15 +118,15 @@ def snapshot_results(
     kept: Mapping[str, Sequence[Member]],
     mixtures: Mapping[str, Mapping[str, float]] | None,
     min_probability: float,
-) -> dict[str, Any]:
+) -> Plain:
     """ "diversity" of the snapshots in the pools, and "mixture_nash_conv" where it is known.
 
     Arguments as in `mixture_nash_conv`, and the sampling rule; `mixtures` are the Nash mixtures of
     the run, if it has any.
     """
-    found: dict[str, Any] = {}
+    results: Plain = {}
     if sampling in MIXED:
         shares = mixtures if sampling in NASH_SAMPLING else None
         bounds = mixture_nash_conv(task, discount, kept, shares, min_probability)
-        found |= {} if bounds is None else {"mixture_nash_conv": bounds}
-    return {**found, "diversity": diversity_of(task, discount, kept)}
+        results |= {} if bounds is None else {"mixture_nash_conv": bounds}
+    return {**results, "diversity": diversity_of(task, discount, kept)}

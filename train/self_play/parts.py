@@ -72,48 +72,35 @@ def self_play_parts(settings: SelfPlaySettings) -> SelfPlayParts:
     task = task_of(settings.task)
     check_one_maze(task, "self-play")
     check_sides(settings, task)
-    discount, masks = settings.discount, settings.task.mask_bumps
-    scripted = {
-        (name, role): scripted_policy(
-            name,
-            role,
-            # The random moves of A* are a setting.
-            settings.task.opponent_epsilon if name == "astar" else 0.0,
-            task.move_order,  # type: ignore[arg-type]
-            discount,
+    discount, played = settings.discount, settings.task
+    scripted: dict[tuple[str, str], Policy] = {}
+    order: Any = task.move_order
+    for name in AGENTS:
+        epsilon = played.opponent_epsilon if name == "astar" else 0.0  # it is a setting
+        for role in ROLES:
+            if plays(name, task, role):
+                scripted[name, role] = scripted_policy(name, role, epsilon, order, discount)
+    for name in settings.members:
+        if name not in AGENTS:
+            for role in custom_roles(name, task):
+                scripted[name, role] = custom_policy(name, task, role)
+    frozen: dict[str, Policy] = {}
+    for role in [role for role in ROLES if role not in settings.learning]:
+        name, seen = str(getattr(settings, role)), played.opponent_observation
+        frozen[role] = (
+            scripted[name, role]
+            if (name, role) in scripted
+            else policy_in_seat(name, task, role, 0.0, played.opponent_policy, seen)
         )
-        for name in AGENTS
-        for role in ROLES
-        if plays(name, task, role)
-    }
-    scripted |= {
-        (name, role): custom_policy(name, task, role)
-        for name in settings.members
-        if name not in AGENTS
-        for role in custom_roles(name, task)
-    }
-    frozen = {
-        role: scripted[name, role]
-        if (name, role) in scripted
-        else policy_in_seat(
-            name,
-            task,
-            role,
-            played=settings.task.opponent_policy,
-            observation=settings.task.opponent_observation,
-        )
-        for role in ROLES
-        if role not in settings.learning
-        for name in [str(getattr(settings, role))]
-    }
     steps = settings.episode_steps or (task.max_steps if task.num_goals else SHORT)
     training = replace(task, max_steps=steps) if steps < task.max_steps else task
     sides: dict[str, SideParts] = {}
     for role in settings.learning:
         own = side_settings(settings, role)
-        seat = Seat(task, role, own.observation, masks, own.frame_stack, own.network)
+        seat = Seat(task, role, own.observation, played.mask_bumps, own.frame_stack, own.network)
         check_sizes(own.hyper, seat)
         entry(own.algorithm).check_memory(own.hyper, seat)
+        steps = settings.episode_steps or (task.max_steps if task.num_goals else SHORT)
         sides[role] = SideParts(
             seat,
             entry(own.algorithm),
@@ -121,7 +108,7 @@ def self_play_parts(settings: SelfPlaySettings) -> SelfPlayParts:
             build_of(own),
             discount,
             # Returns of up to 1 / (1 - gamma) steps would make the value loss dominate.
-            1.0 - discount if settings.task.rewards == "zero_sum" else 1.0,
+            1.0 - discount if played.rewards == "zero_sum" else 1.0,
             training,
             own.min_probability or 0.0,
         )

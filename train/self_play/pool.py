@@ -17,12 +17,13 @@ from numpy.typing import NDArray
 
 from pursuit.simulator.policy import GameView, Policy, play
 from pursuit.validation import raised
+from train.files import Plain
 from train.networks.policy import NetworkPolicy
 from train.runs.folder import MISFITS
 from train.self_play.tables import CellTables
 from train.settings.checks import check
 from train.settings.self_play import NASH_SAMPLING, SAMPLING_PARTS
-from train.tensors import is_whole, read_tensors, write_tensors
+from train.tensors import State, is_whole, read_tensors, write_tensors
 
 LATEST = "latest"
 """The name of the current policy of the opponent, which is always a member."""
@@ -91,7 +92,7 @@ class OpponentPool:
         folder: Path,
         latest: Policy,
         capacity: int,
-        load: Callable[[dict[str, Any]], Policy],
+        load: Callable[[State], Policy],
         newest: bool = False,
     ) -> None:
         check(capacity >= 1, f"pool_size={capacity}; give at least 1")
@@ -119,7 +120,7 @@ class OpponentPool:
         place = sum(member.scripted for member in self.members)
         self.members.insert(place, Member(name, policy, True))
 
-    def add(self, name: str, state: dict[str, Any], rng: np.random.Generator) -> str | None:
+    def add(self, name: str, state: State, rng: np.random.Generator) -> str | None:
         """Save and add a snapshot; returns the name of the dropped one, or None.
 
         A full pool with `newest` drops the oldest. Otherwise it is a reservoir (Vitter, 1985,
@@ -145,7 +146,7 @@ class OpponentPool:
         self.members.remove(old[place])
         return old[place].name
 
-    def write(self, name: str, state: dict[str, Any]) -> None:
+    def write(self, name: str, state: State) -> None:
         """Save a snapshot in the folder."""
         self.folder.mkdir(parents=True, exist_ok=True)
         write_tensors(self.folder / f"{name}.pt", state)
@@ -189,18 +190,18 @@ class OpponentPool:
             one.games += 1.0
             one.score += (score - one.score) / min(one.games, MEMORY)
 
-    def described(self) -> list[dict[str, Any]]:
+    def described(self) -> list[Plain]:
         """The members with their scores, as plain values."""
         return [
             {"name": m.name, "scripted": m.scripted, "score": m.score, "games": m.games}
             for m in self.members
         ]
 
-    def state_dict(self) -> dict[str, Any]:
+    def state_dict(self) -> State:
         """The state of the pool, without the snapshots, which are on disk."""
         return {"members": self.described(), "offered": self.offered}
 
-    def load_state_dict(self, state: dict[str, Any]) -> None:
+    def load_state_dict(self, state: State) -> None:
         """Restore the state; snapshots are loaded when they are used.
 
         Missing or damaged snapshots are left out, with a warning.
@@ -275,27 +276,34 @@ def weights(
             first = sum(member.scripted for member in members)
             chosen[first : first + max(old, 0)] = 0.0
     else:
-        rule = SAMPLING_PARTS.get(sampling)
-        try:
-            given = rule(pool, payoffs, progress)
-        except Exception as error:  # the function may raise anything
-            line = traceback.extract_tb(error.__traceback__, limit=2)[-1]
-            raise ValueError(
-                f"sampling {sampling!r} raised {raised(error)} "
-                f"({Path(line.filename).name}:{line.lineno}); mend it"
-            ) from error
-        with contextlib.suppress(TypeError, ValueError):
-            chosen = np.asarray(given)  # not as float64, so that text and complex numbers are found
-        check(
-            chosen.dtype.kind in "biuf"
-            and chosen.shape == (len(members),)
-            and 0.0 < chosen.sum() < inf
-            and chosen.min() >= 0.0,
-            f"sampling {sampling!r} returned {given!r} for {len(members)} members of the pool; "
-            "return one finite probability of at least 0 for each, with a positive sum",
-        )
-    total: NDArray[np.float64] = chosen / chosen.sum()
-    return total
+        chosen = _custom_weights(sampling, pool, payoffs, progress)
+    return np.asarray(chosen / chosen.sum())
+
+
+def _custom_weights(
+    sampling: str, pool: OpponentPool, payoffs: Any, progress: float
+) -> NDArray[Any]:
+    """[members]: what a user-defined function returns; ValueError as `weights`."""
+    members, chosen = pool.members, np.zeros(0)
+    try:
+        returned = SAMPLING_PARTS.get(sampling)(pool, payoffs, progress)
+    except Exception as error:  # the function may raise anything
+        line = traceback.extract_tb(error.__traceback__, limit=2)[-1]
+        raise ValueError(
+            f"sampling {sampling!r} raised {raised(error)} "
+            f"({Path(line.filename).name}:{line.lineno}); mend it"
+        ) from error
+    with contextlib.suppress(TypeError, ValueError):
+        chosen = np.asarray(returned)  # not as float64, so that text and complex numbers are found
+    check(
+        chosen.dtype.kind in "biuf"
+        and chosen.shape == (len(members),)
+        and 0.0 < chosen.sum() < inf
+        and chosen.min() >= 0.0,
+        f"sampling {sampling!r} returned {returned!r} for {len(members)} members of the pool; "
+        "return one finite probability of at least 0 for each, with a positive sum",
+    )
+    return chosen
 
 
 class PoolPolicy:
@@ -316,7 +324,7 @@ class PoolPolicy:
         self.opponents = np.zeros(num_games, dtype=np.int64)
         self.tables = CellTables(num_games * steps)
 
-    def recurrent_members(self) -> dict[str, Any]:
+    def recurrent_members(self) -> dict[str, Policy]:
         """The members with memory, by name. Snapshots have one if the latest policy has one."""
         latest = hasattr(self.pool.members[0].policy, "memory")
         policies = {m.name: m.policy for m in self.pool.members if m.scripted or latest}

@@ -118,7 +118,7 @@ def write_self_play_report(
             picture(payoff, "payoff matrix of snapshots"),
             cycle_in_words(league),
         ),
-        *section("Settings and command", *made(folder, results)),
+        *section("Settings and command", *settings_and_command(folder, results)),
     ]
     write_page(path, title, parts, builder.data(title))
     return path
@@ -208,7 +208,7 @@ def cycle_in_words(league: LeagueTable) -> str:
     return f"Cycle in which each is the best response to the previous one: {chain}."
 
 
-def made(folder: Path, results: Mapping[str, Any]) -> list[str]:
+def settings_and_command(folder: Path, results: Mapping[str, Any]) -> list[str]:
     """The section on settings, versions, machine and command."""
     config = read_json(folder / CONFIG)
     config.pop("maze_text", None)

@@ -21,6 +21,7 @@ from train.runs.folder import check_learned
 from train.runs.training_state import restore_simulator, simulator_tensors
 from train.self_play.pool import OpponentPool, PoolPolicy
 from train.settings.algorithms import Hyperparameters
+from train.tensors import State
 
 DECAY = 10
 """The average of the weights has terms proportional to iteration**DECAY: about the last tenth of
@@ -116,12 +117,17 @@ class Side:
         iterations: in the average.
     """
 
-    def __init__(self, parts: SideParts, number: int, state: dict[str, Any] | None = None) -> None:
+    def __init__(self, parts: SideParts, number: int, state: State | None = None) -> None:
         self.parts = parts
         task, role = parts.seat.task, parts.seat.agent
         games = parts.hyper.num_games // task.count(role)
-        given: Any = {"seed": parts.build.seed, "first_game": number * 2**20, "auto_restart": False}
-        self.simulator = Simulator(parts.training, games, **given)
+        self.simulator = Simulator(
+            parts.training,
+            games,
+            seed=parts.build.seed,
+            first_game=number * 2**20,
+            auto_restart=False,
+        )
         self.opponents = Opponents(
             self.simulator,
             role,
@@ -129,32 +135,27 @@ class Side:
             2 * parts.build.seed + number,
             getattr(parts.hyper, "rollout_steps", 1),
         )
-        self.env = self._games()
+        seat, pool = parts.seat, self.opponents.policy
+        policies = [None if own == role else pool for own in task.seat_roles]
+        self.env = SimulatorEnv(
+            self.simulator, seat, policies, self.opponents, seat.members, parts.scale
+        )
         if state is not None:
             check_learned(parts.algorithm.name, state)
             # before the collector of the learner reads the environment
             restore_simulator(self.simulator, state["simulator"])
-            self.opponents.policy.opponents[:] = state["opponents"].numpy()
+            pool.opponents[:] = state["opponents"].numpy()
             self.opponents.rng.bit_generator.state = state["rng"]
             self.env.idle[:] = state["idle"].numpy()
             self.env.resume = True
         self.learner: Learner = parts.algorithm.build(parts.hyper, self.env, parts.build)
         # Those of the learner itself: its states are loaded in place.
-        network: Any = self.learner.state_dict()["network"]
-        self.weights: dict[str, torch.Tensor] = dict(network)
+        self.weights: dict[str, torch.Tensor] = dict(self.learner.state_dict()["network"])
         self.average, self.iterations = self._copied(), 0
         if state is not None:
             self.iterations = state["iterations"]
             for name, weights in self.average.items():
                 weights.copy_(state["average"][name])
-
-    def _games(self) -> SimulatorEnv:
-        """The training games."""
-        parts, others = self.parts, self.opponents
-        roles = parts.seat.task.seat_roles
-        policies = [None if role == parts.seat.agent else others.policy for role in roles]
-        given = (parts.seat.members, parts.scale)
-        return SimulatorEnv(self.simulator, parts.seat, policies, others, *given)
 
     def iterate(self, progress: float) -> dict[str, float]:
         """One iteration of the learner; updates the average of the weights."""
@@ -191,35 +192,29 @@ class Side:
         fresh.close()
         self.average, self.iterations = self._copied(), 0
 
-    def load(self, state: dict[str, Any]) -> Policy:
+    def load(self, state: State) -> Policy:
         """The policy of a snapshot; ValueError for weights that are not finite."""
         check_learned(self.parts.algorithm.name, {"learner": state})
         return self._loaded(self.parts.seat, state)
 
-    def _loaded(self, seat: Seat, state: dict[str, Any]) -> Policy:
+    def _loaded(self, seat: Seat, state: State) -> Policy:
         """A policy from a state, without drawing from torch's generator, so that runs do not depend
         on when policies are loaded."""
         with torch.random.fork_rng(devices=[]):
             return self.parts.algorithm.load(self.parts.hyper, seat, state, self.greedy)
 
-    def snapshot(self) -> dict[str, Any]:
+    def snapshot(self) -> State:
         """The averaged weights, as a state for `load`."""
         return {"network": {name: tensor.clone() for name, tensor in self.average.items()}}
 
-    def state_dict(self) -> dict[str, Any]:
-        """The state of the side, without the pool."""
+    def state_dict(self) -> State:
+        """The state of the side with its opponents by game, without the pool."""
         return {
             "algorithm": self.parts.algorithm.name,
             "learner": self.learner.state_dict(),
             "average": self.average,
             "iterations": self.iterations,
             "simulator": simulator_tensors(self.simulator),
-            **self._own_state(),
-        }
-
-    def _own_state(self) -> dict[str, Any]:
-        """The opponents by game, and the state of the sampling."""
-        return {
             "opponents": torch.from_numpy(self.opponents.policy.opponents.copy()),
             "idle": torch.from_numpy(self.env.idle.copy()),
             "rng": self.opponents.rng.bit_generator.state,

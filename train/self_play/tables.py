@@ -9,7 +9,6 @@ up to rounding, as matrix products of other sizes round differently.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,21 +27,18 @@ class CellTables:
     Args:
         worth: maximum number of pairs of cells for tables of an opponent that learns: the frames of
             a rollout.
+
+    Attributes:
+        cumulative: [tables, pairs of cells, actions], sums over the actions; live.
     """
 
     def __init__(self, worth: int) -> None:
         self.worth = worth
-        self._kept: dict[int, tuple[Policy, int]] = {}  # by identity: the policy, and its place
-        self._known: dict[int, int] = {}  # the version of the weights in the table of each place
-        self._cumulative = np.empty((0, 0, 0))
-        self._key: tuple[int, ...] = ()
+        self.cumulative = np.empty((0, 0, 0))
         self._members: list[Policy | None] = []  # kept alive, as they are identified by id()
+        self._key: tuple[int, ...] = ()
         self._places = np.zeros(0, dtype=np.int64)
-
-    @property
-    def cumulative(self) -> NDArray[np.float64]:
-        """[tables, pairs of cells, actions], sums over the actions; live."""
-        return self._cumulative
+        self._version = -1  # of the weights in the table of the first member
 
     def places(self, policies: Sequence[Policy | None], task: Task) -> NDArray[np.int64]:
         """[policies] the index of the table of each policy, updated; -1 for none.
@@ -53,14 +49,21 @@ class CellTables:
         """
         key = tuple(map(id, policies))
         if key != self._key:
-            self._places = self._place(policies, task)
+            self._rebuild(policies, task)
             self._key, self._members = key, list(policies)
         elif len(key) and self._places[0] >= 0:
-            self._refresh(int(self._places[0]), self._members[0], task)
+            first = self._members[0]
+            assert isinstance(first, LearnedPolicy)
+            if _version_of(first) != self._version:
+                self._version, self.cumulative[0] = _version_of(first), _table_of(first, task)
         return self._places
 
     def draw(
-        self, places: NDArray[np.int64], view: GameView, games: Any, draws: NDArray[np.float64]
+        self,
+        places: NDArray[np.int64],
+        view: GameView,
+        games: NDArray[np.intp] | slice,
+        draws: NDArray[np.float64],
     ) -> NDArray[np.int32]:
         """[n] int32, the actions in some games of a view.
 
@@ -72,52 +75,45 @@ class CellTables:
         """
         cells = view.positions[games]
         pairs = cells[:, view.seat] * np.int64(view.task.mazes[0].num_cells)
-        chances = self._cumulative[places, pairs + cells[:, 1 - view.seat]]
+        chances = self.cumulative[places, pairs + cells[:, 1 - view.seat]]
         scaled = draws[:, None] * chances[:, -1:]
         actions: NDArray[np.int32] = (scaled >= chances).sum(axis=1, dtype=np.int32)
         return np.minimum(actions, np.int32(chances.shape[1] - 1))
 
-    def _place(self, policies: Sequence[Policy | None], task: Task) -> NDArray[np.int64]:
-        """[policies]: assign tables to new policies, and free those of removed ones."""
-        found = np.full(len(policies), -1)
-        if not task.is_duel or len(task.mazes) != 1:
-            return found
-        maze, pairs = task.mazes[0], task.mazes[0].num_cells ** 2
-        here = {id(policy) for policy in policies}
-        self._kept = {name: kept for name, kept in self._kept.items() if name in here}
-        taken = {place for _, place in self._kept.values()}
-        self._known = {place: known for place, known in self._known.items() if place in taken}
-        free = sorted(set(range(len(taken) + len(policies))) - taken, reverse=True)
+    def _rebuild(self, policies: Sequence[Policy | None], task: Task) -> None:
+        """Tables of these policies; those of members that stay are kept."""
+        known = {
+            id(member): self.cumulative[place]
+            for member, place in zip(self._members[1:], self._places[1:], strict=True)
+            if place >= 0
+        }
+        tables: list[NDArray[np.float64]] = []
+        self._places = np.full(len(policies), -1)
         for number, policy in enumerate(policies):
             most = MAX_PAIRS if number else min(self.worth, MAX_PAIRS)
-            if not isinstance(policy, LearnedPolicy) or pairs > most:
-                continue
-            own = policy.task
-            if not (own.is_duel and own.stay_action == task.stay_action and policy.plays_in(maze)):
-                continue
-            if id(policy) not in self._kept:
-                place = free.pop()
-                taken.add(place)
-                self._kept[id(policy)] = policy, place
-            found[number] = self._kept[id(policy)][1]
-        count = 1 + max(taken, default=-1)
-        if count > len(self._cumulative):
-            spare = max(count, 5 * len(self._cumulative) // 4)  # copied less often
-            larger = np.zeros((spare, pairs, task.num_actions))
-            if len(self._cumulative):
-                larger[: len(self._cumulative)] = self._cumulative
-            self._cumulative = larger
-        for number, place in enumerate(found.tolist()):
-            if place >= 0 and (number == 0 or place not in self._known):
-                self._refresh(place, policies[number], task)
-        return found
+            if isinstance(policy, LearnedPolicy) and _fits(policy, task, most):
+                self._places[number] = len(tables)
+                if number == 0:
+                    self._version = _version_of(policy)
+                table = known.get(id(policy)) if number else None
+                tables.append(_table_of(policy, task) if table is None else table)
+        self.cumulative = np.stack(tables) if tables else np.empty((0, 0, 0))
 
-    def _refresh(self, place: int, policy: Policy | None, task: Task) -> None:
-        """Update a table if the version counters of the weights have changed."""
-        assert isinstance(policy, LearnedPolicy)
-        version = sum(weights._version for weights in policy.network.parameters())
-        if self._known.get(place) != version:
-            table = policy.action_probabilities(task.mazes[0], task.stay_action)
-            flat = table.reshape(-1, table.shape[-1])
-            np.cumsum(flat, axis=1, out=self._cumulative[place])
-            self._known[place] = version
+
+def _fits(policy: LearnedPolicy, task: Task, most: int) -> bool:
+    """Whether a policy has a table in a task, of at most so many pairs of cells."""
+    own, duel = policy.task, task.is_duel and len(task.mazes) == 1
+    if not duel or not own.is_duel or task.mazes[0].num_cells ** 2 > most:
+        return False
+    return own.stay_action == task.stay_action and policy.plays_in(task.mazes[0])
+
+
+def _version_of(policy: LearnedPolicy) -> int:
+    """A number that grows with every change of the weights."""
+    return sum(weights._version for weights in policy.network.parameters())
+
+
+def _table_of(policy: LearnedPolicy, task: Task) -> NDArray[np.float64]:
+    """[pairs of cells, actions]: sums of the probabilities over the actions."""
+    table = policy.action_probabilities(task.mazes[0], task.stay_action)
+    return table.reshape(-1, table.shape[-1]).cumsum(axis=1)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from copy import copy
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from scripted_agents.limits import MAX_EXACT_WORK, MAX_FINAL_WORK, MAX_WORK, SEA
 from scripted_agents.references import is_exact_team
 from train.evaluation.games import other_role
 from train.evaluation.matchups import can_solve, match
+from train.files import Plain
 from train.runs.folder import CONFIG, SELF_PLAY, SIDE, save_checkpoint, save_config
 from train.runs.forms import Objective
 from train.runs.loop import BRIEF_STEPS, Clock, build_parts, build_run
@@ -34,20 +35,44 @@ from train.self_play.mixtures import snapshot_results
 from train.self_play.parts import SelfPlayParts, self_play_parts, side_settings
 from train.self_play.pool import Member, OpponentPool, weights
 from train.self_play.side import Side
+from train.settings.algorithms import Hyperparameters
 from train.settings.self_play import (
     NASH_SAMPLING,
     ROLES,
     LearningSide,
+    SelfPlaySettings,
     self_play_ppo,
 )
+from train.tensors import State
 
-BRIEF_WORK = 20_000
-"""Games of a larger size are not solved in a dry run of the results."""
 MOST_CELLS = 49
 """Maximum number of cells for mixtures and diversity of snapshots: they take long above."""
 RESPONSE_FRAMES = 100_000
 """Frames for each of the `best_response_seconds`, where the run has a budget in frames; at
 most those of the run."""
+
+
+@dataclass(frozen=True)
+class ResultLimits:
+    """How much is computed for the results of a run.
+
+    Attributes:
+        evaluated_work: size up to which games of teams are evaluated exactly (`match`).
+        whole_game_work: size up to which whole games are solved (`whole_game`).
+        response_work: size up to which exact best responses of teams are solved.
+        search_seconds: of each interval of a best response with a limited view.
+        is_dry_run: whether the last evaluation is used again, best responses are not trained, and
+            the current policies are taken for the snapshots, which a new run does not have.
+    """
+
+    evaluated_work: int = MAX_FINAL_WORK
+    whole_game_work: int = MAX_WORK
+    response_work: int = MAX_FINAL_WORK
+    search_seconds: float = SEARCH_SECONDS
+    is_dry_run: bool = False
+
+
+DRY_RUN = ResultLimits(0, 20_000, 20_000, 0.0, is_dry_run=True)
 
 
 class SelfPlay:
@@ -69,7 +94,7 @@ class SelfPlay:
         payoffs: between members of the pools.
         mixtures: the Nash mixtures of double oracle.
         taken, progress: snapshots and progress so far, in [0, 1].
-        is_brief: whether it is a copy for a dry run.
+        limits: of the results.
         last: the last evaluation.
         on_snapshot: called with this object after every snapshot.
         tell: called with a description and the progress in [0, 1] of long work at the end.
@@ -78,15 +103,9 @@ class SelfPlay:
     kind: ClassVar[str] = SELF_PLAY
     evaluates_first: ClassVar[bool] = True
 
-    def __init__(
-        self, parts: SelfPlayParts, folder: Path, state: dict[str, Any] | None = None
-    ) -> None:
-        self.settings, self.parts, self.folder, self.task = (
-            parts.settings,
-            parts,
-            folder,
-            parts.task,
-        )
+    def __init__(self, parts: SelfPlayParts, folder: Path, state: State | None = None) -> None:
+        self.settings, self.task = parts.settings, parts.task
+        self.parts, self.folder = parts, folder
         self.sides = {
             role: Side(own, ROLES.index(role), None if state is None else state["sides"][role])
             for role, own in parts.sides.items()
@@ -97,13 +116,15 @@ class SelfPlay:
         self.on_snapshot: Callable[[SelfPlay], object] = lambda trainee: None
         self.tell: Callable[[str, float], None] = lambda what, share: None
         self.rng = np.random.default_rng(parts.settings.seed)
-        self.taken, self.progress, self.is_brief, self.last = 0, 0.0, False, dict[str, float]()
-        given = (tuple(self.sides), parts.discount, parts.settings.seed)
-        self.payoffs = Payoffs(self.task, self.pools, *given)
+        self.taken, self.progress, self.last = 0, 0.0, dict[str, float]()
+        self.limits = ResultLimits()
+        learning = tuple(self.sides)
+        seed = parts.settings.seed
+        self.payoffs = Payoffs(self.task, self.pools, learning, parts.discount, seed)
         self.mixtures: dict[str, dict[str, float]] = {}
         if state is not None:
             self._load_state_dict(state)
-        self._share_out()
+        self._update_sampling()
         # The objective depends on the game alone: every learned policy is a table.
         exact = can_solve(self.task, self.policy("chaser"), self.policy("evader"), MAX_EXACT_WORK)
         column, unit = ("nash_conv", "discounted steps") if exact else ("steps", "steps")
@@ -138,8 +159,8 @@ class SelfPlay:
         if self.settings.sampling == "psro":  # every best response has its own schedules
             progress = progress * self.settings.snapshots - self.taken
         for role, side in self.sides.items():
-            found = side.iterate(min(max(progress, 0.0), 1.0))
-            figures |= {f"{role}_{name}": value for name, value in found.items()}
+            logged = side.iterate(min(max(progress, 0.0), 1.0))
+            figures |= {f"{role}_{name}": value for name, value in logged.items()}
         if clock.progress * self.settings.snapshots >= self.taken + 1:
             self.taken = int(clock.progress * self.settings.snapshots)
             self._take_snapshots()
@@ -148,24 +169,26 @@ class SelfPlay:
                 for side in self.sides.values():
                     side.restart()
         self.progress = clock.progress
-        self._share_out()
+        self._update_sampling()
         return figures
 
     # -- opponents -------------------------------------------------------------------------------
 
-    def _share_out(self) -> None:
+    def _update_sampling(self) -> None:
         """Update the sampling probabilities of opponents."""
         settings = self.settings
         for role, side in self.sides.items():
             pool = self.pools[other_role(role)]
             mixture = None
             if settings.sampling in NASH_SAMPLING and self.mixtures:
-                known = self.mixtures[other_role(role)]
-                shares = np.array([known.get(name, 0.0) for name in pool.names])
+                shares_by_name = self.mixtures[other_role(role)]
+                shares = np.array([shares_by_name.get(name, 0.0) for name in pool.names])
                 mixture = shares / shares.sum() if shares.sum() > 0 else None
             sampling = settings.sampling if other_role(role) in self.sides else "latest"
-            how = (settings.window, settings.pfsp_power, mixture, self.payoffs, self.progress)
-            side.opponents.shares = weights(pool, sampling, *how)
+            window, power = settings.window, settings.pfsp_power
+            side.opponents.shares = weights(
+                pool, sampling, window, power, mixture, self.payoffs, self.progress
+            )
 
     def _take_snapshots(self) -> None:
         places = {role: self.pools[role].names for role in ROLES}
@@ -214,62 +237,62 @@ class SelfPlay:
         """As `format_row`."""
         return format_row(row)
 
-    def results(self, interrupted: bool, episodes: int) -> dict[str, Any]:
+    def results(self, interrupted: bool, episodes: int) -> Plain:
         """Exploitability, matches between all policies, pools; for teams best responses to each
         side, exact if the game is small enough, otherwise approximate."""
-        settings, pair, brief = self.settings, {r: self.policy(r) for r in ROLES}, self.is_brief
-        most = 0 if brief else MAX_FINAL_WORK
-        evaluation = dict(self.last) if brief and self.last else self.evaluate(episodes, most)
-        players = {
-            role: {"learned" if role in self.sides else "frozen": pair[role]}
-            | {
-                name: self.parts.scripted[name, role]
-                for name in scripted_references(self.task, role)
-                if (name, role) in self.parts.scripted
-            }
-            for role in ROLES
-        }
-        content: dict[str, Any] = {
+        settings, limits = self.settings, self.limits
+        sides = [side.parts for side in self.sides.values()]
+        pair, players = {role: self.policy(role) for role in ROLES}, dict[str, dict[str, Policy]]()
+        for role in ROLES:
+            players[role] = {"learned" if role in self.sides else "frozen": pair[role]}
+            for name in scripted_references(self.task, role):
+                if (name, role) in self.parts.scripted:
+                    players[role][name] = self.parts.scripted[name, role]
+        evaluation = dict(self.last) if limits.is_dry_run else {}
+        evaluation = evaluation or self.evaluate(episodes, limits.evaluated_work)
+        content: Plain = {
             "task": settings.task.task,
             "maze": self.task.mazes[0].name,
-            "algorithm": ", ".join(side.parts.algorithm.name for side in self.sides.values()),
+            "algorithm": ", ".join(side.algorithm.name for side in sides),
             "sampling": settings.sampling,
             "seed": settings.seed,
             "discount": self.parts.discount,
-            "precision": next(iter(self.sides.values())).parts.build.precision,
+            "precision": sides[0].build.precision,
             "update": ", ".join(
                 getattr(side.learner, "update_form", "torch") for side in self.sides.values()
             ),
             "evaluation": evaluation,
-            "matches": matches(self.task, players, episodes, most),
+            "matches": matches(self.task, players, episodes, limits.evaluated_work),
             "pools": {role: pool.described() for role, pool in self.pools.items()},
             "mixtures": self.mixtures,
         }
-        if any(self.task.hides_from(agent) for agent in self.task.agent_names):
+        limited = any(self.task.hides_from(agent) for agent in self.task.agent_names)
+        has_nash_conv = "nash_conv" in evaluation
+        exact_team = is_exact_team(self.task, pair, MAX_FINAL_WORK)
+        if limited:
             content["limited_view"] = True  # best responses and values have full view
             self.tell("best responses with a limited view", 0.0)
-            seconds = 0.0 if brief else SEARCH_SECONDS
-            content["limited_best_responses"] = limited_best_responses(self.task, pair, seconds)
-        exact = "nash_conv" in evaluation
-        if not exact and not is_exact_team(self.task, pair, MAX_FINAL_WORK):
+            intervals = limited_best_responses(self.task, pair, limits.search_seconds)
+            content["limited_best_responses"] = intervals
+        if not has_nash_conv and not exact_team:
             self.tell("NashConv of the whole game", 0.0)
-            how = (self.parts.discount, BRIEF_WORK if brief else MAX_WORK)
-            content["whole_game"] = whole_game(self.task, pair, *how)
-        everything = not content.get("limited_view")
-        if exact and everything and not interrupted and self.task.max_cells <= MOST_CELLS:
+            most = limits.whole_game_work
+            content["whole_game"] = whole_game(self.task, pair, self.parts.discount, most)
+        small = self.task.max_cells <= MOST_CELLS
+        if has_nash_conv and small and not limited and not interrupted:
             kept = {role: self.pools[role].snapshots for role in self.sides}
-            if brief:  # there are no snapshots yet
+            if limits.is_dry_run:
                 kept = {r: [Member(name, pair[r], False) for name in "ab"] for r in self.sides}
-            least = next(iter(self.parts.sides.values())).min_probability
-            given: Any = (self.parts.discount, kept, None if brief else self.mixtures, least)
-            content |= snapshot_results(self.task, settings.sampling, *given)
-            found = content.get("mixture_nash_conv")
-            evaluation["played_nash_conv"] = found[0] if found else evaluation["nash_conv"]
-        if is_exact_team(self.task, pair, MAX_FINAL_WORK):
-            solved = not brief or is_exact_team(self.task, pair, BRIEF_WORK)
+            mixtures, least = None if limits.is_dry_run else self.mixtures, sides[0].min_probability
+            discount, sampling = self.parts.discount, settings.sampling
+            content |= snapshot_results(self.task, sampling, discount, kept, mixtures, least)
+            bounds = content.get("mixture_nash_conv")
+            evaluation["played_nash_conv"] = bounds[0] if bounds else evaluation["nash_conv"]
+        if exact_team:
+            solved = is_exact_team(self.task, pair, limits.response_work)
             learned = {role: pair[role] for role in self.sides if solved}
             content["exact_best_response"] = exact_best_responses(self.task, learned, self.tell)
-        elif not exact and settings.best_response_seconds and not interrupted:
+        elif not has_nash_conv and settings.best_response_seconds and not interrupted:
             content["approximate_best_response"] = self.approximate_best_responses(episodes)
         return content
 
@@ -277,7 +300,7 @@ class SelfPlay:
         """As `Trainee`."""
         small = copy(self)
         small.task = replace(self.task, max_steps=min(self.task.max_steps, BRIEF_STEPS))
-        small.is_brief, small.tell = True, lambda what, share: None
+        small.limits, small.tell = DRY_RUN, lambda what, share: None
         return small
 
     def approximate_best_responses(self, episodes: int) -> dict[str, float]:
@@ -285,36 +308,47 @@ class SelfPlay:
 
         A bound on the value of a best response: {"against_evader": steps, ...}.
         """
-        found = {}
-        seconds, frames = self.settings.best_response_seconds or None, None
-        if self.settings.frames is not None:  # equal settings have equal results
-            frames = min(max(round(RESPONSE_FRAMES * (seconds or 0.0)), 1), self.settings.frames)
-            seconds = None
+        steps = {}
         for role in self.sides:
-            other = other_role(role)
-            by_ppo = [side.parts.hyper for side in self.sides.values()
-                      if side.parts.algorithm.name == "ppo"]  # fmt: skip
-            hyper = by_ppo[0] if by_ppo else replace(self_play_ppo(), gamma=self.parts.discount)
-            roles: Any = {role: str(self.folder / role), other: LearningSide(hyper=hyper)}
-            alone: Any = {"sampling": "latest", "members": (), "best_response_seconds": 0.0}
-            budget: Any = {"seconds": seconds, "frames": frames}
-            # The fixed side samples as in training; the response may use all actions.
-            task = replace(self.settings.task, opponent_policy="sampled", mask_bumps=False)
-            settings = replace(self.settings, task=task, **roles, **alone, **budget)
             with TemporaryDirectory() as folder:
+                settings = self._response_settings(role)
                 run = build_run(SelfPlay, build_parts(self_play_parts, settings), Path(folder))
                 what = f"approximate best response against the {role}"
-                if not self.is_brief:
+                if not self.limits.is_dry_run:
                     run.train(lambda run, row, what=what: self.tell(what, run.progress))  # type: ignore[misc]
                 if run.stopped:
                     raise KeyboardInterrupt
                 chaser, evader = (run.trainee.policy(side) for side in ROLES)
-                found[f"against_{role}"] = match(self.task, chaser, evader, episodes).steps
-        return found
+                steps[f"against_{role}"] = match(self.task, chaser, evader, episodes).steps
+        return steps
+
+    def _response_settings(self, role: str) -> SelfPlaySettings:
+        """Of a run in which PPO learns against the policy of a role, which is fixed."""
+        settings, learning = self.settings, [side.parts for side in self.sides.values()]
+        of_ppo: Hyperparameters = replace(self_play_ppo(), gamma=self.parts.discount)
+        of_ppo = next((one.hyper for one in learning if one.algorithm.name == "ppo"), of_ppo)
+        sides: dict[str, str | LearningSide] = {role: str(self.folder / role)}
+        sides[other_role(role)] = LearningSide(hyper=of_ppo)
+        seconds, frames = settings.best_response_seconds or None, settings.frames
+        if frames is not None:  # equal settings have equal results
+            frames = min(max(round(RESPONSE_FRAMES * (seconds or 0.0)), 1), frames)
+            seconds = None
+        return replace(
+            settings,
+            # The fixed side samples as in training; the response may use all actions.
+            task=replace(settings.task, opponent_policy="sampled", mask_bumps=False),
+            chaser=sides["chaser"],
+            evader=sides["evader"],
+            sampling="latest",
+            members=(),
+            best_response_seconds=0.0,
+            seconds=seconds,
+            frames=frames,
+        )
 
     # -- files -----------------------------------------------------------------------------------
 
-    def state_dict(self) -> dict[str, Any]:
+    def state_dict(self) -> State:
         """Both sides, the members of the pools, and the meta-game."""
         return {
             "sides": {role: side.state_dict() for role, side in self.sides.items()},
@@ -327,11 +361,11 @@ class SelfPlay:
             "mixtures": self.mixtures,
         }
 
-    def learned(self) -> dict[str, Any]:
+    def learned(self) -> State:
         """The states of the learners."""
         return {role: side.learner.state_dict() for role, side in self.sides.items()}
 
-    def _load_state_dict(self, state: dict[str, Any]) -> None:
+    def _load_state_dict(self, state: State) -> None:
         for role, side in self.sides.items():
             side.learner.load_state_dict(state["sides"][role]["learner"])
         for role, pool in self.pools.items():

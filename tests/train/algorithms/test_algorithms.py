@@ -174,9 +174,8 @@ def test_a2c_standardizes_advantages_by_default(standardize: bool) -> None:
 
 def test_the_weights_of_prioritised_replay_are_annealed_over_the_run() -> None:
     env = make_env(16)
-    networks = make_network(env, QNetwork), make_network(env, QNetwork)
     small = {"prioritized": True, "learning_starts": 64, "batch_size": 8, "buffer_size": 400}
-    learner = DQN(DQNSettings(16, **small), env, *networks, "cpu", 0)  # type: ignore[arg-type]
+    learner = DQN(DQNSettings(16, **small), env, Build())  # type: ignore[arg-type]
     found = []
     for progress in (0.0, 0.5, 1.0):
         learner.iterate(progress)
@@ -195,11 +194,11 @@ def test_reinforces_discount_is_annealed_by_its_horizon() -> None:
     )
     env = make_env(16)
     learner = Reinforce(settings, env, make_network(env), "cpu")
-    play, given = learner.play, []
-    learner.play = lambda gamma: given.append(gamma) or play(gamma)  # type: ignore[method-assign, func-returns-value]
+    discounts = []
     for time in (0.0, 0.5, 1.0):
         learner.iterate(time)
-    assert given == pytest.approx([0.9, 0.99, 0.999])
+        discounts.append(learner.gamma)
+    assert discounts == pytest.approx([0.9, 0.99, 0.999])
     with pytest.raises(ValueError, match=r"gamma=1\.0, gamma_end=0\.99; both must be in"):
         ReinforceSettings(gamma=1.0, gamma_end=0.99)
 
@@ -227,7 +226,7 @@ def test_advantages_are_those_of_the_annealed_discount(recurrent: str | None) ->
 def test_reinforce_learns_from_whole_episodes_and_their_returns() -> None:
     env = make_env(64)
     learner = Reinforce(ReinforceSettings(64, 0.9), env, make_network(env), "cpu")
-    frames = learner.play(0.9)
+    frames = learner.collect()
     lengths = np.concatenate(env.finished_lengths)
     assert len(lengths) == 64 and len(frames["value"]) == lengths.sum()
     assert (lengths == 12).any() and (lengths < 12).any()
@@ -329,9 +328,8 @@ def test_the_loss_of_dqn_and_its_gradients_equal_torchrls(double: bool, weighted
 @pytest.mark.parametrize("n_steps", [1, 3])
 def test_the_replay_buffer_of_dqn_equals_a_plain_loop(n_steps: int) -> None:
     env = make_env(16)
-    networks = make_network(env, QNetwork), make_network(env, QNetwork)
     chosen = DQNSettings(16, 0.9, rollout_steps=20, n_steps=n_steps, buffer_size=1000, batch_size=8)
-    learner = DQN(chosen, env, *networks, "cpu", 0)
+    learner = DQN(chosen, env, Build())
     rollout = learner.collector.rollout()
     learner.store(rollout)
     learner.close()

@@ -93,7 +93,7 @@ def test_actions_are_uniform_until_learning_starts_and_the_actors_then() -> None
     first = learner.replay.columns()["action"].clone()
     assert float(first.abs().max()) > 0.9 and float(first.std()) == pytest.approx(0.577, abs=0.1)
     before = {name: rows.clone() for name, rows in learner.network.state_dict().items()}
-    learner.replayed = replace(learner.replayed, gradient_steps=1)
+    learner.settings = replace(learner.settings, gradient_steps=1)
     learner.iterate(0.0)
     played = learner.replay.columns()
     learner.network.load_state_dict(before)

@@ -12,7 +12,8 @@ import torch
 from test_algorithms import make_env, make_network
 
 from scripted_agents import RandomAgent
-from train.algorithms.a2c import Reinforce, a2c_loss
+from train.algorithms.a2c import Reinforce
+from train.algorithms.ppo import ppo_loss
 from train.algorithms.registry import ALGORITHMS, Algorithm, Build, entry, register
 from train.commands.train import _defaults
 from train.kinds import start
@@ -58,14 +59,12 @@ def test_fused_reinforce_has_the_gradients_of_its_loss() -> None:
     learner = Reinforce(ReinforceSettings(64, 0.9), env, make_network(env))
     plain = Reinforce(ReinforceSettings(64, 0.9), env, learner.network, fused=False)
     assert (learner.update_form, plain.update_form) == ("fused", "torch")
-    frames = learner.play(0.9)
-    frames["advantage"] = frames["value_target"] - frames["value"]
+    frames = learner.collect()
     coefficients = LossCoefficients(math.inf, 0.5, 0.01)
-    assert learner._fused is not None
-    learner._fused.set_gradients(frames, coefficients)
+    learner.update.set_gradients(frames, coefficients)
     found = {name: weight.grad for name, weight in learner.network.named_parameters()}
     learner.network.zero_grad()
-    a2c_loss(learner.network, frames, coefficients)[0].backward()
+    ppo_loss(learner.network, frames, coefficients)[0].backward()
     for name, weight in learner.network.named_parameters():
         torch.testing.assert_close(found[name], weight.grad, rtol=1e-3, atol=1e-5)
 

@@ -200,7 +200,7 @@ def test_actions_are_drawn_from_the_softmax_of_its_logits() -> None:
     env.reset()
     seen = torch.from_numpy(env.simulator.observe("index", 0))[:1].expand(20_000, -1)
     with torch.no_grad():
-        drawn, _ = learner.update._act({"observation": seen}, torch.zeros(20_000, 0))
+        drawn = learner.update.act({"observation": seen})
         logits, value = network(seen)
     share = torch.bincount(drawn["action"], minlength=4) / 20_000
     torch.testing.assert_close(share, logits[0].softmax(-1), atol=0.015, rtol=0)

@@ -18,11 +18,12 @@ from torchrl_heads import actor_of, critic_of
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import make_task
 from scripted_agents import RandomAgent
-from train.algorithms import a2c, dqn, ppo
+from train.algorithms import dqn, ppo
 from train.algorithms.a2c import A2C
 from train.algorithms.advantages import fused_advantages
-from train.algorithms.fused_rollouts import Frames, FusedUpdate
+from train.algorithms.fused_rollouts import FusedUpdate
 from train.algorithms.ppo import PPO, ppo_loss
+from train.algorithms.rollouts import Frames
 from train.environments.simulator_env import SimulatorEnv
 from train.networks.actor_critic import ActorCritic
 from train.networks.fused_actor_critic import (
@@ -151,7 +152,7 @@ def test_actions_are_drawn_from_the_softmax_of_the_logits() -> None:
     share = torch.bincount(drawn.action, minlength=4) / 40_000
     torch.testing.assert_close(share, logits[0].softmax(-1), atol=0.012, rtol=0)
     assert (logits[0].softmax(-1) > 0.02).sum() >= 3
-    torch.testing.assert_close(drawn.log_prob, logits[0].log_softmax(-1)[drawn.action])
+    torch.testing.assert_close(drawn.action_log_prob, logits[0].log_softmax(-1)[drawn.action])
     torch.testing.assert_close(drawn.value, value[0].expand(40_000))
     torch.testing.assert_close(fused.value(seen), drawn.value)
 
@@ -192,11 +193,13 @@ def test_rollouts_are_what_the_games_do_and_never_cross_an_episode(team: bool) -
         num_games=games, rollout_steps=steps, minibatch_size=64, gamma=gamma, gae_lambda=fade
     )
     learner = PPO(settings, env, network)
-    now = again.reset()
+    now, take_step = again.reset(), env.step_tensors
     for _ in range(2):  # the second goes on where the first ended
+        actions: list[torch.Tensor] = []
+        env.step_tensors = lambda one, all_=actions: all_.append(one) or take_step(one)  # type: ignore[method-assign, func-returns-value, misc]
         frames = learner.collect()
         assert isinstance(learner.update, FusedUpdate)
-        played = learner.update._action  # of all, where frames are of those that count
+        played = torch.stack(actions)  # of all, where frames are of those that count
         kept, counts, rewards, ends, following, values = [], [], [], [], [], []
         for step in range(steps):
             kept.append(now["observation"].clone())
@@ -369,9 +372,9 @@ def test_fused_off_takes_torch_and_the_loss_that_stands_there(
         small["minibatch_size"] = 64
     if algorithm == "dqn":
         small |= {"learning_starts": 32, "batch_size": 32}
-    module = {"ppo": ppo, "a2c": a2c, "dqn": dqn}[algorithm]
-    loss, found = getattr(module, f"{algorithm}_loss"), []
-    monkeypatch.setattr(module, f"{algorithm}_loss", lambda *given: found.append(1) or loss(*given))
+    module, name = (dqn, "dqn_loss") if algorithm == "dqn" else (ppo, "ppo_loss")
+    loss, found = getattr(module, name), []
+    monkeypatch.setattr(module, name, lambda *given: found.append(1) or loss(*given))
     for fused, called in (("auto", algorithm == "dqn"), ("off", True)):
         trainee = SingleAgent(parts_of(settings_of(**small, fused=fused)), "greedy")
         assert trainee.learner.update_form == ("fused" if fused == "auto" else "torch")

@@ -20,9 +20,9 @@ import torch
 from test_resumption import CHASER, KilledError, check_resumption, kill, tiny
 
 from scripted_agents import RandomAgent
-from train.algorithms.fused_rollouts import select
 from train.algorithms.learner import clip_gradients
 from train.algorithms.ppo import PPO
+from train.algorithms.rollouts import select
 from train.experiments.identity import fingerprint
 from train.kinds import open_run, start
 from train.networks.fused_actor_critic import LossCoefficients
