@@ -11,14 +11,19 @@ from pathlib import Path
 class CannotWrite(OSError):
     """A file could not be written; the message does not name temporary files."""
 
+    def __str__(self) -> str:
+        return str(self.args[0])
+
 
 def cannot_write(path: Path, error: Exception) -> CannotWrite:
     """The error for `path`, with its reason."""
     reason = getattr(error, "strerror", None) or (str(error).splitlines() or [""])[0]
-    return CannotWrite(
+    named = CannotWrite(
         f"{path}: cannot be written ({reason or type(error).__name__}); free space, or give a "
         "writable folder. The previous content is kept"
     )
+    named.errno, named.filename = getattr(error, "errno", None), str(path)
+    return named
 
 
 def write_atomically(path: Path, write: Callable[[Path], object]) -> None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pursuit.mazes.maze import Maze
 from pursuit.reacher.simulator import ReacherSimulator
 from pursuit.reacher.task import ReacherTask
-from pursuit.rules.layout import Array
+from pursuit.rules.arrays import Array
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.rewards import rewards_text
 from pursuit.tasks.task import Task
