@@ -18,12 +18,12 @@ class CannotWrite(OSError):
 def cannot_write(path: Path, error: Exception) -> CannotWrite:
     """The error for `path`, with its reason."""
     reason = getattr(error, "strerror", None) or (str(error).splitlines() or [""])[0]
-    refused = CannotWrite(
+    named = CannotWrite(
         f"{path}: cannot be written ({reason or type(error).__name__}); free space, or give a "
         "writable folder. The previous content is kept"
     )
-    refused.filename = str(path)
-    return refused
+    named.errno, named.filename = getattr(error, "errno", None), str(path)
+    return named
 
 
 def write_atomically(path: Path, write: Callable[[Path], object]) -> None:

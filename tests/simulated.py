@@ -105,8 +105,8 @@ def assert_equal(one: Moment, other: Moment, without: Collection[str] = ()) -> N
 
 
 @contextmanager
-def refused(simulator: AnySimulator, message: str = "") -> Iterator[None]:
-    """A ValueError with this message, after which nothing has changed."""
+def refused(simulator: AnySimulator, message: str | None = None) -> Iterator[None]:
+    """A ValueError, with this message if one is given, after which nothing has changed."""
     before = snapshot(simulator)
     with pytest.raises(ValueError, match=message):
         yield

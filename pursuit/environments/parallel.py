@@ -25,7 +25,7 @@ from pursuit.observations.masks import (
 )
 from pursuit.rendering.rendering import AgentMark, Scene
 from pursuit.rendering.windows import Rendered
-from pursuit.rules.layout import Array
+from pursuit.rules.arrays import Array
 from pursuit.simulator.policy import Policy, play, seat_policies
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task, checked_task, make_task

@@ -15,7 +15,7 @@ from pursuit.environments.parallel import RENDER_FPS, MazeGames
 from pursuit.environments.single_env import SingleEnv, checked_actions
 from pursuit.environments.vector import LockstepVectorEnv
 from pursuit.observations.masks import ACTION_MASK
-from pursuit.rules.layout import Array
+from pursuit.rules.arrays import Array
 from pursuit.simulator.policy import Policy, seat_policies
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task, checked_task

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from pursuit.environments.types import Info, Options, Space
 from pursuit.rendering.rendering import Drawable
 from pursuit.rendering.windows import Rendered
-from pursuit.rules.layout import Array
+from pursuit.rules.arrays import Array
 from pursuit.validation import as_array, checked_seed, random_seed
 
 MAKERS = (gymnasium.make.__code__, gymnasium.make_vec.__code__)

@@ -19,7 +19,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from pursuit.environments.types import Info
 from pursuit.environments.vector import RESET_MASK, LockstepVectorEnv
 from pursuit.observations.masks import ACTION_MASK
-from pursuit.rules.layout import Array
+from pursuit.rules.arrays import Array
 
 SPACES = ("observation_space", "action_space")
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pursuit.environments.single_env import GamesOfWorld, SpecWithLimit, row_of
 from pursuit.environments.types import Info, Options, Space
-from pursuit.rules.layout import Array
+from pursuit.rules.arrays import Array
 from pursuit.validation import checked_seed, is_int, random_seed, whole
 
 RESET_MASK = "reset_mask"

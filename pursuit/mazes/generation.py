@@ -19,7 +19,7 @@ from pursuit.mazes.graph_generation import graph_drawing
 from pursuit.mazes.maze import LIBRARY, Maze
 from pursuit.memory import check_memory
 from pursuit.rules import EAST, NORTH, SOUTH, next_below
-from pursuit.rules.layout import Flags, Longs, Words
+from pursuit.rules.arrays import Flags, Longs, Words
 from pursuit.validation import check_bool, is_int, is_number, one_of, whole
 
 MAX_CELLS = 4_000_000

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.plugins import Registry
-from pursuit.rules.layout import Array, Games
+from pursuit.rules.arrays import Array
+from pursuit.rules.layout import Games
 from pursuit.tasks.moments import Before, distances_of, moment_of, roles_of
 from pursuit.tasks.task import Task
 

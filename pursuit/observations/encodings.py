@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.compilation.compiled import compiled, inlined
-from pursuit.rules.layout import Array, Flags, Games, Ints, Longs
+from pursuit.rules.arrays import Array, Flags, Ints, Longs
+from pursuit.rules.layout import Games
 from pursuit.rules.visibility import (
     COLLECTED_PLANE,
     GOALS_PLANE,

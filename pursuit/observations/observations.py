@@ -22,7 +22,8 @@ from pursuit.observations.custom import (
     given_radius,
     is_builtin,
 )
-from pursuit.rules.layout import Array, Games
+from pursuit.rules.arrays import Array
+from pursuit.rules.layout import Games
 from pursuit.rules.visibility import FLOOR, GOAL, IN_VIEW, OTHER, SELF, TEAM, UNSEEN, WALL
 from pursuit.rules.visibility import PLANES as PLANES
 from pursuit.tasks.task import Task, checked_task

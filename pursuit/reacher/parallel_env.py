@@ -17,7 +17,7 @@ from pursuit.reacher.rules import ROUNDING
 from pursuit.reacher.simulator import ReacherSimulator
 from pursuit.reacher.single_agent import RENDER_FPS, ArmGames
 from pursuit.reacher.task import ReacherTask
-from pursuit.rules.layout import Array
+from pursuit.rules.arrays import Array
 from pursuit.validation import as_array, check_bool, one_of
 
 

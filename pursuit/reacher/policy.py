@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pursuit.reacher.rules import POLICY_STREAM, Arms
 from pursuit.reacher.task import ReacherTask
-from pursuit.rules.layout import Array
+from pursuit.rules.arrays import Array
 from pursuit.rules.randomness import draw_uniform
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.compilation.compiled import compiled, inlined
-from pursuit.rules.layout import Flags, Ints, Reals, Words
+from pursuit.rules.arrays import Flags, Ints, Reals, Words
 from pursuit.rules.randomness import next_uniform
 
 STARTS_STREAM, POLICY_STREAM, NUM_STREAMS = 0, 1, 2

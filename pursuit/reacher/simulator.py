@@ -14,7 +14,7 @@ from pursuit.reacher.policy import ArmArrays, ArmView
 from pursuit.reacher.rules import Arms, NextEpisode, Outcome
 from pursuit.reacher.state import check_values
 from pursuit.reacher.task import LEAST_TOLERANCE, ReacherTask
-from pursuit.rules.layout import Array
+from pursuit.rules.arrays import Array
 from pursuit.rules.randomness import GOLDEN
 from pursuit.simulator.batch import BatchSimulator
 from pursuit.simulator.next_episode import fill, game_indices

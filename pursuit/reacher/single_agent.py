@@ -18,7 +18,7 @@ from pursuit.reacher.rendering import ArmScene, scene_of
 from pursuit.reacher.simulator import ReacherSimulator
 from pursuit.reacher.task import ReacherTask, make_reacher_task
 from pursuit.rendering.windows import metadata_of
-from pursuit.rules.layout import Array
+from pursuit.rules.arrays import Array
 from pursuit.validation import one_of, reset_options, whole
 
 RENDER_FPS = 20

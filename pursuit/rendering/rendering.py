@@ -240,9 +240,8 @@ def _background(
         MIN_CELL_PIXELS, int((side - _wall_pixels(int(side / longest))) / longest)
     )
     wall = _wall_pixels(cell)
-    maze_width, least = int(columns * cell) + wall, 0
-    if not maze.is_grid and cell_pixels is None:
-        least = side  # the pictures of all graphs of a task are squares of one size
+    maze_width = int(columns * cell) + wall
+    least = 0 if maze.is_grid or cell_pixels else side  # pictures of all graphs have one size
     height = max(int(rows * cell) + wall, least) + 2 * MARGIN
     font_size = min(18, max(11, max(maze_width, height) // 32))
     longest_count = font_of(font_size).getlength(f"step {max_steps} / {max_steps}")

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pursuit.mazes.maze import Maze
 from pursuit.reacher.simulator import ReacherSimulator
 from pursuit.reacher.task import ReacherTask
-from pursuit.rules.layout import Array
+from pursuit.rules.arrays import Array
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.rewards import rewards_text
 from pursuit.tasks.task import Task
@@ -98,7 +98,8 @@ class MazeAdapter(TaskAdapter):
         if rewards is not None and ":" in str(rewards):
             raise ValueError(f"rewards={rewards!r}; a replay cannot name a function")
         given |= {} if rewards is None else {"rewards": rewards}
-        return super().task(given | {"maze": found[0] if len(found) == 1 else tuple(found)})
+        maze = found[0] if len(found) == 1 else tuple(found)
+        return super().task(dict(maze=maze, **given))  # a TypeError if `given` has a maze, too
 
     def agents(self, task: Task) -> list[str]:
         """The names of the agents, one for each column of the rewards."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pursuit.replays.adapters import Adapter, State, adapter_for, has_reward_function
 from pursuit.replays.replay import Episode, Replay, digest_of
-from pursuit.rules.layout import Array
+from pursuit.rules.arrays import Array
 from pursuit.validation import whole
 
 WRAPPED = ("step", "reset", "place", "set_state")

@@ -24,7 +24,7 @@ from pursuit.replays.adapters import (
     has_reward_function,
 )
 from pursuit.replays.viewer.data import replay_page
-from pursuit.rules.layout import Array
+from pursuit.rules.arrays import Array
 from pursuit.validation import as_path, one_of
 from pursuit.version import __version__
 

@@ -1,5 +1,6 @@
 """The rules of the games: their memory layout, their starts and their steps.
 
+arrays        names of the types of arrays
 layout        constants, names and shapes of everything
 randomness    streams of random numbers
 distances     tables and searches

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.compilation.compiled import compiled, inlined, subroutine
+from pursuit.rules.arrays import Flags, Ints, Longs, Reals, Words
 from pursuit.rules.layout import (
     AGENT_LAYERS,
     BAD_ACTION,
@@ -25,16 +26,11 @@ from pursuit.rules.layout import (
     TERMINATED,
     TRUNCATED,
     UNCHANGED,
-    Flags,
     Games,
-    Ints,
-    Longs,
     Memory,
     Outcome,
-    Reals,
     Rules,
     Teams,
-    Words,
     World,
     agents_of,
     games_of,

@@ -9,7 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from pursuit.compilation.compiled import allocating, compiled, inlined, subroutine
-from pursuit.rules.layout import UNREACHABLE, Ints, Search, World, stay_of
+from pursuit.rules.arrays import Ints
+from pursuit.rules.layout import UNREACHABLE, Search, World, stay_of
 
 NO_PATH = 65535
 """UNREACHABLE in a table of uint16."""

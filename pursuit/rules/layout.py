@@ -23,14 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.compilation.compiled import inlined
-
-Array = NDArray[Any]
-"""An array of any dtype."""
-Ints = NDArray[np.int32]
-Longs = NDArray[np.int64]
-Reals = NDArray[np.float64]
-Words = NDArray[np.uint64]
-Flags = NDArray[np.bool_]
+from pursuit.rules.arrays import Flags, Ints, Longs, Reals, Words
 
 NORTH, SOUTH, EAST, WEST, STAY = range(5)
 """The actions in a maze; see `stay_of` for graphs."""
@@ -43,8 +36,7 @@ COLLECTED, CAPTURED, WAS_CAPTURED = 1, 2, 4
 
 GOING_ON, TERMINATED, TRUNCATED = range(3)
 OK, BAD_ACTION = range(2)
-UNPLACED = -1
-"""The cell of an agent that is not placed yet."""
+UNPLACED = -1  # the cell of an agent that is not placed yet
 UNCHANGED = -1.0  # no pending epsilon: the current one remains
 
 # The stacked layers of the flat arrays.
@@ -246,8 +238,7 @@ def numbers_of(
     teams: Teams, max_steps: int, num_actions: int, chasers_first: bool, start_at_marks: bool
 ) -> Longs:
     """[8] int64: the teams and the integer rules, an argument of kernels; see `rules_of`."""
-    rest = (max_steps, num_actions, chasers_first, start_at_marks)
-    return np.array([*teams, *rest], dtype=np.int64)
+    return np.array([*teams, max_steps, num_actions, chasers_first, start_at_marks], dtype=np.int64)
 
 
 def scratch_for(num_cells: int, num_agents: int, num_goals: int) -> Ints:

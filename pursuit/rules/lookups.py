@@ -8,8 +8,9 @@ from __future__ import annotations
 import numpy as np
 
 from pursuit.compilation.compiled import inlined
+from pursuit.rules.arrays import Ints, Words
 from pursuit.rules.distances import FAR, pair_index
-from pursuit.rules.layout import Ints, Words, World, stream_of
+from pursuit.rules.layout import World, stream_of
 from pursuit.rules.randomness import draw_action
 
 Index = int | np.uint64

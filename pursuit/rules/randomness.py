@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.compilation.compiled import compiled, inlined, subroutine
-from pursuit.rules.layout import STARTS_STREAM, Reals, Words
+from pursuit.rules.arrays import Reals, Words
+from pursuit.rules.layout import STARTS_STREAM
 
 GOLDEN = 0x9E3779B97F4A7C15
 """2**64 divided by the golden ratio, made odd: the increment of a stream."""

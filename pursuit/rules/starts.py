@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pursuit.compilation.compiled import inlined, subroutine
+from pursuit.rules.arrays import Words
 from pursuit.rules.distances import (
     distance_within,
     forget,
@@ -26,7 +27,6 @@ from pursuit.rules.layout import (
     NextEpisode,
     Rules,
     Search,
-    Words,
     World,
     agents_of,
     bit_of,

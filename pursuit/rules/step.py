@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pursuit.compilation.compiled import inlined
+from pursuit.rules.arrays import Ints
 from pursuit.rules.captures import captures
 from pursuit.rules.distances import manhattan, place_of
 from pursuit.rules.layout import (
@@ -29,7 +30,6 @@ from pursuit.rules.layout import (
     TRUNCATED,
     WAS_CAPTURED,
     Games,
-    Ints,
     Outcome,
     RewardCoefficients,
     Rules,

@@ -14,7 +14,8 @@ from __future__ import annotations
 import numpy as np
 
 from pursuit.compilation.compiled import inlined
-from pursuit.rules.layout import COLLECTED, Flags, Games, Longs
+from pursuit.rules.arrays import Flags, Longs
+from pursuit.rules.layout import COLLECTED, Games
 
 SEES_ALL = -1
 FLOOR, SELF, TEAM, OTHER, GOAL, WALL, UNSEEN = range(7)

@@ -8,7 +8,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pursuit.rules.layout import Array
+from pursuit.rules.arrays import Array
 from pursuit.rules.randomness import seed_starts, seed_streams
 from pursuit.simulator.next_episode import fill, game_indices
 from pursuit.simulator.state import SimulatorState, check_arrays

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pursuit.rules.layout import Array, NextEpisode
+from pursuit.rules.arrays import Array
+from pursuit.rules.layout import NextEpisode
 from pursuit.tasks.placements import check_placeable
 from pursuit.tasks.task import Task
 from pursuit.validation import as_array

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from pursuit.mazes.maze import Maze
 from pursuit.mazes.maze_arrays import MazeArrays
 from pursuit.rules import layout
-from pursuit.rules.layout import Array, Games
+from pursuit.rules.arrays import Array
+from pursuit.rules.layout import Games
 from pursuit.rules.randomness import draw_uniform
 from pursuit.tasks.task import ROLES, Task
 from pursuit.validation import shortened

@@ -12,7 +12,7 @@ from pursuit.mazes.maze_arrays import lay_out
 from pursuit.memory import check_memory
 from pursuit.observations.observations import Encoder
 from pursuit.rules import layout, start_games
-from pursuit.rules.layout import Array
+from pursuit.rules.arrays import Array
 from pursuit.simulator.batch import BatchSimulator
 from pursuit.simulator.next_episode import (
     check_waiting,

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from pursuit.rules.layout import UNCHANGED, Array, NextEpisode
+from pursuit.rules.arrays import Array
+from pursuit.rules.layout import UNCHANGED, NextEpisode
 from pursuit.simulator.next_episode import check_waiting, limits_of
 from pursuit.tasks.task import Task
 

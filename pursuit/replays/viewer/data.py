@@ -14,7 +14,8 @@ from pursuit.mazes.maze import Maze
 from pursuit.observations.observations import PLANES
 from pursuit.replays.adapters import Plain, State
 from pursuit.replays.viewer.page import page
-from pursuit.rules.layout import CAPTURED, COLLECTED, Array
+from pursuit.rules.arrays import Array
+from pursuit.rules.layout import CAPTURED, COLLECTED
 from pursuit.rules.visibility import IN_VIEW
 
 MOVING = PLANES.index("walkable")

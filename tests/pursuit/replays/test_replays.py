@@ -219,6 +219,7 @@ def test_differences_from_the_recording_are_reported(tmp_path: Path) -> None:
         (lambda c: c["task"].update(rewards="os:system"), "a replay cannot name a function"),
         (lambda c: c["task"].update(colour="red"), "unknown settings of a task: colour"),
         (lambda c: c["task"].update(mazes=[]), "a list of mazes"),
+        (lambda c: c["task"].update(maze="5x5"), "multiple values for keyword argument 'maze'"),
         (lambda c: c["task"].update(max_steps=0), "max_steps=0"),
         (lambda c: c["task"]["mazes"][0].update(text="no maze"), "maze"),
         (lambda c: c["episodes"][0].update(actions=["0123", "0"]), "rows of equal length"),
