@@ -173,8 +173,6 @@ class LevelReplay(Ranked):
         self.played = np.concatenate([self.played, np.full(free, self.updates)])
         self.counts = np.concatenate([self.counts, counts[:, :free]], axis=1)
         seeds, scores, counts = seeds[free:], scores[free:], counts[:, free:]
-        if not len(seeds):
-            return
         # Pair the best new levels with the least probable old ones. A new level with a score below
         # all old scores replaces none.
         best = np.argsort(-scores, kind="stable")

@@ -33,11 +33,9 @@ def stage_indices(stages: NDArray[np.float64], values: NDArray[np.float64]) -> N
     Raises:
         ValueError: a value that is not a stage.
     """
-    if len(values) == 0:
-        return np.zeros(0, dtype=np.intp)
     order = np.argsort(stages)
-    places = np.minimum(np.searchsorted(stages[order], values), len(stages) - 1)
-    indices = order[places]
+    places = np.searchsorted(stages, values, sorter=order)
+    indices = order[np.minimum(places, len(stages) - 1)]
     wrong = stages[indices] != values
     if wrong.any():
         raise ValueError(

@@ -193,11 +193,7 @@ def rule(holds: Callable[[Any], bool], text: str) -> Rule:
     """Values for which `holds` is true; `text` describes them in messages."""
 
     def checked(name: str, value: Any) -> Any:
-        try:
-            allowed = holds(value)
-        except TypeError:  # such as a comparison of a number with a string
-            allowed = False
-        check(allowed, f"{name}={value}; {text}")
+        check(value is not None and holds(value), f"{name}={value}; {text}")
         return value
 
     return Rule(checked)

@@ -49,11 +49,12 @@ class Maker:
     mazes: bool = False
     arm: bool = False
 
-    def check(self, name: str, context: Any, ends: AxisSettings) -> None:
+    def check(self, name: str, context: AnyContext, ends: AxisSettings) -> None:
         """ValueError unless the task meets the requirements."""
-        task, arm = context.task, isinstance(context, ArmContext)
+        arm = isinstance(context, ArmContext)
         needs = [(self.arm, arm, "an arm"), (not self.arm, not arm, "games in mazes")]
-        if not arm:
+        if isinstance(context, CurriculumContext):
+            task = context.task
             scripted = task.num_agents > 1 and context.learned_opponent is None
             needs += [
                 (self.goals, task.num_goals > 0, "goals"),
@@ -64,8 +65,8 @@ class Maker:
         for needed, there, what in needs:
             check(
                 there or not needed,
-                f"curriculum {name!r} needs {what}, which task {task.name!r} with these settings "
-                "does not have; use another axis or task",
+                f"curriculum {name!r} needs {what}, which task {context.task.name!r} with these "
+                "settings does not have; use another axis or task",
             )
         check(
             ends.curriculum_mazes is None or self.mazes,

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 from curricula import Curriculum
+from pursuit.reacher.task import ReacherTask
+from pursuit.tasks.task import Task
 from pursuit.validation import check
 from train.settings.axes import Axis
 from train.settings.curricula import (
@@ -26,6 +28,8 @@ from train.teaching.mazes import training_mazes
 from train.teaching.optimum import Optimum
 from train.teaching.regret import RegretScorer
 
+Rules = TypeVar("Rules", bound=Task | ReacherTask)
+
 
 @dataclass(frozen=True)
 class Plan:
@@ -44,7 +48,7 @@ class Plan:
     name: str
     settings: CurriculumSettings
     axis: Axis | None
-    task: Any
+    task: Task | ReacherTask
     optimum: Optimum | None
     seed: int
     scorer: RegretScorer | None = None
@@ -97,7 +101,8 @@ def plan_curriculum(
                 axis_of(varied, context, replace(settings, easiest=value))
     else:
         context.check_levels(name)
-    optimum, training = None, training_task(name, settings, task)
+    optimum = None
+    training: Any = training_task(name, settings, task)
     if settings.needs_optimum:
         steady = axis is None or varied == "auto" or not maker_of(str(varied)).scripted
         optimum = context.optimum(training) if steady else None
@@ -112,13 +117,13 @@ def plan_curriculum(
     return plan
 
 
-def plan_pool(name: str, settings: MazeReplaySettings, context: Any, seed: int) -> Plan:
+def plan_pool(name: str, settings: MazeReplaySettings, context: AnyContext, seed: int) -> Plan:
     """The plan of a curriculum over the mazes of a suite; ValueError as `plan_curriculum`."""
-    check(
-        isinstance(context, CurriculumContext) and len(context.task.mazes) > 1,
-        f"curriculum={name!r} chooses among mazes, and task {context.task.name!r} has one; use a "
-        "suite such as --maze suite:7x7-train",
-    )
+    if not isinstance(context, CurriculumContext) or len(context.task.mazes) < 2:
+        raise ValueError(
+            f"curriculum={name!r} chooses among mazes, and task {context.task.name!r} has one; use "
+            "a suite such as --maze suite:7x7-train"
+        )
     task, scored = context.task, settings.num_scored
     mazes = len(task.mazes)
     check(
@@ -144,13 +149,13 @@ def axis_name(name: str, settings: AxisSettings) -> str:
     return settings.axis if isinstance(settings, StagedSettings) else name
 
 
-def training_task(name: str, settings: CurriculumSettings, task: Any) -> Any:
+def training_task(name: str, settings: CurriculumSettings, task: Rules) -> Rules:
     """The task of the training games: the task of the run with the mazes of the curriculum.
 
     Raises:
         ValueError: mazes that the curriculum does not allow.
     """
-    if not isinstance(settings, AxisSettings):
+    if isinstance(task, ReacherTask) or not isinstance(settings, AxisSettings):
         return task
     varied = axis_name(name, settings)
     if varied == "auto" or not maker_of(varied).mazes:

@@ -10,6 +10,8 @@ from typing import Annotated, Any
 
 import pytest
 
+from pursuit.tasks.rewards import ROLES
+from pursuit.tasks.task import TASK_NAMES
 from pursuit.validation import at_least, choice, passes, rules_of
 from train.runs.parts import settings_of
 from train.runs.saved import from_plain
@@ -17,6 +19,7 @@ from train.self_play.parts import self_play_from_plain, self_play_settings_of
 from train.settings.algorithms import HYPERPARAMETERS
 from train.settings.checks import Count, Settings, Share
 from train.settings.curricula import CURRICULA
+from train.settings.presets import TUNED_RULES, TaskProfile
 from train.settings.reading import names_of
 from train.settings.run import TrainSettings
 from train.settings.self_play import SelfPlaySettings
@@ -234,3 +237,15 @@ def test_help_of_settings_of_lists_all_names() -> None:
     nested = {"hyper", "curriculum_settings"}
     for form in (TrainSettings, TaskSettings, ReacherSettings, HYPERPARAMETERS["ppo"]):
         assert {*names_of(form)} - nested <= said
+
+
+@pytest.mark.parametrize("table", ["mazes", "unseen_mazes", "arms"])
+def test_rules_of_tuned_settings_name_what_exists(table: str) -> None:
+    """A misspelt name would be a rule that never applies."""
+    for rule in TUNED_RULES[table]:
+        assert set(rule) <= {"algorithms", "tasks", "roles", "share", "values"}, rule
+        assert set(rule.get("tasks", ())) <= {*TASK_NAMES, "reacher"}, rule
+        assert set(rule.get("roles", ())) <= set(ROLES), rule
+        assert hasattr(TaskProfile, rule.get("share", "many_goals")), rule
+        for algorithm in rule["algorithms"]:
+            assert set(rule["values"]) <= {*names_of(HYPERPARAMETERS[algorithm])}, rule
