@@ -53,8 +53,7 @@ def baseline(arguments: Sequence[str]) -> None:
     print_scores(scores, contest, certificate_of(contest))
     if isinstance(contest, ArmContest):
         print_bounds(contest)
-        return
-    if isinstance(contest, SuiteContest):
+    if not isinstance(contest, GameContest):
         return
     task = contest.task
     maze = task.mazes[0]

@@ -13,10 +13,9 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from train.commands.parse import print_warnings
-from train.files import check_folder
+from train.files import Plain, check_folder
 from train.runs.folder import (
     CONFIG,
-    Plain,
     check_new,
     is_complete,
     load_final,
@@ -26,7 +25,8 @@ from train.runs.forms import Final
 from train.runs.provenance import allow_options
 
 if TYPE_CHECKING:
-    from train.runs.loop import AnySettings, Run, Trainee
+    from train.runs.loop import Run, Trainee
+    from train.settings.self_play import WholeSettings
 
 T = TypeVar("T", bound="Trainee")
 
@@ -113,7 +113,7 @@ class RunCommand:
 
 
 def start_or_resume(
-    kind: str, settings: AnySettings, given: RunCommand, name: str
+    kind: str, settings: WholeSettings, given: RunCommand, name: str
 ) -> tuple[Run, Final]:
     """The run that a command starts or resumes, and the settings of its final results.
 

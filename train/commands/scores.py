@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 from scripted_agents import count_joint_states
 from train.evaluation.arm_contest import ArmContest
@@ -13,14 +12,16 @@ from train.evaluation.contest import GameContest
 from train.evaluation.hidden_contest import Certificate
 from train.evaluation.joint_contest import MAX_EVALUATED_WORK, MAX_WORK, joint_work
 from train.evaluation.scores import (
+    Contest,
     Reference,
     Score,
     score_table,
 )
+from train.files import Plain
 from train.reports.tables import print_table
 
 
-def print_objective_gap(evaluation: Mapping[str, Any], discount: float) -> None:
+def print_objective_gap(evaluation: Plain, discount: float) -> None:
     """Print the gap of the policy that is optimal for the training objective, if it is known."""
     gap, missing = evaluation.get("objective_gap"), evaluation.get("return_gap")
     best = f"a policy optimal for the training objective (discount {discount:g})"
@@ -30,7 +31,7 @@ def print_objective_gap(evaluation: Mapping[str, Any], discount: float) -> None:
         print(f"{best} misses {missing:z.4f} of the return (exact, over all starts)")
 
 
-def print_reference(held: Mapping[str, Any], contest: Any) -> None:
+def print_reference(held: Plain, contest: Contest) -> None:
     """Print the reference of a result if no exact optimum is known, and the reason.
 
     Args:
@@ -46,7 +47,7 @@ def print_reference(held: Mapping[str, Any], contest: Any) -> None:
             print(f"no exact optimum: {why}")
 
 
-def announce_solution(contest: Any, interrupted: bool) -> None:
+def announce_solution(contest: Contest, interrupted: bool) -> None:
     """Print to stderr that a whole game is being solved, if this takes seconds or more."""
     if not isinstance(contest, GameContest) or contest.task.num_agents == 1 or interrupted:
         return
@@ -97,13 +98,13 @@ def print_whole_game(contest: GameContest) -> None:
             print(f"{text}: {best.mean_over_starts:.4f}{unit} (exact)")
 
 
-def certificate_of(contest: Any) -> Certificate | None:
+def certificate_of(contest: Contest) -> Certificate | None:
     """The proven interval of the optimum, for an agent with limited view only."""
     return contest.certificate() if isinstance(contest, GameContest) else None
 
 
 def print_scores(
-    scores: Sequence[Score], contest: Any, certificate: Certificate | None = None
+    scores: Sequence[Score], contest: Contest, certificate: Certificate | None = None
 ) -> None:
     """Print a table of scores (`score_table`), and the proven interval of the optimum."""
     table = score_table(scores, certificate, contest.measure, contest.beside)

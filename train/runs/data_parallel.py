@@ -36,7 +36,8 @@ from numpy.typing import NDArray
 from pursuit.plugins import environment
 from train.algorithms.learner import averaged_buffers
 from train.algorithms.ppo import PPO
-from train.runs.folder import CHECKPOINT, Plain
+from train.files import Plain
+from train.runs.folder import CHECKPOINT
 from train.runs.parts import parts_of
 from train.runs.threads import can_fork, prepare_torch
 from train.runs.training_state import build_env_and_learner, training_state

@@ -7,19 +7,18 @@ It contains `config.json`, `metrics.csv`, `results.json`, `checkpoint.pt`, `lear
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 from pursuit.mazes.maze import library_names
 from pursuit.mazes.suite_files import is_suite
 from pursuit.plugins import check_trusted
-from train.files import LOCK, check_utf8, is_leftover, read_json, write_json
+from train.files import LOCK, Plain, check_utf8, is_leftover, read_json, write_json
 from train.runs import forms
 from train.runs.provenance import COMMAND, PARTS, command_line, provenance
 from train.schemas import read_as
 from train.settings.checks import check
+from train.settings.self_play import WholeSettings
 from train.teaching.mazes import titled
 
 CONFIG, METRICS, RESULTS, CHECKPOINT = (
@@ -36,9 +35,6 @@ FORMAT = 5
 
 RUN, SIDE, SELF_PLAY = "single", "side", "self-play"
 """Kinds of runs: a single agent; one role of self-play, saved as a policy; self-play."""
-
-Plain = dict[str, Any]
-"""Values by name: the content of a JSON file, or of a checkpoint (then also tensors)."""
 
 
 def check_new(path: Path) -> None:
@@ -67,7 +63,7 @@ def new_folder(path: Path) -> Path:
 def save_config(
     folder: Path,
     kind: str,
-    settings: Any,
+    settings: WholeSettings,
     maze_text: str | None,
     final: forms.Final | None = None,
 ) -> None:
@@ -160,7 +156,7 @@ def load_checkpoint(folder: Path | str) -> Plain:
     return state
 
 
-def check_learned(algorithm: str, trainee: Mapping[str, Any]) -> None:
+def check_learned(algorithm: str, trainee: Plain) -> None:
     """ValueError unless a saved learner is of this algorithm and all its tensors are finite;
     `trainee` has "learner", and "algorithm" unless an older version wrote it."""
     from train.tensors import first_not_finite  # torch is slow to import

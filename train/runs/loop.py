@@ -19,7 +19,7 @@ from torchrl.record.loggers import TensorboardLogger
 from typing_extensions import TypeVar  # with defaults, which Python has from 3.13 on
 
 from pursuit.files import cannot_write
-from train.files import write_csv, write_json
+from train.files import Plain, write_csv, write_json
 from train.runs.folder import (
     CHECKPOINT,
     CONFIG,
@@ -28,7 +28,6 @@ from train.runs.folder import (
     MISFITS,
     REPLAY,
     RESULTS,
-    Plain,
     misfit,
     read_metrics,
     save_checkpoint,
@@ -44,8 +43,8 @@ from train.runs.threads import (
     set_random_states,
 )
 from train.runs.versions import machine, versions
-from train.settings.run import AgentSettings, TrainSettings
-from train.settings.self_play import SelfPlaySettings
+from train.settings.run import TrainSettings
+from train.settings.self_play import WholeSettings
 from train.tensors import first_not_finite
 
 BRIEF_EPISODES, BRIEF_STEPS = 2, 2
@@ -53,8 +52,6 @@ BRIEF_EPISODES, BRIEF_STEPS = 2, 2
 
 EVALUATIONS = 20
 """Number of evaluations, each with a checkpoint, over the budget."""
-
-AnySettings = AgentSettings | SelfPlaySettings
 
 
 class Clock(Protocol):
@@ -134,7 +131,7 @@ class Budget:
     clock: str = "wall"
 
     @classmethod
-    def of(cls, settings: AnySettings) -> Budget:
+    def of(cls, settings: WholeSettings) -> Budget:
         """The budget in the settings of a run."""
         several = isinstance(settings, TrainSettings) and settings.processes > 1
         threads = 1 if several else settings.threads
@@ -166,12 +163,12 @@ class Parts(Protocol):
     """What the settings of a run describe, built and checked once: what a trainee is made of."""
 
     @property
-    def settings(self) -> AnySettings: ...  # noqa: D102 -- see the class
+    def settings(self) -> WholeSettings: ...  # noqa: D102 -- see the class
 
 
 T = TypeVar("T", bound=Trainee, default=Any)
 P = TypeVar("P", bound=Parts)
-S = TypeVar("S", bound=AnySettings)
+S = TypeVar("S", bound=WholeSettings)
 
 
 class Run(Generic[T]):

@@ -15,12 +15,13 @@ from pursuit.memory import check_memory
 from train.algorithms.registry import Algorithm, Build, entry
 from train.environments.arm_env import ArmEnv
 from train.environments.simulator_env import SimulatorEnv
+from train.evaluation.scores import Contest
 from train.evaluation.suite_contest import SuiteContest
 from train.networks.arm_policy import ArmSeat
 from train.networks.policy import NO_WALLS, Player, Seat
 from train.runs.saved import player_of, unchecked_settings
 from train.runs.threads import uses_bfloat16
-from train.runs.worlds import AnyContest, GridWorld, World, world_of
+from train.runs.worlds import GridWorld, World, world_of
 from train.settings.algorithms import Hyperparameters
 from train.settings.checks import check, evaluation_seed
 from train.settings.common import check_min_probability
@@ -204,6 +205,6 @@ def suite_contest_of(
     return SuiteContest(*opponents, episodes, evaluation_seed(seed), exact)
 
 
-def contest_of(settings: AnyTask, episodes: int, seed: int = 0) -> AnyContest:
+def contest_of(settings: AnyTask, episodes: int, seed: int = 0) -> Contest:
     """The contest of a task, without a run; `seed` is a seed of evaluations."""
     return world_of(settings).contest(episodes, evaluation_seed(seed))

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import itertools
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from pursuit.rendering.animation import save_animation
+from pursuit.simulator.policy import Policy
 from train.evaluation.scores import Contest
+from train.files import Plain
 from train.reports.curves import Level, Panel, Series, draw_panels
 from train.reports.figures import BLACK, GREEN, GREY, ORANGE, PINK, SKY, YELLOW, time_scale
 
@@ -22,9 +23,9 @@ LABELS = {"mean_steps": "mean episode length\n(steps, log)", "mean_goals": "mean
 def draw_learning_curve(
     path: Path,
     rows: list[dict[str, float]],
-    scores: list[dict[str, Any]],
+    scores: list[Plain],
     title: str,
-    stages: list[dict[str, Any]] | None = None,
+    stages: list[Plain] | None = None,
     taught: str = "",
     column: str = "mean_steps",
     unit: str = "frames",
@@ -61,7 +62,7 @@ def draw_learning_curve(
     draw_panels(path, [[panel] for panel in panels], unit, title)
 
 
-def curriculum_panel(stages: list[dict[str, Any]], end: float, taught: str, unit: str) -> Panel:
+def curriculum_panel(stages: list[Plain], end: float, taught: str, unit: str) -> Panel:
     """The values of the curriculum as steps: the mean, and the range if there is one; up to `end`
     on an axis of `unit`."""
     places = np.array([*(row[unit] * time_scale(unit) for row in stages), end])
@@ -79,6 +80,6 @@ def curriculum_panel(stages: list[dict[str, Any]], end: float, taught: str, unit
     return Panel(series, label, height=2.0)
 
 
-def save_replay(path: Path, contest: Contest, policy: Any, episodes: int = 3) -> None:
+def save_replay(path: Path, contest: Contest, policy: Policy, episodes: int = 3) -> None:
     """Write a replay as .gif or .mp4, by the suffix of `path`."""
     save_animation(path, contest.scenes(policy, episodes))

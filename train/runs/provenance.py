@@ -14,12 +14,12 @@ from pursuit.observations.custom import OBSERVATIONS
 from pursuit.plugins import Registry, is_reference, sha256_of
 from pursuit.tasks.rewards import REWARDS
 from scripted_agents.environments import POLICIES
-from train.files import read_json
+from train.files import Plain, read_json
 from train.schemas import read_as
 from train.settings.algorithms import LEARNERS
 from train.settings.common import NETWORKS
 from train.settings.curricula import AXIS_PARTS, CURRICULUM_PARTS
-from train.settings.self_play import ROLES, SAMPLING_PARTS
+from train.settings.self_play import ROLES, SAMPLING_PARTS, WholeSettings
 
 PARTS, COMMAND = "parts", "command"
 """Keys of `config.json` other than settings."""
@@ -50,7 +50,7 @@ class Record(TypedDict):
 Records = dict[str, Record]
 
 
-def own_parts(settings: Any) -> Iterator[tuple[str, str, str]]:
+def own_parts(settings: WholeSettings | Mapping[str, object]) -> Iterator[tuple[str, str, str]]:
     """(setting, name, module) of every user-defined part in settings, or in their plain values."""
     plain = settings if isinstance(settings, Mapping) else asdict(settings)
     for setting, value in plain.items():
@@ -65,7 +65,7 @@ def own_parts(settings: Any) -> Iterator[tuple[str, str, str]]:
                     yield f"{setting}[{number}]" if several else setting, name, module
 
 
-def provenance(settings: Any) -> Records:
+def provenance(settings: WholeSettings | Plain) -> Records:
     """{"rewards": {"name": "my_parts:shaped", "sha256": ...}, ...}: every user-defined part.
 
     The hash is that of the module's source file, or of all files of its package
@@ -95,7 +95,7 @@ def recorded_parts(config: Path) -> Records:
     return read_as(Records, found, f"{config}, {PARTS}", "restore it from a copy")
 
 
-def check_sources(config: Path, settings: Any, resuming: bool = False) -> None:
+def check_sources(config: Path, settings: WholeSettings | Plain, resuming: bool = False) -> None:
     """Compare the sources of user-defined parts with those at the start of the run.
 
     Warns if they have changed.

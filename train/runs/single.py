@@ -20,17 +20,19 @@ from train.evaluation.scores import (
     BEST_RETURN,
     BY_GOALS,
     BY_RETURN,
+    Contest,
     Measure,
     Score,
     optimality_gap,
 )
+from train.files import Plain
 from train.runs.data_parallel import OtherProcesses
-from train.runs.folder import RUN, Plain
+from train.runs.folder import RUN
 from train.runs.forms import Objective
 from train.runs.loop import BRIEF_EPISODES, BRIEF_STEPS, Clock
 from train.runs.parts import Parts
 from train.runs.training_state import build_env_and_learner, training_state
-from train.runs.worlds import AnyContest, GridWorld
+from train.runs.worlds import GridWorld
 from train.settings.checks import check
 from train.settings.task import TaskSettings
 from train.teaching.teacher import write_log
@@ -63,15 +65,15 @@ class SingleAgent:
     def __init__(self, parts: Parts, evaluate: str, state: Plain | None = None) -> None:
         self.parts, self.evaluated = parts, evaluate
         self.replicas: OtherProcesses | None = None
-        self._final_contest: AnyContest | None = None
-        self._solved_work = 0
+        self._final_contest: Contest | None = None
+        self._final_episodes = self._solved_work = 0
         self.env, self.teacher, self.learner = build_env_and_learner(parts, state)
         self.simulator = self.env.simulator
         self.policy = self.learner.policy(greedy=evaluate == "greedy")
         if self.teacher is not None:
             draws = parts.algorithm.learns_distribution
             self.teacher.scored_policy = self.learner.policy(greedy=not draws)
-        self.contest: AnyContest = parts.world.contest(EPISODES)
+        self.contest: Contest = parts.world.contest(EPISODES)
         self.optimum = self.contest.optimal()
         measure = self.contest.measure
         self.objective = Objective(measure.column, measure.name, measure.less_is_better)
@@ -140,17 +142,18 @@ class SingleAgent:
             parts.append(f"gap {100 * row['optimality_gap']:+7.2f} %")
         return parts
 
-    def final_contest(self, episodes: int, most_work: int = MAX_WORK) -> AnyContest:
+    def final_contest(self, episodes: int, most_work: int = MAX_WORK) -> Contest:
         """The contest of the final results, with exact solutions of games of up to `most_work`.
 
         It is cached with its solutions for later calls with at most this work.
         """
-        kept = self._final_contest
-        if kept is None or kept.episodes != episodes or self._solved_work < most_work:
+        kept, known = self._final_contest, self._final_episodes == episodes
+        if kept is None or not known or self._solved_work < most_work:
             kept = self.parts.world.contest(episodes)
             if isinstance(kept, GameContest):
                 kept = replace(kept, most_work=most_work)
-            self._final_contest, self._solved_work = kept, most_work
+            self._final_contest = kept
+            self._final_episodes, self._solved_work = episodes, most_work
         return kept
 
     def results(self, interrupted: bool, episodes: int) -> Plain:
@@ -192,7 +195,7 @@ class SingleAgent:
         if isinstance(contest, GameContest):
             contest = replace(contest, most_work=0, search_seconds=0.0)
         small.contest = small._final_contest = contest
-        small._solved_work = MAX_EVALUATED_WORK
+        small._final_episodes, small._solved_work = BRIEF_EPISODES, MAX_EVALUATED_WORK
         return small
 
     def state_dict(self) -> Plain:
@@ -231,7 +234,7 @@ def evaluation_of(
     evaluated: str,
     objective: ObjectiveGap = UNKNOWN,
     certificate: Certificate | None = None,
-    contest: AnyContest | None = None,
+    contest: Contest | None = None,
 ) -> Plain:
     """ "evaluation", "reference" and "scores" of `results.json`; `objective` is the objective gap.
 

@@ -139,7 +139,6 @@ class ArmWorld:
 
 
 World = GridWorld | ArmWorld
-AnyContest = GameContest | SuiteContest | ArmContest
 
 
 def world_of(settings: AnyTask) -> World:

@@ -13,6 +13,7 @@ from scripted_agents.environments import AGENTS, agent_name, is_custom_policy
 from train.settings.algorithms import Hyperparameters, PPOSettings, hyperparameter_form
 from train.settings.checks import NotNegative, Rule, at_least, check, passes, threads_from
 from train.settings.common import RunSettings
+from train.settings.run import AgentSettings
 from train.settings.task import AGENT, TaskSettings
 
 ROLES = ("chaser", "evader")
@@ -191,3 +192,7 @@ class SelfPlaySettings(RunSettings):
         """The algorithm and the hyperparameters of a role that learns."""
         side: LearningSide = getattr(self, role)
         return side
+
+
+WholeSettings = AgentSettings | SelfPlaySettings
+"""The settings of a run of any kind."""
