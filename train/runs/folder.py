@@ -53,13 +53,6 @@ def check_new(path: Path) -> None:
         raise ValueError(f"{path}: is not empty; give a new folder")
 
 
-def new_folder(path: Path) -> Path:
-    """Make an empty folder for a run; ValueError as `check_new`."""
-    check_new(path)
-    path.mkdir(parents=True, exist_ok=True)
-    return path
-
-
 def save_config(
     folder: Path,
     kind: str,

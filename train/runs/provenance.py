@@ -59,7 +59,7 @@ def own_parts(settings: WholeSettings | Mapping[str, object]) -> Iterator[tuple[
             yield from ((prefix + name, part, module) for name, part, module in own_parts(value))
         elif setting in KINDS:
             several = isinstance(value, list | tuple)
-            for number, name in enumerate(value if several else [value]):
+            for number, name in enumerate(value if isinstance(value, list | tuple) else [value]):
                 module = KINDS[setting].origin(name) if isinstance(name, str) else None
                 if module is not None:
                     yield f"{setting}[{number}]" if several else setting, name, module
