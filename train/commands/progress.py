@@ -25,7 +25,8 @@ from train.runs.forms import Final
 from train.runs.provenance import allow_options
 
 if TYPE_CHECKING:
-    from train.runs.loop import Run, Trainee
+    from train.runs.loop import Run
+    from train.runs.trainee import Trainee
     from train.settings.self_play import WholeSettings
 
 T = TypeVar("T", bound="Trainee")

@@ -58,11 +58,11 @@ def own_parts(settings: WholeSettings | Mapping[str, object]) -> Iterator[tuple[
             prefix = f"{setting}." if setting in ROLES else ""
             yield from ((prefix + name, part, module) for name, part, module in own_parts(value))
         elif setting in KINDS:
-            several = isinstance(value, list | tuple)
-            for number, name in enumerate(value if isinstance(value, list | tuple) else [value]):
+            names = value if isinstance(value, list | tuple) else [value]
+            for number, name in enumerate(names):
                 module = KINDS[setting].origin(name) if isinstance(name, str) else None
                 if module is not None:
-                    yield f"{setting}[{number}]" if several else setting, name, module
+                    yield f"{setting}[{number}]" if names is value else setting, name, module
 
 
 def provenance(settings: WholeSettings | Plain) -> Records:

@@ -29,8 +29,9 @@ from train.files import Plain
 from train.runs.data_parallel import OtherProcesses
 from train.runs.folder import RUN
 from train.runs.forms import Objective
-from train.runs.loop import BRIEF_EPISODES, BRIEF_STEPS, Clock
+from train.runs.loop import BRIEF_EPISODES, BRIEF_STEPS
 from train.runs.parts import Parts
+from train.runs.trainee import Clock
 from train.runs.training_state import build_env_and_learner, training_state
 from train.runs.worlds import GridWorld
 from train.settings.checks import check
