@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pursuit.simulator.policy import GameView
 from train.kinds import resume, start
-from train.runs.folder import SELF_PLAY, new_folder
+from train.runs.folder import SELF_PLAY
 from train.runs.loop import Run
 from train.self_play.learners import learning_side
 from train.self_play.pool import OpponentPool
@@ -44,7 +44,7 @@ def side_by(algorithm: str, role: str = "chaser", maze: str = "3x3", **own: Any)
 
 
 def make_run(folder: Path, **changes: Any) -> Run:
-    return start(SELF_PLAY, make_settings(**changes), new_folder(folder))
+    return start(SELF_PLAY, make_settings(**changes), folder)
 
 
 def go_on(folder: Path) -> Run:

@@ -15,10 +15,9 @@ from filelock import FileLock, Timeout
 
 from pursuit.files import cannot_write, write_atomically
 
-Plain = dict[str, Any]
-"""Plain values by name, as in JSON."""
-
 LOCK = ".lock"
+Plain = dict[str, Any]
+"""Values by name: the content of a JSON file, or of a checkpoint (then also tensors)."""
 _PART = re.compile(r"^\..*\.(?P<process>[0-9]+)\.part$")
 
 

@@ -26,7 +26,7 @@ from train.runs.folder import (
     save_config,
 )
 from train.runs.forms import Final
-from train.runs.loop import AnySettings, Run, build_parts, build_run
+from train.runs.loop import Run, build_parts, build_run
 from train.runs.parts import parts_of, settings_of
 from train.runs.provenance import check_sources
 from train.runs.saved import from_plain
@@ -37,7 +37,7 @@ from train.self_play.parts import self_play_from_plain, self_play_parts, self_pl
 from train.self_play.trainee import SelfPlay
 from train.settings.checks import check
 from train.settings.run import TrainSettings
-from train.settings.self_play import SelfPlaySettings
+from train.settings.self_play import SelfPlaySettings, WholeSettings
 from train.settings.task import TaskSettings
 from train.teaching.mazes import as_text, names_in
 
@@ -87,7 +87,7 @@ KINDS: dict[str, Kind] = {
 }
 
 
-def start(kind: str, settings: AnySettings, path: Path | str, final: Final | None = None) -> Run:
+def start(kind: str, settings: WholeSettings, path: Path | str, final: Final | None = None) -> Run:
     """Make a run in a new folder, lock the folder, and write `config.json`.
 
     Args:
@@ -123,7 +123,7 @@ def start(kind: str, settings: AnySettings, path: Path | str, final: Final | Non
 
 
 def write_config(
-    kind: str, settings: AnySettings, folder: Path, final: Final | None = None
+    kind: str, settings: WholeSettings, folder: Path, final: Final | None = None
 ) -> None:
     """Write `config.json`, with maze files replaced by their text."""
     plain: Any = with_mazes(settings)
@@ -132,7 +132,7 @@ def write_config(
     )
 
 
-def with_mazes(settings: AnySettings) -> AnySettings:
+def with_mazes(settings: WholeSettings) -> WholeSettings:
     """The same settings with maze files replaced by their text."""
     changed: dict[str, Any] = {}
     if isinstance(settings.task, TaskSettings):
@@ -144,7 +144,7 @@ def with_mazes(settings: AnySettings) -> AnySettings:
     return replace(settings, **changed)
 
 
-def read_settings(folder: Path | str) -> tuple[str, AnySettings]:
+def read_settings(folder: Path | str) -> tuple[str, WholeSettings]:
     """The kind of a run and its settings; ValueError without a run, or for a side of self-play."""
     folder = Path(folder)
     kind, plain = load_config(folder)

@@ -17,6 +17,7 @@ from train.commands.scores import (
     print_whole_game,
 )
 from train.evaluation.arm_contest import ArmContest
+from train.evaluation.contest import GameContest
 from train.evaluation.suite_contest import SuiteContest
 from train.runs.unused_settings import check_unused_task_settings
 from train.settings.checks import Settings
@@ -51,8 +52,7 @@ def baseline(arguments: Sequence[str]) -> None:
     print_scores(scores, contest)
     if isinstance(contest, ArmContest):
         print_bounds(contest)
-        return
-    if isinstance(contest, SuiteContest):
+    if not isinstance(contest, GameContest):
         return
     task = contest.task
     maze = task.mazes[0]

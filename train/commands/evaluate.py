@@ -10,6 +10,7 @@ from typing import Annotated, Any
 import tyro
 
 from pursuit.replays.replay import with_suffix
+from pursuit.simulator.policy import Policy
 from pursuit.validation import at_least
 from scripted_agents.limits import MAX_EVALUATED_WORK
 from train.commands.parse import parse, print_warnings, warn
@@ -25,7 +26,7 @@ from train.evaluation.objective_gap import UNKNOWN, objective_gap
 from train.evaluation.recordings import recorded
 from train.evaluation.suite_contest import SuiteContest
 from train.evaluation.suite_report import summary_of
-from train.files import check_folder, check_new_files, reserved, write_json
+from train.files import Plain, check_folder, check_new_files, reserved, write_json
 from train.runs.tasks import agent_of, task_of
 from train.runs.unused_settings import check_unused_task_settings
 from train.settings.checks import Settings, check
@@ -79,7 +80,11 @@ class EvaluateModelCommand(Evaluated):
 def evaluate(arguments: Sequence[str]) -> None:
     """`pursuit evaluate`."""
     is_model = any(argument.endswith(".zip") for argument in arguments)
-    given: Any = parse(EvaluateModelCommand if is_model else EvaluateCommand, arguments, "evaluate")
+    given: EvaluateCommand | EvaluateModelCommand
+    if is_model:
+        given = parse(EvaluateModelCommand, arguments, "evaluate")
+    else:
+        given = parse(EvaluateCommand, arguments, "evaluate")
     if not is_model:
         check_folder(given.run)
     replays = None if given.replays is None else with_suffix(given.replays)
@@ -88,25 +93,24 @@ def evaluate(arguments: Sequence[str]) -> None:
         carry_out(given, replays)
 
 
-def carry_out(given: Any, replays: Path | None) -> None:
+def carry_out(given: EvaluateCommand | EvaluateModelCommand, replays: Path | None) -> None:
     """Evaluate, print the scores and write the output files."""
     from train.runs.parts import contest_of, suite_contest_of
     from train.runs.single import evaluation_of
     from train.runs.versions import machine, versions  # torch is slow to import
 
-    is_model = isinstance(given, EvaluateModelCommand)
-    loaded = load_model(given) if is_model else load_run(given)
+    loaded = load_run(given) if isinstance(given, EvaluateCommand) else load_model(given)
     task, training, policies = loaded.task, loaded.training, loaded.policies
     evaluated = "learned" if loaded.greedy else "learned, sampled"
     contest = contest_of(task, given.episodes, given.seed).solved_up_to(MAX_EVALUATED_WORK)
-    more: dict[str, Any] = {}
+    more: Plain = {}
     print(contest.line())
     if isinstance(contest, SuiteContest):
         contest = exact_where_known(contest, list(policies.values()))
         found = evaluate_in_mazes(contest, policies, given.table)
         scores = [each.score(given.episodes) for each in found]
         more["suite"] = {each.name: summary_of(contest, each) for each in found}
-        if not is_model and given.maze is not None:
+        if isinstance(given, EvaluateCommand) and given.maze is not None:
             own = suite_contest_of(training, given.episodes, given.seed, contest.exact)
             shown = next(each for each in found if each.name == evaluated)
             more["generalisation"] = compared(contest, shown, own, policies[evaluated])
@@ -123,9 +127,9 @@ def carry_out(given: Any, replays: Path | None) -> None:
     if loaded.gamma is not None:
         print_objective_gap(results["evaluation"], loaded.gamma)
     if replays is not None:
-        shown = policies[evaluated]
+        played = policies[evaluated]
         games = {f"episode {number + 1}": number for number in range(given.replay_episodes)}
-        path = recorded(contest, shown, games, loaded.named["algorithm"]).save(replays)
+        path = recorded(contest, played, games, loaded.named["algorithm"]).save(replays)
         print(f"replays: {path}; watch them with: pursuit view {path}")
     if given.out is not None:
         content = {
@@ -156,7 +160,7 @@ class Loaded:
     policies: dict[str, Any]
     greedy: bool
     gamma: float | None
-    named: dict[str, Any]
+    named: Plain
 
 
 def load_run(given: EvaluateCommand) -> Loaded:
@@ -195,11 +199,11 @@ def load_model(given: EvaluateModelCommand) -> Loaded:
 
     built = task_of(given.task)
     agent = agent_of(given.task, built)
-    trained: dict[str, Any] = {"task": built, "agent": agent, "observation": given.observation}
+    trained: Plain = {"task": built, "agent": agent, "observation": given.observation}
     trained["mask_bumps"] = given.task.mask_bumps
     greedy = load_stable_baselines(given.run, **trained)
     check_fits(greedy, built.seat_roles[built.seat(agent)], built, str(given.run))
-    policies = {"learned": greedy}
+    policies: dict[str, Policy] = {"learned": greedy}
     drawn = load_stable_baselines(given.run, None, **trained)
     if not drawn.greedy:
         policies["learned, sampled"] = drawn

@@ -6,14 +6,14 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from pursuit.tasks.task import Task
 from pursuit.validation import at_least
 from train.commands.parse import parse, print_warnings
-from train.files import check_output_folder, hold, write_json
+from train.files import Plain, check_output_folder, hold, write_json
 from train.reports.tables import ResultTable, print_table
 from train.runs.provenance import command_line
 from train.settings.checks import Settings, check
@@ -102,7 +102,9 @@ def league(arguments: Sequence[str]) -> None:
     print(f"figures and tables: {out}")
 
 
-def _print(task: Task, table: LeagueTable, tables: Mapping[str, ResultTable], content: Any) -> None:
+def _print(
+    task: Task, table: LeagueTable, tables: Mapping[str, ResultTable], content: Plain
+) -> None:
     exact = "exact" if not table.ci95.any() else "± is the 95 % interval"
     print(
         f"steps until capture on maze {task.mazes[0].name}, at most {task.max_steps} ({exact}); "
@@ -129,7 +131,7 @@ def _print(task: Task, table: LeagueTable, tables: Mapping[str, ResultTable], co
         )
 
 
-def survival_lines(task: Task, content: dict[str, Any]) -> list[str]:
+def survival_lines(task: Task, content: Plain) -> list[str]:
     """Warnings on evaders that are never caught."""
     lines = []
     never, empty = content["never_caught"], content["never_catches"]

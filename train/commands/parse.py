@@ -19,6 +19,7 @@ import tyro
 from docstring_parser import parse_from_object
 
 from pursuit.plugins import ALLOW, allow
+from train.files import Plain
 from train.settings.task import AnyTask, task_form
 
 Form = TypeVar("Form")
@@ -69,7 +70,7 @@ def default_task(options: Mapping[str, str]) -> AnyTask:
     return task_form(options.get("task"))()
 
 
-def default_budget(options: Mapping[str, str], seconds: float) -> dict[str, Any]:
+def default_budget(options: Mapping[str, str], seconds: float) -> Plain:
     """The default budget: `seconds`, or a placeholder for frames if --frames is given."""
     return {"frames": 1} if "frames" in options else {"seconds": seconds}
 
@@ -120,7 +121,7 @@ def join_lines(text: str) -> str:
 
 
 @cache
-def set_help_texts(form: type[Any]) -> None:
+def set_help_texts(form: Any) -> None:
     """Make the docstrings of a dataclass's fields their help texts, with joined lines.
 
     tyro finds these docstrings, too, but keeps the line breaks of an indented source.
@@ -163,9 +164,10 @@ def parse(
     """
     args = add_all(take_allow_options(arguments))
     boxed = io.StringIO()
-    extra: Any = {} if default is None else {"default": default}
-    extra["description"] = described(get_origin(form) or form)
-    for each in (get_origin(form) or form, *forms_in(default)):
+    extra: Plain = {} if default is None else {"default": default}
+    own: Any = get_origin(form) or form
+    extra["description"] = described(own)
+    for each in (own, *forms_in(default)):
         set_help_texts(each)
     try:
         with contextlib.redirect_stderr(boxed):

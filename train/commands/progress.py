@@ -25,7 +25,9 @@ from train.runs.forms import Final
 from train.runs.provenance import allow_options
 
 if TYPE_CHECKING:
-    from train.runs.loop import AnySettings, Run, Trainee
+    from train.runs.loop import Run
+    from train.runs.trainee import Trainee
+    from train.settings.self_play import WholeSettings
 
 T = TypeVar("T", bound="Trainee")
 
@@ -112,7 +114,7 @@ class RunCommand:
 
 
 def start_or_resume(
-    kind: str, settings: AnySettings, given: RunCommand, name: str
+    kind: str, settings: WholeSettings, given: RunCommand, name: str
 ) -> tuple[Run, Final]:
     """The run that a command starts or resumes, and the settings of its final results.
 

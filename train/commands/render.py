@@ -9,6 +9,8 @@ from typing import Annotated, Any
 
 import tyro
 
+from pursuit.reacher.policy import ArmPolicy
+from pursuit.simulator.policy import Policy
 from pursuit.validation import at_least, passes
 from scripted_agents import (
     InverseKinematics,
@@ -20,6 +22,9 @@ from scripted_agents import (
 from scripted_agents.environments import DEFAULTS
 from train.commands.parse import default_task, options_in, parse, print_warnings
 from train.evaluation.arm_contest import ArmContest
+from train.evaluation.contest import GameContest
+from train.evaluation.contests import AnyContest
+from train.evaluation.maze_contest import MazeContest
 from train.files import check_folder, check_new_files
 from train.runs.pictures import save_replay
 from train.runs.unused_settings import check_unused_task_settings
@@ -77,7 +82,7 @@ def render(arguments: Sequence[str]) -> None:
     print(f"{given.out}: {given.episodes} episode(s)")
 
 
-def scripted_policy(contest: Any) -> Any:
+def scripted_policy(contest: AnyContest) -> Policy | ArmPolicy:
     """The scripted policy: A* in mazes, inverse kinematics for the arm."""
     if isinstance(contest, ArmContest):
         check(
@@ -85,14 +90,17 @@ def scripted_policy(contest: Any) -> Any:
             "an arm with discrete actions has only learned policies; give the folder of a run",
         )
         return InverseKinematics()
+    assert isinstance(contest, MazeContest)
     return DEFAULTS[contest.role](0.0)
 
 
-def optimal_policy(contest: Any) -> Any:
+def optimal_policy(contest: AnyContest) -> Policy | ArmPolicy:
     """The exactly optimal policy in a contest; ValueError if it is not known."""
     if isinstance(contest, ArmContest):
         check(not contest.task.discrete_actions, "unknown for discrete actions: omit --optimal")
         return LeastStepsPolicy()
+    if not isinstance(contest, GameContest):
+        raise ValueError("the optimum in several mazes is not one policy; give one of the mazes")
     best, among = contest.best_response(), contest.best_team_response()
     if best is not None:
         return TablePolicy(contest.task.mazes[0], best.policy)

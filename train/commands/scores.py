@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 from scripted_agents import count_joint_states
 from scripted_agents.limits import MAX_EVALUATED_WORK, MAX_WORK, work_of
@@ -16,10 +15,11 @@ from train.evaluation.scores import (
     Score,
     score_table,
 )
+from train.files import Plain
 from train.reports.tables import print_table
 
 
-def print_objective_gap(evaluation: Mapping[str, Any], discount: float) -> None:
+def print_objective_gap(evaluation: Plain, discount: float) -> None:
     """Print the gap of the policy that is optimal for the training objective, if it is known."""
     gap, missing = evaluation.get("objective_gap"), evaluation.get("return_gap")
     best = f"a policy optimal for the training objective (discount {discount:g})"
@@ -29,7 +29,7 @@ def print_objective_gap(evaluation: Mapping[str, Any], discount: float) -> None:
         print(f"{best} misses {missing:z.4f} of the return (exact, over all starts)")
 
 
-def print_reference(held: Mapping[str, Any], contest: AnyContest) -> None:
+def print_reference(held: Plain, contest: AnyContest) -> None:
     """Print the reference of a result if no exact optimum is known, and the reason.
 
     Args:

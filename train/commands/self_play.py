@@ -107,7 +107,7 @@ def parsed(arguments: Sequence[str]) -> tuple[SelfPlayCommand, SelfPlaySettings]
     checked_names(options)
     for name in ("role", "opponent"):
         check(name not in options, f"--{name} is for `pursuit train`; use --chaser or --evader")
-    task, flat = parse_known(Options().task, arguments), dict[str, Any]()
+    task, flat = parse_known(Options().task, arguments), Plain()
     sides: dict[str, LearningSide] = {}
     for role in ROLES:
         arguments, own = split_side(role, arguments)
@@ -139,7 +139,7 @@ def split_side(role: str, arguments: Sequence[str]) -> tuple[list[str], list[str
     return parts[False], parts[True]
 
 
-def parsed_side(role: str, side: LearningSide, arguments: Sequence[str]) -> dict[str, Any]:
+def parsed_side(role: str, side: LearningSide, arguments: Sequence[str]) -> Plain:
     """The given settings of one side, by name; ValueError naming the role."""
     default = unchecked(side.hyper, ("algorithm", str, field(default=side.algorithm)))
     try:
@@ -156,7 +156,7 @@ def unchecked(hyper: Hyperparameters, *more: Any) -> Any:
     return made(**vars(hyper))
 
 
-def given_in(arguments: Sequence[str], options: Any) -> dict[str, Any]:
+def given_in(arguments: Sequence[str], options: Any) -> Plain:
     """The values of those options, fields of a dataclass, that are in the arguments."""
     names = {name.removeprefix("no_") for name in options_in(arguments)} | {*options_in(arguments)}
     return {name: value for name, value in vars(options).items() if name in names}

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
+from pursuit.simulator.policy import Policy
 from scripted_agents.references import is_known
 from train.commands.scores import print_scores
 from train.evaluation.suite_contest import InMazes, SuiteContest
@@ -16,7 +16,7 @@ from train.evaluation.suite_report import (
     maze_rows,
     summary_of,
 )
-from train.files import write_csv
+from train.files import Plain, write_csv
 from train.reports.tables import print_table
 
 SEEN_MAZES = 200
@@ -24,7 +24,7 @@ SEEN_MAZES = 200
 
 
 def evaluate_in_mazes(
-    contest: SuiteContest, policies: dict[str, Any], table: Path | None
+    contest: SuiteContest, policies: dict[str, Policy], table: Path | None
 ) -> list[InMazes]:
     """Evaluate policies in every maze, and print and write the results.
 
@@ -50,7 +50,7 @@ def evaluate_in_mazes(
     return found
 
 
-def print_summary(found: dict[str, Any]) -> None:
+def print_summary(found: Plain) -> None:
     """Print a summary in one line."""
     text = f"{found['mazes']} mazes: {100 * found['success_rate']:.2f} % of the tasks solved, "
     text += f"{100 * found['solved_mazes']:.1f} % of the mazes from all starts"
@@ -62,7 +62,9 @@ def print_summary(found: dict[str, Any]) -> None:
     print(text)
 
 
-def compared(contest: SuiteContest, found: InMazes, training: SuiteContest, policy: Any) -> Any:
+def compared(
+    contest: SuiteContest, found: InMazes, training: SuiteContest, policy: Policy
+) -> Plain:
     """The generalisation gap from the training mazes to those of a contest; it is printed."""
     if len(training.task.mazes) > SEEN_MAZES:
         step = len(training.task.mazes) / SEEN_MAZES
@@ -80,6 +82,6 @@ def compared(contest: SuiteContest, found: InMazes, training: SuiteContest, poli
     return result
 
 
-def exact_where_known(contest: SuiteContest, policies: Sequence[Any]) -> SuiteContest:
+def exact_where_known(contest: SuiteContest, policies: Sequence[Policy]) -> SuiteContest:
     """The same contest, exact if the distributions of all these policies are known."""
     return replace(contest, exact=all(is_known(policy) for policy in policies))

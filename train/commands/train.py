@@ -30,7 +30,7 @@ from train.runs.report import describe_loops, headline, of_solved, write_report
 from train.runs.tasks import default_settings, task_of
 from train.settings.algorithms import Hyperparameters
 from train.settings.presets import TUNED
-from train.settings.run import TrainSettings
+from train.settings.run import AgentSettings, TrainSettings
 from train.settings.task import AnyTask, ReacherSettings, TaskSettings
 
 if TYPE_CHECKING:
@@ -75,7 +75,7 @@ def train(arguments: Sequence[str]) -> None:
     """`pursuit train`."""
     default = _defaults(arguments)
     form: Any = TrainCommand[type(default.settings.hyper)]  # type: ignore[misc]
-    given: TrainCommand[Any] = parse(form, arguments, "train", default)
+    given: TrainCommand[Hyperparameters] = parse(form, arguments, "train", default)
     run, final = start_or_resume(RUN, given.settings, given, given.settings.task.label)
     trainee: SingleAgent = run.trainee
     print(trainee.contest.line())
@@ -117,7 +117,7 @@ def team_hint(given: AnyTask) -> str:
     return f"one of {count} {role}s learns, {rest}; to train all: pursuit self-play {options}"
 
 
-def _defaults(arguments: Sequence[str]) -> TrainCommand[Any]:
+def _defaults(arguments: Sequence[str]) -> TrainCommand[Hyperparameters]:
     """The command with the preset for the algorithm and task in the arguments, also for --help.
 
     Raises:
@@ -127,7 +127,7 @@ def _defaults(arguments: Sequence[str]) -> TrainCommand[Any]:
     task = default_task(options)
     first = parse_known(_First(task), arguments)
     found = {**default_settings(**vars(first)), "task": task}
-    settings: TrainSettings[Any] = TrainSettings(**found, **default_budget(options, 60.0))
+    settings: AgentSettings = TrainSettings(**found, **default_budget(options, 60.0))
     return TrainCommand(settings, first.preset)
 
 

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import tyro
 
@@ -110,7 +110,7 @@ def add_run(builder: Builder, folder: Path, episodes: int) -> None:
 
     settings = load_settings(folder)
     policy = load_policy(folder, greedy=settings.evaluate == "greedy")
-    contest: Any = contest_of(settings.task, max(episodes, 2))
+    contest = contest_of(settings.task, max(episodes, 2))
     names = [f"{folder.name}, episode {number + 1}" for number in range(episodes)]
     replay = recorded(contest, policy, {n: i for i, n in enumerate(names)}, settings.algorithm)
     builder.add(replay, Extras(names=names, sides=sides_of(contest, policy)))

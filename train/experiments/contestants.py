@@ -67,7 +67,7 @@ class Trainer(Protocol):
 
 
 class Clock:
-    """Progress of a run, as `train.runs.loop.Clock`."""
+    """Progress of a run, as `train.runs.trainee.Clock`."""
 
     progress = seconds = 0.0
 

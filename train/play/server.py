@@ -21,6 +21,7 @@ from wsgiref.simple_server import WSGIRequestHandler, WSGIServer, make_server
 import bottle
 
 from pursuit.replays.viewer.page import page
+from train.files import Plain
 from train.play.outcome import total_line
 from train.play.session import Session
 
@@ -169,12 +170,12 @@ class PlayServer:
         except (ValueError, OSError) as error:
             self.warning = str(error)
 
-    def state(self, whole: bool) -> dict[str, Any]:
+    def state(self, whole: bool) -> Plain:
         """The state of the session for the page; with title and board if `whole`."""
         session = self.session
         over = session.over
         outcome = session.outcome if over else None
-        state: dict[str, Any] = {
+        state: Plain = {
             "game": session.game,
             "step": session.step,
             "frame": session.frame(),
@@ -189,12 +190,12 @@ class PlayServer:
         return state
 
 
-def _answer(status: int, content: dict[str, Any]) -> bottle.HTTPResponse:
+def _answer(status: int, content: Plain) -> bottle.HTTPResponse:
     headers = {"Content-Type": "application/json"}
     return bottle.HTTPResponse(json.dumps(content), status, headers)
 
 
-def _body(names: tuple[str, ...]) -> dict[str, Any]:
+def _body(names: tuple[str, ...]) -> Plain:
     """The JSON object in a request, which has exactly these names.
 
     Raises:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +19,7 @@ from scripted_agents.limits import MAX_EXACT_GOALS
 from train.evaluation.contest import GameContest
 from train.evaluation.games import won_by
 from train.evaluation.scores import label_of
+from train.files import Plain
 from train.play.outcome import Outcome
 
 
@@ -95,7 +95,7 @@ class Session:
         simulator = self.simulator
         return bool(simulator.ended[0]) or not simulator.active[0, self.seat]
 
-    def move(self, action: Any) -> None:
+    def move(self, action: object) -> None:
         """One step of all agents, with the user's action.
 
         Raises:
@@ -177,7 +177,7 @@ class Session:
         """One line that describes the game."""
         return self.contest.line().replace(":", ": you are", 1)
 
-    def board(self) -> dict[str, Any]:
+    def board(self) -> Plain:
         """The constants of a game for the viewer's `Board`; "you" is the user's agent index."""
         task = self.task
         maze = task.mazes[int(self.simulator.maze_index[0])]
@@ -195,7 +195,7 @@ class Session:
             "max_steps": task.max_steps,
         }
 
-    def frame(self) -> dict[str, Any]:
+    def frame(self) -> Plain:
         """The frame for the viewer's `Board`; cells of removed agents and goals are -1."""
         simulator = self.simulator
         here = np.where(simulator.active[0] != 0, simulator.positions[0], -1)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from scripted_agents.environments import agent_name
+from train.evaluation.contest import GameContest
 from train.play.session import Session
 from train.runs.folder import CONFIG
 from train.runs.opponents import check_fits, is_self_play, policy_in_seat
@@ -42,7 +42,8 @@ def session_of(settings: TaskSettings, beside: str, seed: int) -> Session:
         check_fits(policy, role, world.task, str(world.settings.opponent))
     role = world.agent.split("_")[0]
     policy = policy_in_seat(beside, world.task, role)
-    contest: Any = world.contest(2)
+    contest = world.contest(2)
+    assert isinstance(contest, GameContest)  # of one maze
     return Session(contest, name_of(beside, role), policy, seed, world.settings.opponent)
 
 

@@ -7,10 +7,8 @@ It contains `config.json`, `metrics.csv`, `results.json`, `checkpoint.pt`, `lear
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 from pursuit.mazes.maze import library_names
 from pursuit.mazes.suite_files import is_suite
@@ -20,6 +18,7 @@ from train.runs import forms
 from train.runs.provenance import COMMAND, PARTS, command_line, provenance
 from train.schemas import read_as
 from train.settings.checks import check
+from train.settings.self_play import WholeSettings
 from train.teaching.mazes import titled
 
 CONFIG, METRICS, RESULTS, CHECKPOINT = (
@@ -54,17 +53,10 @@ def check_new(path: Path) -> None:
         raise ValueError(f"{path}: is not empty; give a new folder")
 
 
-def new_folder(path: Path) -> Path:
-    """Make an empty folder for a run; ValueError as `check_new`."""
-    check_new(path)
-    path.mkdir(parents=True, exist_ok=True)
-    return path
-
-
 def save_config(
     folder: Path,
     kind: str,
-    settings: Any,
+    settings: WholeSettings,
     maze_text: str | None,
     final: forms.Final | None = None,
 ) -> None:
@@ -157,7 +149,7 @@ def load_checkpoint(folder: Path | str) -> Plain:
     return state
 
 
-def check_learned(algorithm: str, trainee: Mapping[str, Any]) -> None:
+def check_learned(algorithm: str, trainee: Plain) -> None:
     """ValueError unless a saved learner is of this algorithm and all its tensors are finite;
     `trainee` has "learner", and "algorithm" unless an older version wrote it."""
     from train.tensors import first_not_finite  # torch is slow to import

@@ -7,12 +7,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
 from train.evaluation.scores import Score
-from train.files import number_in, read_csv, read_json
+from train.files import Plain, number_in, read_csv, read_json
 from train.schemas import read_as
 from train.settings.checks import check
 
@@ -33,7 +32,7 @@ class Config(msgspec.Struct, kw_only=True):
     """`config.json`, without settings other than the task."""
 
     kind: str
-    task: dict[str, Any]
+    task: Plain
     maze_text: str | None
     final: Final = Final()
 
@@ -101,11 +100,11 @@ class Results(msgspec.Struct, kw_only=True):
 class Description(msgspec.Struct):
     """The description file of a Stable-Baselines3 model."""
 
-    task: dict[str, Any]
+    task: Plain
     observation: str
 
 
-def read_results(path: Path, alone: str) -> dict[str, Any]:
+def read_results(path: Path, alone: str) -> Plain:
     """`results.json`, validated; `alone` is the kind of runs of a single agent.
 
     Raises:

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import signal
+from collections.abc import Callable
 from threading import current_thread, main_thread
 from types import FrameType
-from typing import Any
+from typing import Self
+
+SignalHandler = Callable[[int, FrameType | None], object] | int | None
 
 
 class Stopped(KeyboardInterrupt):
@@ -33,9 +36,9 @@ class Signals:
 
     def __init__(self) -> None:
         self.status = 0
-        self._previous: dict[int, Any] = {}
+        self._previous: dict[int, SignalHandler] = {}
 
-    def __enter__(self) -> Any:
+    def __enter__(self) -> Self:
         if current_thread() is main_thread():  # Python handles signals in this thread only
             for number in (int(signal.SIGINT), int(signal.SIGTERM)):
                 self._previous[number] = signal.signal(number, self._note)

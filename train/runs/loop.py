@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter, process_time
-from typing import Any, ClassVar, Generic, Protocol, Self
+from typing import Any, Generic
 
 import torch
 from filelock import BaseFileLock
@@ -32,7 +32,6 @@ from train.runs.folder import (
     read_metrics,
     save_checkpoint,
 )
-from train.runs.forms import Objective
 from train.runs.interruption import Diverged, Interruption
 from train.runs.provenance import recorded_parts
 from train.runs.threads import (
@@ -42,9 +41,10 @@ from train.runs.threads import (
     random_states,
     set_random_states,
 )
+from train.runs.trainee import Parts, Trainee
 from train.runs.versions import machine, versions
-from train.settings.run import AgentSettings, TrainSettings
-from train.settings.self_play import SelfPlaySettings
+from train.settings.run import TrainSettings
+from train.settings.self_play import WholeSettings
 from train.tensors import first_not_finite
 
 BRIEF_EPISODES, BRIEF_STEPS = 2, 2
@@ -52,70 +52,6 @@ BRIEF_EPISODES, BRIEF_STEPS = 2, 2
 
 EVALUATIONS = 20
 """Number of evaluations, each with a checkpoint, over the budget."""
-
-AnySettings = AgentSettings | SelfPlaySettings
-
-
-class Clock(Protocol):
-    """The progress of a run: the share of its budget in [0, 1], and its seconds of training."""
-
-    seconds: float
-
-    @property
-    def progress(self) -> float: ...  # noqa: D102 -- see the class
-
-
-class Trainee(Protocol):
-    """What a run trains: a single agent, or both roles of self-play.
-
-    Attributes:
-        kind: of run, in `config.json`.
-        objective: of the run.
-        evaluates_first: whether there is an evaluation before the first iteration.
-    """
-
-    kind: ClassVar[str]
-    objective: Objective
-    evaluates_first: ClassVar[bool]
-
-    @property
-    def frames(self) -> int:
-        """Environment steps of the learning agents."""
-
-    def iterate(self, clock: Clock) -> dict[str, float]:
-        """One iteration of learning, such as a rollout with its updates.
-
-        Returns:
-            Values for the log, such as losses.
-        """
-
-    def evaluate(self) -> dict[str, float]:
-        """The values of an evaluation of the current policy."""
-
-    def forget_episodes(self) -> None:
-        """Start new means over the training games for the next evaluation."""
-
-    def log_fields(self, row: dict[str, float]) -> list[str]:
-        """The fields of the log line of an evaluation."""
-
-    def results(self, interrupted: bool, episodes: int) -> Plain:
-        """The final evaluation as plain values: "task", "maze", "algorithm", "evaluation" ..."""
-
-    def brief(self) -> Self:
-        """A copy for a dry run: its `results` are of a few steps of a few episodes, and nothing
-        large is solved. It shares the learners."""
-
-    def state_dict(self) -> Plain:
-        """Tensors and plain values from which a resumed run continues exactly."""
-
-    def learned(self) -> Plain:
-        """The part of `state_dict` that is learned; it must stay finite."""
-
-    def save_beside(self, folder: Path) -> None:
-        """Write further files into the folder, after the checkpoint has been saved."""
-
-    def close(self) -> None:
-        """Release resources."""
 
 
 @dataclass(frozen=True)
@@ -133,7 +69,7 @@ class Budget:
     clock: str = "wall"
 
     @classmethod
-    def of(cls, settings: AnySettings) -> Budget:
+    def of(cls, settings: WholeSettings) -> Budget:
         """The budget in the settings of a run."""
         several = isinstance(settings, TrainSettings) and settings.processes > 1
         threads = 1 if several else settings.threads
@@ -161,16 +97,9 @@ class Budget:
         return min(seconds / (self.seconds or 1.0), 1.0)
 
 
-class Parts(Protocol):
-    """What the settings of a run describe, built and checked once: what a trainee is made of."""
-
-    @property
-    def settings(self) -> AnySettings: ...  # noqa: D102 -- see the class
-
-
 T = TypeVar("T", bound=Trainee, default=Any)
 P = TypeVar("P", bound=Parts)
-S = TypeVar("S", bound=AnySettings)
+S = TypeVar("S", bound=WholeSettings)
 
 
 class Run(Generic[T]):

@@ -10,6 +10,7 @@ import numpy as np
 
 from pursuit.rendering.animation import save_animation
 from train.evaluation.contests import AnyContest
+from train.files import Plain
 from train.reports.curves import Level, Panel, Series, draw_panels
 from train.reports.figures import BLACK, GREEN, GREY, ORANGE, PINK, SKY, YELLOW, time_scale
 
@@ -22,9 +23,9 @@ LABELS = {"mean_steps": "mean episode length\n(steps, log)", "mean_goals": "mean
 def draw_learning_curve(
     path: Path,
     rows: list[dict[str, float]],
-    scores: list[dict[str, Any]],
+    scores: list[Plain],
     title: str,
-    stages: list[dict[str, Any]] | None = None,
+    stages: list[Plain] | None = None,
     taught: str = "",
     column: str = "mean_steps",
     unit: str = "frames",
@@ -61,7 +62,7 @@ def draw_learning_curve(
     draw_panels(path, [[panel] for panel in panels], unit, title)
 
 
-def curriculum_panel(stages: list[dict[str, Any]], end: float, taught: str, unit: str) -> Panel:
+def curriculum_panel(stages: list[Plain], end: float, taught: str, unit: str) -> Panel:
     """The values of the curriculum as steps: the mean, and the range if there is one; up to `end`
     on an axis of `unit`."""
     places = np.array([*(row[unit] * time_scale(unit) for row in stages), end])

@@ -14,13 +14,13 @@ from pursuit.observations.custom import OBSERVATIONS
 from pursuit.plugins import Registry, is_reference, sha256_of
 from pursuit.tasks.rewards import REWARDS
 from scripted_agents.environments import POLICIES
-from train.files import read_json
+from train.files import Plain, read_json
 from train.schemas import read_as
 from train.settings.algorithms import LEARNERS
 from train.settings.axes import AXIS_PARTS
 from train.settings.common import NETWORKS
 from train.settings.curricula import CURRICULUM_PARTS
-from train.settings.self_play import ROLES, SAMPLING_PARTS
+from train.settings.self_play import ROLES, SAMPLING_PARTS, WholeSettings
 
 PARTS, COMMAND = "parts", "command"
 """Keys of `config.json` other than settings."""
@@ -51,7 +51,7 @@ class Record(TypedDict):
 Records = dict[str, Record]
 
 
-def own_parts(settings: Any) -> Iterator[tuple[str, str, str]]:
+def own_parts(settings: WholeSettings | Mapping[str, object]) -> Iterator[tuple[str, str, str]]:
     """(setting, name, module) of every user-defined part in settings, or in their plain values."""
     plain = settings if isinstance(settings, Mapping) else asdict(settings)
     for setting, value in plain.items():
@@ -59,14 +59,14 @@ def own_parts(settings: Any) -> Iterator[tuple[str, str, str]]:
             prefix = f"{setting}." if setting in ROLES else ""
             yield from ((prefix + name, part, module) for name, part, module in own_parts(value))
         elif setting in KINDS:
-            several = isinstance(value, list | tuple)
-            for number, name in enumerate(value if several else [value]):
+            names = value if isinstance(value, list | tuple) else [value]
+            for number, name in enumerate(names):
                 module = KINDS[setting].origin(name) if isinstance(name, str) else None
                 if module is not None:
-                    yield f"{setting}[{number}]" if several else setting, name, module
+                    yield f"{setting}[{number}]" if names is value else setting, name, module
 
 
-def provenance(settings: Any) -> Records:
+def provenance(settings: WholeSettings | Plain) -> Records:
     """{"rewards": {"name": "my_parts:shaped", "sha256": ...}, ...}: every user-defined part.
 
     The hash is that of the module's source file, or of all files of its package
@@ -96,7 +96,7 @@ def recorded_parts(config: Path) -> Records:
     return read_as(Records, found, f"{config}, {PARTS}", "restore it from a copy")
 
 
-def check_sources(config: Path, settings: Any, resuming: bool = False) -> None:
+def check_sources(config: Path, settings: WholeSettings | Plain, resuming: bool = False) -> None:
     """Compare the sources of user-defined parts with those at the start of the run.
 
     Warns if they have changed.

@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 from pursuit.replays.viewer.data import Builder, Extras
-from pursuit.tasks.task import Task
+from pursuit.simulator.policy import Policy
+from train.evaluation.contests import AnyContest
 from train.evaluation.hidden_contest import Certificate
+from train.evaluation.maze_contest import MazeContest
 from train.evaluation.recordings import recorded, sides_of
 from train.evaluation.scores import Reference, Score, beside_of, score_table
-from train.files import read_json
+from train.files import Plain, read_json
 from train.reports.pages import PLAYER_ELEMENT, details, pairs, picture, section, write_page
 from train.reports.tables import in_markdown
 from train.runs.folder import CONFIG, CURVE, REPLAYS, REPORT
-from train.settings.run import TrainSettings
+from train.settings.run import AgentSettings
 
 EPISODES = 4
 """Number of episodes of the evaluation in the replay."""
@@ -27,10 +27,10 @@ LEARNED = 0.9
 
 def write_report(
     folder: Path,
-    settings: TrainSettings[Any],
-    contest: Any,
-    policy: Any,
-    results: Mapping[str, Any],
+    settings: AgentSettings,
+    contest: AnyContest,
+    policy: Policy,
+    results: Plain,
     path: Path | None = None,
 ) -> Path:
     """Write `report.html` and `replays.json` into the folder of a run; returns the report's path.
@@ -51,12 +51,11 @@ def write_report(
     if path is None:
         replay.save(folder / REPLAYS)
     builder = Builder()
-    own = isinstance(contest.task, Task)
     extras = Extras(
         names=list(games),
         sides=sides_of(contest, policy),
-        seat=contest.agent if own else None,
-        encoding=settings.observation if own else None,
+        seat=contest.agent if isinstance(contest, MazeContest) else None,
+        encoding=settings.observation if isinstance(contest, MazeContest) else None,
     )
     builder.add(replay, extras)
     title = contest.line().split(", at most")[0]
@@ -76,7 +75,7 @@ def write_report(
     return path
 
 
-def of_solved(evaluation: Mapping[str, Any]) -> str:
+def of_solved(evaluation: Plain) -> str:
     """The unsolved share and the gap of solved starts, as text; empty if all were solved."""
     unsolved, gap = evaluation.get("unsolved_share"), evaluation.get("solved_gap")
     if not unsolved or gap is None:
@@ -84,7 +83,7 @@ def of_solved(evaluation: Mapping[str, Any]) -> str:
     return f" ({100 * unsolved:.1f} % unsolved; gap of the solved {100 * gap:+.2f} %)"
 
 
-def describe_loops(content: Mapping[str, Any]) -> str:
+def describe_loops(content: Plain) -> str:
     """Advice for a runner with a greedy policy that loops from starts that the sampled one solves.
 
     Empty if there are no such starts, or if its success rate is low.
@@ -110,7 +109,7 @@ def describe_loops(content: Mapping[str, Any]) -> str:
     )
 
 
-def headline(results: Mapping[str, Any]) -> str:
+def headline(results: Plain) -> str:
     """The objective and its best known value: goals or return, if it is not steps."""
     found, column = results["evaluation"], results["objective"]["column"]
     name = results["objective"]["unit"]
@@ -121,7 +120,7 @@ def headline(results: Mapping[str, Any]) -> str:
     return text
 
 
-def summary(results: Mapping[str, Any]) -> str:
+def summary(results: Plain) -> str:
     """The result in one sentence."""
     found = results["evaluation"]
     beside = beside_of(results.get("teammates", {}))
@@ -154,7 +153,7 @@ def summary(results: Mapping[str, Any]) -> str:
     return text + (", interrupted." if results["interrupted"] else ".")
 
 
-def certificate_in(results: Mapping[str, Any]) -> Certificate | None:
+def certificate_in(results: Plain) -> Certificate | None:
     """The certified interval of the optimum; None unless the agent has a limited view."""
     found = results["evaluation"]
     if "certified_lower" not in found:
@@ -163,9 +162,7 @@ def certificate_in(results: Mapping[str, Any]) -> Certificate | None:
     return Certificate(results["role"], found["discount"], *interval)
 
 
-def provenance_parts(
-    folder: Path, settings: TrainSettings[Any], results: Mapping[str, Any]
-) -> list[str]:
+def provenance_parts(folder: Path, settings: AgentSettings, results: Plain) -> list[str]:
     """Settings, versions, machine and command."""
     plain = asdict(settings)
     parts = {
@@ -177,7 +174,7 @@ def provenance_parts(
     return [made, *(details(name, pairs(found)) for name, found in folded.items() if found)]
 
 
-def made_with(command: str, results: Mapping[str, Any]) -> str:
+def made_with(command: str, results: Plain) -> str:
     """The command of a run, its machine and versions, as a table."""
     facts = {
         name: ", ".join(f"{key} {value}" for key, value in results[name].items())

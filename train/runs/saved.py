@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from pursuit.observations.custom import is_builtin
 from pursuit.plugins import check_trusted
 from train.algorithms.registry import entry
+from train.files import Plain
 from train.networks.arm_policy import ArmSeat
 from train.networks.policy import Seat
 from train.runs.folder import CONFIG, RUN, SIDE, read_config
@@ -27,12 +27,12 @@ from train.settings.reading import (
     settings_with,
     typed,
 )
-from train.settings.run import TrainSettings
+from train.settings.run import AgentSettings, TrainSettings
 from train.settings.task import ReacherSettings, task_form
 from train.teaching.plan import training_task
 
 
-def unchecked_settings(**flat: Any) -> TrainSettings[Any]:
+def unchecked_settings(**flat: Any) -> AgentSettings:
     """Settings by their names on the command line, with defaults from `preset`.
 
     Raises:
@@ -54,7 +54,7 @@ def unchecked_settings(**flat: Any) -> TrainSettings[Any]:
     return TrainSettings(**{**typed(TrainSettings, flat), **default})
 
 
-def from_plain(plain: Mapping[str, Any], where: str) -> TrainSettings[Any]:
+def from_plain(plain: Plain, where: str) -> AgentSettings:
     """Settings from the plain values of the `config.json` at `where`.
 
     Raises:
@@ -71,12 +71,12 @@ def from_plain(plain: Mapping[str, Any], where: str) -> TrainSettings[Any]:
             name: form(**complete_settings(form, plain.get(name), name))
             for name, form in forms.items()
         }
-        settings: TrainSettings[Any] = TrainSettings(**own, **parts)
+        settings: AgentSettings = TrainSettings(**own, **parts)
         player_of(settings)
     return settings
 
 
-def load_settings(folder: Path | str) -> TrainSettings[Any]:
+def load_settings(folder: Path | str) -> AgentSettings:
     """The settings of a run of a single agent, or of one role of self-play.
 
     Raises:
@@ -94,7 +94,7 @@ def load_settings(folder: Path | str) -> TrainSettings[Any]:
     return from_plain(plain, str(folder / CONFIG))
 
 
-def player_of(settings: TrainSettings[Any]) -> Seat | ArmSeat:
+def player_of(settings: AgentSettings) -> Seat | ArmSeat:
     """The learning agent in the training games of a run; ValueError if there is none."""
     given = settings.task
     if isinstance(given, ReacherSettings):

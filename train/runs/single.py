@@ -5,7 +5,7 @@ from __future__ import annotations
 from copy import copy
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -28,8 +28,9 @@ from train.files import Plain
 from train.runs.data_parallel import OtherProcesses
 from train.runs.folder import RUN
 from train.runs.forms import Objective
-from train.runs.loop import BRIEF_EPISODES, BRIEF_STEPS, Clock
+from train.runs.loop import BRIEF_EPISODES, BRIEF_STEPS
 from train.runs.parts import Parts
+from train.runs.trainee import Clock
 from train.runs.training_state import build_env_and_learner, training_state
 from train.runs.worlds import GridWorld
 from train.settings.checks import check
@@ -65,7 +66,7 @@ class SingleAgent:
         self.parts, self.evaluated = parts, evaluate
         self.replicas: OtherProcesses | None = None
         self._final_contest: AnyContest | None = None
-        self._solved_work = 0
+        self._final_episodes = self._solved_work = 0
         self.env, self.teacher, self.learner = build_env_and_learner(parts, state)
         self.simulator = self.env.simulator
         self.policy = self.learner.policy(greedy=evaluate == "greedy")
@@ -103,7 +104,8 @@ class SingleAgent:
     def evaluate(self) -> dict[str, float]:
         """The objective, steps, success rate and gap; and means of the training games since the
         last evaluation."""
-        score, measure = self.contest.score("learned", self.policy), self.contest.measure
+        policy: Any = self.policy  # of the kind of its contest
+        score, measure = self.contest.score("learned", policy), self.contest.measure
         row = {"mean_steps": score.mean_steps, "success_rate": score.success_rate}
         row[measure.column] = measured(measure, score)
         gap = optimality_gap(score, self.optimum)
@@ -146,10 +148,11 @@ class SingleAgent:
 
         It is cached with its solutions for later calls with at most this work.
         """
-        kept = self._final_contest
-        if kept is None or kept.episodes != episodes or self._solved_work < most_work:
+        kept, known = self._final_contest, self._final_episodes == episodes
+        if kept is None or not known or self._solved_work < most_work:
             kept = self.parts.world.contest(episodes).solved_up_to(most_work)
-            self._final_contest, self._solved_work = kept, most_work
+            self._final_contest = kept
+            self._final_episodes, self._solved_work = episodes, most_work
         return kept
 
     def results(self, interrupted: bool, episodes: int) -> Plain:
@@ -157,9 +160,11 @@ class SingleAgent:
         # An interrupted run should end soon.
         most = MAX_WORK if interrupted else MAX_EVALUATED_WORK
         contest = self.final_contest(episodes, most)
-        scores = [*contest.baselines(), contest.score("learned", self.learner.policy())]
+        greedy: Any = self.learner.policy()
+        scores = [*contest.baselines(), contest.score("learned", greedy)]
         if self.parts.algorithm.learns_distribution:
-            scores.append(contest.score("learned, sampled", self.learner.policy(greedy=False)))
+            sampled: Any = self.learner.policy(greedy=False)
+            scores.append(contest.score("learned, sampled", sampled))
         build, plan = self.parts.build, self.parts.plan
         objective = objective_gap(contest, self.parts.hyper.last_gamma)
         return {
@@ -190,7 +195,7 @@ class SingleAgent:
         if isinstance(contest, GameContest):
             contest = replace(contest, most_work=0, search_seconds=0.0)
         small.contest = small._final_contest = contest
-        small._solved_work = MAX_EVALUATED_WORK
+        small._final_episodes, small._solved_work = BRIEF_EPISODES, MAX_EVALUATED_WORK
         return small
 
     def state_dict(self) -> Plain:

@@ -10,6 +10,7 @@ from pursuit.mazes.maze import Maze
 from pursuit.mazes.suite_files import PREFIX, is_suite
 from pursuit.tasks.rewards import REWARDS
 from pursuit.tasks.task import Task, make_task
+from train.files import Plain
 from train.settings.checks import check
 from train.settings.presets import (
     TUNED,
@@ -121,7 +122,7 @@ def default_settings(
     gamma: float | None = None,
     frames: int | None = None,
     **sizes: int | None,
-) -> dict[str, Any]:
+) -> Plain:
     """The default settings of a run: task, hyper, curriculum_settings, algorithm and curriculum.
 
     Args:

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import ctypes
 import os
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import torch
 
+from train.files import Plain
 from train.machine import has_fast_bfloat16
 from train.settings.checks import check
 
@@ -46,7 +45,7 @@ def can_fork() -> bool:
     return threads == 1 and not any(path.startswith("/dev/nvidia") for path in opened)
 
 
-def random_states() -> dict[str, Any]:
+def random_states() -> Plain:
     """The states of torch's generators for a checkpoint: "torch_rng", and "cuda_rng" with one for
     each GPU (empty if this process has used none)."""
     used = torch.cuda.is_available() and torch.cuda.is_initialized()  # type: ignore[no-untyped-call]
@@ -56,7 +55,7 @@ def random_states() -> dict[str, Any]:
     }
 
 
-def set_random_states(state: Mapping[str, Any]) -> None:
+def set_random_states(state: Plain) -> None:
     """Restore `random_states`, without those of GPUs that do not exist here."""
     torch.set_rng_state(state["torch_rng"])
     here = torch.cuda.device_count() if torch.cuda.is_available() else 0

@@ -9,6 +9,13 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from pursuit.reacher.simulator import ReacherSimulator
+from pursuit.simulator.simulator import Simulator
+from train.algorithms.learner import Learner
+from train.environments.arm_env import ArmEnv
+from train.environments.lockstep import LockstepEnv
+from train.environments.simulator_env import SimulatorEnv
+from train.files import Plain
 from train.runs.folder import check_learned
 from train.runs.parts import Parts
 from train.settings.checks import check
@@ -19,8 +26,8 @@ FINISHED = ("returns", "lengths")
 
 
 def build_env_and_learner(
-    parts: Parts, state: dict[str, Any] | None
-) -> tuple[Any, Teacher | None, Any]:
+    parts: Parts, state: Plain | None
+) -> tuple[SimulatorEnv | ArmEnv, Teacher | None, Learner]:
     """The environment, the teacher and the learner: new, or restored from a `training_state`.
 
     Raises:
@@ -47,7 +54,7 @@ def build_env_and_learner(
     return env, teacher, learner
 
 
-def training_state(env: Any, teacher: Teacher | None, learner: Any) -> dict[str, Any]:
+def training_state(env: LockstepEnv, teacher: Teacher | None, learner: Learner) -> Plain:
     """The state of learner, teacher and games, with the memories of policies."""
     return {
         "learner": learner.state_dict(),
@@ -61,7 +68,7 @@ def training_state(env: Any, teacher: Teacher | None, learner: Any) -> dict[str,
     }
 
 
-def simulator_tensors(simulator: Any) -> dict[str, torch.Tensor]:
+def simulator_tensors(simulator: Simulator | ReacherSimulator) -> dict[str, torch.Tensor]:
     """The state of the games for a checkpoint; random streams are stored as int64, as torch has
     few operations on uint64."""
     return {
@@ -70,7 +77,9 @@ def simulator_tensors(simulator: Any) -> dict[str, torch.Tensor]:
     }
 
 
-def restore_simulator(simulator: Any, saved: dict[str, torch.Tensor]) -> None:
+def restore_simulator(
+    simulator: Simulator | ReacherSimulator, saved: dict[str, torch.Tensor]
+) -> None:
     """Restore the state of `simulator` from `simulator_tensors`; the simulator checks it."""
     arrays = {name: tensor.numpy() for name, tensor in saved.items()}
     form = type(simulator.get_state())
@@ -82,7 +91,7 @@ def restore_simulator(simulator: Any, saved: dict[str, torch.Tensor]) -> None:
 Memories = dict[str, dict[str, torch.Tensor]]
 
 
-def policy_memories(env: Any) -> Memories:
+def policy_memories(env: LockstepEnv) -> Memories:
     """Copies of all memories, by agent index (and opponent) and name."""
     return {
         place: {name: torch.from_numpy(_plain(array).copy()) for name, array in arrays.items()}
@@ -90,7 +99,7 @@ def policy_memories(env: Any) -> Memories:
     }
 
 
-def restore_policy_memories(env: Any, saved: Memories) -> None:
+def restore_policy_memories(env: LockstepEnv, saved: Memories) -> None:
     """Restore `policy_memories` of such an environment, before it is stepped.
 
     Opponents that are missing here are ignored; new ones start with an empty memory.
@@ -101,7 +110,7 @@ def restore_policy_memories(env: Any, saved: Memories) -> None:
                 _plain(array)[:] = saved[place][name].numpy()
 
 
-def _arrays(env: Any) -> Iterator[tuple[str, dict[str, NDArray[Any]]]]:
+def _arrays(env: LockstepEnv) -> Iterator[tuple[str, dict[str, NDArray[Any]]]]:
     """The memory arrays in use, by agent index (and opponent)."""
     if getattr(env, "stack", None) is not None:
         yield "stack", {"frames": env.frames}

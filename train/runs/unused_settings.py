@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from pursuit.tasks.rewards import ROLES, is_coefficients, rewards_from_text
 from train.runs.tasks import task_of
 from train.settings.checks import check, check_default
-from train.settings.self_play import SelfPlaySettings
+from train.settings.self_play import SelfPlaySettings, WholeSettings
 from train.settings.task import AnyTask, ReacherSettings, TaskSettings
 
 
-def check_unused_settings(settings: Any) -> None:
+def check_unused_settings(settings: WholeSettings) -> None:
     """ValueError for a setting of a new run that is changed from its default without effect.
 
     Saved runs are not checked, as they may contain such settings. Nor are the runs of a sweep,

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import os
 import platform
-from typing import Any
 
 import torch
 
 import pursuit
+from train.files import Plain
 from train.machine import commit, processor
 
 
-def versions() -> dict[str, Any]:
+def versions() -> Plain:
     """The versions of the software."""
     return {
         "pursuit": pursuit.__version__,
@@ -22,7 +22,7 @@ def versions() -> dict[str, Any]:
     }
 
 
-def machine() -> dict[str, Any]:
+def machine() -> Plain:
     """The machine and its threads."""
     return {
         "processor": processor(),

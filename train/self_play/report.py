@@ -14,7 +14,7 @@ from pursuit.simulator.policy import Policy
 from pursuit.tasks.task import Task
 from train.evaluation.contest import GameContest
 from train.evaluation.recordings import MOST_OVERLAY_CELLS, recorded, sides_of
-from train.files import read_json
+from train.files import Plain, read_json
 from train.reports.curves import Panel, Series, draw_panels
 from train.reports.figures import BLACK, BLUE, ORANGE, time_scale
 from train.reports.pages import PLAYER_ELEMENT, details, pairs, picture, section, write_page
@@ -75,7 +75,7 @@ def draw_self_play(
 
 
 def write_self_play_report(
-    folder: Path, trainee: Any, title: str, results: Mapping[str, Any], path: Path | None = None
+    folder: Path, trainee: Any, title: str, results: Plain, path: Path | None = None
 ) -> Path:
     """Write `report.html`, `replays.json` and `payoff.png` into the folder of self-play.
 
@@ -134,7 +134,7 @@ def snapshots_league(trainee: Any, task: Task, pair: Mapping[str, Policy]) -> Le
     return play_league(task, entries, GAMES, 0)
 
 
-def describe_exploitability(results: Mapping[str, Any]) -> list[str]:
+def describe_exploitability(results: Plain) -> list[str]:
     """The results as sentences: exact NashConv and value, and best responses."""
     found, start = results["evaluation"], results.get("at_start", {})
     limited = bool(results.get("limited_view"))
@@ -187,7 +187,7 @@ def describe_exploitability(results: Mapping[str, Any]) -> list[str]:
     return lines
 
 
-def describe_whole_game(found: Mapping[str, Any]) -> str:
+def describe_whole_game(found: Plain) -> str:
     """NashConv in returns as a sentence."""
     each = ", ".join(
         f"return of the {role} {value:.3f}, a best response gains {found['gains'][role]:.3f}"
@@ -208,7 +208,7 @@ def cycle_in_words(league: LeagueTable) -> str:
     return f"Cycle in which each is the best response to the previous one: {chain}."
 
 
-def settings_and_command(folder: Path, results: Mapping[str, Any]) -> list[str]:
+def settings_and_command(folder: Path, results: Plain) -> list[str]:
     """The section on settings, versions, machine and command."""
     config = read_json(folder / CONFIG)
     config.pop("maze_text", None)

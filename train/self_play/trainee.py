@@ -19,7 +19,8 @@ from train.evaluation.matchups import can_solve, match
 from train.files import Plain
 from train.runs.folder import CONFIG, SELF_PLAY, SIDE, save_checkpoint, save_config
 from train.runs.forms import Objective
-from train.runs.loop import BRIEF_STEPS, Clock, build_parts, build_run
+from train.runs.loop import BRIEF_STEPS, build_parts, build_run
+from train.runs.trainee import Clock
 from train.runs.training_state import policy_memories, restore_policy_memories
 from train.self_play.meta_game import Payoffs
 from train.self_play.metrics import (

@@ -14,6 +14,7 @@ from train.settings.algorithms import Hyperparameters, PPOSettings, hyperparamet
 from train.settings.checks import NotNegative, threads_from
 from train.settings.common import RunSettings
 from train.settings.presets import TUNED_RULES
+from train.settings.run import AgentSettings
 from train.settings.task import AGENT, TaskSettings
 
 ROLES = ("chaser", "evader")
@@ -169,3 +170,7 @@ class SelfPlaySettings(RunSettings):
         """The algorithm and the hyperparameters of a role that learns."""
         side: LearningSide = getattr(self, role)
         return side
+
+
+WholeSettings = AgentSettings | SelfPlaySettings
+"""The settings of a run of any kind."""

@@ -18,7 +18,7 @@ from train.algorithms.registry import ALGORITHMS, Algorithm, Build, entry, regis
 from train.commands.train import _defaults
 from train.kinds import start
 from train.networks.fused_actor_critic import LossCoefficients
-from train.runs.folder import RUN, new_folder
+from train.runs.folder import RUN
 from train.runs.loop import Run
 from train.runs.opponents import load_policy
 from train.runs.parts import settings_of
@@ -140,13 +140,11 @@ def test_chasers_and_evaders_learn_with_every_kind_of_learner(
     algorithm: str, tmp_path: Path
 ) -> None:
     flat = {**SMALL[algorithm], "algorithm": algorithm, "threads": 1, "frames": 80_000}
-    chaser = start(RUN, settings_of(maze="3x3", **flat), new_folder(tmp_path / "chaser"))
+    chaser = start(RUN, settings_of(maze="3x3", **flat), tmp_path / "chaser")
     chaser.train()
     random = chaser.trainee.contest.score("random", RandomAgent()).mean_steps
     assert steps_of(chaser) < 0.5 * random
-    evader = start(
-        RUN, settings_of(maze="4x4", role="evader", **flat), new_folder(tmp_path / "evader")
-    )
+    evader = start(RUN, settings_of(maze="4x4", role="evader", **flat), tmp_path / "evader")
     evader.train()
     assert steps_of(evader) > 1.5 * evader.trainee.contest.score("random", RandomAgent()).mean_steps
 

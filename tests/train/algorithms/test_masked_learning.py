@@ -37,7 +37,7 @@ from train.networks.fused_actor_critic import LossCoefficients
 from train.networks.layers import Hidden
 from train.networks.policy import LearnedPolicy, Seat
 from train.networks.q_network import QNetwork
-from train.runs.folder import RUN, new_folder
+from train.runs.folder import RUN
 from train.runs.opponents import load_policy, opponents_of
 from train.runs.parts import contest_of, parts_of, settings_of
 from train.self_play.parts import self_play_parts, self_play_settings_of
@@ -201,7 +201,7 @@ def test_masked_learning_reaches_the_masked_optimum(tmp_path: Path) -> None:
     """3x3, where masks cost 3.8 of 8.7 steps; and no masks reach the other one."""
     for mask, optimum in ((True, 8.73), (False, 4.93)):
         flat = {"algorithm": "q_learning", "maze": "3x3", "mask_bumps": mask, "threads": 1}
-        run = start(RUN, settings_of(**flat, frames=300_000), new_folder(tmp_path / str(mask)))
+        run = start(RUN, settings_of(**flat, frames=300_000), tmp_path / str(mask))
         run.train()
         content = run.results(100)
         assert content["evaluation"]["mean_steps"] == pytest.approx(optimum, rel=0.01)
@@ -220,7 +220,7 @@ def test_masked_learning_reaches_the_masked_optimum(tmp_path: Path) -> None:
 def masked_run(tmp_path: Path) -> Iterator[Path]:
     """The folder of a run of PPO that has learned next to nothing."""
     flat = {"maze": "3x3", "mask_bumps": True, "num_games": 64, "minibatch_size": 256}
-    run = start(RUN, settings_of(**flat, frames=1000, threads=1), new_folder(tmp_path / "run"))
+    run = start(RUN, settings_of(**flat, frames=1000, threads=1), tmp_path / "run")
     run.train()
     yield tmp_path / "run"
 

@@ -14,7 +14,7 @@ from train.commands.main import main
 from train.experiments.worker import perform
 from train.kinds import start, write_config
 from train.runs import opponents
-from train.runs.folder import RESULTS, RUN, SELF_PLAY, new_folder
+from train.runs.folder import RESULTS, RUN, SELF_PLAY
 from train.runs.tasks import _built_once
 
 TINY = "--maze 3x3 --frames 1024 --num-games 16 --minibatch-size 64 --threads 1 --episodes 4"
@@ -45,7 +45,8 @@ def test_pursuit_train_builds_its_task_and_the_short_one_of_its_dry_run(
 
 def test_a_run_of_a_sweep_builds_them_too(built: Counter[Task], tmp_path: Path) -> None:
     settings = tiny("ppo", maze="3x3", max_steps=20)
-    write_config(RUN, settings, new_folder(tmp_path / "run"))
+    (tmp_path / "run").mkdir()
+    write_config(RUN, settings, tmp_path / "run")
     _built_once.cache_clear()
     built.clear()
     perform(tmp_path / "run")

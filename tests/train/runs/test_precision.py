@@ -11,7 +11,7 @@ from self_play_runs import make_run
 from train.evaluation.scores import Score
 from train.kinds import start
 from train.networks.layers import Trunk
-from train.runs.folder import RUN, load_results, new_folder
+from train.runs.folder import RUN, load_results
 from train.runs.opponents import load_policy
 from train.runs.parts import contest_of, settings_of
 from train.self_play.metrics import exploited
@@ -31,7 +31,7 @@ def test_results_of_a_run_in_bfloat16_are_those_of_the_loaded_policy(
     case: str, tmp_path: Path
 ) -> None:
     settings = settings_of(**SMALL, **SETTINGS[case], precision="bfloat16")
-    run = start(RUN, settings, new_folder(tmp_path / "run"))
+    run = start(RUN, settings, tmp_path / "run")
     trunk = run.trainee.learner.network.policy_trunk
     assert isinstance(trunk, Trunk) and trunk.autocast_bfloat16
     run.train()

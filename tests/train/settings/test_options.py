@@ -11,7 +11,7 @@ from self_play_runs import make_settings, side_by
 
 from train.commands.main import main
 from train.kinds import open_run, start, write_config
-from train.runs.folder import RUN, SELF_PLAY, new_folder
+from train.runs.folder import RUN, SELF_PLAY
 from train.runs.parts import settings_of
 from train.runs.unused_settings import check_unused_settings
 
@@ -134,7 +134,8 @@ def test_runs_that_were_saved_with_settings_without_effect_go_on(tmp_path: Path)
     for kind, settings in cases:
         with pytest.raises(ValueError, match="has no effect"):
             start(kind, settings, tmp_path / "new")
-        write_config(kind, settings, new_folder(tmp_path / kind))
+        (tmp_path / kind).mkdir()
+        write_config(kind, settings, tmp_path / kind)
         run = open_run(tmp_path / kind)
         assert run.trainee.frames == 0
         run.lock.release()
