@@ -207,8 +207,8 @@ class CrossEntropy:
         def dense(observation: torch.Tensor, running: torch.Tensor) -> torch.Tensor:
             observed = observation if index else trunk.prepare(observation)
             output = torch.empty(len(running), others[-1].shape[1])
-            given = (observed.numpy(), rows, running.numpy(), arrays, tanh, hidden)
-            outputs_of(*given, output.numpy())
+            games = (observed.numpy(), rows, running.numpy())
+            outputs_of(*games, arrays, tanh, hidden, output.numpy())
             return output
 
         return dense

@@ -111,8 +111,8 @@ class Priorities:
         index = torch.empty(count, dtype=torch.int64)
         find_leaves(self.sums.numpy(), masses.numpy(), index.numpy())
         index.clamp_(max=rows - 1)
-        found = self.sums[self.size :].index_select(0, index).float()
-        return index, (found / float(self.minima[1])) ** -beta
+        drawn = self.sums[self.size :].index_select(0, index).float()
+        return index, (drawn / float(self.minima[1])) ** -beta
 
     def read(self, rows: int) -> torch.Tensor:
         """[rows] float32 priorities."""

@@ -142,7 +142,7 @@ class Replay:
 
     def _split(self, memory: torch.Tensor) -> Columns:
         """The columns [n, ...] of rows [n, bytes]; views."""
-        found: Columns = {}
+        columns: Columns = {}
         for name, (place, dtype, shape) in self._places.items():
             whole, count = memory.view(dtype), 1
             begin = whole.storage_offset() + place // dtype.itemsize
@@ -151,8 +151,8 @@ class Replay:
                 strides.insert(0, count)
                 count *= size
             row = memory.shape[1] // dtype.itemsize
-            found[name] = whole.as_strided((len(memory), *shape), (row, *strides), begin)
-        return found
+            columns[name] = whole.as_strided((len(memory), *shape), (row, *strides), begin)
+        return columns
 
 
 def _copied(column: torch.Tensor) -> torch.Tensor:

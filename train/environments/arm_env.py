@@ -29,6 +29,7 @@ class ArmEnv(LockstepEnv):
     """
 
     simulator: ReacherSimulator
+    player: ArmSeat
 
     def __init__(
         self, simulator: ReacherSimulator, player: ArmSeat, hook: EpisodeHook | None = None

@@ -13,6 +13,7 @@ from torchrl.data import Binary, Composite, Unbounded
 from torchrl.envs import EnvBase
 
 from train.environments.hooks import EpisodeHook
+from train.networks.policy import Player
 
 FLAGS = ("terminated", "truncated", "done")
 NOT_OBSERVED = {"reward", *FLAGS}
@@ -45,7 +46,7 @@ class LockstepEnv(EnvBase):
     """
 
     simulator: Any
-    player: Any
+    player: Player
 
     def __init__(self, simulator: Any, hook: EpisodeHook | None = None, members: int = 1) -> None:
         if simulator.auto_restart:

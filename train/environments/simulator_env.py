@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torchrl.data import Binary, Bounded, Categorical, Composite
+from torchrl.data import Binary, Bounded, Categorical, Composite, TensorSpec
 
 from pursuit.mazes.maze_arrays import lay_out
 from pursuit.observations.masks import ACTION_MASK, action_masks, warn_of_masks
@@ -48,6 +48,7 @@ class SimulatorEnv(LockstepEnv):
     """
 
     simulator: Simulator
+    player: Seat
 
     def __init__(
         self,
@@ -86,7 +87,7 @@ class SimulatorEnv(LockstepEnv):
             ends = [one, self.player.features.high]
         shape = (batch, *ends[0].shape)
         low, high = (torch.as_tensor(bound, dtype=dtype).expand(shape) for bound in ends)
-        spec: Any = {"observation": Bounded(low, high, shape=shape, dtype=dtype)}
+        spec: dict[str, TensorSpec] = {"observation": Bounded(low, high, shape=shape, dtype=dtype)}
         if self.members > 1:
             spec["idle"] = Binary(n=1, shape=(batch, 1), dtype=torch.bool)
         if self.player.mask_bumps:

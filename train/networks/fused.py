@@ -103,8 +103,8 @@ def gradients_of(
     of_weight = (behind.T @ passed.rounded).float()
     ahead = (behind @ second.weight.detach().to(behind.dtype)).float()
     of_table, of_bias = torch.zeros_like(layer.weight), torch.zeros_like(layer.bias)
-    given = (observation, layer.rows, passed.first, ahead, of_table, of_bias)
-    first_layer_gradient(*(tensor.detach().numpy() for tensor in given))
+    tensors = (observation, layer.rows, passed.first, ahead, of_table, of_bias)
+    first_layer_gradient(*(tensor.detach().numpy() for tensor in tensors))
     return of_table, of_bias, of_weight, behind.sum(0, dtype=torch.float32)
 
 

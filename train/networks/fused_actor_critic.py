@@ -91,8 +91,8 @@ class FusedActorCritic:
         outputs = torch.empty(batch, len(bias))
         action, log_prob = torch.empty(batch, dtype=torch.int64), torch.empty(batch)
         uniform = torch.rand(batch)
-        given = (hidden, weight, bias, uniform, outputs, action, log_prob, self._scratch)
-        draw_actions(*_arrays(given))
+        tensors = (hidden, weight, bias, uniform, outputs, action, log_prob, self._scratch)
+        draw_actions(*_arrays(tensors))
         return Drawn(action, log_prob, outputs[:, -1])
 
     @torch.no_grad()
@@ -125,13 +125,13 @@ class FusedActorCritic:
         weighed = torch.tensor(coefficients[:4], dtype=torch.float64)
         names = ("action", "action_log_prob", "advantage", "value_target")
         columns = [frames[name] for name in names]
-        given = (hidden, weight, bias, *columns, weighed, slopes, sums, self._scratch)
-        clipped_loss(*_arrays(given))
+        tensors = (hidden, weight, bias, *columns, weighed, slopes, sums, self._scratch)
+        clipped_loss(*_arrays(tensors))
         behind = torch.empty_like(hidden)
         below_heads(*_arrays((hidden, weight, slopes, behind)))
         of_weight, of_bias = slopes.T @ hidden, slopes.sum(0)
         behind = behind.to(passed.second.dtype)
-        found = gradients_of(self.layers, observation, passed, behind)
+        of_layers = gradients_of(self.layers, observation, passed, behind)
         layer, below, _ = self.layers
         gradients = {
             self.policy.weight: of_weight[:-1],
@@ -140,7 +140,7 @@ class FusedActorCritic:
             self.value_head.bias: of_bias[-1:],
         }
         weights = (layer.weight, layer.bias, below.weight, below.bias)
-        gradients |= zip(weights, found, strict=True)
+        gradients |= zip(weights, of_layers, strict=True)
         for one, gradient in gradients.items():
             one.grad = gradient if one.requires_grad else None
         objective, error, entropy, clipped, change, gain = (sums / len(hidden)).float().unbind()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from pursuit.simulator.policy import Policy
@@ -15,7 +15,13 @@ from scripted_agents import (
     work_of,
 )
 from scripted_agents.environments import SCRIPTED, SEARCHERS
-from scripted_agents.limits import MAX_EXACT_WORK, MAX_GAME_CELLS, MAX_WORK, SEARCH_SECONDS
+from scripted_agents.limits import (
+    MAX_EXACT_WORK,
+    MAX_FINAL_WORK,
+    MAX_GAME_CELLS,
+    MAX_WORK,
+    SEARCH_SECONDS,
+)
 from scripted_agents.references import is_exact, is_exact_team, why_not_joint
 from train.evaluation.exploitability import exploitability, nash_conv, team_exploitability
 from train.evaluation.games import other_role, table_in
@@ -23,6 +29,29 @@ from train.evaluation.hidden_contest import best_response_interval
 from train.evaluation.matchups import match
 from train.files import Plain
 from train.settings.self_play import ROLES
+
+
+@dataclass(frozen=True)
+class ResultLimits:
+    """How much is computed for the results of a run.
+
+    Attributes:
+        evaluated_work: size up to which games of teams are evaluated exactly (`match`).
+        whole_game_work: size up to which whole games are solved (`whole_game`).
+        response_work: size up to which exact best responses of teams are solved.
+        search_seconds: of each interval of a best response with a limited view.
+        is_dry_run: whether the last evaluation is used again, best responses are not trained, and
+            the current policies are taken for the snapshots, which a new run does not have.
+    """
+
+    evaluated_work: int = MAX_FINAL_WORK
+    whole_game_work: int = MAX_WORK
+    response_work: int = MAX_FINAL_WORK
+    search_seconds: float = SEARCH_SECONDS
+    is_dry_run: bool = False
+
+
+DRY_RUN = ResultLimits(0, 20_000, 20_000, 0.0, is_dry_run=True)
 
 
 def exploited(task: Task, chaser: Policy, evader: Policy, discount: float) -> dict[str, float]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
+from pathlib import Path
 from typing import Any
 
 from pursuit.simulator.policy import Policy
@@ -19,6 +20,7 @@ from scripted_agents.environments import (
     scripted_policy,
 )
 from train.algorithms.registry import entry
+from train.evaluation.games import other_role
 from train.networks.policy import Seat
 from train.runs.forms import RESTORE
 from train.runs.opponents import policy_in_seat
@@ -26,12 +28,12 @@ from train.runs.parts import build_of, check_sizes
 from train.runs.tasks import check_one_maze, task_of
 from train.self_play.learners import unchecked_self_play
 from train.self_play.side import SideParts
-from train.settings.algorithms import PPOSettings
+from train.settings.algorithms import Hyperparameters, PPOSettings
 from train.settings.checks import check
 from train.settings.common import RunSettings, check_min_probability
 from train.settings.reading import complete_settings, read_from
 from train.settings.run import TrainSettings
-from train.settings.self_play import ROLES, LearningSide, SelfPlaySettings
+from train.settings.self_play import ROLES, LearningSide, SelfPlaySettings, self_play_ppo
 from train.settings.task import TaskSettings
 
 SHORT = 20
@@ -40,6 +42,10 @@ of full length would hardly visit the states in which it is caught."""
 
 MIN_PROBABILITY = 0.05
 """Default of `min_probability` with up to 5 moves; with more it is 0.25 / moves."""
+
+RESPONSE_FRAMES = 100_000
+"""Frames for each of the `best_response_seconds`, where the run has a budget in frames; at
+most those of the run."""
 
 
 @dataclass(frozen=True)
@@ -155,6 +161,34 @@ def side_settings(settings: SelfPlaySettings, role: str) -> TrainSettings[Any]:
         least = min(MIN_PROBABILITY, 0.25 / played.num_actions)
     whole["min_probability"] = check_min_probability(least, played.num_actions)
     return TrainSettings(task, hyper, algorithm=algorithm, **whole)
+
+
+def response_settings(settings: SelfPlaySettings, role: str, folder: Path) -> SelfPlaySettings:
+    """Of a run in which PPO learns against the policy of a role, which is fixed.
+
+    Args:
+        settings: of the run of that policy.
+        role, folder: of the policy.
+    """
+    of_ppo: Hyperparameters = replace(self_play_ppo(), gamma=settings.discount)
+    learning = [side_settings(settings, each) for each in settings.learning]
+    of_ppo = next((side.hyper for side in learning if side.algorithm == "ppo"), of_ppo)
+    sides: dict[str, Any] = {role: str(folder), other_role(role): LearningSide(hyper=of_ppo)}
+    seconds, frames = settings.best_response_seconds or None, settings.frames
+    if frames is not None:  # equal settings have equal results
+        frames = min(max(round(RESPONSE_FRAMES * (seconds or 0.0)), 1), frames)
+        seconds = None
+    return replace(
+        settings,
+        # The fixed side samples as in training; the response may use all actions.
+        task=replace(settings.task, opponent_policy="sampled", mask_bumps=False),
+        **sides,
+        sampling="latest",
+        members=(),
+        best_response_seconds=0.0,
+        seconds=seconds,
+        frames=frames,
+    )
 
 
 # -- settings from mappings ------------------------------------------------------------------------

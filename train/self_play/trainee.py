@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import ClassVar
@@ -12,7 +12,7 @@ from typing import ClassVar
 import numpy as np
 
 from pursuit.simulator.policy import Policy
-from scripted_agents.limits import MAX_EXACT_WORK, MAX_FINAL_WORK, MAX_WORK, SEARCH_SECONDS
+from scripted_agents.limits import MAX_EXACT_WORK, MAX_FINAL_WORK
 from scripted_agents.references import is_exact_team
 from train.evaluation.games import other_role
 from train.evaluation.matchups import can_solve, match
@@ -24,6 +24,8 @@ from train.runs.trainee import Clock
 from train.runs.training_state import policy_memories, restore_policy_memories
 from train.self_play.meta_game import Payoffs
 from train.self_play.metrics import (
+    DRY_RUN,
+    ResultLimits,
     exact_best_responses,
     exploited,
     format_row,
@@ -33,47 +35,22 @@ from train.self_play.metrics import (
     whole_game,
 )
 from train.self_play.mixtures import snapshot_results
-from train.self_play.parts import SelfPlayParts, self_play_parts, side_settings
+from train.self_play.parts import (
+    SelfPlayParts,
+    response_settings,
+    self_play_parts,
+    side_settings,
+)
 from train.self_play.pool import Member, OpponentPool, weights
 from train.self_play.side import Side
-from train.settings.algorithms import Hyperparameters
 from train.settings.self_play import (
     NASH_SAMPLING,
     ROLES,
-    LearningSide,
-    SelfPlaySettings,
-    self_play_ppo,
 )
 from train.tensors import State
 
 MOST_CELLS = 49
 """Maximum number of cells for mixtures and diversity of snapshots: they take long above."""
-RESPONSE_FRAMES = 100_000
-"""Frames for each of the `best_response_seconds`, where the run has a budget in frames; at
-most those of the run."""
-
-
-@dataclass(frozen=True)
-class ResultLimits:
-    """How much is computed for the results of a run.
-
-    Attributes:
-        evaluated_work: size up to which games of teams are evaluated exactly (`match`).
-        whole_game_work: size up to which whole games are solved (`whole_game`).
-        response_work: size up to which exact best responses of teams are solved.
-        search_seconds: of each interval of a best response with a limited view.
-        is_dry_run: whether the last evaluation is used again, best responses are not trained, and
-            the current policies are taken for the snapshots, which a new run does not have.
-    """
-
-    evaluated_work: int = MAX_FINAL_WORK
-    whole_game_work: int = MAX_WORK
-    response_work: int = MAX_FINAL_WORK
-    search_seconds: float = SEARCH_SECONDS
-    is_dry_run: bool = False
-
-
-DRY_RUN = ResultLimits(0, 20_000, 20_000, 0.0, is_dry_run=True)
 
 
 class SelfPlay:
@@ -311,8 +288,8 @@ class SelfPlay:
         """
         steps = {}
         for role in self.sides:
+            settings = response_settings(self.settings, role, self.folder / role)
             with TemporaryDirectory() as folder:
-                settings = self._response_settings(role)
                 run = build_run(SelfPlay, build_parts(self_play_parts, settings), Path(folder))
                 what = f"approximate best response against the {role}"
                 if not self.limits.is_dry_run:
@@ -322,30 +299,6 @@ class SelfPlay:
                 chaser, evader = (run.trainee.policy(side) for side in ROLES)
                 steps[f"against_{role}"] = match(self.task, chaser, evader, episodes).steps
         return steps
-
-    def _response_settings(self, role: str) -> SelfPlaySettings:
-        """Of a run in which PPO learns against the policy of a role, which is fixed."""
-        settings, learning = self.settings, [side.parts for side in self.sides.values()]
-        of_ppo: Hyperparameters = replace(self_play_ppo(), gamma=self.parts.discount)
-        of_ppo = next((one.hyper for one in learning if one.algorithm.name == "ppo"), of_ppo)
-        sides: dict[str, str | LearningSide] = {role: str(self.folder / role)}
-        sides[other_role(role)] = LearningSide(hyper=of_ppo)
-        seconds, frames = settings.best_response_seconds or None, settings.frames
-        if frames is not None:  # equal settings have equal results
-            frames = min(max(round(RESPONSE_FRAMES * (seconds or 0.0)), 1), frames)
-            seconds = None
-        return replace(
-            settings,
-            # The fixed side samples as in training; the response may use all actions.
-            task=replace(settings.task, opponent_policy="sampled", mask_bumps=False),
-            chaser=sides["chaser"],
-            evader=sides["evader"],
-            sampling="latest",
-            members=(),
-            best_response_seconds=0.0,
-            seconds=seconds,
-            frames=frames,
-        )
 
     # -- files -----------------------------------------------------------------------------------
 
