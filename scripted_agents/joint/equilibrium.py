@@ -193,10 +193,10 @@ def _solve(
     evader_policy[caught] = 1.0 / task.num_actions
     evader_table = np.moveaxis(evader_policy.reshape(*shape, -1), num_chasers, 0)
     values = values[twins]
-    room = maze.num_cells > num_chasers
+    starts = (np.diff(np.sort(cells, axis=1), axis=1) != 0).all(axis=1)  # in different cells
     solution = ChaseSolution(
         values=values.reshape(shape),
-        mean_over_starts=float(states.mean_over_starts(values)) if room else np.nan,
+        mean_over_starts=float(values[starts].mean()),
         policies={
             "chaser": chaser_policy.reshape(*shape, -1),
             "evader": np.ascontiguousarray(evader_table),

@@ -12,7 +12,13 @@ from typing import Any, ClassVar
 import numpy as np
 
 from pursuit.simulator.policy import Policy
-from scripted_agents.limits import MAX_EXACT_WORK, MAX_FINAL_WORK, MAX_WORK, SEARCH_SECONDS
+from scripted_agents.limits import (
+    MAX_EXACT_WORK,
+    MAX_FINAL_WORK,
+    MAX_SNAPSHOT_CELLS,
+    MAX_WORK,
+    SEARCH_SECONDS,
+)
 from scripted_agents.references import is_exact_team
 from train.evaluation.games import other_role
 from train.evaluation.matchups import can_solve, match
@@ -52,8 +58,6 @@ from train.settings.self_play import (
 
 BRIEF_WORK = 20_000
 """Games of a larger size are not solved in a dry run of the results."""
-MOST_CELLS = 49
-"""Maximum number of cells for mixtures and diversity of snapshots: they take long above."""
 RESPONSE_FRAMES = 100_000
 """Frames for each of the `best_response_seconds`, where the run has a budget in frames; at
 most those of the run."""
@@ -265,7 +269,7 @@ class SelfPlay:
             how = (self.parts.discount, BRIEF_WORK if brief else MAX_WORK)
             content["whole_game"] = whole_game(self.task, pair, *how)
         everything = not content.get("limited_view")
-        if exact and everything and not interrupted and self.task.max_cells <= MOST_CELLS:
+        if exact and everything and not interrupted and self.task.max_cells <= MAX_SNAPSHOT_CELLS:
             kept = {role: self.pools[role].snapshots for role in self.sides}
             if brief:  # there are no snapshots yet
                 kept = {r: [Member(name, pair[r], False) for name in "ab"] for r in self.sides}
