@@ -66,6 +66,9 @@ MAX_TOUR_BYTES = 10**9
 MAX_GAME_CELLS = 256
 """Cells of a maze up to which a run of self-play solves the equilibrium of a duel (minutes)."""
 
+MAX_SNAPSHOT_CELLS = 49
+"""Cells of a maze up to which it computes exact mixtures and the diversity of its snapshots."""
+
 # -- what the solvers take -------------------------------------------------------------------------
 
 MAX_ENUMERATED_PLACEMENTS = 2_000_000_000
@@ -197,7 +200,7 @@ def is_single_runner(task: Task) -> bool:
 def why_no_tour(num_goals: int) -> str | None:
     """The reason why tours through so many goals are not computed exactly; None if they are."""
     if num_goals > MAX_EXACT_GOALS:
-        return f"{num_goals} goals; shortest tours are computed for up to {MAX_EXACT_GOALS}"
+        return f"{num_goals} goals; shortest tours are exact for up to {MAX_EXACT_GOALS}"
     return None
 
 

@@ -1,7 +1,8 @@
 """With which exact optimum an agent is compared, or why with none: `reference_of`.
 
 This is the one place that decides when a result (of `pursuit evaluate`, `pursuit baseline` or a
-run) has an exact reference. The numbers are in `limits`.
+run) has an exact reference: the contests of `train.evaluation` ask it for the kind of optimum that
+they compute, and print its reasons. The numbers are in `limits`.
 """
 
 from __future__ import annotations
@@ -101,6 +102,9 @@ def reference_of(
     if is_exact_team(task, {**opponents, task.agent_names[seat]: RandomAgent()}):
         return ExactReference("team")
     reason = why_not_joint(task, opponents, most_work, seat)
+    by_return = task.num_goals > 0 and task.seat_roles[seat] != "runner"
+    if reason is None and by_return and task.reward_function is not None:
+        reason = "user-defined rewards"
     return ExactReference("joint") if reason is None else _unknown(reason)
 
 

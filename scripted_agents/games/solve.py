@@ -16,8 +16,7 @@ from scripted_agents.joint.layout import Store
 from scripted_agents.joint.results import Equilibrium, JointNashConv, Solution
 from scripted_agents.joint.shapley_iteration import (
     StochasticGame,
-    solve_infinite_horizon,
-    solve_steps,
+    solve_game,
 )
 from scripted_agents.tolerances import SMALL_GAME_TOLERANCE, TIE
 
@@ -225,10 +224,7 @@ def equilibrium(
     many = [max(map(len, actions)) for actions in game.actions]
     store, lotteries = _store(game, many[1])
     played = StochasticGame(store, (many[0], many[1]), discount, lotteries=lotteries)
-    if horizon is None:
-        values, _ = solve_infinite_horizon(played)
-    else:
-        values, _ = solve_steps(played, horizon)
+    values, _ = solve_game(played, horizon)
     tables = {}
     for player, (name, dense) in enumerate(zip(game.players, played.strategies(), strict=True)):
         sizes = np.diff(game.offsets(player))

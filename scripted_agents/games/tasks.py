@@ -11,7 +11,7 @@ from scipy.sparse import csr_array
 from pursuit.rules.layout import Games
 from pursuit.tasks.task import Task, checked_task
 from scripted_agents.games.enumeration import SmallGame
-from scripted_agents.joint.opponents import OtherPolicies
+from scripted_agents.joint.opponents import lay_out_others
 from scripted_agents.joint.states import joint_states_of
 from scripted_agents.joint.sweeps import Problem, Quantity, filled_store
 from scripted_agents.limits import MAX_TASK_STATES, check_joint_states
@@ -45,9 +45,10 @@ def game_of_task(task: Task, most_states: int = MAX_TASK_STATES) -> SmallGame:
     check_joint_states(task, most_states, each=1000)
     joint = joint_states_of(task)
     agents, nothing = task.num_agents, [0] * task.num_agents
-    no_others = OtherPolicies([], np.zeros((0, joint.count), dtype=np.uint32), np.zeros(0))
     rewards = [Quantity(row, nothing) for row in np.eye(agents, dtype=np.int64).tolist()]
-    problem = Problem(joint, tuple(range(agents)), no_others, tuple(rewards), moves_first=False)
+    problem = Problem(
+        joint, tuple(range(agents)), lay_out_others(joint, {}), tuple(rewards), moves_first=False
+    )
     store = filled_store(problem)
     counts = store.shape[:, 0].astype(np.int64)
     kept = np.flatnonzero(counts)

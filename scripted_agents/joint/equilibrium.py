@@ -21,8 +21,7 @@ from scripted_agents.joint.shapley_iteration import (
     Report,
     game_of_task,
     silent,
-    solve_infinite_horizon,
-    solve_steps,
+    solve_game,
 )
 from scripted_agents.joint.states import joint_states_of
 from scripted_agents.joint.sweeps import Quantity
@@ -181,10 +180,7 @@ def _solve(
     payoff = Quantity([0] * (num_chasers + 1), everybody)
     same = None if num_chasers == 1 else twins
     game = game_of_task(states, seats, payoff, discount, same, report, allowed)
-    if horizon is None:
-        values, sweeps = solve_infinite_horizon(game)
-    else:
-        values, sweeps = solve_steps(game, horizon)
+    values, sweeps = solve_game(game, horizon)
     evader_policy, chaser_policy = game.strategies()
     evader_policy = evader_policy[twins]
     _rename(chaser_policy, cells, twins, task.num_actions)
@@ -193,10 +189,10 @@ def _solve(
     evader_policy[caught] = 1.0 / task.num_actions
     evader_table = np.moveaxis(evader_policy.reshape(*shape, -1), num_chasers, 0)
     values = values[twins]
-    room = maze.num_cells > num_chasers
+    starts = (np.diff(np.sort(cells, axis=1), axis=1) != 0).all(axis=1)  # in different cells
     solution = ChaseSolution(
         values=values.reshape(shape),
-        mean_over_starts=float(states.mean_over_starts(values)) if room else np.nan,
+        mean_over_starts=float(values[starts].mean()),
         policies={
             "chaser": chaser_policy.reshape(*shape, -1),
             "evader": np.ascontiguousarray(evader_table),

@@ -76,8 +76,7 @@ class JointResponse(Solution):
     @property
     def policy(self) -> JointPlan:
         """A `Policy` for all of `agents`."""
-        plan: JointPlan = self.policies[self.agents[0]]
-        return plan
+        return self.policies[self.agents[0]]
 
     @property
     def role(self) -> str:
@@ -128,8 +127,7 @@ class ChaseSolution(Equilibrium):
         maze: where it is played.
         values: [chaser cell, evader cell] float64 (with two chasers [chaser cell, chaser cell,
             evader cell], and so on): the value of the game, 0 if both are in one cell.
-        mean_over_starts: the mean of `values` over all placements in different cells; NaN if there
-            are fewer cells than agents.
+        mean_over_starts: the mean of `values` over all placements in different cells.
         policies: by role, `chaser_policy` and `evader_policy`.
         mixed: of the shape of `values`, bool: whether the matrix game there has no pure saddle
             point, so that optimal play must be random.
@@ -151,15 +149,13 @@ class ChaseSolution(Equilibrium):
         """[self, other, action] float64, an optimal policy of the chaser. With several chasers
         [chaser cell, ..., evader cell, joint action], the joint action counting the last chaser's
         fastest."""
-        table: NDArray[np.float64] = self.policies["chaser"]
-        return table
+        return self.policies["chaser"]
 
     @property
     def evader_policy(self) -> NDArray[np.float64]:
         """[self, other, action] float64, an optimal policy of the evader; with several chasers
         [evader cell, chaser cell, ..., action]."""
-        table: NDArray[np.float64] = self.policies["evader"]
-        return table
+        return self.policies["evader"]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

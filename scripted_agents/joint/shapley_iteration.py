@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from scripted_agents.joint.layout import Store
 from scripted_agents.joint.matrix_games import fill_strategies, sweep_games
-from scripted_agents.joint.opponents import OtherPolicies
+from scripted_agents.joint.opponents import lay_out_others
 from scripted_agents.joint.states import JointStates
 from scripted_agents.joint.sweeps import Problem, Quantity, filled_store
 from scripted_agents.tolerances import JOINT_TOLERANCE, MAX_SWEEPS
@@ -94,9 +94,9 @@ def game_of_task(
         ValueError: a game that does not fit into memory.
     """
     task, count = states.task, states.count
-    no_others = OtherPolicies([], np.zeros((0, count), dtype=np.uint32), np.zeros(0))
     wanted = np.ones(count, dtype=bool) if twins is None else twins == np.arange(count)
-    problem = Problem(states, seats, no_others, (payoff,), moves_first=False)
+    nobody = lay_out_others(states, {})
+    problem = Problem(states, seats, nobody, (payoff,), moves_first=False)
     store = filled_store(problem, wanted)
     if allowed is not None:
         store = restricted(store, *allowed)
@@ -207,6 +207,11 @@ class StochasticGame:
         rows, columns = (np.zeros((self.count, many)) for many in self._options)
         fill_strategies(self.store, self._chances, rows, columns)
         return rows, columns
+
+
+def solve_game(game: StochasticGame, horizon: int | None) -> tuple[Values, int]:
+    """The values of a game, and the sweeps it took; ValueError as `solve_infinite_horizon`."""
+    return solve_infinite_horizon(game) if horizon is None else solve_steps(game, horizon)
 
 
 def solve_steps(game: StochasticGame, horizon: int) -> tuple[Values, int]:

@@ -35,6 +35,10 @@ SCRIPTED: dict[str, Policy] = {
 }
 
 
+def no_rewards(before: Any, actions: Any, after: Any) -> Any:
+    return np.zeros(np.shape(actions))
+
+
 def policies_in(task: Task) -> dict[str, Policy]:
     return {role: SCRIPTED[role] for role in task.seat_roles}
 
@@ -66,11 +70,11 @@ def test_reasons_name_the_number_and_the_limit() -> None:
     def reason(name: str, opponents: dict[str, Policy] | None = None, **settings: Any) -> str:
         task = make_task(name, **settings)
         given = policies_in(task) if opponents is None else opponents
-        found = reference_of(task, task.agent_names[0], given, settings.pop("most", MAX_WORK))
+        found = reference_of(task, task.agent_names[0], given)
         assert found.kind == "none"
         return found.reason
 
-    assert reason("maze", num_goals=19) == "19 goals; shortest tours are computed for up to 18"
+    assert reason("maze", num_goals=19) == "19 goals; shortest tours are exact for up to 18"
     for name in ("race", "chase"):  # duels only maze by maze
         assert reason(name, maze=["3x3", "5x5"]) == "2 mazes; whole games are solved in one"
     assert reason("chase", maze="15x15", view_radius=2) == "limited view"  # 225 cells, not 100
@@ -82,7 +86,8 @@ def test_reasons_name_the_number_and_the_limit() -> None:
     assert "has no distribution" in reason(
         "chase", {"chaser": SearchingChaser(), "evader": AStarEvader()}, num_chasers=2
     )
-    assert "100,000,000 are solved" not in reason("race", maze="9x9", num_goals=6)
+    paid = {"maze": "3x3", "num_goals": 2, "rewards": no_rewards}
+    assert reason("heist", **paid) == "user-defined rewards"  # its measure is the return
 
 
 def test_more_work_is_done_for_final_results() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import inf
@@ -248,15 +247,13 @@ def describe(solution: ChaseSolution, seconds: float) -> str:
     discount, horizon = solution.discount, solution.horizon
     how = f"horizon {horizon}" if horizon is not None else f"discount {discount:g}"
     most = float(horizon) if horizon is not None else 1.0 / (1.0 - discount)
-    own = [a != b for a, b in itertools.combinations(cells, 2)]  # all start in different cells
-    mean = float(values[np.logical_and.reduce(own)].mean())
     escapes = int((values[apart] >= most * (1.0 - 1e-9)).sum())
     states = int(apart.sum())
     text = {
         "maze": in_words(maze),
         "game": f"{chasers} chaser{'s' if chasers > 1 else ''}, 1 evader, {solution.move_order}, "
         f"{'with' if solution.stay_action else 'no'} stay, {how}",
-        "value (mean over starts)": f"{mean:.6f} steps"
+        "value (mean over starts)": f"{solution.mean_over_starts:.6f} steps"
         f"{'' if horizon is not None else ', discounted'}; {most:g} if never caught"
         f"{'' if horizon is not None else ', 1 / (1 - discount)'}",
         "never caught from": f"{escapes:,} of {states:,} states",

@@ -155,12 +155,12 @@ class GameContest(MazeContest):
 
     def solution(self) -> HiddenChaseSolution | None:
         """The proven bounds of the optimum under a limited view; None if there are none."""
-        if not self.is_limited or not self.is_exact:
+        if self.exact_reference.kind != "bounds":
             return None
         return solution_of(self.task, self.agent, self.opponent_table(), self.search_seconds)
 
     def certificate(self) -> Certificate | None:
-        """The proven interval of the optimum; None if there is none."""
+        """As `Contest`."""
         proven = self.solution()
         if proven is None:
             return None
@@ -199,24 +199,21 @@ class GameContest(MazeContest):
         episode, with a limited view (see `certificate`), and if evaders collect goals (see
         `optimal_return`).
         """
-        if self.is_limited:
-            return None
-        task, best = self.task, self.best_response()
-        team = self.best_team_response()
-        if team is not None:
+        kind, most = self.exact_reference.kind, self.task.max_steps
+        if kind == "duel" and (best := self.best_response()) is not None:
+            return self._score_of("optimal", best)
+        if kind == "team" and (team := self.best_team_response()) is not None:
             _, won = self.play(team.policy)
             mean = team.mean_over_starts
             return Score("optimal", mean, 0.0, float(won.mean()), self.episodes, True)
-        if best is not None:
-            return self._score_of("optimal", best)
-        if self.best_of_steps is not None:
+        if kind == "joint" and self.best_of_steps is not None:
             return self._joint_score(self.best_of_steps, BY_STEPS)
-        if self.tours is None:
+        if kind != "tour" or self.tours is None:
             return None
-        share = float((self.tours <= task.max_steps).mean())
+        share = float((self.tours <= most).mean())
         if share == 0.0:  # every episode is truncated, so all policies have equal lengths
             return None
-        lengths = np.minimum(self.tours, task.max_steps)
+        lengths = np.minimum(self.tours, most)
         mean = float(lengths.mean())
         return Score("optimal", mean, half_width(lengths), share, self.episodes, False)
 

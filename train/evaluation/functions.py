@@ -105,7 +105,7 @@ def _compared(contest: ArmContest | GameContest, policy: Any) -> Evaluation:
         both = None if gap is None else (gap, gap)
         mean = score.mean_steps
         played = (score.episodes, mean, 0.0, score.success_rate)
-        why = None if steps is not None else _why_no_optimum(contest)
+        why = None if steps is not None else contest.exact_reference.reason
         return Evaluation(*played, steps, gap, both, "steps", mean, steps, why)
     lengths, won = contest.play(policy)
     least = contest.optimal_lengths() if game is not None or contest.is_exact else None
@@ -121,12 +121,6 @@ def _compared(contest: ArmContest | GameContest, policy: Any) -> Evaluation:
         best = game.optimal_goals() if game.measure == BY_GOALS else game.optimal_return()
         reached = None if best is None else game.measure.of(best)
     figures = (half_width(lengths), float(won.mean()), optimum, gap, interval)
-    why = None if reached is not None else _why_no_optimum(contest)
+    unequal = "bounds of the minimum steps are not equal from every start"  # of an arm
+    why = None if reached is not None else contest.exact_reference.reason or unequal
     return Evaluation(len(lengths), mean, *figures, measure, value, reached, why)
-
-
-def _why_no_optimum(contest: ArmContest | GameContest) -> str:
-    """The reason why the optimum of a contest is not known."""
-    if contest.exact_reference.kind == "arm":
-        return "bounds of the minimum steps are not equal from every start"
-    return contest.exact_reference.reason or "user-defined rewards"

@@ -19,6 +19,7 @@ from scripted_agents import (
     PairValues,
     best_response,
     evaluate_exactly,
+    mean_over_starts,
     table_of,
 )
 
@@ -151,6 +152,18 @@ def values_between(
     chaser, evader = tables[::-1] if role == "evader" else tables
     order: Any = task.move_order
     return evaluate_exactly(maze or task.mazes[0], chaser, evader, horizon, discount, order)
+
+
+def mean_steps(
+    task: Task,
+    role: str,
+    tables: tuple[NDArray[Any], NDArray[Any]],
+    horizon: int | None,
+    discount: float = 1.0,
+) -> float:
+    """The mean of `values_between` over the starts of a task."""
+    values = values_between(task, role, tables, horizon, discount)
+    return mean_over_starts(values, task.mazes[0], task.min_start_distance)
 
 
 def other_role(role: str) -> str:

@@ -24,7 +24,7 @@ from scripted_agents import (
 )
 from scripted_agents.limits import MAX_BOUNDED_CELLS, SEARCH_SECONDS, SEARCH_WIDTH
 from scripted_agents.references import is_table_in
-from train.evaluation.games import best_reply, half_width, table_in, values_between
+from train.evaluation.games import best_reply, half_width, mean_steps, table_in
 
 DISCOUNT = 0.95
 
@@ -134,8 +134,7 @@ def discounted(
     for a chaser, and as ended there for an evader.
     """
     if is_table_in(task, policy):
-        values = values_between(task, role, (table_in(task, policy), table), None, DISCOUNT)
-        return mean_over_starts(values, task.mazes[0], task.min_start_distance), 0.0
+        return mean_steps(task, role, (table_in(task, policy), table), None, DISCOUNT), 0.0
     steps = (1.0 - DISCOUNT ** lengths.astype(np.float64)) / (1.0 - DISCOUNT)
     if role == "chaser":
         steps = np.where(lengths >= task.max_steps, 1.0 / (1.0 - DISCOUNT), steps)

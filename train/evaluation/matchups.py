@@ -12,7 +12,6 @@ from pursuit.simulator.policy import Policy
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task
 from scripted_agents import (
-    mean_over_starts,
     mean_over_team_starts,
     team_survival,
 )
@@ -21,10 +20,10 @@ from scripted_agents.references import is_exact, is_exact_team
 from train.evaluation.games import (
     all_caught,
     half_width,
+    mean_steps,
     play_out,
     stepper,
     table_in,
-    values_between,
 )
 from train.settings.checks import EVALUATION_SEED
 
@@ -88,8 +87,7 @@ def discounted_steps(
     """
     if is_exact(task, chaser, evader):
         tables = table_in(task, chaser), table_in(task, evader)
-        values = values_between(task, "chaser", tables, None, discount)
-        return mean_over_starts(values, task.mazes[0], task.min_start_distance)
+        return mean_steps(task, "chaser", tables, None, discount)
     longest = replace(task, max_steps=ceil(log(NEGLIGIBLE) / log(discount)))
     lengths, _ = play_pair(longest, chaser, evader, episodes, seed)
     return float((1.0 - discount**lengths).mean() / (1.0 - discount))
@@ -117,14 +115,8 @@ def match(
         return Matchup(mean_over_team_starts(team, task), 0.0, 1.0 - late, 0)
     if is_exact(task, chaser, evader):
         tables = table_in(task, chaser), table_in(task, evader)
-        steps, longer = (
-            mean_over_starts(
-                values_between(task, "chaser", tables, horizon),
-                task.mazes[0],
-                task.min_start_distance,
-            )
-            for horizon in (task.max_steps, task.max_steps + 1)
-        )
+        horizons = task.max_steps, task.max_steps + 1
+        steps, longer = (mean_steps(task, "chaser", tables, horizon) for horizon in horizons)
         # One more step adds P(not caught before it) to the expected length.
         return Matchup(steps, 0.0, 1.0 - (longer - steps), 0)
     lengths, caught = play_pair(task, chaser, evader, episodes, seed)

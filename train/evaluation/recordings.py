@@ -9,7 +9,6 @@ from typing import Any
 from pursuit.replays.recorder import Recorder
 from pursuit.replays.replay import Replay
 from pursuit.replays.viewer.data import Side
-from pursuit.tasks.task import Task
 from scripted_agents import action_values
 from scripted_agents.references import is_exact
 from train.evaluation.arm_contest import ArmContest
@@ -82,15 +81,10 @@ def sides_of(contest: AnyContest, policy: Any, most_both: int = MOST_BOTH_CELLS)
     names, other = task.agent_names, 1 - seat
     own: Any = task.seat_roles[seat]
     found = action_values(own, maze, theirs, **rules)
-    called = {agent: side_label(task, agent) for agent in names}
+    called = {name: f"{name} with full view" if task.hides_from(name) else name for name in names}
     sides = [Side(called[names[seat]], seat, other, found.values, learned, found.optimal)]
     if learned is not None and maze.num_cells <= most_both:
         role: Any = task.seat_roles[other]
         found = action_values(role, maze, learned, **rules)
         sides.append(Side(called[names[other]], other, seat, found.values, theirs, found.optimal))
     return sides
-
-
-def side_label(task: Task, agent: str) -> str:
-    """The label of an agent in an overlay."""
-    return f"{agent} with full view" if task.hides_from(agent) else agent

@@ -23,8 +23,8 @@ from train.evaluation.maze_contest import SCRIPTED, MazeContest
 from train.evaluation.scores import Measure, Score
 from train.evaluation.suite_tables import (
     opponent_tables,
+    pairs_of_values,
     tables_of,
-    values_of,
 )
 
 
@@ -155,9 +155,13 @@ class SuiteContest(MazeContest):
     def _exactly(self, name: str, tables: Iterator[NDArray[np.float64]]) -> InMazes:
         """The exact values of a policy's tables, one for each of the mazes `played`."""
         others = opponent_tables(self.opponent, self.part, self.seat)
-        found = values_of(self.part, self.seat, tables, others)
-        steps = np.array([value.steps for value in found])
-        caught = np.array([value.caught for value in found])
+        pairs = pairs_of_values(self.part, self.seat, tables, others)
+        least, mazes = self.part.min_start_distance, self.part.mazes
+        means = [
+            [mean_over_starts(values, maze, least) for values in steps_and_chances]
+            for maze, steps_and_chances in zip(mazes, pairs, strict=True)
+        ]
+        steps, caught = map(np.array, zip(*means, strict=True))
         return InMazes(name, steps, 1.0 - caught if self.role == "evader" else caught, True)
 
     def _over_mazes(self, name: str, lengths: NDArray[Any], won: NDArray[np.bool_]) -> InMazes:

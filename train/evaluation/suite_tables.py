@@ -7,7 +7,7 @@ is a table over (own cell, other cell); that of a network is computed in batches
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,25 +21,12 @@ from scripted_agents import (
     AStarChaser,
     NearestGoalRunner,
     TourRunner,
-    mean_over_starts,
     table_of,
 )
 from train.evaluation.games import values_between
 
 PAIRS_AT_ONCE = 200_000
 """Maximum number of pairs of cells in one batch of a network."""
-
-
-class Value(NamedTuple):
-    """The value of a policy in one maze.
-
-    Attributes:
-        steps: mean over starts.
-        caught: probability that an episode ends by capture or goal within the time limit.
-    """
-
-    steps: float
-    caught: float
 
 
 def tables_of(policy: Policy, task: Task, seat: int) -> Iterator[NDArray[np.float64]]:
@@ -111,17 +98,6 @@ def opponent_tables(opponent: Policy | None, task: Task, seat: int) -> Iterator[
     if opponent is None:
         return (stays(maze) for maze in task.mazes)
     return tables_of(opponent, task, 1 - seat)
-
-
-def values_of(
-    task: Task, seat: int, own: Iterator[NDArray[Any]], others: Iterator[NDArray[Any]]
-) -> list[Value]:
-    """The exact value of a policy in each maze, from its tables and those of the opponent."""
-    least = task.min_start_distance
-    return [
-        Value(*(mean_over_starts(each, maze, least) for each in found))
-        for maze, found in zip(task.mazes, pairs_of_values(task, seat, own, others), strict=True)
-    ]
 
 
 def pairs_of_values(

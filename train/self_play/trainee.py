@@ -12,7 +12,7 @@ from typing import ClassVar
 import numpy as np
 
 from pursuit.simulator.policy import Policy
-from scripted_agents.limits import MAX_EXACT_WORK, MAX_FINAL_WORK
+from scripted_agents.limits import MAX_EXACT_WORK, MAX_FINAL_WORK, MAX_SNAPSHOT_CELLS
 from scripted_agents.references import is_exact_team
 from train.evaluation.games import other_role
 from train.evaluation.matchups import can_solve, match
@@ -48,9 +48,6 @@ from train.settings.self_play import (
     ROLES,
 )
 from train.tensors import State
-
-MOST_CELLS = 49
-"""Maximum number of cells for mixtures and diversity of snapshots: they take long above."""
 
 
 class SelfPlay:
@@ -256,7 +253,7 @@ class SelfPlay:
             self.tell("NashConv of the whole game", 0.0)
             most = limits.whole_game_work
             content["whole_game"] = whole_game(self.task, pair, self.parts.discount, most)
-        small = self.task.max_cells <= MOST_CELLS
+        small = self.task.max_cells <= MAX_SNAPSHOT_CELLS
         if has_nash_conv and small and not limited and not interrupted:
             kept = {role: self.pools[role].snapshots for role in self.sides}
             if limits.is_dry_run:

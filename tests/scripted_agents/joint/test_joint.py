@@ -103,14 +103,16 @@ def test_rewards_are_not_rounded_to_float32() -> None:
 
 
 @pytest.mark.parametrize("order", ORDERS)
-def test_teams_are_those_of_the_solver_of_teams(order: Any) -> None:
+def test_values_of_teams_are_by_cells(order: Any) -> None:
     task = make_task("chase", maze="3x3", num_chasers=2, move_order=order)
+    games = Simulator(task, 50, 2**62).games
     for role in ("chaser", "chaser_1", "evader"):
-        known = best_team_response(task, role, SCRIPTED, 50)
+        best = best_team_response(task, role, SCRIPTED, 50)
         found = solve_joint(task, role, SCRIPTED, 50)
-        free = found.values[found.values > 0.0]
-        np.testing.assert_allclose(free, known.values[known.values > 0.0], rtol=1e-12)
-        assert found.mean_over_starts == pytest.approx(known.mean_over_starts, rel=1e-12)
+        assert best.role == role and best.policies[best.agents[0]] is best.policy
+        assert best.mean_over_starts == found.mean_over_starts
+        np.testing.assert_array_equal(best.values[tuple(games.position.T)], found.values_of(games))
+        np.testing.assert_array_equal(best.values_of(games), found.values_of(games))
     values = evaluate_joint(task, SCRIPTED, 50)
     known_mean = mean_over_team_starts(evaluate_team(task, SCRIPTED, 50), task)
     assert values.length == pytest.approx(known_mean, rel=1e-12)
