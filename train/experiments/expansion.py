@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 
 from pursuit.validation import one_of
+from train.experiments.contestant_runs import CONTESTANT
 from train.experiments.identity import fingerprint, frozen_mazes, inputs_of
-from train.experiments.kinds import CONTESTANT, KINDS
+from train.experiments.kinds import KINDS
 from train.experiments.runs import Study, TrainingRun, job_name
 from train.experiments.study import (
     THRESHOLDS,

@@ -87,12 +87,7 @@ class Trials(msgspec.Struct, forbid_unknown_fields=True):
 
     def __post_init__(self) -> None:
         check(self.samples > 0, f"samples={self.samples} in [tuning]; give at least 1")
-        check(
-            (self.seconds is None) != (self.frames is None),
-            f"seconds={self.seconds} and frames={self.frames} in [tuning]; give one of the two",
-        )
-        budget = self.seconds if self.frames is None else self.frames
-        check(0 < float(budget or 0) < 1e9, f"budget {budget} in [tuning]; give one above 0")
+        check_budget(self.seconds, self.frames, " in [tuning]")
         check(
             self.mazes is None or self.mazes > 0,
             f"mazes={self.mazes} in [tuning]; give at least 1, or leave it out to use all",
@@ -385,6 +380,16 @@ def check_seeds(seeds: Iterable[int]) -> None:
     check(bool(seeds), "seeds is an empty list; give at least one value")
     for seed in seeds:
         check_seed(seed)
+
+
+def check_budget(seconds: float | None, frames: int | None, where: str = "") -> None:
+    """ValueError unless a budget in seconds or in frames is given."""
+    check(
+        (seconds is None) != (frames is None),
+        f"seconds={seconds} and frames={frames}{where}; give one of the two",
+    )
+    budget = seconds if frames is None else frames
+    check(0 < float(budget or 0) < 1e9, f"budget {budget}{where}; give one above 0")
 
 
 def check_once(name: str, values: list[Any]) -> None:

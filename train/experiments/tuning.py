@@ -13,8 +13,8 @@ from pathlib import Path
 from pursuit.mazes.maze import load_maze
 from pursuit.mazes.suite_files import is_suite
 from pursuit.mazes.suites import least_copy, load_suite
+from train.experiments.contestant_runs import CONTESTANT
 from train.experiments.expansion import Tuned, alternating, draw_samples, runs_of
-from train.experiments.kinds import CONTESTANT
 from train.experiments.rows import read_all
 from train.experiments.runs import TUNING, Study, TrainingRun, read_label
 from train.experiments.study import Layout, StudyFile, Table, Trials, Tuning, check_once
