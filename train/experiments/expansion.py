@@ -182,7 +182,7 @@ def runs_of(
     varying = {name: value for name, value in label.items() if name not in ("name", "trial")}
     try:
         asked = KINDS[kind].settings_of(**{"threads": 1, **common, **varying, "seed": seeds[0]})
-        settings, given = frozen_mazes(asked)
+        settings, files = frozen_mazes(asked)
         inputs = inputs_of(settings)
     except ValueError as error:
         which = run_label(label | {"seed": seeds[0]})
@@ -192,7 +192,7 @@ def runs_of(
     for seed in seeds:
         own = replace(settings, seed=seed)
         name = job_name(varying, seed, fingerprint(kind, own, episodes, inputs), without=kind)
-        yield TrainingRun(name, kind, own, episodes, varying, given, inputs)
+        yield TrainingRun(name, kind, own, episodes, varying, files, inputs)
 
 
 def run_label(label: Mapping[str, Any]) -> str:
@@ -232,7 +232,10 @@ def layout_of(
     Raises:
         ValueError: an unknown name.
     """
-    hints, variants = file.report or ReportHints(), file.variants or []
+    variants, usual = file.variants or [], ReportHints()
+    if file.kind == CONTESTANT and variants:
+        usual = ReportHints("variant", ["contestant"])
+    hints = file.report or usual
     within = {name for variant in variants for name in variant} - {"name"}
     varying = sorted({*varying, *within})
     known = {name for run in runs for name in (*flat_plain(asdict(run.settings)), *run.label)}
@@ -320,6 +323,7 @@ def check_measures(file: StudyFile, runs: Sequence[TrainingRun]) -> None:
         x = file.report.x if file.report else None
         check(x in (None, "maze"), f"x={x!r} in [report]; in self-play give [grid] maze = [...]")
         for task in tasks:
+            assert isinstance(task, TaskSettings)  # self-play has no other
             check(
                 task_of(task).is_duel,
                 f"task {task.task!r} with these agents has no exact NashConv for every run; use "

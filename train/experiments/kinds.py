@@ -46,6 +46,9 @@ from train.settings.run import TrainSettings
 from train.settings.self_play import SelfPlaySettings
 from train.teaching.mazes import as_text, names_in
 
+AnySettings = TrainSettings[Any] | SelfPlaySettings | ContestantSettings
+"""The settings of a run of any kind."""
+
 
 @dataclass(frozen=True)
 class Kind:

@@ -15,7 +15,7 @@ from typing import Any
 import msgspec
 
 from train.experiments.identity import INPUTS, Input, copy_of, fingerprint, with_policies
-from train.experiments.kinds import is_complete, read_settings, write_config
+from train.experiments.kinds import AnySettings, is_complete, read_settings, write_config
 from train.experiments.study import Layout
 from train.files import LOCK, read_json, write_json
 from train.runs.folder import CHECKPOINT, CONFIG
@@ -47,16 +47,16 @@ class TrainingRun:
         settings: all settings; maze files are replaced by their text.
         episodes: of the final evaluation.
         label: the varying settings of this run, and `variant`.
-        given: names in reports of mazes and opponents given as files.
+        files: names in reports of mazes and opponents that are files.
         inputs: the policies that it loads, by name of the setting.
     """
 
     name: str
     kind: str
-    settings: Any
+    settings: AnySettings
     episodes: int
     label: dict[str, Any]
-    given: dict[str, Any] = field(default_factory=dict)
+    files: dict[str, Any] = field(default_factory=dict)
     inputs: dict[str, Input] = field(default_factory=dict)
 
     @property
@@ -86,7 +86,7 @@ class TrainingRun:
         settings = with_policies(self.settings, copies)
         if before != settings:  # new, or the folder of the study was moved
             write_config(self.kind, settings, folder, Final(self.episodes))
-        write_json(folder / LABEL, {**self.given, **self.label})
+        write_json(folder / LABEL, {**self.files, **self.label})
 
 
 @dataclass(frozen=True)

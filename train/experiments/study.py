@@ -257,8 +257,8 @@ class ClaimedStudy(msgspec.Struct, forbid_unknown_fields=True):
     least_frames: int = 0
 
     def __post_init__(self) -> None:
-        given = [bool(self.sweep), bool(self.ablation), self.exact]
-        check(sum(given) == 1, f"study {self.id!r}: give one of sweep, ablation and exact")
+        kinds = [bool(self.sweep), bool(self.ablation), self.exact]
+        check(sum(kinds) == 1, f"study {self.id!r}: give one of sweep, ablation and exact")
         check(bool(self.claims), f"study {self.id!r}: no claims; give [[studies.claims]]")
         for claim in self.claims:
             check(

@@ -141,7 +141,7 @@ def choose(out: Path) -> tuple[list[Row], Tuned]:
         own = {n: v for n, v in label.items() if n not in (of, "maze", "variant", "trial")}
         settings[key] = own
         first: Row = {of: key[0], "task": key[1], "trial": key[2], **own, "gaps": []}
-        gap = row["optimality_gap"] if row["status"] == "complete" else None
+        gap = row.get("optimality_gap") if row["status"] == "complete" else None
         trials.setdefault(key, first)["gaps"].append(gap)
     for row in trials.values():
         # Absolute, as evaders have negative gaps.

@@ -298,8 +298,8 @@ REFUSED = [
     ),
     (
         "comparison",
-        "[report]",
-        '[[variants]]\nname = "again"\ntask = "maze"\nmaze = "2x2"\nnum_goals = 1\n[report]',
+        "[tuning]\n",
+        '[[variants]]\nname = "again"\ntask = "maze"\nmaze = "2x2"\nnum_goals = 1\n[tuning]\n',
         "have equal settings",
     ),
     (
