@@ -8,22 +8,18 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, fields, replace
 from typing import Any
 
-import numpy as np
-
 from pursuit.validation import one_of
 from train.experiments.contestant_runs import CONTESTANT
 from train.experiments.identity import fingerprint, frozen_mazes, inputs_of
 from train.experiments.kinds import KINDS
 from train.experiments.runs import Study, TrainingRun, job_name
+from train.experiments.search import draw_samples
 from train.experiments.study import (
     THRESHOLDS,
-    Choices,
     Layout,
-    Range,
     ReportHints,
     StudyFile,
     Table,
-    check_plain,
     check_seeds,
     check_table,
     choose_version,
@@ -32,8 +28,7 @@ from train.experiments.study import (
 from train.runs.folder import RUN, SELF_PLAY
 from train.runs.parts import contest_of
 from train.runs.tasks import task_of
-from train.schemas import read_as
-from train.settings.checks import check, check_seed
+from train.settings.checks import check
 from train.settings.self_play import LEARN, ROLES
 from train.settings.task import TaskSettings
 
@@ -41,7 +36,6 @@ MAX_RUNS = 100_000
 """Maximum number of runs of a study, to catch typing errors."""
 MEASURED = {"seconds": "budget_seconds", "frames": "budget_frames"}
 """New names of settings whose names are those of measurements in the table of runs."""
-SEARCH_FORMS = "give {low=, high=, scale='log'} or {choices=[]}"
 EQUAL = (
     *("seconds", "clock", "frames", "seed", "threads", "processes", "evaluate"),
     *(field.name for field in fields(TaskSettings)),
@@ -343,58 +337,3 @@ def check_measures(file: StudyFile, runs: Sequence[TrainingRun]) -> None:
             f"task {task.task!r} is scored by {contest.measure.name}, but an ablation needs the "
             "gap in steps; use a single runner, or a chase",
         )
-
-
-# -- random search ---------------------------------------------------------------------------------
-
-
-def draw_samples(search: Table, limit: int) -> list[Table]:
-    """The samples of a random search, the same for all tasks and seeds.
-
-    Args:
-        search: "samples" and "seed", and for every searched setting {low, high, scale="log" or
-            "linear", whole=false} or {choices=[...]}.
-        limit: maximum number of samples.
-
-    Returns:
-        One dict per sample; [{}] without a search.
-
-    Raises:
-        ValueError: `search` has another form, or a range is empty.
-    """
-    if not search:
-        return [{}]
-    space = dict(search)
-    samples, seed = space.pop("samples", 10), space.pop("seed", 0)
-    check(
-        type(samples) is int and 1 <= samples <= limit,
-        f"samples={samples!r} in [search]; give a whole number from 1 to {limit:,}",
-    )
-    check(type(seed) is int, f"seed={seed!r} in [search]; give a whole number")
-    check_seed(seed)
-    check(bool(space), "[search] names no setting; give learning_rate = {low=1e-4, high=1e-2}, say")
-    ranges = {name: range_of(name, spec) for name, spec in space.items()}
-    generator = np.random.default_rng(seed)
-    return [{name: draw(spec, generator) for name, spec in ranges.items()} for _ in range(samples)]
-
-
-def range_of(name: str, spec: Any) -> Range | Choices:
-    """The distribution of one setting; ValueError for another form, or an empty list."""
-    where = f"search of {name}"
-    if isinstance(spec, dict) and "choices" in spec:
-        choices = read_as(Choices, spec, where, SEARCH_FORMS)
-        for value in choices.choices:
-            check_plain(name, value, "[search]")
-        return choices
-    return read_as(Range, spec, where, SEARCH_FORMS)
-
-
-def draw(spec: Range | Choices, generator: np.random.Generator) -> Any:
-    """A sample of one setting."""
-    if isinstance(spec, Choices):
-        return spec.choices[int(generator.integers(len(spec.choices)))]
-    if spec.scale == "log":
-        value = float(np.exp(generator.uniform(np.log(spec.low), np.log(spec.high))))
-    else:
-        value = float(generator.uniform(spec.low, spec.high))
-    return round(value) if spec.whole else float(f"{value:.4g}")

@@ -8,7 +8,6 @@ that their runs decide.
 
 from __future__ import annotations
 
-import math
 import tomllib
 from collections.abc import Iterable
 from pathlib import Path
@@ -162,36 +161,6 @@ class Layout(msgspec.Struct):
     primary: str | None = None
     margin: float | None = None
     threshold: float = 5.0
-
-
-# -- search ----------------------------------------------------------------------------------------
-
-
-class Range(msgspec.Struct, forbid_unknown_fields=True):
-    """A setting that is drawn uniformly from an interval, on a linear or logarithmic scale."""
-
-    low: float
-    high: float
-    scale: str = "linear"
-    whole: bool = False
-
-    def __post_init__(self) -> None:
-        check(self.scale in ("linear", "log"), f"scale={self.scale!r}; give linear or log")
-        check(
-            math.isfinite(self.low) and math.isfinite(self.high),
-            f"low={self.low} and high={self.high}; give finite numbers",
-        )
-        check(self.low < self.high, f"low={self.low} is not below high={self.high}; exchange them")
-        check(self.scale != "log" or self.low > 0, f"low={self.low}; scale='log' needs low above 0")
-
-
-class Choices(msgspec.Struct, forbid_unknown_fields=True):
-    """A setting that is drawn from a list."""
-
-    choices: list[Any]
-
-    def __post_init__(self) -> None:
-        check(bool(self.choices), "choices is an empty list; give at least one value")
 
 
 # -- claims ----------------------------------------------------------------------------------------
