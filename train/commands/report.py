@@ -43,9 +43,9 @@ class ReportCommand(Settings):
 
 def report(arguments: Sequence[str]) -> None:
     """`pursuit report`."""
-    given = parse(ReportCommand, arguments, "report")
-    check(bool(given.folders), "nothing to report; give folders of runs, sweeps or ablations")
-    for folder in given.folders:
+    options = parse(ReportCommand, arguments, "report")
+    check(bool(options.folders), "nothing to report; give folders of runs, sweeps or ablations")
+    for folder in options.folders:
         check_folder(folder)
     from train.experiments.report import (  # torch is slow to import
         is_of_several,
@@ -53,13 +53,13 @@ def report(arguments: Sequence[str]) -> None:
         report_several,
     )
 
-    only = given.folders[0] if len(given.folders) == 1 else None
+    only = options.folders[0] if len(options.folders) == 1 else None
     with print_warnings():
-        if only is not None and not (only / CONFIG).exists() and given.out is None:
-            written = report_on(only, given.x, given.log)
+        if only is not None and not (only / CONFIG).exists() and options.out is None:
+            written = report_on(only, options.x, options.log)
         else:
-            out = given.out or (Path("comparison") if only is None else only / "report")
-            check_output_folder(out, is_of_several, given.overwrite)
-            written = report_several(given.folders, out, given.x, given.log)
+            out = options.out or (Path("comparison") if only is None else only / "report")
+            check_output_folder(out, is_of_several, options.overwrite)
+            written = report_several(options.folders, out, options.x, options.log)
     print((written / "report.md").read_text(encoding="utf-8"))
     print(f"figures and tables: {written}")

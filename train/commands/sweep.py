@@ -132,11 +132,14 @@ def carry_out(
         KeyboardInterrupt: on interruption; checkpoints are saved.
     """
     from train.experiments.executors import run_locally, run_on_ray  # torch is slow to import
+    from train.experiments.runs import statuses_of
     from train.experiments.stages import carry_out as carry_out_stages
 
     watch = SweepWatch()
+    running: list[tuple[Study, Path]] = []
 
     def execute(study: Study, folder: Path) -> dict[str, str]:
+        running[:] = [(study, folder)]
         watch.restart()
         if executor == "local":
             statuses = run_locally(study, folder, workers or os.cpu_count() or 1, watch)
@@ -145,7 +148,10 @@ def carry_out(
         print(counts(statuses.values()))
         return statuses
 
-    with resumable(again, lambda: f" ({counts(watch.before.values())})" if watch.before else ""):
+    def now() -> str:
+        return "".join(f" ({counts(statuses_of(*each).values())})" for each in running)
+
+    with resumable(again, now):
         done = carry_out_stages(stages, execute, lambda line: print(line, flush=True))
     for folder, _ in done:
         if (folder / "report" / "report.md").exists():

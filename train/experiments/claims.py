@@ -19,16 +19,12 @@ from train.experiments.rows import longer_is_better
 from train.experiments.statistics import (
     LEVEL,
     NAN,
-    bounded,
-    difference_interval,
-    distance_interval,
     holm,
     improvement,
     least_p,
-    mean_interval,
     permutation_p,
 )
-from train.experiments.study import COMPARISONS, REFERENCES, Claim, Table
+from train.experiments.study import REFERENCES, Claim, Table
 from train.reports.tables import Row
 from train.settings.checks import check
 
@@ -330,29 +326,6 @@ def cell_row(cell: Decision) -> Row:
 
 def _known(value: float) -> object:
     return "" if value != value else value
-
-
-def evidence_rows(claim: Claim, cell: Decision) -> list[Row]:
-    """A row for each setting of a cell: the values of its runs, their mean, and the difference of
-    ours from it."""
-    compared = claim.rule in COMPARISONS
-    interval_of = mean_interval if claim.rule in ("within", "beyond") else distance_interval
-    rows: list[Row] = []
-    for place, group in enumerate(cell.groups):
-        values, frames = group.values(claim), [row["frames"] for m in group.mazes for row in m]
-        if not all(values):
-            continue
-        row: Row = {"setting": named(group.cell), "values": list(itertools.chain(*values))}
-        row |= bounded("mean", fmean(map(fmean, values)), interval_of(values))
-        row |= {"frames": (min(frames), max(frames)), "meets": None}
-        if compared and place:
-            ours = cell.groups[0].values(claim)
-            change = fmean(map(fmean, ours)) - fmean(map(fmean, values))
-            row |= bounded("difference", change, difference_interval(ours, values))
-        elif not compared:
-            row["meets"] = f"{cell.meets} of {len(frames)}"
-        rows.append(row)
-    return rows
 
 
 def named(cell: Mapping[str, Any]) -> str:

@@ -17,6 +17,7 @@ from pursuit.validation import at_least, check, choice, one_of, unknown
 from train.evaluation.contest import GameContest
 from train.evaluation.scores import BY_STEPS, Score, optimality_gap
 from train.experiments.contestants import CONTESTANTS, OBEYED, Contestant, Trainer
+from train.experiments.study import check_budget
 from train.files import write_csv, write_json
 from train.kinds import KINDS, Kind
 from train.runs.folder import METRICS, RESULTS
@@ -65,12 +66,7 @@ class ContestantSettings(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check(
-            (self.seconds is None) != (self.frames is None),
-            f"seconds={self.seconds} and frames={self.frames}; give one of the two",
-        )
-        budget = self.seconds if self.frames is None else self.frames
-        check(0 < float(budget or 0) < 1e9, f"budget {budget}; give one above 0")
+        check_budget(self.seconds, self.frames)
 
 
 def settings_of(**flat: Any) -> ContestantSettings:

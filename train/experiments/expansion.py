@@ -8,21 +8,17 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, fields, replace
 from typing import Any
 
-import numpy as np
-
 from pursuit.validation import one_of
 from train.experiments.contestant_runs import CONTESTANT
 from train.experiments.identity import fingerprint, frozen_mazes, inputs_of
 from train.experiments.runs import Study, TrainingRun, job_name
+from train.experiments.search import draw_samples
 from train.experiments.study import (
     THRESHOLDS,
-    Choices,
     Layout,
-    Range,
     ReportHints,
     StudyFile,
     Table,
-    check_plain,
     check_seeds,
     check_table,
     choose_version,
@@ -32,8 +28,7 @@ from train.kinds import KINDS
 from train.runs.folder import RUN, SELF_PLAY
 from train.runs.parts import contest_of
 from train.runs.tasks import task_of
-from train.schemas import read_as
-from train.settings.checks import check, check_seed
+from train.settings.checks import check
 from train.settings.self_play import LEARN, ROLES
 from train.settings.task import TaskSettings
 
@@ -41,7 +36,6 @@ MAX_RUNS = 100_000
 """Maximum number of runs of a study, to catch typing errors."""
 MEASURED = {"seconds": "budget_seconds", "frames": "budget_frames"}
 """New names of settings whose names are those of measurements in the table of runs."""
-SEARCH_FORMS = "give {low=, high=, scale='log'} or {choices=[]}"
 EQUAL = (
     *("seconds", "clock", "frames", "seed", "threads", "processes", "evaluate"),
     *(field.name for field in fields(TaskSettings)),
@@ -182,7 +176,7 @@ def runs_of(
     varying = {name: value for name, value in label.items() if name not in ("name", "trial")}
     try:
         asked = KINDS[kind].settings_of(**{"threads": 1, **common, **varying, "seed": seeds[0]})
-        settings, given = frozen_mazes(asked)
+        settings, files = frozen_mazes(asked)
         inputs = inputs_of(settings)
     except ValueError as error:
         which = run_label(label | {"seed": seeds[0]})
@@ -192,7 +186,7 @@ def runs_of(
     for seed in seeds:
         own = replace(settings, seed=seed)
         name = job_name(varying, seed, fingerprint(kind, own, episodes, inputs), without=kind)
-        yield TrainingRun(name, kind, own, episodes, varying, given, inputs)
+        yield TrainingRun(name, kind, own, episodes, varying, files, inputs)
 
 
 def run_label(label: Mapping[str, Any]) -> str:
@@ -232,7 +226,10 @@ def layout_of(
     Raises:
         ValueError: an unknown name.
     """
-    hints, variants = file.report or ReportHints(), file.variants or []
+    variants, usual = file.variants or [], ReportHints()
+    if file.kind == CONTESTANT and variants:
+        usual = ReportHints("variant", ["contestant"])
+    hints = file.report or usual
     within = {name for variant in variants for name in variant} - {"name"}
     varying = sorted({*varying, *within})
     known = {name for run in runs for name in (*flat_plain(asdict(run.settings)), *run.label)}
@@ -320,6 +317,7 @@ def check_measures(file: StudyFile, runs: Sequence[TrainingRun]) -> None:
         x = file.report.x if file.report else None
         check(x in (None, "maze"), f"x={x!r} in [report]; in self-play give [grid] maze = [...]")
         for task in tasks:
+            assert isinstance(task, TaskSettings)  # self-play has no other
             check(
                 task_of(task).is_duel,
                 f"task {task.task!r} with these agents has no exact NashConv for every run; use "
@@ -339,58 +337,3 @@ def check_measures(file: StudyFile, runs: Sequence[TrainingRun]) -> None:
             f"task {task.task!r} is scored by {contest.measure.name}, but an ablation needs the "
             "gap in steps; use a single runner, or a chase",
         )
-
-
-# -- random search ---------------------------------------------------------------------------------
-
-
-def draw_samples(search: Table, limit: int) -> list[Table]:
-    """The samples of a random search, the same for all tasks and seeds.
-
-    Args:
-        search: "samples" and "seed", and for every searched setting {low, high, scale="log" or
-            "linear", whole=false} or {choices=[...]}.
-        limit: maximum number of samples.
-
-    Returns:
-        One dict per sample; [{}] without a search.
-
-    Raises:
-        ValueError: `search` has another form, or a range is empty.
-    """
-    if not search:
-        return [{}]
-    space = dict(search)
-    samples, seed = space.pop("samples", 10), space.pop("seed", 0)
-    check(
-        type(samples) is int and 1 <= samples <= limit,
-        f"samples={samples!r} in [search]; give a whole number from 1 to {limit:,}",
-    )
-    check(type(seed) is int, f"seed={seed!r} in [search]; give a whole number")
-    check_seed(seed)
-    check(bool(space), "[search] names no setting; give learning_rate = {low=1e-4, high=1e-2}, say")
-    ranges = {name: range_of(name, spec) for name, spec in space.items()}
-    generator = np.random.default_rng(seed)
-    return [{name: draw(spec, generator) for name, spec in ranges.items()} for _ in range(samples)]
-
-
-def range_of(name: str, spec: Any) -> Range | Choices:
-    """The distribution of one setting; ValueError for another form, or an empty list."""
-    where = f"search of {name}"
-    if isinstance(spec, dict) and "choices" in spec:
-        choices = read_as(Choices, spec, where, SEARCH_FORMS)
-        for value in choices.choices:
-            check_plain(name, value, "[search]")
-        return choices
-    return read_as(Range, spec, where, SEARCH_FORMS)
-
-
-def draw(spec: Range | Choices, generator: np.random.Generator) -> Any:
-    """A sample of one setting."""
-    if isinstance(spec, Choices):
-        return spec.choices[int(generator.integers(len(spec.choices)))]
-    if spec.scale == "log":
-        value = float(np.exp(generator.uniform(np.log(spec.low), np.log(spec.high))))
-    else:
-        value = float(generator.uniform(spec.low, spec.high))
-    return round(value) if spec.whole else float(f"{value:.4g}")

@@ -98,11 +98,12 @@ def draw_final(
                 groups.index(row.get("group")) % len(PALETTE)
             ]  # fmt: skip
             own = control is not None and row[line] == control
-            ends = [row[f"{name}{end}"] for end in ("", "_low", "_high")]
-            ends = [NAN] * 3 if own and not points else ends
-            group = row.get("group") if several else None
+            value, low, high = (row[f"{name}{end}"] for end in ("", "_low", "_high"))
+            if own and not points:
+                value = low = high = NAN
+            group, runs = row.get("group") if several else None, row.get(points, ())
             shade = GREY if own else color
-            estimates.append(Estimate(str(row[line]), *ends, row.get(points, ()), shade, group))
+            estimates.append(Estimate(str(row[line]), value, low, high, runs, shade, group))
         drawn[label] = (scale, estimates)
     words = str(study.x).replace("_", " ") if control is None else ""
     draw_intervals(path, drawn, study.layout.title, words)

@@ -172,7 +172,7 @@ def check_cells(study: ClaimedStudy, runs: Study, names: Mapping[str, str]) -> N
     """
     rows = []
     for run in runs.runs:
-        row = {**flat_plain(asdict(run.settings)), **run.given, **run.label}
+        row = {**flat_plain(asdict(run.settings)), **run.files, **run.label}
         rows.append(row | {"maze": names.get(str(row.get("maze")), row.get("maze"))})
     for claim in study.claims:
         for cell in [cell for table in (claim.of, *claim.than) for cell in cells_of(table)]:

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
+from statistics import fmean
 
 from train.experiments.claims import (
     CONFIRMED,
@@ -15,15 +17,20 @@ from train.experiments.claims import (
     cell_row,
     correct,
     decide,
-    evidence_rows,
     named,
 )
 from train.experiments.exact_claims import states_table, tours_table
 from train.experiments.replication import PAGE, STUDIES, Replication, changed_rules
-from train.experiments.report import settings_parts
+from train.experiments.report import ran_on, settings_parts
 from train.experiments.rows import StudyRows, read_all
 from train.experiments.runs import LAYOUT, TUNING
-from train.experiments.statistics import LEVEL
+from train.experiments.statistics import (
+    LEVEL,
+    Interval,
+    difference_interval,
+    distance_interval,
+    mean_interval,
+)
 from train.experiments.study import COMPARISONS, Claim, ClaimedStudy, Layout
 from train.experiments.summary import note
 from train.experiments.tuning import choose
@@ -125,25 +132,20 @@ def write_runs(folder: Path, studies: Mapping[str, StudyRows]) -> None:
 
 def head(plan: Replication, studies: Mapping[str, StudyRows], out: Path) -> list[str]:
     """The number of runs, their duration and their machines."""
-    searched = rows_of(out / TUNING, {}).rows if (out / TUNING / LAYOUT).exists() else []
     done = [row for study in studies.values() for row in study.rows]
-    planned = sum(len(study.everything) for study in studies.values())
-    hours = sum(float(row["seconds"]) for row in done + searched) / 3600.0
-    machines = sorted({str(row["machine"]) for row in done + searched})
-    commits = sorted({str(row["commit"])[:7] for row in done + searched})
+    whole = done + (rows_of(out / TUNING, {}).rows if (out / TUNING / LAYOUT).exists() else [])
     text = note(
         "claims.head",
         version=plan.version,
         done=len(done),
-        planned=planned,
-        hours=hours,
-        machines=in_markdown(", ".join(machines) or "no machine"),
-        commits=", ".join(commits) or "none",
+        planned=sum(len(study.everything) for study in studies.values()),
+        hours=sum(float(row["seconds"]) for row in whole) / 3600.0,
         whose="the user's" if plan.mazes else "our",
         name=plan.name,
     )
     left_out = in_markdown(", ".join(plan.left_out) or "none")
-    return [text, f"Studies that only the other version includes: {left_out}."]
+    more = f"Studies that only the other version includes: {left_out}."
+    return [text, ran_on(whole), more] if whole else [text, more]
 
 
 def verdicts(decided: Sequence[Decided]) -> list[str]:
@@ -211,25 +213,34 @@ def rule_words(claim: Claim) -> str:
 def evidence_table(each: Decided) -> str:
     """The runs of each setting of each cell of a claim, as Markdown."""
     claim = each.claim
+    compared = claim.rule in COMPARISONS
+    interval_of = mean_interval if claim.rule in ("within", "beyond") else distance_interval
     rows: list[Row] = []
     for cell in each.cells:
-        for row in evidence_rows(claim, cell):
-            line: Row = {"verdict": cell.verdict, "setting": row["setting"]}
-            line["each run"] = ", ".join(map(_three, row["values"]))
-            line["mean [95 %]"] = _bounded("mean", row)
-            compared = claim.rule in COMPARISONS
-            last = _bounded("difference", row) if compared else row["meets"]
-            line["difference [95 %]" if compared else "meet the rule"] = last
-            low, high = (f"{frames / 1e6:.2g}" for frames in row["frames"])
-            rows.append(line | {"frames, M": " to ".join(dict.fromkeys((low, high)))})
+        for place, group in enumerate(cell.groups):
+            values, runs = group.values(claim), list(chain(*group.mazes))
+            if not all(values):
+                continue
+            mean = fmean(map(fmean, values))
+            row: Row = {"verdict": cell.verdict, "setting": named(group.cell)}
+            row["each run"] = ", ".join(map(_three, chain(*values)))
+            row["mean [95 %]"] = _bounded(mean, interval_of(values))
+            if compared:
+                ours = cell.groups[0].values(claim)
+                change = fmean(map(fmean, ours)) - mean
+                ends = difference_interval(ours, values)
+                row["difference [95 %]"] = _bounded(change, ends) if place else ""
+            else:
+                row["meet the rule"] = f"{cell.meets} of {len(runs)}"
+            frames = sorted(run["frames"] / 1e6 for run in runs)
+            span = dict.fromkeys(f"{each:.2g}" for each in (frames[0], frames[-1]))
+            rows.append(row | {"frames, M": " to ".join(span)})
     return plain_table(rows).markdown() if rows else ""
 
 
-def _bounded(name: str, row: Row) -> str:
-    """A number with its interval; empty if there is none."""
-    if name not in row:
-        return ""
-    return f"{_three(row[name])} [{_three(row[f'{name}_low'])}, {_three(row[f'{name}_high'])}]"
+def _bounded(value: float, interval: Interval) -> str:
+    """A number with its interval."""
+    return f"{_three(value)} [{_three(interval[0])}, {_three(interval[1])}]"
 
 
 def _three(value: float) -> str:

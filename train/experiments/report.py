@@ -80,7 +80,7 @@ def write_study(
         if study.layout.control is not None:
             make = nash_conv_parts if kind == SELF_PLAY else ablation_parts
         else:
-            make = contestant_parts if kind == CONTESTANT and study.x else sweep_parts
+            make = contestant_parts if kind == CONTESTANT and study.x == "variant" else sweep_parts
         table, paragraphs, pictures = make(study, folder, unit, log)
         parts = [table.markdown(), ran_on(study.rows), *paragraphs]
         if trials:

@@ -93,11 +93,15 @@ def collect(out: Path | str) -> tuple[polars.DataFrame, polars.DataFrame]:
     Raises:
         ValueError: no study in this folder, or a run of an incompatible version.
     """
-    study = read_all(Path(out))
+    return write_frames(read_all(Path(out)), Path(out))
+
+
+def write_frames(study: StudyRows, out: Path) -> tuple[polars.DataFrame, polars.DataFrame]:
+    """Write the rows and the evaluations of a study as Parquet files; returns both tables."""
     evaluations = [{"run": run, **row} for run, rows in study.curves.items() for row in rows]
     runs, curves = _frame(study.everything), _frame(evaluations)
-    write_parquet(Path(out) / RUNS, runs)
-    write_parquet(Path(out) / CURVES, curves)
+    write_parquet(out / RUNS, runs)
+    write_parquet(out / CURVES, curves)
     return runs, curves
 
 
@@ -138,8 +142,8 @@ def read_all(out: Path) -> StudyRows:
 
 def read_study(out: Path) -> StudyRows:
     """The runs in a folder, with the Parquet files written; ValueError if none is complete."""
-    collect(out)
     found = read_all(out)
+    write_frames(found, out)
     found.rows = [row for row in found.everything if row["status"] == "complete"]
     check(
         bool(found.rows), f"{out}: no run is complete; repeat the command of the study to continue"

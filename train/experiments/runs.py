@@ -47,7 +47,7 @@ class TrainingRun:
         settings: all settings; maze files are replaced by their text.
         episodes: of the final evaluation.
         label: the varying settings of this run, and `variant`.
-        given: names in reports of mazes and opponents given as files.
+        files: names in reports of mazes and opponents that are files.
         inputs: the policies that it loads, by name of the setting.
     """
 
@@ -56,7 +56,7 @@ class TrainingRun:
     settings: Any
     episodes: int
     label: dict[str, Any]
-    given: dict[str, Any] = field(default_factory=dict)
+    files: dict[str, Any] = field(default_factory=dict)
     inputs: dict[str, Input] = field(default_factory=dict)
 
     @property
@@ -86,7 +86,7 @@ class TrainingRun:
         settings = with_policies(self.settings, copies)
         if before != settings:  # new, or the folder of the study was moved
             write_config(self.kind, settings, folder, Final(self.episodes))
-        write_json(folder / LABEL, {**self.given, **self.label})
+        write_json(folder / LABEL, {**self.files, **self.label})
 
 
 @dataclass(frozen=True)

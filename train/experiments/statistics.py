@@ -167,16 +167,18 @@ def permutation_p(ours: Sequence[Sequence[float]], theirs: Sequence[Sequence[flo
         halves = [np.split(pool, [size], axis) for pool, size in zip(pools, sizes, strict=True)]
         return apart(*zip(*halves, strict=True))
 
-    how: Any = {"n_resamples": PERMUTATIONS, "vectorized": True, "alternative": "greater"}
+    options: Any = {"n_resamples": PERMUTATIONS, "vectorized": True, "alternative": "greater"}
     exact = len(pools) == 1 and comb(len(pools[0]), sizes[0]) <= PERMUTATIONS
     if exact and min(sizes[0], len(theirs[0])) > 1:
         return float(
-            permutation_test((ours[0], theirs[0]), lambda a, b, axis: apart([a], [b]), **how).pvalue
+            permutation_test(
+                (ours[0], theirs[0]), lambda a, b, axis: apart([a], [b]), **options
+            ).pvalue
         )
     anew: Any = [  # one per sample, which SciPy's stubs do not allow
         lambda size, pool=pool: rng.permuted(np.broadcast_to(pool, size), axis=-1) for pool in pools
     ]
-    return float(monte_carlo_test(pools, anew, apart_in, **how).pvalue)
+    return float(monte_carlo_test(pools, anew, apart_in, **options).pvalue)
 
 
 def sign_flip_p(differences: ArrayLike) -> float:
@@ -187,8 +189,8 @@ def sign_flip_p(differences: ArrayLike) -> float:
     `least_sign_flip_p`.
     """
     values = np.asarray(differences, dtype=np.float64)
-    how: Any = {"n_resamples": PERMUTATIONS, "permutation_type": "samples", "rng": 0}
-    return float(permutation_test((values,), np.mean, vectorized=True, **how).pvalue)
+    options: Any = {"n_resamples": PERMUTATIONS, "permutation_type": "samples", "rng": 0}
+    return float(permutation_test((values,), np.mean, vectorized=True, **options).pvalue)
 
 
 def least_sign_flip_p(count: int) -> float:

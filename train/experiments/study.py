@@ -8,7 +8,6 @@ that their runs decide.
 
 from __future__ import annotations
 
-import math
 import tomllib
 from collections.abc import Iterable
 from pathlib import Path
@@ -87,12 +86,7 @@ class Trials(msgspec.Struct, forbid_unknown_fields=True):
 
     def __post_init__(self) -> None:
         check(self.samples > 0, f"samples={self.samples} in [tuning]; give at least 1")
-        check(
-            (self.seconds is None) != (self.frames is None),
-            f"seconds={self.seconds} and frames={self.frames} in [tuning]; give one of the two",
-        )
-        budget = self.seconds if self.frames is None else self.frames
-        check(0 < float(budget or 0) < 1e9, f"budget {budget} in [tuning]; give one above 0")
+        check_budget(self.seconds, self.frames, " in [tuning]")
         check(
             self.mazes is None or self.mazes > 0,
             f"mazes={self.mazes} in [tuning]; give at least 1, or leave it out to use all",
@@ -169,36 +163,6 @@ class Layout(msgspec.Struct):
     threshold: float = 5.0
 
 
-# -- search ----------------------------------------------------------------------------------------
-
-
-class Range(msgspec.Struct, forbid_unknown_fields=True):
-    """A setting that is drawn uniformly from an interval, on a linear or logarithmic scale."""
-
-    low: float
-    high: float
-    scale: str = "linear"
-    whole: bool = False
-
-    def __post_init__(self) -> None:
-        check(self.scale in ("linear", "log"), f"scale={self.scale!r}; give linear or log")
-        check(
-            math.isfinite(self.low) and math.isfinite(self.high),
-            f"low={self.low} and high={self.high}; give finite numbers",
-        )
-        check(self.low < self.high, f"low={self.low} is not below high={self.high}; exchange them")
-        check(self.scale != "log" or self.low > 0, f"low={self.low}; scale='log' needs low above 0")
-
-
-class Choices(msgspec.Struct, forbid_unknown_fields=True):
-    """A setting that is drawn from a list."""
-
-    choices: list[Any]
-
-    def __post_init__(self) -> None:
-        check(bool(self.choices), "choices is an empty list; give at least one value")
-
-
 # -- claims ----------------------------------------------------------------------------------------
 
 
@@ -262,8 +226,8 @@ class ClaimedStudy(msgspec.Struct, forbid_unknown_fields=True):
     least_frames: int = 0
 
     def __post_init__(self) -> None:
-        given = [bool(self.sweep), bool(self.ablation), self.exact]
-        check(sum(given) == 1, f"study {self.id!r}: give one of sweep, ablation and exact")
+        kinds = [bool(self.sweep), bool(self.ablation), self.exact]
+        check(sum(kinds) == 1, f"study {self.id!r}: give one of sweep, ablation and exact")
         check(bool(self.claims), f"study {self.id!r}: no claims; give [[studies.claims]]")
         for claim in self.claims:
             check(
@@ -385,6 +349,16 @@ def check_seeds(seeds: Iterable[int]) -> None:
     check(bool(seeds), "seeds is an empty list; give at least one value")
     for seed in seeds:
         check_seed(seed)
+
+
+def check_budget(seconds: float | None, frames: int | None, where: str = "") -> None:
+    """ValueError unless a budget in seconds or in frames is given."""
+    check(
+        (seconds is None) != (frames is None),
+        f"seconds={seconds} and frames={frames}{where}; give one of the two",
+    )
+    budget = seconds if frames is None else frames
+    check(0 < float(budget or 0) < 1e9, f"budget {budget}{where}; give one above 0")
 
 
 def check_once(name: str, values: list[Any]) -> None:

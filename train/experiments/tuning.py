@@ -14,9 +14,10 @@ from pursuit.mazes.maze import load_maze
 from pursuit.mazes.suite_files import is_suite
 from pursuit.mazes.suites import least_copy, load_suite
 from train.experiments.contestant_runs import CONTESTANT
-from train.experiments.expansion import Tuned, alternating, draw_samples, runs_of
+from train.experiments.expansion import Tuned, alternating, runs_of
 from train.experiments.rows import read_all
 from train.experiments.runs import TUNING, Study, TrainingRun, read_label
+from train.experiments.search import draw_samples
 from train.experiments.study import Layout, StudyFile, Table, Trials, Tuning, check_once
 from train.reports.tables import Row
 from train.runs.folder import RUN
@@ -141,7 +142,7 @@ def choose(out: Path) -> tuple[list[Row], Tuned]:
         own = {n: v for n, v in label.items() if n not in (of, "maze", "variant", "trial")}
         settings[key] = own
         first: Row = {of: key[0], "task": key[1], "trial": key[2], **own, "gaps": []}
-        gap = row["optimality_gap"] if row["status"] == "complete" else None
+        gap = row.get("optimality_gap") if row["status"] == "complete" else None
         trials.setdefault(key, first)["gaps"].append(gap)
     for row in trials.values():
         # Absolute, as evaders have negative gaps.

@@ -132,8 +132,8 @@ def gap_row(name: str, own: list[Row], control: list[Row]) -> Row:
     tasks = {str(r["_x"]) for r in [*own, *control]}
     ended = by_task(own, "frames", tasks), by_task(control, "frames", tasks)
     for gap in THRESHOLDS:
-        times = (by_task(rows, f"frames_to_{gap:g}", tasks) for rows in (own, control))
-        row[f"p_to_{gap:g}"] = logrank_p(*times, ended)
+        first, other = (by_task(r, f"frames_to_{gap:g}", tasks) for r in (own, control))
+        row[f"p_to_{gap:g}"] = logrank_p(first, other, ended)
     return row
 
 
@@ -320,7 +320,7 @@ def out_of_reach(study: Study) -> list[str]:
         least = least_p([(seeds, seeds)])
         line = f"p < {LEVEL:g} cannot be reached: with {seeds} seeds the least p is {least:.2g}"
         return [line] if study.pinned and least >= LEVEL else []
-    tasks = len({run.label.get(layout.x) for run in runs})
+    tasks = len({run.label.get(str(layout.x)) for run in runs})
     by_maze = runs[0].kind == SELF_PLAY and tasks > 1
     corrected = [v for v in layout.variants if v not in (layout.control, layout.primary)]
     unit, now = ("mazes", tasks) if by_maze else ("seeds", seeds)

@@ -50,17 +50,17 @@ def perform(folder: Path) -> None:
             run.results(load_final(folder).episodes)
 
 
-def perform_here(folder: str, given: Mapping[str, str]) -> int:
+def perform_here(folder: str, variables: Mapping[str, str]) -> int:
     """Execute the run in `folder` in this process; errors are written to its log.
 
     Args:
         folder: of the run.
-        given: environment variables that list the modules of users.
+        variables: environment variables that list the modules of users.
 
     Returns:
         The exit status.
     """
-    os.environ.update(given)
+    os.environ.update(variables)
     try:
         perform(Path(folder))
     except Exception:  # other runs continue after any exception of one
@@ -85,13 +85,13 @@ def start_worker(folder: Path) -> BaseProcess:
     return process
 
 
-def work(folder: str, given: Mapping[str, str]) -> None:
+def work(folder: str, variables: Mapping[str, str]) -> None:
     """The main function of a run's process."""
     os.setsid()  # Ctrl-C reaches only the study's process, which stops its runs
     with (Path(folder) / LOG).open("ab") as log:
         for stream in (1, 2):
             os.dup2(log.fileno(), stream)
-    os.environ.update(given)
+    os.environ.update(variables)
     Thread(target=end_with_parent, daemon=True).start()
     perform(Path(folder))
 

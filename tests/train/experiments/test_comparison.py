@@ -38,9 +38,6 @@ name = "runner, 2x2"
 task = "maze"
 maze = "2x2"
 num_goals = 1
-[report]
-x = "variant"
-group = ["contestant"]
 [tuning]
 mazes = ["3x3"]
 shipped = false

@@ -18,6 +18,7 @@ from train.experiments.executors import LocalJob
 from train.experiments.expansion import load_study
 from train.experiments.runs import prepare, status_of
 from train.experiments.worker import LOG, perform
+from train.machine import usable_cores
 from train.runs.folder import load_checkpoint, read_metrics
 
 SWEEP = """
@@ -80,6 +81,13 @@ def test_weights_are_those_of_another_process_bit_for_bit(tmp_path: Path) -> Non
         for each in (folder, elsewhere)
     ]
     assert rows[0] == rows[1]
+
+
+def test_all_cores_may_be_used_where_the_system_does_not_say_which(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.delattr(os, "sched_getaffinity", raising=False)  # as on macOS
+    assert usable_cores() == list(range(os.cpu_count() or 1))
 
 
 def test_exits_are_noticed_and_signals_reach_only_the_run(tmp_path: Path) -> None:
