@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from pursuit.validation import as_path, one_of, shortened
+from pursuit.validation import as_path, check, one_of, shortened
 from train.files import Plain, hold, remove_leftovers
 from train.runs.folder import (
     CHECKPOINT,
@@ -35,7 +35,6 @@ from train.runs.tasks import maze_text_of
 from train.runs.unused_settings import check_unused_settings
 from train.self_play.parts import self_play_from_plain, self_play_parts, self_play_settings_of
 from train.self_play.trainee import SelfPlay
-from train.settings.checks import check
 from train.settings.run import TrainSettings
 from train.settings.self_play import SelfPlaySettings, WholeSettings
 from train.settings.task import TaskSettings

@@ -15,6 +15,7 @@ from curricula import linear
 from pursuit.compilation.compiled import merged_sums, summing
 from pursuit.observations.masks import ACTION_MASK
 from pursuit.simulator.policy import Policy
+from pursuit.validation import check
 from train.algorithms.learner import Build, has_masks
 from train.environments.lockstep import LockstepEnv
 from train.networks.actor_critic import ActorCritic
@@ -23,7 +24,6 @@ from train.networks.fused_kernels import powers
 from train.networks.layers import Convolutions, Hidden, IndexLayer
 from train.networks.policy import Player
 from train.settings.algorithms import CrossEntropySettings
-from train.settings.checks import check
 from train.tensors import State
 
 

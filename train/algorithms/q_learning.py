@@ -15,12 +15,12 @@ from pursuit.observations.masks import bump_masks
 from pursuit.rules import Games, seed_streams
 from pursuit.simulator.policy import GameView, pairs_of_cells
 from pursuit.tasks.task import Task
+from pursuit.validation import check
 from train.algorithms.learner import Build
 from train.algorithms.q_learning_kernels import choose_actions, learn, number_states
 from train.environments.simulator_env import SimulatorEnv
 from train.networks.policy import Seat
 from train.settings.algorithms import QLearningSettings
-from train.settings.checks import check
 from train.tensors import State
 
 MAX_STATES = 20_000_000

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from pursuit.simulator.policy import Policy
+from pursuit.validation import check
 from train.algorithms import (
     a2c,
     continuous,
@@ -26,7 +27,6 @@ from train.algorithms.learner import Build, Learner, network_loader
 from train.algorithms.rollouts import actor_critic_of
 from train.networks.policy import Player, Seat
 from train.settings.algorithms import HYPERPARAMETERS, LEARNERS, Hyperparameters
-from train.settings.checks import check
 from train.tensors import State
 
 __all__ = ["ALGORITHMS", "Algorithm", "Build", "entry", "register"]

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from pursuit.validation import at_least
+from pursuit.validation import at_least, check
 from train.commands.parse import parse
 from train.commands.sweep import (
     carry_out,
@@ -18,7 +18,7 @@ from train.commands.sweep import (
     exit_if_failed,
     list_stages,
 )
-from train.settings.checks import Settings, check
+from train.settings.checks import Settings
 
 if TYPE_CHECKING:
     from train.experiments.study import StudyFile

@@ -11,7 +11,7 @@ import tyro
 
 from pursuit.replays.replay import with_suffix
 from pursuit.simulator.policy import Policy
-from pursuit.validation import at_least
+from pursuit.validation import at_least, check
 from scripted_agents.limits import MAX_EVALUATED_WORK
 from train.commands.parse import parse, print_warnings, warn
 from train.commands.scores import (
@@ -29,7 +29,7 @@ from train.evaluation.suite_report import summary_of
 from train.files import Plain, check_folder, check_new_files, reserved, write_json
 from train.runs.tasks import agent_of, task_of
 from train.runs.unused_settings import check_unused_task_settings
-from train.settings.checks import Settings, check
+from train.settings.checks import Settings
 from train.settings.task import AnyTask, ReacherSettings, TaskSettings, in_maze
 
 

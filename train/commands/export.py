@@ -9,10 +9,9 @@ from typing import Annotated
 
 import tyro
 
-from pursuit.validation import passes
+from pursuit.validation import check, passes
 from train.commands.parse import parse
 from train.files import check_folder, check_new_files
-from train.settings.checks import check
 
 
 @dataclass(frozen=True)

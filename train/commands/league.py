@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from pursuit.tasks.task import Task
-from pursuit.validation import at_least
+from pursuit.validation import at_least, check
 from train.commands.parse import parse, print_warnings
 from train.files import Plain, check_output_folder, hold, write_json
 from train.reports.tables import ResultTable, print_table
 from train.runs.provenance import command_line
-from train.settings.checks import Settings, check
+from train.settings.checks import Settings
 from train.settings.self_play import MEMBERS, ROLES
 
 if TYPE_CHECKING:

@@ -16,11 +16,12 @@ from pursuit.mazes.graph_generation import GRAPHS
 from pursuit.mazes.maze import MAX_TABLE_CELLS, Maze, load_maze
 from pursuit.mazes.sources import reads_as_text
 from pursuit.rendering.rendering import Scene, draw_scene
+from pursuit.validation import check
 from scripted_agents.tours.tour import expected_tour_length
 from train.commands.parse import parse
 from train.files import check_new_files, write_text
 from train.reports.figures import BLUE, FORMATS, GREEN, draw_walls, pyplot, save
-from train.settings.checks import check, check_default
+from train.settings.checks import check_default
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated
 
-from pursuit.validation import rule
+from pursuit.validation import check, rule
 from train.commands.parse import fail, options_in, parse, print_warnings, take_allow_options
 from train.play.browser import open_page
 from train.play.outcome import total_line
@@ -18,7 +18,7 @@ from train.play.server import PlayServer
 from train.play.session import Session
 from train.runs.folder import CONFIG
 from train.runs.interruption import Stopped
-from train.settings.checks import Settings, check, evaluation_seed
+from train.settings.checks import Settings, evaluation_seed
 from train.settings.task import AGENT, TaskSettings
 
 PORT = rule(lambda value: 0 <= value < 2**16, "give 0 (any free port) to 65535")

@@ -11,7 +11,7 @@ import tyro
 
 from pursuit.reacher.policy import ArmPolicy
 from pursuit.simulator.policy import Policy
-from pursuit.validation import at_least, passes
+from pursuit.validation import at_least, check, passes
 from scripted_agents import (
     InverseKinematics,
     LeastStepsPolicy,
@@ -28,7 +28,7 @@ from train.evaluation.maze_contest import MazeContest
 from train.files import check_folder, check_new_files
 from train.runs.pictures import save_replay
 from train.runs.unused_settings import check_unused_task_settings
-from train.settings.checks import Settings, check
+from train.settings.checks import Settings
 from train.settings.reading import names_of
 from train.settings.task import AnyTask, TaskSettings
 

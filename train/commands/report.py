@@ -9,12 +9,12 @@ from typing import Annotated
 
 import tyro
 
-from pursuit.validation import rule
+from pursuit.validation import check, rule
 from train.commands.parse import parse, print_warnings
 from train.files import check_folder, check_output_folder
 from train.reports.figures import UNITS
 from train.runs.folder import CONFIG
-from train.settings.checks import Settings, check
+from train.settings.checks import Settings
 
 TIME_UNIT = rule(lambda value: value in (None, *UNITS), "give frames or seconds")
 

@@ -11,11 +11,11 @@ from typing import Annotated
 
 import tyro
 
-from pursuit.validation import at_least
+from pursuit.validation import at_least, check
 from train.commands.parse import parse
 from train.commands.sweep import carry_out, exit_if_failed, list_stages
 from train.files import check_output_folder
-from train.settings.checks import Settings, check
+from train.settings.checks import Settings
 
 
 @dataclass(frozen=True)

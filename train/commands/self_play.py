@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import tyro
 
+from pursuit.validation import check
 from train.commands.parse import (
     default_budget,
     options_in,
@@ -27,7 +28,6 @@ from train.reports.tables import print_table
 from train.runs.folder import CURVE, REPORT, SELF_PLAY
 from train.self_play.learners import checked_names, learning_side, unchecked_self_play
 from train.settings.algorithms import Hyperparameters
-from train.settings.checks import check
 from train.settings.self_play import LEARN, ROLES, LearningSide, SelfPlaySettings
 from train.settings.task import TaskSettings
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.mazes.maze import Maze, load_maze
-from pursuit.validation import choice, rule
+from pursuit.validation import check, choice, rule
 from scripted_agents import (
     AStarChaser,
     AStarEvader,
@@ -30,7 +30,7 @@ from train.commands.parse import parse
 from train.commands.progress import ProgressLine
 from train.files import check_new_files
 from train.reports.figures import BLUE, FORMATS, ORANGE, draw_cells, pyplot, save
-from train.settings.checks import RANDOM_MOVES, Settings, check, check_default
+from train.settings.checks import RANDOM_MOVES, Settings, check_default
 
 METHODS = ("value-iteration", "double-oracle", "fictitious-play")
 PLAYS = 1000

@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from pursuit.validation import at_least, choice
+from pursuit.validation import at_least, check, choice
 from train.commands.parse import parse
 from train.experiments.study import shipped
 from train.files import check_output_folder
-from train.settings.checks import Settings, check
+from train.settings.checks import Settings
 
 if TYPE_CHECKING:
     from train.experiments.runs import Study

@@ -12,7 +12,7 @@ import tyro
 
 from pursuit.replays.replay import Replay
 from pursuit.replays.viewer.data import Builder, Extras
-from pursuit.validation import at_least
+from pursuit.validation import at_least, check
 from train.commands.parse import parse, print_warnings
 from train.evaluation.recordings import recorded, sides_of
 from train.files import check_new_files
@@ -22,7 +22,7 @@ from train.reports.tables import in_markdown
 from train.runs.folder import RESULTS, RUN, SELF_PLAY, SIDE, load_results, read_config
 from train.runs.forms import read_results
 from train.runs.report import write_report
-from train.settings.checks import Settings, check
+from train.settings.checks import Settings
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pursuit.evaluation import Evaluation
 from pursuit.reacher.task import ReacherTask, make_reacher_task
 from pursuit.tasks.task import Task, checked_task, make_task
-from pursuit.validation import whole
+from pursuit.validation import check, whole
 from scripted_agents.environments import chosen_policies
 from scripted_agents.limits import MAX_EVALUATED_WORK
 from scripted_agents.references import is_table_in
@@ -19,7 +19,7 @@ from train.evaluation.arm_contest import ArmContest
 from train.evaluation.contest import GameContest
 from train.evaluation.games import half_width
 from train.evaluation.scores import BY_GOALS
-from train.settings.checks import check, evaluation_seed
+from train.settings.checks import evaluation_seed
 
 
 class FunctionPolicy:

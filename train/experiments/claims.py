@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 from scipy.stats import binomtest
 
 from pursuit.mazes.suite_files import is_suite
+from pursuit.validation import check
 from train.experiments.rows import longer_is_better
 from train.experiments.statistics import (
     LEVEL,
@@ -26,7 +27,6 @@ from train.experiments.statistics import (
 )
 from train.experiments.study import REFERENCES, Claim, Table
 from train.reports.tables import Row
-from train.settings.checks import check
 
 CONFIRMED, REFUTED, UNDECIDED = "confirmed", "refuted", "undecided"
 FALL = 0.01

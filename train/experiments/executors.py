@@ -13,11 +13,11 @@ from threading import current_thread, main_thread
 from typing import Any, Protocol
 
 from pursuit.plugins import environment
+from pursuit.validation import check
 from train.experiments.runs import ERROR, Study, Watch, prepare, status_of, statuses_of
 from train.experiments.worker import perform_here, progress_of, record_end, start_worker
 from train.files import only_one
 from train.machine import usable_cores
-from train.settings.checks import check
 
 POLL = 0.2
 """Polling interval of running processes in seconds."""

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, fields, replace
 from typing import Any
 
-from pursuit.validation import one_of
+from pursuit.validation import check, one_of
 from train.experiments.contestant_runs import CONTESTANT
 from train.experiments.identity import fingerprint, frozen_mazes, inputs_of
 from train.experiments.runs import Study, TrainingRun, job_name
@@ -28,7 +28,6 @@ from train.kinds import KINDS
 from train.runs.folder import RUN, SELF_PLAY
 from train.runs.parts import contest_of
 from train.runs.tasks import task_of
-from train.settings.checks import check
 from train.settings.self_play import LEARN, ROLES
 from train.settings.task import TaskSettings
 

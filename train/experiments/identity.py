@@ -14,6 +14,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from pursuit.validation import check
 from scripted_agents.environments import AGENTS
 from train.files import write_bytes
 from train.kinds import with_mazes
@@ -21,7 +22,6 @@ from train.runs.folder import CHECKPOINT, CONFIG
 from train.runs.provenance import provenance
 from train.runs.stable_baselines import description_of
 from train.runs.tasks import maze_text_of
-from train.settings.checks import check
 from train.settings.self_play import ROLES
 from train.teaching.mazes import named_maze, names_in
 

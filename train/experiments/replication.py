@@ -12,7 +12,7 @@ from pathlib import Path
 import msgspec
 
 from pursuit.mazes.maze import Maze
-from pursuit.validation import one_of, unknown
+from pursuit.validation import check, one_of, unknown
 from train.experiments.claims import cells_of
 from train.experiments.expansion import Tuned, flat_plain, load_study
 from train.experiments.runs import TUNING, Study
@@ -30,7 +30,6 @@ from train.experiments.study import (
 from train.experiments.tuning import choose, search_of
 from train.files import begins_with, read_json, write_json
 from train.reports.tables import in_markdown
-from train.settings.checks import check
 
 STUDIES, RULES_KEPT, PAGE = "studies", "rules.json", "replication.md"
 BY_SIZE = re.compile(r"(\d+)x(\d+)")

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from pursuit.files import write_atomically
 from pursuit.plugins import references
+from pursuit.validation import check
 from train.experiments.expansion import MEASURED, flat_plain
 from train.experiments.runs import ERROR, read_label, read_layout, status_of
 from train.experiments.statistics import first_below, mean_over
@@ -38,7 +39,6 @@ from train.runs.folder import (
 from train.runs.provenance import check_sources
 from train.runs.tasks import maze_called
 from train.self_play.names import entry_names
-from train.settings.checks import check
 from train.settings.self_play import ROLES
 from train.settings.task import learning_agent
 

@@ -14,6 +14,7 @@ from typing import Any
 
 import msgspec
 
+from pursuit.validation import check
 from train.experiments.identity import INPUTS, Input, copy_of, fingerprint, with_policies
 from train.experiments.study import Layout
 from train.files import LOCK, read_json, write_json
@@ -21,7 +22,6 @@ from train.kinds import read_settings, write_config
 from train.runs.folder import CHECKPOINT, CONFIG, is_complete
 from train.runs.forms import Final
 from train.schemas import read_as
-from train.settings.checks import check
 
 LAYOUT, LABEL = "sweep.json", "run.json"
 ERROR, PROGRESS = "error.txt", "progress.txt"

@@ -8,9 +8,10 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from pursuit.validation import check
 from train.experiments.study import Table, check_plain
 from train.schemas import read_as
-from train.settings.checks import check, check_seed
+from train.settings.checks import check_seed
 
 SEARCH_FORMS = "give {low=, high=, scale='log'} or {choices=[]}"
 

@@ -10,12 +10,12 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
+from pursuit.validation import check
 from train.experiments.expansion import Change, load_study
 from train.experiments.report import report_on
 from train.experiments.runs import TUNING, Study
 from train.experiments.study import StudyFile, choose_version, read_file
 from train.experiments.tuning import choose, search_of
-from train.settings.checks import check
 
 Statuses = dict[str, str]
 Execute = Callable[[Study, Path], Statuses]

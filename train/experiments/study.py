@@ -16,9 +16,9 @@ from typing import Any, TypeVar
 import msgspec
 
 from pursuit.plugins import check_trusted
-from pursuit.validation import one_of
+from pursuit.validation import check, one_of
 from train.schemas import read_as
-from train.settings.checks import check, check_seed
+from train.settings.checks import check_seed
 from train.settings.self_play import unnested_sides
 
 FOLDERS = {

@@ -13,6 +13,7 @@ from pathlib import Path
 from pursuit.mazes.maze import load_maze
 from pursuit.mazes.suite_files import is_suite
 from pursuit.mazes.suites import least_copy, load_suite
+from pursuit.validation import check
 from train.experiments.contestant_runs import CONTESTANT
 from train.experiments.expansion import Tuned, alternating, runs_of
 from train.experiments.rows import read_all
@@ -21,7 +22,6 @@ from train.experiments.search import draw_samples
 from train.experiments.study import Layout, StudyFile, Table, Trials, Tuning, check_once
 from train.reports.tables import Row
 from train.runs.folder import RUN
-from train.settings.checks import check
 
 FIRST_TRIAL_SEED = 10**6
 """The first seed of trials; runs of studies have seeds below it."""

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pursuit.validation import check
 from train.experiments.rows import GAPS, StudyRows
 from train.experiments.runs import LAYOUT, Study
 from train.experiments.statistics import (
@@ -35,7 +36,6 @@ from train.experiments.statistics import (
 from train.experiments.study import THRESHOLDS, Layout
 from train.reports.tables import Row
 from train.runs.folder import SELF_PLAY
-from train.settings.checks import check
 
 LEAST = 1e-3
 """Smaller NashConvs, in discounted steps, count as this one: ratios to 0 are not defined."""

@@ -16,10 +16,9 @@ import numpy as np
 import torch
 from torch import nn
 
-from pursuit.validation import raised
+from pursuit.validation import check, raised
 from train.networks.features import Features
 from train.networks.planning import Planning
-from train.settings.checks import check
 from train.settings.common import NETWORKS
 
 

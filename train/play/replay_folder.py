@@ -9,9 +9,9 @@ import numpy as np
 from pursuit.files import write_atomically
 from pursuit.replays.adapters import has_reward_function
 from pursuit.replays.replay import Episode, Replay, digest_of
+from pursuit.validation import check
 from train.files import check_output_folder, hold
 from train.play.session import Session
-from train.settings.checks import check
 
 PATTERN = "game-*.json"
 

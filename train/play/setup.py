@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+from pursuit.validation import check
 from scripted_agents.environments import agent_name
 from train.evaluation.contest import GameContest
 from train.play.session import Session
@@ -13,7 +14,6 @@ from train.runs.opponents import check_fits, is_self_play, policy_in_seat
 from train.runs.saved import load_settings
 from train.runs.tasks import check_one_maze
 from train.runs.worlds import GridWorld
-from train.settings.checks import check
 from train.settings.task import TaskSettings, in_maze
 
 ROLES = ("chaser", "evader")

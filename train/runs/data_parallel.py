@@ -34,6 +34,7 @@ import torch
 from numpy.typing import NDArray
 
 from pursuit.plugins import environment
+from pursuit.validation import check
 from train.algorithms.learner import averaged_buffers
 from train.algorithms.ppo import PPO
 from train.files import Plain
@@ -41,7 +42,6 @@ from train.runs.folder import CHECKPOINT
 from train.runs.parts import parts_of
 from train.runs.threads import can_fork, prepare_torch
 from train.runs.training_state import build_env_and_learner, training_state
-from train.settings.checks import check
 from train.settings.run import AgentSettings
 
 END_TIMEOUT = 1.0

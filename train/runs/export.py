@@ -14,13 +14,12 @@ from torch import Tensor, nn
 
 from pursuit.replays.adapters import MazeAdapter
 from pursuit.tasks.task import ACTIONS
-from pursuit.validation import as_path
+from pursuit.validation import as_path, check
 from pursuit.version import __version__
 from train.files import write_bytes
 from train.networks.layers import float32_inference
 from train.networks.policy import NetworkPolicy
 from train.networks.recurrent_policy import RecurrentPolicy
-from train.settings.checks import check
 
 SUFFIXES = (".onnx", ".pt2")
 

@@ -13,11 +13,11 @@ from pathlib import Path
 from pursuit.mazes.maze import library_names
 from pursuit.mazes.suite_files import is_suite
 from pursuit.plugins import check_trusted
+from pursuit.validation import check
 from train.files import LOCK, Plain, check_utf8, is_leftover, read_json, write_json
 from train.runs import forms
 from train.runs.provenance import COMMAND, PARTS, command_line, provenance
 from train.schemas import read_as
-from train.settings.checks import check
 from train.settings.self_play import WholeSettings
 from train.teaching.mazes import titled
 

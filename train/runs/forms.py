@@ -10,10 +10,10 @@ from pathlib import Path
 
 import msgspec
 
+from pursuit.validation import check
 from train.evaluation.scores import Score
 from train.files import Plain, number_in, read_csv, read_json
 from train.schemas import read_as
-from train.settings.checks import check
 
 RESTORE = "restore it from a copy"
 AGAIN = "delete it and resume the run, which writes it again"

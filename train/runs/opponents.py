@@ -8,7 +8,7 @@ from typing import Any
 
 from pursuit.simulator.policy import Policy
 from pursuit.tasks.task import Task
-from pursuit.validation import as_path, check_bool, shortened
+from pursuit.validation import as_path, check, check_bool, shortened
 from scripted_agents.environments import (
     AGENTS,
     chosen_policies,
@@ -28,7 +28,6 @@ from train.runs.folder import (
 )
 from train.runs.saved import load_settings, player_of
 from train.runs.stable_baselines import load_stable_baselines
-from train.settings.checks import check
 from train.settings.task import in_maze
 
 

@@ -12,6 +12,7 @@ from math import prod
 from typing import Any
 
 from pursuit.memory import check_memory
+from pursuit.validation import check
 from train.algorithms.registry import Algorithm, Build, entry
 from train.environments.arm_env import ArmEnv
 from train.environments.simulator_env import SimulatorEnv
@@ -23,7 +24,7 @@ from train.runs.saved import player_of, unchecked_settings
 from train.runs.threads import uses_bfloat16
 from train.runs.worlds import GridWorld, World, world_of
 from train.settings.algorithms import Hyperparameters
-from train.settings.checks import check, evaluation_seed
+from train.settings.checks import evaluation_seed
 from train.settings.common import check_min_probability
 from train.settings.off_policy import ReplaySettings
 from train.settings.run import SHARED_OUT, AgentSettings

@@ -7,6 +7,7 @@ from typing import Any
 
 from pursuit.observations.custom import is_builtin
 from pursuit.plugins import check_trusted
+from pursuit.validation import check
 from train.algorithms.registry import entry
 from train.files import Plain
 from train.networks.arm_policy import ArmSeat
@@ -15,7 +16,6 @@ from train.runs.folder import CONFIG, RUN, SIDE, read_config
 from train.runs.forms import RESTORE
 from train.runs.provenance import check_sources
 from train.runs.tasks import DEFAULTS_BY, agent_of, default_settings, task_of
-from train.settings.checks import check
 from train.settings.common import with_memory
 from train.settings.curricula import curriculum_form
 from train.settings.presets import SIZES, TUNED

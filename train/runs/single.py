@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from pursuit.validation import check
 from scripted_agents.environments import AGENTS
 from scripted_agents.limits import MAX_EVALUATED_WORK, MAX_WORK
 from train.algorithms.ppo import PPO
@@ -33,7 +34,6 @@ from train.runs.parts import Parts
 from train.runs.trainee import Clock
 from train.runs.training_state import build_env_and_learner, training_state
 from train.runs.worlds import GridWorld
-from train.settings.checks import check
 from train.settings.task import TaskSettings
 from train.teaching.teacher import write_log
 

@@ -21,13 +21,12 @@ from gymnasium.spaces import Discrete
 from pursuit.plugins import check_trusted
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task
-from pursuit.validation import check_bool
+from pursuit.validation import check, check_bool
 from train.files import read_json, write_bytes, write_json
 from train.networks.policy import NetworkPolicy, Seat
 from train.runs.forms import RESTORE, Description
 from train.runs.tasks import agent_of, task_of
 from train.schemas import read_as
-from train.settings.checks import check
 from train.settings.task import TaskSettings
 from train.teaching.mazes import titled
 from train.tensors import first_not_finite, loaded

@@ -10,8 +10,8 @@ from pursuit.mazes.maze import Maze
 from pursuit.mazes.suite_files import PREFIX, is_suite
 from pursuit.tasks.rewards import REWARDS
 from pursuit.tasks.task import Task, make_task
+from pursuit.validation import check
 from train.files import Plain
-from train.settings.checks import check
 from train.settings.presets import (
     TUNED,
     TaskProfile,

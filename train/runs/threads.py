@@ -8,9 +8,9 @@ from pathlib import Path
 
 import torch
 
+from pursuit.validation import check
 from train.files import Plain
 from train.machine import has_fast_bfloat16
-from train.settings.checks import check
 
 
 def prepare_torch(threads: int, seed: int) -> None:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from pursuit.reacher.simulator import ReacherSimulator
 from pursuit.simulator.simulator import Simulator
+from pursuit.validation import check
 from train.algorithms.learner import Learner
 from train.environments.arm_env import ArmEnv
 from train.environments.lockstep import LockstepEnv
@@ -18,7 +19,6 @@ from train.environments.simulator_env import SimulatorEnv
 from train.files import Plain
 from train.runs.folder import check_learned
 from train.runs.parts import Parts
-from train.settings.checks import check
 from train.teaching.teacher import Teacher
 
 FINISHED = ("returns", "lengths")

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from pursuit.tasks.rewards import ROLES, is_coefficients, rewards_from_text
+from pursuit.validation import check
 from train.runs.tasks import task_of
-from train.settings.checks import check, check_default
+from train.settings.checks import check_default
 from train.settings.self_play import SelfPlaySettings, WholeSettings
 from train.settings.task import AnyTask, ReacherSettings, TaskSettings
 

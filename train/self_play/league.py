@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pursuit.simulator.policy import Policy
 from pursuit.tasks.task import Task
-from pursuit.validation import shortened
+from pursuit.validation import check, shortened
 from scripted_agents.environments import (
     AGENTS,
     agent_name,
@@ -36,7 +36,7 @@ from train.self_play.ratings import (
     pairwise_wins,
     preference_cycle,
 )
-from train.settings.checks import check, evaluation_seed
+from train.settings.checks import evaluation_seed
 from train.settings.self_play import ROLES
 from train.settings.task import TaskSettings, in_maze
 

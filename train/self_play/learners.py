@@ -6,10 +6,10 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
+from pursuit.validation import check
 from train.files import Plain
 from train.runs.tasks import profile_of
 from train.settings.algorithms import hyperparameter_form
-from train.settings.checks import check
 from train.settings.common import with_memory
 from train.settings.presets import hyperparameters
 from train.settings.reading import check_names, names_of, settings_with, typed

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.tasks.task import Task
-from pursuit.validation import unknown
+from pursuit.validation import check, unknown
 from scripted_agents import solve_matrix_game
 from train.evaluation.matchups import discounted_steps
 from train.self_play.pool import LATEST, OpponentPool
-from train.settings.checks import check, evaluation_seed
+from train.settings.checks import evaluation_seed
 from train.settings.self_play import ROLES
 
 PAIR_EPISODES = 200

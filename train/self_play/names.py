@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from pursuit.validation import check
 from train.runs.folder import CONFIG
-from train.settings.checks import check
 
 
 def entry_names(

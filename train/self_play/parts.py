@@ -9,7 +9,7 @@ from typing import Any
 
 from pursuit.simulator.policy import Policy
 from pursuit.tasks.task import Task
-from pursuit.validation import shortened
+from pursuit.validation import check, shortened
 from scripted_agents.environments import (
     AGENTS,
     SEARCHERS,
@@ -29,7 +29,6 @@ from train.runs.tasks import check_one_maze, task_of
 from train.self_play.learners import unchecked_self_play
 from train.self_play.side import SideParts
 from train.settings.algorithms import Hyperparameters, PPOSettings
-from train.settings.checks import check
 from train.settings.common import RunSettings, check_min_probability
 from train.settings.reading import complete_settings, read_from
 from train.settings.run import TrainSettings

@@ -16,12 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.simulator.policy import GameView, Policy, play
-from pursuit.validation import raised
+from pursuit.validation import check, raised
 from train.files import Plain
 from train.networks.policy import NetworkPolicy
 from train.runs.folder import MISFITS
 from train.self_play.tables import CellTables
-from train.settings.checks import check
 from train.settings.self_play import NASH_SAMPLING, SAMPLING_PARTS
 from train.tensors import State, is_whole, read_tensors, write_tensors
 

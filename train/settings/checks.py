@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from math import inf
 from typing import Annotated, Any
 
-from pursuit.validation import Rule, check_fields, is_int, rule
-from pursuit.validation import check as check
+from pursuit.validation import Rule, check, check_fields, is_int, rule
 
 Count = Annotated[int, rule(lambda value: 1 <= value < 2**63, "must be at least 1, below 2**63")]
 Positive = Annotated[float, rule(lambda value: 0 < value < inf, "must be above 0")]
