@@ -52,12 +52,6 @@ def find_browser() -> str | None:
     return named or next(filter(None, map(shutil.which, BROWSERS)), None)
 
 
-@pytest.fixture
-def nothing_written_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    """PPO and A2C learn without the compiled kernels, by torch alone."""
-    monkeypatch.setattr("train.algorithms.rollouts.plays_joined", lambda env: False)
-
-
 @pytest.fixture(scope="session")
 def browser() -> Iterator[Any]:
     """A headless Chromium, driven by Playwright; skips where there is none."""
