@@ -292,7 +292,7 @@ def test_an_evaders_settings_are_ranked_by_their_gaps(
 
 @pytest.mark.parametrize("name", ["thesis", "optimum"])
 def test_the_verdicts_of_the_committed_pages_follow_from_their_values(name: str) -> None:
-    folder = Path(__file__).parents[3] / "docs" / "experiments" / name
+    folder = Path(__file__).parents[3] / "docs" / "results" / "data" / name
     runs: dict[tuple[str, str, str], dict[str, list[dict[str, str]]]] = {}
     with open(folder / "values.csv", encoding="utf-8") as file:
         for row in csv.DictReader(file):
