@@ -2,7 +2,8 @@
 
 This is the one place that decides when a result (of `pursuit evaluate`, `pursuit baseline` or a
 run) has an exact reference: the contests of `train.evaluation` ask it for the kind of optimum that
-they compute, and print its reasons. The numbers are in `limits`.
+they compute. `pursuit evaluate` prints the reason where a game without limited views has no
+optimum. The numbers are in `limits`.
 """
 
 from __future__ import annotations
@@ -185,11 +186,6 @@ def why_not_joint(
 # -- each of several mazes -------------------------------------------------------------------------
 
 
-def is_one_goal(task: Task) -> bool:
-    """Whether the task is a single runner with one goal and random starts."""
-    return is_single_runner(task) and task.num_goals == 1 and task.start == "random"
-
-
 def is_known(policy: Any) -> bool:
     """Whether `train.evaluation.suite_tables.tables_of` supports a policy: scripted agents, and
     networks without memory that observe only cells and goals."""
@@ -200,4 +196,5 @@ def is_known(policy: Any) -> bool:
 def is_solvable(task: Task, *opponents: Policy | None) -> bool:
     """Whether values can be computed exactly in every maze: for a runner with one goal, or in a
     small duel with a tabular opponent."""
-    return is_one_goal(task) or (_is_small_duel(task) and all(map(is_known, opponents)))
+    one_goal = is_single_runner(task) and task.num_goals == 1 and task.start == "random"
+    return one_goal or (_is_small_duel(task) and all(map(is_known, opponents)))

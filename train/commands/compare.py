@@ -13,10 +13,10 @@ import tyro
 from pursuit.validation import at_least, check
 from train.commands.parse import parse
 from train.commands.sweep import (
-    carry_out,
     check_own,
     exit_if_failed,
     list_stages,
+    run_stages,
 )
 from train.settings.checks import Settings
 
@@ -72,5 +72,5 @@ def compare(arguments: Sequence[str]) -> None:
         list_stages(stages, out, options.workers)
         return
     again = f"pursuit compare {shlex.join(arguments)}"
-    done = carry_out(stages, options.workers, again)
+    done = run_stages(stages, options.workers, again)
     exit_if_failed(done[-1:], again)

@@ -90,10 +90,10 @@ def evaluate(arguments: Sequence[str]) -> None:
     replays = None if given.replays is None else with_suffix(given.replays)
     check_new_files([given.out, replays, given.table], given.overwrite)
     with reserved(given.out, replays, given.table, overwrite=given.overwrite):
-        carry_out(given, replays)
+        evaluate_and_print(given, replays)
 
 
-def carry_out(given: EvaluateCommand | EvaluateModelCommand, replays: Path | None) -> None:
+def evaluate_and_print(given: EvaluateCommand | EvaluateModelCommand, replays: Path | None) -> None:
     """Evaluate, print the scores and write the output files."""
     from train.runs.parts import contest_of, suite_contest_of
     from train.runs.single import evaluation_of

@@ -13,7 +13,7 @@ import tyro
 
 from pursuit.validation import at_least, check
 from train.commands.parse import parse
-from train.commands.sweep import carry_out, exit_if_failed, list_stages
+from train.commands.sweep import exit_if_failed, list_stages, run_stages
 from train.files import check_output_folder
 from train.settings.checks import Settings
 
@@ -84,6 +84,6 @@ def reproduce(arguments: Sequence[str]) -> None:
     out.mkdir(parents=True, exist_ok=True)
     keep_rules(plan, out)
     again = f"pursuit reproduce {shlex.join(arguments)}"
-    done = carry_out(stages, options.workers, again)
+    done = run_stages(stages, options.workers, again)
     print(f"page: {write_replication(plan, out)}")
     exit_if_failed(done, again)

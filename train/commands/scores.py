@@ -56,11 +56,6 @@ def announce_solution(contest: AnyContest, interrupted: bool) -> None:
     print(f"solving the whole game exactly, {states:,} states ...", file=sys.stderr)
 
 
-def in_full_view(contest: GameContest) -> GameContest:
-    """The contest, without a limited view of its agent."""
-    return contest.with_full_view if contest.is_limited else contest
-
-
 def print_bounds(contest: ArmContest) -> None:
     """Print the bounds of the minimum steps of an arm."""
     bounds = contest.bounds()

@@ -97,7 +97,7 @@ def run_command(options: SweepCommand, arguments: Sequence[str], kind: str) -> N
         list_runs(stages[-1].runs(), out)
         return
     again = f"pursuit {'ablate' if kind == 'ablation' else kind} {shlex.join(arguments)}"
-    done = carry_out(stages, options.workers, again, options.executor, options.address)
+    done = run_stages(stages, options.workers, again, options.executor, options.address)
     exit_if_failed(done[-1:], again)
 
 
@@ -109,7 +109,7 @@ def check_own(stage: Stage, out: Path, overwrite: bool) -> None:
     check_output_folder(out, lambda folder: is_folder_of(plan, folder), overwrite)
 
 
-def carry_out(
+def run_stages(
     stages: Iterable[Stage],
     workers: int,
     again: str,
@@ -133,7 +133,7 @@ def carry_out(
     """
     from train.experiments.executors import run_locally, run_on_ray  # torch is slow to import
     from train.experiments.runs import statuses_of
-    from train.experiments.stages import carry_out as carry_out_stages
+    from train.experiments.stages import carry_out
 
     watch = SweepWatch()
     running: list[tuple[Study, Path]] = []
@@ -152,7 +152,7 @@ def carry_out(
         return "".join(f" ({counts(statuses_of(*each).values())})" for each in running)
 
     with resumable(again, now):
-        done = carry_out_stages(stages, execute, lambda line: print(line, flush=True))
+        done = carry_out(stages, execute, lambda line: print(line, flush=True))
     for folder, _ in done:
         if (folder / "report" / "report.md").exists():
             print(f"report: {folder / 'report' / 'report.md'}")

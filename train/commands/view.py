@@ -19,8 +19,7 @@ from train.files import check_new_files
 from train.play.browser import open_page
 from train.reports.pages import PLAYER_ELEMENT, write_page
 from train.reports.tables import in_markdown
-from train.runs.folder import RESULTS, RUN, SELF_PLAY, SIDE, load_results, read_config
-from train.runs.forms import read_results
+from train.runs.folder import RESULTS, SELF_PLAY, SIDE, load_results, read_config
 from train.runs.report import write_report
 from train.settings.checks import Settings
 
@@ -76,7 +75,7 @@ def report_again(folder: Path, out: Path | None) -> Path:
         f"{folder}: no results yet; continue with {KINDS[kind].again} --resume {folder}",
     )
     if kind == SELF_PLAY:
-        results = read_results(folder / RESULTS, RUN)
+        results = load_results(folder)
         run = open_run(folder)
         title = f"Self-play on {results['maze']} ({results['sampling']})"
         return write_self_play_report(folder, run.trainee, title, results, out)

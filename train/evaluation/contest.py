@@ -21,7 +21,6 @@ from scripted_agents import (
     BestResponse,
     HiddenChaseSolution,
     JointResponse,
-    PairValues,
     RandomAgent,
     TablePolicy,
     TeamResponse,
@@ -112,7 +111,8 @@ class GameContest(MazeContest):
         lengths, won = self.play_from(simulator, policy)
         mean, ci95, exact = float(lengths.mean()), half_width(lengths), False
         if self.is_exact and is_table_in(self.task, policy):
-            values, task = self._pair_values(policy), self.task
+            task, tables = self.task, (table_in(self.task, policy), self.opponent_table())
+            values = values_between(task, self.role, tables, task.max_steps)
             mean = mean_over_starts(values, task.mazes[0], task.min_start_distance)
             ci95, exact = 0.0, True
         elif is_exact_team(self.task, self._with(policy)):
@@ -165,11 +165,6 @@ class GameContest(MazeContest):
         if proven is None:
             return None
         return Certificate(proven.role, proven.discount, proven.lower, proven.upper)
-
-    def _pair_values(self, policy: Policy) -> PairValues:
-        """The expected length from every pair of cells; requires a policy that is a table."""
-        tables = (table_in(self.task, policy), self.opponent_table())
-        return values_between(self.task, self.role, tables, self.task.max_steps)
 
     def best_response(self, mask_bumps: bool = False) -> BestResponse | None:
         """The exact best response to the opponent; None unless `is_exact`."""
@@ -313,13 +308,6 @@ class GameContest(MazeContest):
             name = "optimum under limited view, pessimistic bound"
             return Reference("certified", name, DISCOUNTED, proven.far, proven.gap(steps))
         return super().reference(scores, learned)
-
-    def lengths(self, policy: Policy) -> NDArray[np.float64]:
-        """As `Contest`; expectations in a duel of tabular policies."""
-        if self.is_exact and is_table_in(self.task, policy):
-            values = self._pair_values(policy)
-            return np.asarray(values)[tuple(self.starts().positions.T)]
-        return super().lengths(policy)
 
     def optimal_lengths(self) -> NDArray[np.float64] | None:
         """As `Contest`; known for duels, single runners, and whole games measured in steps."""

@@ -21,8 +21,8 @@ from scripted_agents.references import ExactReference
 from train.evaluation.hidden_contest import Certificate
 from train.reports.tables import Column, ResultTable, Row, numeric, words
 
-BEST_RETURN, MOST_GOALS = "optimal return", "optimal goals"
-"""Names of the policies with the highest return and the most goals."""
+BEST_RETURN = "optimal return"
+"""Name of the policy with the highest return."""
 FULL_VIEW = ", full view"
 """Suffix of an optimum with full view, which is a bound for an agent with a limited view."""
 
@@ -359,10 +359,6 @@ class Contest(ABC, Generic[PolicyT, GamesT]):
         return scenes
 
     # -- lengths -------------------------------------------------------------------------------
-
-    def lengths(self, policy: PolicyT) -> NDArray[np.float64]:
-        """[episodes] lengths with this policy, or their expectations if known."""
-        return self.play(policy)[0].astype(np.float64)
 
     @abstractmethod
     def optimal_lengths(self) -> NDArray[np.float64] | None:

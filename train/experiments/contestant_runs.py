@@ -14,6 +14,7 @@ from typing import Annotated, Any
 import torch
 
 from pursuit.validation import at_least, check, choice, one_of, unknown
+from scripted_agents.limits import MAX_EXACT_GOALS
 from train.evaluation.contest import GameContest
 from train.evaluation.scores import BY_STEPS, Score, optimality_gap
 from train.experiments.contestants import CONTESTANTS, OBEYED, Contestant, Trainer
@@ -137,8 +138,8 @@ def world_and_contest(task: TaskSettings, episodes: int) -> tuple[GridWorld, Gam
     check(
         optimum is not None and contest.measure == BY_STEPS,
         f"{world.agent} of {task.task} in {task.maze}: a comparison needs a known optimum, and an "
-        "agent that minimises episode length; use a runner with up to 15 goals, or a chaser of one "
-        "evader",
+        "agent that minimises episode length; use a runner with up to "
+        f"{MAX_EXACT_GOALS} goals, or a chaser of one evader",
     )
     assert optimum is not None
     return world, contest, optimum

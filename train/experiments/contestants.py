@@ -6,7 +6,9 @@ and have two hidden layers. Features of a library are not switched off. Ours sum
 first layer, shares this layer between policy and value, uses bfloat16 if the processor supports
 it, and uses a curriculum in large mazes.
 
-A further library is an entry of `CONTESTANTS`: a function that makes a `Trainer`.
+A further library is an entry of `CONTESTANTS`: a function that makes a `Trainer`, which obeys all
+settings of `OBEYED`, uses one thread, and takes its seed. It also needs an extra in
+`pyproject.toml`, and its name in `[grid] contestant` of a file (`files/comparisons/ppo.toml`).
 """
 
 from __future__ import annotations

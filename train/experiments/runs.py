@@ -15,6 +15,7 @@ from typing import Any
 import msgspec
 
 from pursuit.validation import check
+from train.experiments import contestant_runs  # noqa: F401 (adds its kind of run)
 from train.experiments.identity import INPUTS, Input, copy_of, fingerprint, with_policies
 from train.experiments.study import Layout
 from train.files import LOCK, read_json, write_json

@@ -10,11 +10,22 @@ import os
 from dataclasses import asdict
 from pathlib import Path
 
+import msgspec
+
 from pursuit.mazes.maze import library_names
 from pursuit.mazes.suite_files import is_suite
 from pursuit.plugins import check_trusted
 from pursuit.validation import check
-from train.files import LOCK, Plain, check_utf8, is_leftover, read_json, write_json
+from train.files import (
+    LOCK,
+    Plain,
+    check_utf8,
+    is_leftover,
+    number_in,
+    read_csv,
+    read_json,
+    write_json,
+)
 from train.runs import forms
 from train.runs.provenance import COMMAND, PARTS, command_line, provenance
 from train.schemas import read_as
@@ -113,7 +124,18 @@ def load_final(folder: Path) -> forms.Final:
 
 def load_results(folder: Path | str) -> Plain:
     """The content of `results.json`; ValueError if it is missing or damaged."""
-    return forms.read_results(Path(folder) / RESULTS, RUN)
+    path = Path(folder) / RESULTS
+    content = read_json(path)
+    found = read_as(forms.Results, content, path, forms.AGAIN)
+    if found.kind == RUN:
+        read_as(forms.Evaluation, content["evaluation"], f"{path}: evaluation", forms.AGAIN)
+    column = found.objective.column
+    check(
+        type(found.evaluation.get(column)) in (int, float),
+        f"{path}: evaluation has no number {column!r}, the column of its objective; {forms.AGAIN}",
+    )
+    lists = ("scores", "matches", "at_start", "approximate_best_response")
+    return {**content, **{name: msgspec.to_builtins(getattr(found, name)) for name in lists}}
 
 
 def is_complete(folder: Path) -> bool:
@@ -179,5 +201,17 @@ def read_metrics(folder: Path | str, *columns: str) -> list[dict[str, float]]:
     Raises:
         ValueError: it cannot be read, or lacks one of "frames", "seconds" and `columns`.
     """
-    folder = Path(folder)
-    return forms.read_numbers(folder / METRICS, ("frames", "seconds", *columns))
+    path, rows = Path(folder) / METRICS, []
+    for number, texts in enumerate(read_csv(path), start=1):
+        row: dict[str, float] = {}
+        for name, text in texts.items():
+            if text:
+                row[name] = number_in(text, f"{path}: row {number}, column {name}")
+        for name in ("frames", "seconds", *columns):
+            check(name in row, f"{path}: row {number} has no {name!r}; {forms.RESTORE}")
+            check(
+                abs(row[name]) < float("inf"),
+                f"{path}: row {number} has {name}={row[name]}; {forms.RESTORE}",
+            )
+        rows.append(row)
+    return rows

@@ -6,14 +6,12 @@ Files may have further fields, as later versions may add some.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import msgspec
 
 from pursuit.validation import check
 from train.evaluation.scores import Score
-from train.files import Plain, number_in, read_csv, read_json
-from train.schemas import read_as
+from train.files import Plain
 
 RESTORE = "restore it from a copy"
 AGAIN = "delete it and resume the run, which writes it again"
@@ -102,44 +100,3 @@ class Description(msgspec.Struct):
 
     task: Plain
     observation: str
-
-
-def read_results(path: Path, alone: str) -> Plain:
-    """`results.json`, validated; `alone` is the kind of runs of a single agent.
-
-    Raises:
-        ValueError: it cannot be read, or does not match the schema.
-    """
-    content = read_json(path)
-    found = read_as(Results, content, path, AGAIN)
-    if found.kind == alone:
-        read_as(Evaluation, content["evaluation"], f"{path}: evaluation", AGAIN)
-    column = found.objective.column
-    check(
-        type(found.evaluation.get(column)) in (int, float),
-        f"{path}: evaluation has no number {column!r}, the column of its objective; {AGAIN}",
-    )
-    lists = ("scores", "matches", "at_start", "approximate_best_response")
-    return {**content, **{name: msgspec.to_builtins(getattr(found, name)) for name in lists}}
-
-
-def read_numbers(path: Path, names: tuple[str, ...]) -> list[dict[str, float]]:
-    """The rows of a CSV file of numbers with these columns; empty cells are left out.
-
-    Raises:
-        ValueError: it cannot be read, or does not match the schema.
-    """
-    rows = []
-    for number, texts in enumerate(read_csv(path), start=1):
-        row: dict[str, float] = {}
-        for name, text in texts.items():
-            if text:
-                row[name] = number_in(text, f"{path}: row {number}, column {name}")
-        for name in names:
-            check(name in row, f"{path}: row {number} has no {name!r}; {RESTORE}")
-            check(
-                abs(row[name]) < float("inf"),
-                f"{path}: row {number} has {name}={row[name]}; {RESTORE}",
-            )
-        rows.append(row)
-    return rows

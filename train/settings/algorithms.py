@@ -72,7 +72,10 @@ class RolloutSettings(ActorCriticSettings):
 
 @dataclass(frozen=True)
 class PPOSettings(RolloutSettings):
-    """Proximal policy optimisation (Schulman et al., 2017)."""
+    """Proximal policy optimisation (Schulman et al., 2017).
+
+    `tuned.toml` has the defaults that depend on the task.
+    """
 
     minibatch_size: Count = 4096
     """Frames of one gradient step."""

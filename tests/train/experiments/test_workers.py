@@ -124,3 +124,9 @@ def test_a_script_runs_a_study(tmp_path: Path) -> None:
     )
     done = subprocess.run([sys.executable, tmp_path / "script.py"], capture_output=True, text=True)
     assert done.stdout.count("complete") == 2, done.stderr
+
+
+def test_a_process_that_imports_only_the_worker_knows_all_kinds_of_runs() -> None:
+    code = "import train.experiments.worker, train.kinds; print(*sorted(train.kinds.KINDS))"
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert told.stdout.split() == ["contestant", "self-play", "single"]
