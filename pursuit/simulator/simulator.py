@@ -159,7 +159,8 @@ class Simulator(BatchSimulator[Task], GameArrays):
         if array.shape != self._actions_shape:
             shape = self._actions_shape
             raise ValueError(f"actions of shape {array.shape}; [num_games, num_agents] is {shape}")
-        return np.ascontiguousarray(np.clip(array, -1, self.task.num_actions), dtype=np.int32)
+        signed = array.astype(np.int64, copy=False)  # NumPy 2.0 refuses to clip uint8 at -1
+        return np.ascontiguousarray(np.clip(signed, -1, self.task.num_actions), dtype=np.int32)
 
     # -- the next episode ------------------------------------------------------------------------
 

@@ -36,18 +36,22 @@ SECONDS_TO_SAVE = 60.0
 def perform(folder: Path) -> None:
     """Execute or resume the run in `folder`, and evaluate the trained policy."""
     with FileLock(folder / ".worker.lock"):  # a worker of a killed study may still be saving
-        if status_of(folder) == "complete":
-            return
-        run = open_run(folder)
+        if status_of(folder) != "complete":
+            train(folder)
 
-        def report(run: Run, row: dict[str, float]) -> None:
-            if row:  # the checkpoint and its files have been written
-                write_text(folder / PROGRESS, str(run.progress))
 
-        if run.progress < 1.0:
-            run.train(report)
-        if not run.stopped:
-            run.results(load_final(folder).episodes)
+def train(folder: Path) -> None:
+    """As `perform`, without its lock; the lock of the run is released at the end."""
+    run = open_run(folder)
+
+    def report(run: Run, row: dict[str, float]) -> None:
+        if row:  # the checkpoint and its files have been written
+            write_text(folder / PROGRESS, str(run.progress))
+
+    if run.progress < 1.0:
+        run.train(report)
+    if not run.stopped:
+        run.results(load_final(folder).episodes)
 
 
 def perform_here(folder: str, variables: Mapping[str, str]) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from train.commands.main import main
 from train.kinds import start
 from train.runs.folder import METRICS, RESULTS, RUN, SELF_PLAY, load_checkpoint, load_results
 from train.runs.loop import Run
+from train.self_play.metrics import ResultLimits
 
 
 @pytest.fixture(autouse=True)
@@ -28,7 +30,9 @@ def short(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("train.runs.single.EPISODES", 10)
     for place in ("contest", "hidden_contest"):
         monkeypatch.setattr(f"train.evaluation.{place}.SEARCH_SECONDS", 0.1)
-    monkeypatch.setattr("train.self_play.trainee.SEARCH_SECONDS", 0.1)
+    monkeypatch.setattr(
+        "train.self_play.trainee.ResultLimits", partial(ResultLimits, search_seconds=0.1)
+    )
 
 
 ALONE: list[dict[str, Any]] = [
