@@ -291,8 +291,7 @@ import json, sys, tempfile, warnings
 from pathlib import Path
 from time import process_time
 import torch
-from train.kinds import start
-from train.runs.parts import settings_of
+from train import settings_of, start
 from train.runs.folder import RUN
 warnings.simplefilter("ignore")
 torch.set_num_threads(1)

@@ -104,7 +104,7 @@ import json, sys, tempfile, warnings
 from pathlib import Path
 from time import process_time
 import torch
-from train.kinds import start
+from train import start
 from train.runs.folder import SELF_PLAY
 from train.self_play.parts import self_play_settings_of
 warnings.simplefilter("ignore")
