@@ -95,8 +95,8 @@ def game_of_task(
     """
     task, count = states.task, states.count
     wanted = np.ones(count, dtype=bool) if twins is None else twins == np.arange(count)
-    nobody = lay_out_others(states, {})
-    problem = Problem(states, seats, nobody, (payoff,), moves_first=False)
+    no_others = lay_out_others(states, {})
+    problem = Problem(states, seats, no_others, (payoff,), moves_first=False)
     store = filled_store(problem, wanted)
     if allowed is not None:
         store = restricted(store, *allowed)

@@ -128,5 +128,5 @@ def test_a_script_runs_a_study(tmp_path: Path) -> None:
 
 def test_a_process_that_imports_only_the_worker_knows_all_kinds_of_runs() -> None:
     code = "import train.experiments.worker, train.kinds; print(*sorted(train.kinds.KINDS))"
-    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert told.stdout.split() == ["contestant", "self-play", "single"]
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert ended.stdout.split() == ["contestant", "self-play", "single"]
