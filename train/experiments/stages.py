@@ -56,17 +56,20 @@ def stages_of(
         ValueError: as `load_study`.
     """
     path, content = read_file(name, kind, StudyFile)
-    study = Stage(path.stem, lambda: load_study(name, kind, version, change, choose(out)[1]), out)
+    if content.tuning is None:
+        study = load_study(name, kind, version, change)
+        return [Stage(path.stem, lambda: study, out)]
     try:
-        file = change(choose_version(content, version))
-        if file.tuning is None:
-            return [study]
-        tuning = file.tuning
+        file, tuning = change(choose_version(content, version)), content.tuning
         check(kind == "comparison", "[tuning] is for comparisons and replications; leave it out")
         search = search_of(tuning, version, file)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
-    return [Stage("search", lambda: search, out / TUNING), study]
+
+    def tuned() -> Study:
+        return load_study(name, kind, version, change, choose(out)[1])
+
+    return [Stage("search", lambda: search, out / TUNING), Stage(path.stem, tuned, out)]
 
 
 def carry_out(
