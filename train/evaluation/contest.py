@@ -25,9 +25,7 @@ from scripted_agents import (
     TablePolicy,
     TeamResponse,
     best_team_response,
-    evaluate_team,
     mean_over_starts,
-    mean_over_team_starts,
     solve_joint,
 )
 from scripted_agents.environments import DEFAULTS
@@ -36,20 +34,19 @@ from scripted_agents.references import (
     ExactReference,
     is_exact,
     is_exact_team,
-    is_table_in,
     reference_of,
 )
 from train.evaluation.games import (
     best_reply,
     half_width,
     table_in,
-    values_between,
 )
 from train.evaluation.hidden_contest import (
     Certificate,
     discounted,
     solution_of,
 )
+from train.evaluation.matchups import exact_match
 from train.evaluation.maze_contest import SCRIPTED, MazeContest
 from train.evaluation.scores import (
     BY_GOALS,
@@ -106,25 +103,26 @@ class GameContest(MazeContest):
         return table_in(self.task, self.opponent)
 
     def score(self, name: str, policy: Policy) -> Score:
-        """Play all episodes; the mean is exact if it can be computed."""
+        """Exact over all starts if that can be computed; otherwise of sampled episodes."""
+        certain: tuple[float, float] | tuple[()] = ()
+        bounded = self.is_limited and self.is_exact
+        if (found := exact_match(self.task, self._with(policy))) is not None:
+            if bounded:
+                certain = discounted(self.task, self.role, policy, self.opponent_table())
+            return self._exact_score(name, found.steps, found.caught, *certain)
         simulator = self.starts()
         lengths, won = self.play_from(simulator, policy)
-        mean, ci95, exact = float(lengths.mean()), half_width(lengths), False
-        if self.is_exact and is_table_in(self.task, policy):
-            task, tables = self.task, (table_in(self.task, policy), self.opponent_table())
-            values = values_between(task, self.role, tables, task.max_steps)
-            mean = mean_over_starts(values, task.mazes[0], task.min_start_distance)
-            ci95, exact = 0.0, True
-        elif is_exact_team(self.task, self._with(policy)):
-            team = evaluate_team(self.task, self._with(policy), self.task.max_steps)
-            mean, ci95, exact = mean_over_team_starts(team, self.task), 0.0, True
-        certain: tuple[float, float] | tuple[()] = ()
-        if self.is_limited and self.is_exact:
+        if bounded:
             certain = discounted(self.task, self.role, policy, self.opponent_table(), lengths)
-        of_solved = None if exact else self._gap_of(lengths, won)
-        score = Score(name, mean, ci95, float(won.mean()), len(lengths), exact, *certain)
+        mean, ci95, share = float(lengths.mean()), half_width(lengths), float(won.mean())
+        score = Score(name, mean, ci95, share, len(lengths), False, *certain)
         means: dict[str, Any] = self._means(simulator)
-        return replace(score, solved_gap=of_solved, **means)
+        return replace(score, solved_gap=self._gap_of(lengths, won), **means)
+
+    def _exact_score(self, name: str, steps: float, caught: float, *certain: float) -> Score:
+        """The score of these expectations over all starts."""
+        share = 1.0 - caught if self.role == "evader" else caught
+        return Score(name, steps, 0.0, share, self.episodes, True, *certain)
 
     def _gap_of(self, lengths: NDArray[np.int64], won: NDArray[np.bool_]) -> float | None:
         """The gap to the shortest tours over the solved starts, if these are known."""
@@ -174,11 +172,12 @@ class GameContest(MazeContest):
         return best_reply(self.task, self.role, table, horizon, mask_bumps=mask_bumps)
 
     def _score_of(self, name: str, best: BestResponse) -> Score:
-        """The score of a best response."""
+        """The score of a best response, with the success rate of the policy of the first step."""
         maze = self.task.mazes[0]
         mean = mean_over_starts(best.values, maze, self.task.min_start_distance)
-        _, won = self.play(TablePolicy(maze, best.policy))
-        return Score(name, mean, 0.0, float(won.mean()), self.episodes, True)
+        found = exact_match(self.task, self._with(TablePolicy(maze, best.policy)))
+        assert found is not None  # the games of `is_exact`
+        return self._exact_score(name, mean, found.caught)
 
     def best_team_response(self) -> TeamResponse | None:
         """The best response of this agent in a team chase; None if that is not solved."""
@@ -198,8 +197,7 @@ class GameContest(MazeContest):
         if kind == "duel" and (best := self.best_response()) is not None:
             return self._score_of("optimal", best)
         if kind == "team" and (team := self.best_team_response()) is not None:
-            _, won = self.play(team.policy)
-            mean = team.mean_over_starts
+            mean, (_, won) = team.mean_over_starts, self.play(team.policy)
             return Score("optimal", mean, 0.0, float(won.mean()), self.episodes, True)
         if kind == "joint" and self.best_of_steps is not None:
             return self._joint_score(self.best_of_steps, BY_STEPS)

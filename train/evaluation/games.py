@@ -154,6 +154,24 @@ def values_between(
     return evaluate_exactly(maze or task.mazes[0], chaser, evader, horizon, discount, order)
 
 
+def steps_and_ended(
+    task: Task,
+    role: str,
+    tables: tuple[NDArray[Any], NDArray[Any]],
+    maze: Maze | None = None,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Expected steps, and probability of a capture within the time limit, from every pair of cells.
+
+    Both are [chaser cell, evader cell]. Arguments are those of `best_reply`.
+    """
+    steps, longer = (
+        values_between(task, role, tables, horizon, maze=maze).values
+        for horizon in (task.max_steps, task.max_steps + 1)
+    )
+    # One more step adds P(no capture before it) to the expected length.
+    return steps, 1.0 - (longer - steps)
+
+
 def mean_steps(
     task: Task,
     role: str,

@@ -125,7 +125,7 @@ def discounted(
     role: str,
     policy: Policy,
     table: NDArray[np.float64],
-    lengths: NDArray[np.int64],
+    lengths: NDArray[np.int64] | None = None,
 ) -> tuple[float, float]:
     """The mean discounted steps of a policy, and half the width of its 95 % confidence interval.
 
@@ -133,7 +133,7 @@ def discounted(
     games with `lengths` [games]: truncated games count as the worst case for `role`, as infinite
     for a chaser, and as ended there for an evader.
     """
-    if is_table_in(task, policy):
+    if lengths is None or is_table_in(task, policy):
         return mean_steps(task, role, (table_in(task, policy), table), None, DISCOUNT), 0.0
     steps = (1.0 - DISCOUNT ** lengths.astype(np.float64)) / (1.0 - DISCOUNT)
     if role == "chaser":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from math import ceil, log
 
@@ -12,10 +13,11 @@ from pursuit.simulator.policy import Policy
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task
 from scripted_agents import (
+    mean_over_starts,
     mean_over_team_starts,
     team_survival,
 )
-from scripted_agents.limits import MAX_FINAL_WORK
+from scripted_agents.limits import MAX_EXACT_WORK, MAX_FINAL_WORK
 from scripted_agents.references import is_exact, is_exact_team
 from train.evaluation.games import (
     all_caught,
@@ -23,6 +25,7 @@ from train.evaluation.games import (
     mean_steps,
     play_out,
     stepper,
+    steps_and_ended,
     table_in,
 )
 from train.settings.checks import EVALUATION_SEED
@@ -93,6 +96,37 @@ def discounted_steps(
     return float((1.0 - discount**lengths).mean() / (1.0 - discount))
 
 
+def exact_match(
+    task: Task, policies: Mapping[str, Policy], most: int = MAX_EXACT_WORK
+) -> Matchup | None:
+    """The result of a match, over all starts; None if it is not solved.
+
+    Args:
+        task: the game.
+        policies: of all agents, by agent name or role.
+        most: the largest size of a team chase that is solved (`is_exact_team`); 0 for none.
+    """
+    if task.is_duel:
+        chaser, evader = (
+            policies.get(agent, policies.get(role))
+            for agent, role in zip(task.agent_names, task.seat_roles, strict=True)
+        )
+        if chaser is None or evader is None or not is_exact(task, chaser, evader):
+            return None
+        tables = table_in(task, chaser), table_in(task, evader)
+        means = (
+            mean_over_starts(values, task.mazes[0], task.min_start_distance)
+            for values in steps_and_ended(task, "chaser", tables)
+        )
+    elif most and is_exact_team(task, policies, most):
+        steps, late = team_survival(task, policies, task.max_steps)
+        means = (mean_over_team_starts(values, task) for values in (steps, 1.0 - late))
+    else:
+        return None
+    mean, caught = means
+    return Matchup(mean, 0.0, caught, 0)
+
+
 def match(
     task: Task,
     chaser: Policy,
@@ -109,15 +143,8 @@ def match(
         episodes, seed: of the games.
         most: the largest size of a team chase that is solved (`is_exact_team`); 0 for none.
     """
-    if most and is_exact_team(task, {"chaser": chaser, "evader": evader}, most):
-        team, alive = team_survival(task, {"chaser": chaser, "evader": evader}, task.max_steps)
-        late = mean_over_team_starts(alive, task)
-        return Matchup(mean_over_team_starts(team, task), 0.0, 1.0 - late, 0)
-    if is_exact(task, chaser, evader):
-        tables = table_in(task, chaser), table_in(task, evader)
-        horizons = task.max_steps, task.max_steps + 1
-        steps, longer = (mean_steps(task, "chaser", tables, horizon) for horizon in horizons)
-        # One more step adds P(not caught before it) to the expected length.
-        return Matchup(steps, 0.0, 1.0 - (longer - steps), 0)
+    found = exact_match(task, {"chaser": chaser, "evader": evader}, most)
+    if found is not None:
+        return found
     lengths, caught = play_pair(task, chaser, evader, episodes, seed)
     return Matchup(float(lengths.mean()), half_width(lengths), float(caught.mean()), episodes)

@@ -84,8 +84,10 @@ class Score:
         ci95: half width of the 95 % confidence interval of the mean; 0 if it is exact.
         success_rate: share of episodes won: all evaders caught, the evader not caught, all goals
             collected; in a race, more goals than each other runner.
-        episodes: number of sampled episodes (if `exact`, only for the success rate).
-        exact: whether `mean_steps` is an exact mean over all starts.
+        episodes: number of sampled episodes; not used if `exact`.
+        exact: whether `mean_steps` is an exact expectation over all starts. So is the success rate,
+            but for the optimum: in a duel it is that of the policy of the first step, in a team
+            chase that of the sampled episodes.
         discounted_steps, discounted_ci95: mean discounted steps and half width of the interval, if
             there is a certified bound, which is in discounted steps; None otherwise.
         solved_gap: achieved / optimal - 1 over the solved starts, for a single runner; None
@@ -223,8 +225,6 @@ def score_table(
         if score.success_rate == 1.0:
             row["solved_gap"] = None
         rows.append(row)
-    # Shares are sampled also where the steps are exact.
-    success = "success, sampled" if any(score.exact for score in scores) else "success"
     columns = [words("", "name")]
     if not by_steps:
         columns.append(numeric(measure.name, "value", ".3f"))
@@ -233,7 +233,7 @@ def score_table(
     columns += [
         numeric("steps", "mean_steps", ".3f"),
         Column("95 % interval", lambda row: str(row["interval"])),
-        numeric(success, "success_rate", ".1f", 100, " %"),
+        numeric("success", "success_rate", ".1f", 100, " %"),
     ]
     if by_steps:
         columns.append(numeric("gap to optimum", "gap", "+.2f", 100, " %"))

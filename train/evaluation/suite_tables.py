@@ -23,7 +23,7 @@ from scripted_agents import (
     TourRunner,
     table_of,
 )
-from train.evaluation.games import values_between
+from train.evaluation.games import steps_and_ended
 
 PAIRS_AT_ONCE = 200_000
 """Maximum number of pairs of cells in one batch of a network."""
@@ -108,9 +108,4 @@ def pairs_of_values(
     Both are [chaser cell, evader cell], or [runner cell, goal cell] float64.
     """
     for maze, table, other in zip(task.mazes, own, others, strict=True):
-        steps, longer = (
-            values_between(task, task.seat_roles[seat], (table, other), horizon, maze=maze).values
-            for horizon in (task.max_steps, task.max_steps + 1)
-        )
-        # One more step adds P(no capture before it) to the expected length.
-        yield steps, 1.0 - (longer - steps)
+        yield steps_and_ended(task, task.seat_roles[seat], (table, other), maze)

@@ -125,7 +125,7 @@ def fail(*given: Any, **named: Any) -> Any:
 
 @pytest.mark.parametrize(
     "broken",
-    ["contest.GameContest.baselines", "contest.GameContest.reference", "maze_contest.won_by"],
+    ["contest.GameContest.baselines", "contest.GameContest.reference", "contest.exact_match"],
 )
 def test_what_cannot_be_evaluated_is_an_error_before_training(
     broken: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
