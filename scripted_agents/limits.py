@@ -11,6 +11,7 @@ from math import comb
 
 from pursuit.mazes.maze import MAX_TABLE_CELLS, Maze
 from pursuit.memory import check_memory
+from pursuit.rules import layout
 from pursuit.tasks.task import ROLES, Task, checked_task
 from pursuit.validation import one_of, whole
 
@@ -126,7 +127,8 @@ def count_joint_states(task: Task) -> int:
     """How many states a task has, counted without making any.
 
     The sum over the sets of free evaders (one at least, where there are evaders) of n to the number
-    of free agents, times the sets of 1 to `num_goals` of the n cells (1 where there are no goals).
+    of free agents, times the sets of 1 to `num_goals` of the n cells (1 where there are no goals),
+    times the sets of exits that can be drawn, times 2 in turns.
 
     Raises:
         ValueError: the task is played in several mazes.
@@ -143,7 +145,8 @@ def count_joint_states(task: Task) -> int:
         for free in range(min(evaders, 1), evaders + 1)
     )
     sets = sum(comb(cells, left) for left in range(1, task.num_goals + 1))
-    return places * (sets if task.num_goals else 1)
+    halves = 2 if task.options.turns else 1
+    return places * (sets if task.num_goals else 1) * comb(cells, task.num_exits) * halves
 
 
 def check_joint_states(task: Task, most: int = MAX_STATES, each: int = 0) -> int:
@@ -210,6 +213,8 @@ def why_not_team_chase(task: Task) -> str | None:
         return f"{task.num_chasers} chaser(s) and {task.num_evaders} evader(s)"
     if task.num_runners or task.num_goals:
         return f"{task.num_runners} runner(s) and {task.num_goals} goal(s)"
+    if task.most_exits or task.options.turns:
+        return f"{task.most_exits} exit(s) and move_order={task.move_order!r}"
     return f"{len(task.mazes)} mazes" if len(task.mazes) > 1 else None
 
 
@@ -229,6 +234,8 @@ def why_not_optimal(task: Task, role: str) -> str | None:
         return f"chases of one evader without goals in one maze are solved, not {obstacle}"
     if task.is_duel:
         return None
+    if task.options != layout.PLAIN:
+        return "equilibria of chases are computed without options of the rules"
     needed = bytes_to_solve(task.mazes[0], task.num_chasers, task.stay_action)
     if needed > MAX_TEAM_BYTES:
         return (

@@ -108,7 +108,8 @@ class SimulatorParallelEnv(Rendered, ParallelEnv[str, Any, Any]):
             seed: seeds all random streams; without a seed the streams continue (at first from a
                 seed of the operating system).
             options: `{"positions": cells of all agents, "goals": cells of all goals}`, with "maze",
-                its index, if there are several, gives the start; for an arm
+                its index, if there are several, and "exits" if they are drawn, gives the start; for
+                an arm
                 `{"angles": [joints] radians, "target": (x, y)}`.
 
         Raises:
@@ -214,10 +215,10 @@ class MazeGames:
     def _begin(
         self, seed: int | None, options: Any, games: NDArray[np.bool_] | None = None
     ) -> None:
-        given = reset_options(options, ("positions",), ("goals", "maze"))
+        given = reset_options(options, ("positions",), ("goals", "maze", "exits"))
         if given:
             places = given["positions"], given.get("goals"), given.get("maze")
-            self.simulator.place(*places, seed, games)
+            self.simulator.place(*places, seed, games, given.get("exits"))
         else:
             self.simulator.reset(seed, games)
 
@@ -266,8 +267,9 @@ class PursuitParallelEnv(MazeGames, SimulatorParallelEnv):
         simulator = Simulator(task, auto_restart=False)
         spaces = self._spaces(simulator, observation, mask_bumps, mask_in_observation)
         self._encoder = simulator.encoder(observation)
-        entities = task.num_agents + task.num_goals
-        high = np.array([task.max_cells] * entities + [task.max_steps], dtype=np.float32)
+        entities = task.num_agents + task.num_goals + task.most_exits
+        steps = task.max_steps * (2 if task.options.turns else 1)
+        high = np.array([task.max_cells] * entities + [steps], dtype=np.float32)
         state = gymnasium.spaces.Box(np.zeros_like(high), high, dtype=np.float32)
         super().__init__(simulator, list(task.agent_names), *spaces, state)
         self._actions = np.zeros((1, task.num_agents), dtype=np.int32)
@@ -331,16 +333,15 @@ class PursuitParallelEnv(MazeGames, SimulatorParallelEnv):
         return self._masks_of(EVERY_SEAT)[0].astype(np.int8)
 
     def state(self) -> NDArray[np.float32]:
-        """float32 [agents + goals + 1]: 1 + cell of all agents and goals (0 after capture or
-        collection), steps.
+        """float32 [agents + goals + exits + 1]: 1 + cell of all agents, goals and exits (0 after
+        capture, escape or collection), steps.
 
         All numbers are integers; they are floats for the networks of central critics.
         """
         simulator = self.simulator
         agents = (simulator.positions[0] + 1) * simulator.active[0]
-        return np.concatenate([agents, simulator.goals[0] + 1, simulator.steps[:1]]).astype(
-            np.float32
-        )
+        places = [simulator.goals[0] + 1, simulator.exits[0] + 1]
+        return np.concatenate([agents, *places, simulator.steps[:1]]).astype(np.float32)
 
 
 def scene_of(simulator: Simulator, game: int = 0, caption: str = "") -> Scene:

@@ -28,6 +28,7 @@ class Drawing(NamedTuple):
     open_east: NDArray[np.bool_]
     start: tuple[int, int] | None = None
     goals: tuple[tuple[int, int], ...] = ()
+    exits: tuple[tuple[int, int], ...] = ()
 
 
 def _fail(name: str, line: int, problem: str) -> NoReturn:
@@ -77,17 +78,20 @@ def read_walls(text: str, name: str) -> Drawing:
             start = (row // 2, column // 2)
             continue
         else:
-            problem = f"unknown character {character!r}; a cell is ' ', 'S', 'G' or '#'"
+            problem = f"unknown character {character!r}; a cell is ' ', 'S', 'G', 'E' or '#'"
         _fail(name, row + first, f"{where}: {problem}")
     south, east = blank[2:-1:2, 1::2], blank[1::2, 2:-1:2]
-    goals = tuple((row, column) for row, column in np.argwhere(cells == "G").tolist())
-    return Drawing(cells != "#", south, east, start, goals)
+    goals, exits = (
+        tuple((row, column) for row, column in np.argwhere(cells == mark).tolist())
+        for mark in ("G", "E")
+    )
+    return Drawing(cells != "#", south, east, start, goals, exits)
 
 
 def _are_odd(grid: NDArray[np.str_]) -> NDArray[np.bool_]:
     """[rows, columns] True for start marks and invalid characters."""
-    odd = np.isin(grid, ["S", "G", *(c for c in np.unique(grid) if not c.isprintable())])
-    odd[1::2, 1::2] = ~np.isin(grid[1::2, 1::2], [" ", "#", "G"])
+    odd = np.isin(grid, ["S", "G", "E", *(c for c in np.unique(grid) if not c.isprintable())])
+    odd[1::2, 1::2] = ~np.isin(grid[1::2, 1::2], [" ", "#", "G", "E"])
     return odd
 
 

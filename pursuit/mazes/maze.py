@@ -60,6 +60,7 @@ class Maze:
         start: the (row, column) of the start mark, or None.
         goals: the (row, column) of every goal mark.
         name: name of the maze in messages and results.
+        exits: the (row, column) of every exit mark.
 
     Raises:
         ValueError: no walkable cell; a mark on a blocked cell; a goal that is unreachable from the
@@ -77,7 +78,10 @@ class Maze:
             raise a ValueError.
         start_mark: the number of the cell marked `S`, or None.
         goal_marks: the numbers of the cells marked `G`, in order.
+        exit_marks: the numbers of the cells marked `E`, in order; none in a graph.
     """
+
+    exit_marks: tuple[int, ...] = ()
 
     def __init__(
         self,
@@ -87,6 +91,7 @@ class Maze:
         start: tuple[int, int] | None = None,
         goals: tuple[tuple[int, int], ...] = (),
         name: str = "maze",
+        exits: tuple[tuple[int, int], ...] = (),
     ) -> None:
         walkable, open_south, open_east = _own_grids(name, walkable, open_south, open_east)
         height, width = walkable.shape
@@ -106,9 +111,13 @@ class Maze:
         self.rows, self.columns = rows.astype(np.int32), columns.astype(np.int32)
         self.neighbors = self._neighbor_table(open_south, open_east)
         self.start_mark = None if start is None else self._marked(start, "S")
-        if not isinstance(goals, Iterable):
-            raise ValueError(f"{name}: goals={goals!r}; give the (row, column) of each")
+        for what, marks in (("goals", goals), ("exits", exits)):
+            if not isinstance(marks, Iterable):
+                raise ValueError(f"{name}: {what}={marks!r}; give the (row, column) of each")
         self.goal_marks = tuple(sorted({self._marked(goal, "G") for goal in goals}))
+        self.exit_marks = tuple(sorted({self._marked(place, "E") for place in exits}))
+        if {self.start_mark, *self.goal_marks} & set(self.exit_marks):
+            raise ValueError(f"{name}: an exit is on the start or a goal; move one of the marks")
         if self.start_mark in self.goal_marks:
             raise ValueError(f"{name}: start and goal are both at {start}; move one of the marks")
         for array in (self.cell_numbers, self.rows, self.columns, self.neighbors):
@@ -213,7 +222,8 @@ class Maze:
     def from_drawing(cls, drawing: Drawing | GraphDrawing, name: str) -> Maze:
         """The maze of the content of a file."""
         if isinstance(drawing, Drawing):
-            return cls(*drawing, name)
+            *grids, exits = drawing
+            return cls(*grids, name, exits)
         maze = cls.__new__(cls)
         maze.name, maze.is_grid = name, False
         maze.num_cells, maze.neighbors = len(drawing.names), drawing.neighbors
@@ -281,7 +291,8 @@ class Maze:
     def from_text(cls, text: str, name: str = "maze text") -> Maze:
         """Read a maze of H×W cells from 2H+1 lines of 2W+1 characters.
 
-        The character at (2r+1, 2c+1) is the cell: blank, `S` (start), `G` (goal) or `#` (blocked).
+        The character at (2r+1, 2c+1) is the cell: blank, `S` (start), `G` (goal), `E` (exit) or `#`
+        (blocked).
         A blank between two cells connects them; any other character is a wall. The border is always
         closed. Leading and trailing blank lines, carriage returns, a missing last newline and
         missing trailing blanks are accepted.
@@ -308,8 +319,9 @@ class Maze:
         grid[1::2, 2:-1:2][self.open_east] = " "
         if self.start_mark is not None:
             cells[self.rows[self.start_mark], self.columns[self.start_mark]] = "S"
-        for goal in self.goal_marks:
-            cells[self.rows[goal], self.columns[goal]] = "G"
+        for mark, marked in (("G", self.goal_marks), ("E", self.exit_marks)):
+            for cell in marked:
+                cells[self.rows[cell], self.columns[cell]] = mark
         return "\n".join("".join(line) for line in grid) + "\n"
 
     @property
@@ -414,7 +426,8 @@ class Maze:
     @cached_property
     def _content(self) -> bytes:
         """A digest of the maze without its name; equal mazes have equal digests."""
-        digest = hashlib.sha256(repr((self.start_mark, self.goal_marks)).encode())
+        exits = (self.exit_marks,) if self.exit_marks else ()  # without them as before
+        digest = hashlib.sha256(repr((self.start_mark, self.goal_marks, *exits)).encode())
         for array in (self.cell_numbers, self.neighbors) if self.is_grid else (self.neighbors,):
             digest.update(repr(array.shape).encode())
             digest.update(array.tobytes())

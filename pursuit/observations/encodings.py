@@ -22,10 +22,10 @@ from pursuit.rules.visibility import (
     IN_VIEW_PLANE,
     MAZE_PLANES,
     UNSEEN,
-    goal_in_view,
-    goal_rank,
     has_collected,
     in_view,
+    place_in_view,
+    rank_of,
     view_of,
 )
 
@@ -46,7 +46,7 @@ def write_place(
 
 @compiled
 def list_entities(
-    position: Ints, active: Ints, event: Ints, goal: Ints, steps: Ints, maze: Ints,
+    position: Ints, active: Ints, event: Ints, goal: Ints, steps: Ints, maze: Ints, exit_: Ints,
     table: Flags | None, begin: Longs | None, order: Longs, first: int, size: int,
     gone: int | None, out: Array,
 ) -> None:  # fmt: skip
@@ -55,9 +55,9 @@ def list_entities(
     Where `gone` is None, these are the places of the ones of `out` [games, seats, any], else of 0.
     `order` [seats, agents] has the agents in the order of entities.
     """
-    games = Games(position, active, event, goal, steps, maze)
-    num_agents, num_goals = position.shape[1], goal.shape[1]
-    last = num_agents + num_goals
+    games = Games(position, active, event, goal, steps, maze, exit_)
+    num_agents, num_goals, num_exits = position.shape[1], goal.shape[1], exit_.shape[1]
+    last = num_agents + num_goals + num_exits
     if gone is None:
         out[:] = 0.0
     for game in range(out.shape[0]):
@@ -70,8 +70,12 @@ def list_entities(
                 shown = (games.active[game, agent] != 0) & in_view(table, view, cell)
                 write_place(out, game, seat, entity, first + size * entity + cell, shown, gone)
             for number in range(num_goals):
-                cell = goal_in_view(games, table, view, game, number)
-                entity = num_agents + goal_rank(games, table, view, game, number)
+                cell = place_in_view(goal, table, view, game, number)
+                entity = num_agents + rank_of(goal, table, view, game, number)
+                write_place(out, game, seat, entity, first + size * entity + cell, cell >= 0, gone)
+            for number in range(num_exits):
+                cell = place_in_view(exit_, table, view, game, number)
+                entity = num_agents + num_goals + rank_of(exit_, table, view, game, number)
                 write_place(out, game, seat, entity, first + size * entity + cell, cell >= 0, gone)
             place = first + size * last + games.position[game, own]
             write_place(out, game, seat, last, place, has_collected(games, game, own), gone)
@@ -79,11 +83,11 @@ def list_entities(
 
 @compiled
 def list_views(
-    position: Ints, active: Ints, event: Ints, goal: Ints, steps: Ints, maze: Ints,
+    position: Ints, active: Ints, event: Ints, goal: Ints, steps: Ints, maze: Ints, exit_: Ints,
     begin: Longs | None, order: Longs, view: Longs,
 ) -> None:  # fmt: skip
     """Fill `view`."""
-    games = Games(position, active, event, goal, steps, maze)
+    games = Games(position, active, event, goal, steps, maze, exit_)
     for game in range(view.shape[0]):
         for seat in range(view.shape[1]):
             view[game, seat] = view_of(begin, games, game, order[seat, 0])
@@ -135,14 +139,16 @@ def hide_grid(
 def draw_planes(
     seen: Ints, at: Ints, maze: Ints, table: Flags | None, view: Longs, hidden: Flags,
     layers: Longs, cells: Ints, rows: Ints, columns: Ints, walls: Codes, centred: bool,
-    out: NDArray[np.float32],
+    num_exits: int, out: NDArray[np.float32],
 ) -> None:  # fmt: skip
     """Fill `out` [games, seats, planes, height, width], around the agent's own cell if `centred`.
 
-    `at` [games, seats] are the own cells, `layers` [seats, agents] the planes of the agents; see
+    `at` [games, seats] are the own cells, `layers` [seats, agents] the planes of the agents; the
+    last `num_exits` entities are exits, of the last plane. See
     `pursuit.observations.observations.Grids` for the mazes.
     """
     num_entities, num_agents = seen.shape[2] - 1, layers.shape[1]
+    first_exit = num_entities - num_exits
     height, width = out.shape[3], out.shape[4]
     for game in range(seen.shape[0]):
         number = np.uintp(maze[game])
@@ -176,4 +182,6 @@ def draw_planes(
                     layer = COLLECTED_PLANE if entity == num_entities else GOALS_PLANE
                     if entity < num_agents:
                         layer = layers[seat, entity]
+                    elif first_exit <= entity < num_entities:
+                        layer = out.shape[2] - 1
                     out[game, seat, layer, down, right] = 1.0

@@ -1,7 +1,8 @@
 """The built-in encodings of observations, and their spaces.
 
 An agent observes *entities*: itself, then the other agents of its role, then all other agents, then
-the goals sorted by cell (absent ones first). Captured evaders and collected goals are absent.
+the goals sorted by cell (absent ones first), then the exits in the same order. Captured and escaped
+evaders and collected goals are absent.
 """
 
 from __future__ import annotations
@@ -24,12 +25,23 @@ from pursuit.observations.custom import (
 )
 from pursuit.rules.arrays import Array
 from pursuit.rules.layout import Games
-from pursuit.rules.visibility import FLOOR, GOAL, IN_VIEW, OTHER, SELF, TEAM, UNSEEN, WALL
+from pursuit.rules.visibility import (
+    EXIT,
+    EXITS,
+    FLOOR,
+    GOAL,
+    IN_VIEW,
+    OTHER,
+    SELF,
+    TEAM,
+    UNSEEN,
+    WALL,
+)
 from pursuit.rules.visibility import PLANES as PLANES
 from pursuit.tasks.task import Task, checked_task
 
 NO_CELL = -1
-DRAWING_ORDER = (GOAL, TEAM, OTHER, SELF)
+DRAWING_ORDER = (EXIT, GOAL, TEAM, OTHER, SELF)
 """If several entities are in one cell of a grid, the last of these is drawn over the others."""
 
 
@@ -40,8 +52,8 @@ class Encoder:
       last row has a 1 at the agent's own cell if it collected a goal in the last step.
     - "positions": int32 [entities + 1]: 1 + cell of each entity, 0 if absent. The last number is 1
       if the agent collected a goal in the last step, else 0.
-    - "cells": uint8 [height, width]: the codes FLOOR, SELF, TEAM, OTHER, GOAL, WALL (blocked); of
-      graphs [cells].
+    - "cells": uint8 [height, width]: the codes FLOOR, SELF, TEAM, OTHER, GOAL, WALL (blocked),
+      EXIT; of graphs [cells].
     - "walls": uint8 [2*height + 1, 2*width + 1]: the same codes, with the walls between the cells.
     - "planes": float32 [10, height, width] of 0 and 1, named in PLANES.
     - "window": float32 [10, 2R+1, 2R+1]: the planes around the agent, whatever the size of the
@@ -52,7 +64,8 @@ class Encoder:
 
     With several mazes, cells, height and width are those of the largest.
 
-    If the task limits views, agents and goals out of view are absent. "planes" and "window" then
+    With exits, "planes" and "window" have a last plane "exits". If the task limits views, agents,
+    goals and exits out of view are absent. "planes" and "window" then
     have one more plane, "in view", with 1 for visible cells. With `Task.unknown_maze`, cells out of
     view, and walls that are not next to a visible cell, have the code UNSEEN. Planes are 0 there.
 
@@ -73,7 +86,8 @@ class Encoder:
     def __init__(self, task: Task, encoding: str | Observation) -> None:
         self.encoding: Any = encoding
         self._sight = checked_task(task).sight
-        self.num_entities, self.num_cells = task.num_agents + task.num_goals, task.max_cells
+        self.num_entities = task.num_agents + task.num_goals + task.most_exits
+        self.num_cells = task.max_cells
         roles = task.seat_roles
         order = [
             sorted(
@@ -108,9 +122,10 @@ class Encoder:
             )
         if self.encoding in ("cells", "walls"):
             self._places, self._background = _drawn_mazes(task, self.encoding == "walls")
-            self._draws = _draws(self._codes, task.num_goals)
+            self._draws = _draws(self._codes, task.num_goals, task.most_exits)
             self._num_cells = np.array([maze.num_cells for maze in task.mazes])
             most = UNSEEN if self._sight.hidden_maze.any() else WALL
+            most = EXIT if task.most_exits else most
             return box(FLOOR, most, self._background.shape[1:], np.uint8)
         self._grids = grids_of(task)
         sides = self._grids.cells.shape[1:]
@@ -174,14 +189,16 @@ class Encoder:
             at = games.position[:, seats]
             views = (games.maze, sight.table, view, hidden, self._codes[seats] - SELF)
             centred = self.encoding != "planes"
-            encodings.draw_planes(seen, at, *views, *self._grids, centred, out)
+            exits = games.exit.shape[1]
+            encodings.draw_planes(seen, at, *views, *self._grids, centred, exits, out)
 
 
-def _draws(codes: NDArray[np.int64], num_goals: int) -> NDArray[np.int64]:
+def _draws(codes: NDArray[np.int64], num_goals: int, num_exits: int) -> NDArray[np.int64]:
     """[seats, entities, 2]: (entity, code) in drawing order; `codes` are those of the agents."""
-    goals = np.full((len(codes), num_goals), GOAL)
-    of_all = np.concatenate([codes, goals], axis=1)
-    turns = np.argsort(np.argsort(DRAWING_ORDER)[of_all - SELF], axis=1, kind="stable")
+    places = np.repeat([GOAL, EXIT], [num_goals, num_exits])
+    of_all = np.concatenate([codes, np.tile(places, (len(codes), 1))], axis=1)
+    drawn = np.array([[DRAWING_ORDER.index(code) for code in row] for row in of_all.tolist()])
+    turns = np.argsort(drawn, axis=1, kind="stable")
     return np.stack([turns, np.take_along_axis(of_all, turns, axis=1)], axis=2)
 
 
@@ -212,8 +229,10 @@ def _drawn_mazes(task: Task, with_walls: bool) -> tuple[NDArray[np.int64], NDArr
 
 
 def planes_of(task: Task) -> tuple[str, ...]:
-    """The names of the planes of "planes" and "window": one more if views are limited."""
-    return (*PLANES, IN_VIEW) if task.sight.limited else PLANES
+    """The names of the planes of "planes" and "window": one more if views are limited, and one more
+    if there are exits."""
+    in_view = (IN_VIEW,) if task.sight.limited else ()
+    return (*PLANES, *in_view, *((EXITS,) if task.most_exits else ()))
 
 
 def radius_of(task: Task, encoding: str) -> int:

@@ -8,6 +8,7 @@ lookups       moves towards or away from the nearest of several cells, by tables
 starts        start placements of episodes
 captures      when a chaser captures an evader
 step          the rules of one step of one game
+option_step   the same with options: capture rules, exits, collisions, slips, turns
 visibility    which cells an agent sees
 batches       the compiled functions over batches of games
 """
@@ -22,6 +23,7 @@ from pursuit.rules.layout import CAPTURED as CAPTURED
 from pursuit.rules.layout import CHASER as CHASER
 from pursuit.rules.layout import COLLECTED as COLLECTED
 from pursuit.rules.layout import EAST as EAST
+from pursuit.rules.layout import ESCAPED as ESCAPED
 from pursuit.rules.layout import EVADER as EVADER
 from pursuit.rules.layout import NORTH as NORTH
 from pursuit.rules.layout import RUNNER as RUNNER

@@ -1,9 +1,10 @@
 """The compiled functions that the `Simulator` calls to start and to step batches of games.
 
 They take flat arrays (see `layout.Memory`, `layout.world_of`, `layout.rules_of`); functions called
-by them take NamedTuples. The general step is compiled for any teams and, with constant team sizes,
-for small teams of chasers and evaders and for a single runner. Each is a separate function,
-compiled on first use, as a joint function would need more registers.
+by them take NamedTuples. The step without options of the rules is compiled for any teams and, with
+constant team sizes, for small teams of chasers and evaders and for a single runner; the step with
+options for any teams. Each is a separate function, compiled on first use, as a joint function would
+need more registers.
 """
 
 from __future__ import annotations
@@ -21,13 +22,17 @@ from pursuit.rules.layout import (
     BAD_ACTION,
     CLOCK_LAYERS,
     EPSILON,
+    NEXT_SLIP,
     OK,
+    PLAIN,
     REAL_LAYERS,
+    SLIP,
     TERMINATED,
     TRUNCATED,
     UNCHANGED,
     Games,
     Memory,
+    Options,
     Outcome,
     Rules,
     Teams,
@@ -36,6 +41,7 @@ from pursuit.rules.layout import (
     games_of,
     goals_of,
     next_episode_of,
+    options_of,
     outcome_of,
     rules_of,
     search_of,
@@ -43,6 +49,7 @@ from pursuit.rules.layout import (
     teams_of,
     world_of,
 )
+from pursuit.rules.option_step import step_with_options
 from pursuit.rules.starts import start
 from pursuit.rules.step import step
 
@@ -62,6 +69,8 @@ def keep_final(games: Games, game: int, teams: Teams, outcome: Outcome) -> None:
         outcome.episode_returns[game, agent] = outcome.returns[game, agent]
     for goal in goals_of(teams):
         final.goal[game, goal] = games.goal[game, goal]
+    for number in range(games.exit.shape[1]):
+        final.exit[game, number] = games.exit[game, number]
 
 
 @inlined
@@ -73,6 +82,9 @@ def start_game(memory: Memory, game: int, rules: Rules, world: World, scratch: I
         if pending.epsilon[game, agent] != UNCHANGED:
             memory.reals[game, EPSILON, agent] = pending.epsilon[game, agent]
             pending.epsilon[game, agent] = UNCHANGED
+        if rules.options.slips and memory.reals[game, NEXT_SLIP, agent] != UNCHANGED:
+            memory.reals[game, SLIP, agent] = memory.reals[game, NEXT_SLIP, agent]
+            memory.reals[game, NEXT_SLIP, agent] = UNCHANGED
     start(games_of(memory), game, memory.streams, pending, rules, world, search_of(scratch))
 
 
@@ -91,7 +103,8 @@ def finish_episodes(
 
 @inlined
 def fits(memory: Memory, actions: Ints, teams: Teams) -> bool:
-    """Whether the arrays have the shapes of these teams, which also lets the compiler assume them.
+    """Whether the arrays have the shapes of these teams without options, which also lets the
+    compiler assume them.
 
     The compiler uses the branches and the constant item sizes; the item size of an array itself is
     not a constant.
@@ -129,23 +142,38 @@ def all_allowed(actions: Ints, num_actions: int) -> bool:
 
 @inlined
 def step_each(
-    memory: Memory, actions: Ints, rules: Rules, world: World, scratch: Ints, skip_ended: bool
+    memory: Memory,
+    actions: Ints,
+    rules: Rules,
+    world: World,
+    scratch: Ints,
+    skip_ended: bool,
+    plain: bool,
 ) -> None:
-    """Step every game, or every game that has not ended if `skip_ended`."""
+    """Step every game, or every game that has not ended if `skip_ended`.
+
+    `plain`, a constant, promises that the rules have no options.
+    """
     games, outcome, plan = games_of(memory), outcome_of(memory), step_scratch_of(scratch)
     for game in range(actions.shape[0]):
         if skip_ended and (outcome.terminated[game] or outcome.truncated[game]):
             for agent in agents_of(rules.teams):
                 outcome.rewards[game, agent] = 0.0
             continue
-        end = step(games, game, actions, rules, world, plan, outcome)
+        if plain:
+            end = step(games, game, actions, rules, world, plan, outcome)
+        else:
+            end = step_with_options(games, game, actions, rules, world, plan, outcome, memory)
         outcome.terminated[game] = end == TERMINATED
         outcome.truncated[game] = end == TRUNCATED
 
 
 @cache
-def entry_for(chasers: int, evaders: int, runners: int, goals: int) -> Any:
-    """The compiled step for these teams; a size of -1 is read from `numbers`."""
+def entry_for(chasers: int, evaders: int, runners: int, goals: int, plain: bool) -> Any:
+    """The compiled step for these teams; a size of -1 is read from `numbers`.
+
+    So are the options of the rules, unless there are none (`plain`).
+    """
 
     @compiled
     def step_games(
@@ -181,29 +209,32 @@ def entry_for(chasers: int, evaders: int, runners: int, goals: int) -> Any:
             runners if runners >= 0 else found.runners,
             goals if goals >= 0 else found.goals,
         )
-        rules = rules_of(teams, numbers, coefficients)
+        rules = rules_of(teams, numbers, coefficients, PLAIN if plain else options_of(numbers))
         if not all_allowed(actions, rules.num_actions):
             return BAD_ACTION
-        if not fits(memory, actions, teams):
+        if plain and not fits(memory, actions, teams):
             return BAD_ACTION
-        step_each(memory, actions, rules, world, scratch, not auto_restart)
-        every = rules_of(found, numbers, coefficients)
+        step_each(memory, actions, rules, world, scratch, not auto_restart, plain)
+        every = rules_of(found, numbers, coefficients, options_of(numbers))
         finish_episodes(memory, every, world, scratch, auto_restart)
         return OK
 
     return step_games
 
 
-step_any = entry_for(-1, -1, -1, -1)
-step_lone_runners = entry_for(0, 0, 1, -1)
+step_any = entry_for(-1, -1, -1, -1, True)
+step_lone_runners = entry_for(0, 0, 1, -1, True)
+step_any_with_options = entry_for(-1, -1, -1, -1, False)
 
 
-def step_games_of(teams: Teams) -> Any:
-    """The fastest step function for these teams, compiled on its first call."""
+def step_games_of(teams: Teams, options: Options) -> Any:
+    """The fastest step function for these teams and options, compiled on its first call."""
+    if options != PLAIN:
+        return step_any_with_options
     if teams[:3] == (0, 0, 1):
         return step_lone_runners
     small = 0 < teams.chasers <= MOST_KNOWN and 0 < teams.evaders <= MOST_KNOWN
-    return entry_for(*teams) if small and teams[2:] == (0, 0) else step_any
+    return entry_for(*teams, True) if small and teams[2:] == (0, 0) else step_any
 
 
 @compiled
@@ -227,7 +258,7 @@ def start_games(
 ) -> None:
     """Start a new episode in every game of the mask `chosen`."""
     memory = Memory(agents, goals, clocks, pending, reals, flags, rewards, streams)
-    rules = rules_of(teams_of(numbers), numbers, coefficients)
+    rules = rules_of(teams_of(numbers), numbers, coefficients, options_of(numbers))
     world = world_of(mazes, neighbors, facts, tables)
     outcome = outcome_of(memory)
     for game in range(chosen.shape[0]):

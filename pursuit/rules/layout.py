@@ -7,7 +7,8 @@ Agent indices (seats) are ordered by role. Shapes for N games of A agents and G 
     goal       0 .. G-1                                               5   6   7     have no number
 
     games.position [N, A]   games.active [N, A]   games.event [N, A]   games.goal [N, G]
-    games.steps [N]         games.maze [N]        streams [N, 1 + A + 1]: starts, seats, teams
+    games.steps [N]         games.maze [N]        games.exit [N, X]
+    streams [N, 1 + A + 1]: starts, seats, teams; one more of slips in tasks with slips
 
 Each array argument of a compiled function costs time at every call, so arrays of the same shape are
 stacked in one (`Memory`). The functions at the end return named views of the layers; the rules then
@@ -17,6 +18,7 @@ views of the same memory.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -31,8 +33,11 @@ UNREACHABLE = 2**31 - 1
 """The distance between two cells without a connecting path."""
 
 CHASER, EVADER, RUNNER = range(3)
-COLLECTED, CAPTURED, WAS_CAPTURED = 1, 2, 4
+COLLECTED, CAPTURED, WAS_CAPTURED, ESCAPED = 1, 2, 4, 8
 """Events of an agent in a step; `games.event` holds a sum of them."""
+
+CELL, ADJACENT, SURROUND = range(3)
+"""The capture rules, `Task.capture`."""
 
 GOING_ON, TERMINATED, TRUNCATED = range(3)
 OK, BAD_ACTION = range(2)
@@ -44,9 +49,10 @@ POSITION, ACTIVE, EVENT, FINAL_POSITION, FINAL_ACTIVE, FINAL_EVENT, AGENT_LAYERS
 GOAL, FINAL_GOAL, GOAL_LAYERS = range(3)
 STEPS, MAZE, FINAL_STEPS, FINAL_MAZE, CLOCK_LAYERS = range(5)
 EPSILON, NEXT_EPSILON, RETURNS, COLLECTED_GOALS, EPISODE_RETURNS, REAL_LAYERS = range(6)
+SLIP, NEXT_SLIP = REAL_LAYERS, REAL_LAYERS + 1  # only in tasks with slips
 ENDED_BY_RULE, ENDED_BY_TIME, FLAG_LAYERS = range(3)
 SCRATCH_DISTANCE, SCRATCH_QUEUE, SCRATCH_AFTER = range(3)
-SCRATCH_CAPTORS, SCRATCH_TAKERS, SCRATCH_CAPTURED, SCRATCH_LAYERS = range(3, 7)
+SCRATCH_CAPTORS, SCRATCH_TAKERS, SCRATCH_CAPTURED, SCRATCH_TARGET, SCRATCH_LAYERS = range(3, 8)
 FIRST_CELL, NUM_CELLS, TABLE, START_MARK, DIRECTED, NUM_GOAL_MARKS, GOAL_MARKS = range(7)
 ROW, COLUMN, MARK_DISTANCE, MOVES, FACT_LAYERS = range(5)
 
@@ -69,10 +75,38 @@ class RewardCoefficients(NamedTuple):
     distance: float
     on_completion: float
     per_evader: float
+    escape: float
+    touch: float
+
+
+class Options(NamedTuple):
+    """The options of the rules; see `pursuit.tasks.task.Task` for their meaning.
+
+    capture: CELL, ADJACENT or SURROUND. n_catch: the captors that a capture needs. recheck: whether
+    captures are resolved again after the evaders' moves. block: whether solid agents cannot share a
+    cell. turns: whether a step is the move of one side. slips: whether moves can slip. exits: the
+    number of exits.
+    """
+
+    capture: int
+    n_catch: int
+    recheck: bool
+    block: bool
+    turns: bool
+    slips: bool
+    exits: int
+
+
+PLAIN = Options(CELL, 1, True, False, False, False, 0)
+"""The rules without options."""
 
 
 class Rules(NamedTuple):
-    """The settings of a task that the rules use."""
+    """The settings of a task that the rules use.
+
+    fixed_exits: [mazes * exits] int64, the exits of every maze, -1 if it has fewer; empty if exits
+        are drawn at the start of an episode.
+    """
 
     teams: Teams
     max_steps: int
@@ -82,6 +116,8 @@ class Rules(NamedTuple):
     chaser: RewardCoefficients
     evader: RewardCoefficients
     runner: RewardCoefficients
+    options: Options
+    fixed_exits: Longs
 
 
 class World(NamedTuple):
@@ -116,11 +152,13 @@ class Games(NamedTuple):
     """A batch of games, int32.
 
     position: [games, agents], cells; a captured evader stays in the cell of its capture.
-    active: [games, agents], 1, or 0 after capture.
-    event: [games, agents], the last step's events: a sum of COLLECTED, CAPTURED, WAS_CAPTURED.
+    active: [games, agents], 1, or 0 after capture or escape.
+    event: [games, agents], the last step's events: a sum of COLLECTED, CAPTURED, WAS_CAPTURED,
+        ESCAPED.
     goal: [games, goals], cells; -1 when collected or absent.
     steps: [games], steps of this episode.
     maze: [games], index of the maze.
+    exit: [games, exits], cells; -1 when absent.
     """
 
     position: Ints
@@ -129,6 +167,7 @@ class Games(NamedTuple):
     goal: Ints
     steps: Ints
     maze: Ints
+    exit: Ints
 
 
 class NextEpisode(NamedTuple):
@@ -178,14 +217,17 @@ class StepScratch(NamedTuple):
     """Scratch memory of the step of one game, for decisions before the state is written; int32.
 
     after: [agents], the cells after the step.
-    captors: [agents], the number of captors of an evader; captured: the captured evaders, in order.
+    captors: [agents], the number of captors of an evader, -1 if it escapes; captured: the captured
+        evaders, in order.
     takers: [goals], the number of agents that collect a goal.
+    target: [agents], the cells that agents move to unless another agent is in the way.
     """
 
     after: Ints
     captors: Ints
     takers: Ints
     captured: Ints
+    target: Ints
 
 
 class Memory(NamedTuple):
@@ -195,12 +237,12 @@ class Memory(NamedTuple):
 
     agents: [games, AGENT_LAYERS, agents] int32.
     goals: [games, GOAL_LAYERS, goals] int32.
-    clocks: [games, CLOCK_LAYERS] int32.
+    clocks: [games, CLOCK_LAYERS + 2 * exits] int32: the clocks, the exits, the final exits.
     pending: [fields of NextEpisode except epsilon, games] int32.
-    reals: [games, REAL_LAYERS, agents] float64.
+    reals: [games, REAL_LAYERS, agents] float64; with slips two more layers.
     flags: [FLAG_LAYERS, games] bool.
     rewards: [games, agents] float32.
-    streams: [games, 1 + agents + 1] uint64, of random numbers.
+    streams: [games, 1 + agents + 1] uint64, of random numbers; with slips one more.
     """
 
     agents: Ints
@@ -213,32 +255,46 @@ class Memory(NamedTuple):
     streams: Words
 
 
-def allocate(num_games: int, num_agents: int, num_goals: int) -> Memory:
+def allocate(
+    num_games: int, num_agents: int, num_goals: int, num_exits: int = 0, slips: bool = False
+) -> Memory:
     """Memory of a batch of games before their first episode."""
-    reals = np.zeros((num_games, REAL_LAYERS, num_agents))
+    reals = np.zeros((num_games, REAL_LAYERS + 2 * slips, num_agents))
     reals[:, EPSILON], reals[:, NEXT_EPSILON] = np.nan, UNCHANGED
+    reals[:, NEXT_SLIP:] = UNCHANGED
     return Memory(
         agents=np.zeros((num_games, AGENT_LAYERS, num_agents), dtype=np.int32),
         goals=np.zeros((num_games, GOAL_LAYERS, num_goals), dtype=np.int32),
-        clocks=np.zeros((num_games, CLOCK_LAYERS), dtype=np.int32),
+        clocks=np.zeros((num_games, CLOCK_LAYERS + 2 * num_exits), dtype=np.int32),
         pending=np.full((len(NextEpisode._fields) - 1, num_games), -1, dtype=np.int32),
         reals=reals,
         flags=np.zeros((FLAG_LAYERS, num_games), dtype=bool),
         rewards=np.zeros((num_games, num_agents), dtype=np.float32),
-        streams=np.zeros((num_games, 1 + num_agents + 1), dtype=np.uint64),
+        streams=np.zeros((num_games, 1 + num_agents + 1 + slips), dtype=np.uint64),
     )
 
 
-def empty_games(num_games: int, num_agents: int, num_goals: int) -> Games:
+def empty_games(num_games: int, num_agents: int, num_goals: int, num_exits: int = 0) -> Games:
     """Games without active agents, with all arrays 0."""
-    return named_views(games_of, allocate(num_games, num_agents, num_goals))
+    return named_views(games_of, allocate(num_games, num_agents, num_goals, num_exits))
+
+
+OPTIONS_AT = 8
+FIXED_EXITS_AT = OPTIONS_AT + len(Options._fields)
 
 
 def numbers_of(
-    teams: Teams, max_steps: int, num_actions: int, chasers_first: bool, start_at_marks: bool
+    teams: Teams,
+    max_steps: int,
+    num_actions: int,
+    chasers_first: bool,
+    start_at_marks: bool,
+    options: Options = PLAIN,
+    fixed_exits: Sequence[int] = (),
 ) -> Longs:
-    """[8] int64: the teams and the integer rules, an argument of kernels; see `rules_of`."""
-    return np.array([*teams, max_steps, num_actions, chasers_first, start_at_marks], dtype=np.int64)
+    """[...] int64: the teams and the integer rules, an argument of kernels; see `rules_of`."""
+    rules = (max_steps, num_actions, chasers_first, start_at_marks)
+    return np.array([*teams, *rules, *options, *fixed_exits], dtype=np.int64)
 
 
 def scratch_for(num_cells: int, num_agents: int, num_goals: int) -> Ints:
@@ -261,6 +317,7 @@ def games_of(memory: Memory) -> Games:
     return Games(
         agents[:, POSITION], agents[:, ACTIVE], agents[:, EVENT], memory.goals[:, GOAL],
         clocks[:, STEPS], clocks[:, MAZE],
+        clocks[:, CLOCK_LAYERS : (CLOCK_LAYERS + clocks.shape[1]) // 2],
     )  # fmt: skip
 
 
@@ -271,6 +328,7 @@ def outcome_of(memory: Memory) -> Outcome:
     final = Games(
         agents[:, FINAL_POSITION], agents[:, FINAL_ACTIVE], agents[:, FINAL_EVENT],
         memory.goals[:, FINAL_GOAL], clocks[:, FINAL_STEPS], clocks[:, FINAL_MAZE],
+        clocks[:, (CLOCK_LAYERS + clocks.shape[1]) // 2 :],
     )  # fmt: skip
     return Outcome(
         memory.rewards, reals[:, RETURNS], reals[:, COLLECTED_GOALS], flags[ENDED_BY_RULE],
@@ -312,16 +370,26 @@ def teams_of(numbers: Longs) -> Teams:
 @inlined
 def rewards_of(row: Reals) -> RewardCoefficients:
     """The coefficients of one role, in the order of the fields of `RewardCoefficients`."""
-    return RewardCoefficients(row[0], row[1], row[2], row[3], row[4], row[5])
+    return RewardCoefficients(row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7])
 
 
 @inlined
-def rules_of(teams: Teams, numbers: Longs, coefficients: Reals) -> Rules:
-    """The rules for these teams: `numbers` is the result of `numbers_of`."""
+def options_of(numbers: Longs) -> Options:
+    """The options of the rules in `numbers`, the result of `numbers_of`."""
+    return Options(
+        numbers[OPTIONS_AT], numbers[OPTIONS_AT + 1], numbers[OPTIONS_AT + 2] != 0,
+        numbers[OPTIONS_AT + 3] != 0, numbers[OPTIONS_AT + 4] != 0, numbers[OPTIONS_AT + 5] != 0,
+        numbers[OPTIONS_AT + 6],
+    )  # fmt: skip
+
+
+@inlined
+def rules_of(teams: Teams, numbers: Longs, coefficients: Reals, options: Options) -> Rules:
+    """The rules for these teams and options: `numbers` is the result of `numbers_of`."""
     return Rules(
         teams, numbers[4], numbers[5], numbers[6] != 0, numbers[7] != 0,
         rewards_of(coefficients[CHASER]), rewards_of(coefficients[EVADER]),
-        rewards_of(coefficients[RUNNER]),
+        rewards_of(coefficients[RUNNER]), options, numbers[FIXED_EXITS_AT:],
     )  # fmt: skip
 
 
@@ -335,7 +403,8 @@ def search_of(scratch: Ints) -> Search:
 def step_scratch_of(scratch: Ints) -> StepScratch:
     """The scratch memory of a step."""
     after, captors = scratch[SCRATCH_AFTER], scratch[SCRATCH_CAPTORS]
-    return StepScratch(after, captors, scratch[SCRATCH_TAKERS], scratch[SCRATCH_CAPTURED])
+    takers, captured = scratch[SCRATCH_TAKERS], scratch[SCRATCH_CAPTURED]
+    return StepScratch(after, captors, takers, captured, scratch[SCRATCH_TARGET])
 
 
 # -- agent indices ---------------------------------------------------------------------------------
@@ -395,6 +464,12 @@ def stream_of(seat: int) -> int:
 
 
 @inlined
-def team_stream(streams: Words) -> int:
+def team_stream(num_agents: int) -> int:
     """The index of the stream of a team; it advances only at the start of an episode."""
-    return streams.shape[0] - 1
+    return STARTS_STREAM + 1 + num_agents
+
+
+@inlined
+def slip_stream(num_agents: int) -> int:
+    """The index of the stream of slips, in tasks that have them."""
+    return team_stream(num_agents) + 1

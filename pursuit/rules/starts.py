@@ -1,8 +1,8 @@
 """Start placements of agents and goals.
 
-Placements of all agents are drawn until one satisfies the limits, so that starts are uniform over
-all valid placements. Then the goals are placed one by one. `pursuit.tasks.placements` rejects
-limits that are satisfied too rarely.
+Placements of all exits and agents are drawn until one satisfies the limits, so that starts are
+uniform over all valid placements. Then the goals are placed one by one. `pursuit.tasks.placements`
+rejects limits that are satisfied too rarely.
 """
 
 from __future__ import annotations
@@ -62,14 +62,15 @@ def start(
 ) -> None:
     """Start an episode: choose the maze, place agents and goals."""
     own = Start(games, game, streams[game], pending, rules, world, search)
-    next_word(own.streams, team_stream(own.streams))
+    teams = rules.teams
+    next_word(own.streams, team_stream(teams.chasers + teams.evaders + teams.runners))
     games.maze[game] = choose_maze(pending.maze[game], own.streams, world)
     games.steps[game] = 0
     for agent in agents_of(rules.teams):
         games.active[game, agent] = 1
         games.event[game, agent] = 0
     place_agents(own)
-    while not starts_apart(own):
+    while not starts_apart(own) or starts_on_exit(own):
         place_agents(own)
     if rules.teams.goals > 0:
         place_goals(own)
@@ -94,34 +95,43 @@ def goals_wanted(start: Start) -> int:
 
 
 @inlined
-def is_taken(start: Start, cell: int, num_goals: int) -> bool:
-    """Whether an agent, or one of the first `num_goals` goals, is on `cell`."""
+def is_taken(start: Start, cell: int, num_goals: int, num_exits: int) -> bool:
+    """Whether an agent, or one of the first goals or exits, is on `cell`."""
     for agent in agents_of(start.rules.teams):
         if start.games.position[start.game, agent] == cell:
             return True
     for goal in range(num_goals):
         if start.games.goal[start.game, goal] == cell:
             return True
+    return is_exit(start.games, start.game, cell, num_exits)
+
+
+@inlined
+def is_exit(games: Games, game: int, cell: int, num_exits: int) -> bool:
+    """Whether one of the first exits is on `cell`."""
+    for number in range(num_exits):
+        if games.exit[game, number] == cell:
+            return True
     return False
 
 
 @inlined
-def draw_free_cell(start: Start, num_goals: int, taken: np.uint64) -> int:
-    """A uniformly random cell without an agent and without one of the first goals.
+def draw_free_cell(start: Start, num_goals: int, num_exits: int, taken: np.uint64) -> int:
+    """A uniformly random cell without an agent and without one of the first goals and exits.
 
     `taken` has the bits of occupied cells. Exact checks are needed only if a bit is set and there
     are more cells than bits.
     """
     size = start.world.num_cells[start.games.maze[start.game]]
     cell = next_below(start.streams, STARTS_STREAM, size)
-    while taken & bit_of(cell) != 0 and (size <= 64 or is_taken(start, cell, num_goals)):
+    while taken & bit_of(cell) != 0 and (size <= 64 or is_taken(start, cell, num_goals, num_exits)):
         cell = next_below(start.streams, STARTS_STREAM, size)
     return cell
 
 
 @inlined
-def cells_taken(start: Start, num_goals: int) -> np.uint64:
-    """The bits of the cells of placed agents and of the first goals."""
+def cells_taken(start: Start, num_goals: int, num_exits: int) -> np.uint64:
+    """The bits of the cells of placed agents and of the first goals and exits."""
     taken = np.uint64(0)
     for agent in agents_of(start.rules.teams):
         cell = start.games.position[start.game, agent]
@@ -129,7 +139,35 @@ def cells_taken(start: Start, num_goals: int) -> np.uint64:
     for goal in range(num_goals):
         cell = start.games.goal[start.game, goal]
         taken |= bit_of(cell) if cell >= 0 else np.uint64(0)
+    for number in range(num_exits):
+        cell = start.games.exit[start.game, number]
+        taken |= bit_of(cell) if cell >= 0 else np.uint64(0)
     return taken
+
+
+@inlined
+def place_exits(start: Start) -> None:
+    """Place the exits of the maze, or draw different cells."""
+    count, fixed = start.rules.options.exits, start.rules.fixed_exits
+    size = start.world.num_cells[start.games.maze[start.game]]
+    for number in range(count):
+        if fixed.shape[0] > 0:
+            cell = fixed[start.games.maze[start.game] * count + number]
+        else:
+            cell = next_below(start.streams, STARTS_STREAM, size)
+            while is_exit(start.games, start.game, cell, number):
+                cell = next_below(start.streams, STARTS_STREAM, size)
+        start.games.exit[start.game, number] = cell
+
+
+@inlined
+def starts_on_exit(start: Start) -> bool:
+    """Whether an evader is on an exit."""
+    for evader in evaders_of(start.rules.teams):
+        cell = start.games.position[start.game, evader]
+        if is_exit(start.games, start.game, cell, start.rules.options.exits):
+            return True
+    return False
 
 
 @inlined
@@ -146,7 +184,9 @@ def place_goals_on_marks(start: Start) -> int:
 
 @inlined
 def place_agents(start: Start) -> None:
-    """Place every agent on its mark, or on a uniformly random free cell without a marked goal."""
+    """Place the exits, and every agent on its mark, or on a uniformly random free cell without a
+    marked goal."""
+    place_exits(start)
     teams, world, position = start.rules.teams, start.world, start.games.position
     game, maze = start.game, start.games.maze[start.game]
     for agent in agents_of(teams):
@@ -161,10 +201,10 @@ def place_agents(start: Start) -> None:
                 if mark < world.num_goal_marks[maze]:
                     position[game, evader] = world.goal_marks[mark, maze]
                     mark += 1
-    taken = cells_taken(start, marked_goals)
+    taken = cells_taken(start, marked_goals, 0)
     for agent in agents_of(teams):
         if position[game, agent] < 0:
-            cell = draw_free_cell(start, marked_goals, taken)
+            cell = draw_free_cell(start, marked_goals, 0, taken)
             position[game, agent] = cell
             taken |= bit_of(cell)
 
@@ -201,14 +241,14 @@ def place_goals(start: Start) -> None:
     from the nearest goal mark of the maze. If there are too few free cells, it is increased by one
     until a goal fits.
     """
-    goals, game = start.games.goal, start.game
+    goals, game, exits = start.games.goal, start.game, start.rules.options.exits
     for goal in goals_of(start.rules.teams):
         goals[game, goal] = -1
     placed = place_goals_on_marks(start)
     radius = np.int64(start.pending.goal_radius[game])
     while placed < goals_wanted(start):
         if radius < 0:
-            cell = draw_free_cell(start, placed, cells_taken(start, placed))
+            cell = draw_free_cell(start, placed, exits, cells_taken(start, placed, exits))
         else:
             count = list_free_cells(start, placed, radius)
             while count == 0:
@@ -240,7 +280,7 @@ def list_free_cells(start: Start, num_goals: int, radius: int) -> int:
             cell, away = i, table_distance(world, maze, center, i)
         else:
             cell, away = np.int64(search.queue[i]), radius
-        if away <= radius and not is_taken(start, cell, num_goals):
+        if away <= radius and not is_taken(start, cell, num_goals, start.rules.options.exits):
             search.queue[count] = cell
             count += 1
     return count

@@ -8,8 +8,10 @@ kernels with constant team sizes.
 
                   before            decided                       written
     position      games.position    plan.after                    games.position
-    captures                        plan.captors, meet            games.active, games.event
+    captures                        plan.captors, plan.captured   games.active, games.event
     goals         games.goal        plan.takers                   games.goal, games.event
+
+`step` has no options; `option_step` decides on moves and captures with them. `settle` ends both.
 """
 
 from __future__ import annotations
@@ -20,12 +22,14 @@ import numpy as np
 
 from pursuit.compilation.compiled import inlined
 from pursuit.rules.arrays import Ints
-from pursuit.rules.captures import captures
 from pursuit.rules.distances import manhattan, place_of
 from pursuit.rules.layout import (
+    ADJACENT,
     CAPTURED,
     COLLECTED,
+    ESCAPED,
     GOING_ON,
+    SURROUND,
     TERMINATED,
     TRUNCATED,
     WAS_CAPTURED,
@@ -80,7 +84,7 @@ def step(
 ) -> int:
     """Step one game; return GOING_ON, TERMINATED or TRUNCATED."""
     turn = Turn(games, game, rules, world, world.first_cell[games.maze[game]], plan, outcome)
-    teams, steps, stay = rules.teams, games.steps[game] + 1, stay_of(world)
+    teams, stay = rules.teams, stay_of(world)
     for chaser in chasers_of(teams):
         plan.after[chaser] = destination(turn, chaser, actions[game, chaser])
     for evader in evaders_of(teams):
@@ -89,18 +93,32 @@ def step(
         plan.after[evader] = destination(turn, evader, action)
     for runner in runners_of(teams):
         plan.after[runner] = destination(turn, runner, actions[game, runner])
-    num_captured = decide_captures(turn)
+    return settle(turn, decide_captures(turn), 0)
+
+
+@inlined
+def settle(turn: Turn, num_captured: int, num_escaped: int) -> int:
+    """Collect goals, write rewards and the new state, given the decisions on moves, captures and
+    escapes; return as `step`."""
+    games, game, rules, plan, outcome = turn.games, turn.game, turn.rules, turn.plan, turn.outcome
+    teams, steps = rules.teams, games.steps[game] + 1
     collected, goals_left = decide_goals(turn)
     all_collected = collected > 0 and goals_left == 0
-    end = ended(turn, num_captured, all_collected, steps)
+    end = ended(turn, num_captured + num_escaped, all_collected, steps)
 
-    add_step_rewards(turn)
+    # A round of turns has two steps; its second one pays the step rewards.
+    pays = not rules.options.turns or (steps & 1) == 0
+    add_step_rewards(turn, pays)
     if num_captured > 0:
         add_capture_rewards(turn, num_captured, end)
+    if num_escaped > 0:
+        add_escape_rewards(turn, end)
     if collected > 0:
         add_goal_rewards(turn, end)
     if rules.chaser.per_evader != 0.0:
-        add_per_evader_rewards(turn)
+        add_per_evader_rewards(turn, pays)
+    if rules.chaser.touch != 0.0:
+        add_touch_rewards(turn)
     if collected > 0:
         count_goals(turn)
     for agent in agents_of(teams):
@@ -108,6 +126,10 @@ def step(
         outcome.returns[game, agent] += outcome.rewards[game, agent]
     for i in range(num_captured):
         games.active[game, plan.captured[i]] = 0
+    if num_escaped > 0:
+        for evader in evaders_of(teams):
+            if plan.captors[evader] < 0:
+                games.active[game, evader] = 0
     if collected > 0:
         for goal in goals_of(teams):
             if plan.takers[goal] > 0:
@@ -127,11 +149,29 @@ def destination(turn: Turn, agent: int, action: int) -> int:
 
 
 @inlined
-def captures_evader(turn: Turn, chaser: int, evader: int) -> bool:
-    """Whether a chaser captures an evader."""
-    cells, after = turn.games.position[turn.game], turn.plan.after
-    first = turn.rules.chasers_first
-    return captures(first, cells[chaser], after[chaser], cells[evader], after[evader])
+def meets_evader(turn: Turn, chaser: int, evader: int) -> bool:
+    """Whether a chaser meets the condition of the capture rule by the cells after the moves.
+
+    With "surround" that is to stand where a move of the evader leads to; whether this is so of all
+    such cells is decided in `option_step`.
+    """
+    capture, after = turn.rules.options.capture, turn.plan.after
+    if capture == SURROUND:
+        return leads_to(turn, after[evader], after[chaser])
+    if capture == ADJACENT and leads_to(turn, after[chaser], after[evader]):
+        return True
+    cells = turn.games.position[turn.game]
+    swapped = (after[chaser] == cells[evader]) & (after[evader] == cells[chaser])
+    return (after[chaser] == after[evader]) | (swapped & (not turn.rules.chasers_first))
+
+
+@inlined
+def leads_to(turn: Turn, cell: int, other: int) -> bool:
+    """Whether a move leads from a cell to another one."""
+    place, found = place_of(turn.first_cell, cell), False
+    for action in range(stay_of(turn.world)):
+        found |= turn.world.neighbors[place, action] == other
+    return found & (cell != other)
 
 
 @inlined
@@ -158,7 +198,7 @@ def decide_captures(turn: Turn) -> int:
             if turn.rules.chasers_first and plan.after[chaser] == position[game, evader]:
                 plan.after[evader] = position[game, evader]
         for chaser in chasers_of(teams):
-            captors += captures_evader(turn, chaser, evader)
+            captors += meets_evader(turn, chaser, evader)
         plan.captors[evader] = captors
         plan.captured[num_captured] = evader
         num_captured += captors > 0
@@ -183,21 +223,25 @@ def decide_goals(turn: Turn) -> tuple[int, int]:
 
 @inlined
 def may_collect(turn: Turn, agent: int) -> bool:
-    """Whether an agent is a runner, or an evader that is free and is not captured now."""
+    """Whether an agent is a runner, or an evader that is free and stays in the game now."""
     if agent >= turn.rules.teams.chasers + turn.rules.teams.evaders:
         return True
     return (turn.games.active[turn.game, agent] != 0) & (turn.plan.captors[agent] == 0)
 
 
 @inlined
-def ended(turn: Turn, num_captured: int, all_collected: bool, steps: int) -> int:
-    """TERMINATED if no evader or no goal is left; else TRUNCATED after the last step."""
-    free = -num_captured
+def ended(turn: Turn, num_gone: int, all_collected: bool, steps: int) -> int:
+    """TERMINATED if no evader or no goal is left; else TRUNCATED after the last step.
+
+    `num_gone` evaders are captured or escape now.
+    """
+    free = -num_gone
     for evader in evaders_of(turn.rules.teams):
         free += is_free(turn, evader)
     if all_collected or (turn.rules.teams.evaders > 0 and free == 0):
         return TERMINATED
-    return TRUNCATED if steps >= turn.rules.max_steps else GOING_ON
+    most = turn.rules.max_steps * (2 if turn.rules.options.turns else 1)
+    return TRUNCATED if steps >= most else GOING_ON
 
 
 @inlined
@@ -221,8 +265,8 @@ def count_goals(turn: Turn) -> None:
 
 
 @inlined
-def add_step_rewards(turn: Turn) -> None:
-    """Write the step reward of every agent; 0 for captured evaders."""
+def add_step_rewards(turn: Turn, pays: bool) -> None:
+    """Write the step reward of every agent; 0 for captured evaders, and of all unless `pays`."""
     rules, events, rewards = turn.rules, turn.games.event, turn.outcome.rewards
     real, game = rewards.dtype.type, turn.game  # float32; float64 in exact solvers
     for chaser in chasers_of(rules.teams):
@@ -231,21 +275,21 @@ def add_step_rewards(turn: Turn) -> None:
             away = nearest_evader(turn, chaser)
             earned = real(rules.chaser.step + rules.chaser.distance * away)
         events[game, chaser] = 0
-        rewards[game, chaser] = earned
+        rewards[game, chaser] = earned if pays else real(0.0)
     for evader in evaders_of(rules.teams):
         earned = real(rules.evader.step)
         if rules.evader.distance != 0.0:
             away = nearest_chaser(turn, evader)
             earned = real(rules.evader.step + rules.evader.distance * away)
         events[game, evader] = 0
-        rewards[game, evader] = earned if is_free(turn, evader) != 0 else real(0.0)
+        rewards[game, evader] = earned if pays and is_free(turn, evader) != 0 else real(0.0)
     for runner in runners_of(rules.teams):
         earned = real(rules.runner.step)
         if rules.runner.distance != 0.0:
             away = nearest_goal(turn, runner)
             earned = real(rules.runner.step + rules.runner.distance * away)
         events[game, runner] = 0
-        rewards[game, runner] = earned
+        rewards[game, runner] = earned if pays else real(0.0)
 
 
 @inlined
@@ -264,13 +308,32 @@ def add_capture_rewards(turn: Turn, num_captured: int, end: int) -> None:
         evader = plan.captured[i]
         share = rules.chaser.capture / plan.captors[evader]
         for chaser in chasers_of(rules.teams):
-            is_captor = captures_evader(turn, chaser, evader)
+            is_captor = meets_evader(turn, chaser, evader)
             event, earned = events[game, chaser], rewards[game, chaser]
             more = real(share + (earned if event != 0 else real(0.0)))
             events[game, chaser] = event | (CAPTURED * is_captor)
             rewards[game, chaser] = more if is_captor & applies else earned
         events[game, evader] = WAS_CAPTURED
         rewards[game, evader] = real(rules.evader.capture)
+
+
+@inlined
+def add_escape_rewards(turn: Turn, end: int) -> None:
+    """Write the events and rewards of evaders that escape, which every chaser shares in full."""
+    rules, game = turn.rules, turn.game
+    events, rewards = turn.games.event, turn.outcome.rewards
+    applies, real = not pays_step(rules.chaser, ESCAPED, end), rewards.dtype.type
+    for evader in evaders_of(rules.teams):
+        if turn.plan.captors[evader] >= 0:
+            continue
+        events[game, evader] = ESCAPED
+        rewards[game, evader] = real(rules.evader.escape)
+        for chaser in chasers_of(rules.teams):
+            event, earned = events[game, chaser], rewards[game, chaser]
+            events[game, chaser] = event | ESCAPED
+            if applies:
+                before = earned if event != 0 else real(0.0)
+                rewards[game, chaser] = real(rules.chaser.escape + before)
 
 
 @inlined
@@ -294,7 +357,7 @@ def add_goal_reward(turn: Turn, agent: int, rewards: RewardCoefficients, end: in
 
 
 @inlined
-def add_per_evader_rewards(turn: Turn) -> None:
+def add_per_evader_rewards(turn: Turn, pays: bool) -> None:
     """Write the reward of every chaser as a sum over the evaders free before the step."""
     teams, rewards, real = turn.rules.teams, turn.rules.chaser, turn.outcome.rewards.dtype.type
     total = real(0.0)
@@ -302,12 +365,32 @@ def add_per_evader_rewards(turn: Turn) -> None:
         if is_free(turn, evader) != 0:
             if turn.plan.captors[evader] > 0:
                 earned = real(rewards.capture)
+            elif turn.plan.captors[evader] < 0:
+                earned = real(rewards.escape)
             else:
                 event, earned = goals_taken_by(turn, evader, rewards)
-                earned = earned if event != 0 else real(rewards.step)
+                earned = earned if event != 0 else real(rewards.step if pays else 0.0)
             total = real(total + earned)
     for chaser in chasers_of(teams):
         turn.outcome.rewards[turn.game, chaser] = total
+
+
+@inlined
+def add_touch_rewards(turn: Turn) -> None:
+    """Add the reward of every chaser for the evaders, free before the step, that are one move away.
+
+    If the chasers move first, the evaders count where they stood before.
+    """
+    rules, plan, rewards = turn.rules, turn.plan, turn.outcome.rewards
+    first = rules.chasers_first and not rules.options.turns
+    for chaser in chasers_of(rules.teams):
+        touched = 0
+        for evader in evaders_of(rules.teams):
+            stood = np.int64(turn.games.position[turn.game, evader])
+            cell = stood if first else np.int64(plan.after[evader])
+            touched += is_free(turn, evader) * leads_to(turn, plan.after[chaser], cell)
+        earned = rewards[turn.game, chaser] + rules.chaser.touch * touched
+        rewards[turn.game, chaser] = rewards.dtype.type(earned)
 
 
 @inlined

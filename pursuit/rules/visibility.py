@@ -14,13 +14,13 @@ from __future__ import annotations
 import numpy as np
 
 from pursuit.compilation.compiled import inlined
-from pursuit.rules.arrays import Flags, Longs
+from pursuit.rules.arrays import Flags, Ints, Longs
 from pursuit.rules.layout import COLLECTED, Games
 
 SEES_ALL = -1
-FLOOR, SELF, TEAM, OTHER, GOAL, WALL, UNSEEN = range(7)
+FLOOR, SELF, TEAM, OTHER, GOAL, WALL, UNSEEN, EXIT = range(8)
 """Codes of the "cells" and "walls" grids; in a shared cell the first of self, others,
-team, goal is drawn."""
+team, goal, exit is drawn."""
 PLANES = (
     "self",
     "team",
@@ -36,6 +36,8 @@ PLANES = (
 """The first three follow the codes from SELF on."""
 IN_VIEW = "in view"
 """The additional plane of tasks with limited views."""
+EXITS = "exits"
+"""The last plane of tasks with exits."""
 GOALS_PLANE, COLLECTED_PLANE = PLANES.index("goals"), PLANES.index("just collected")
 MAZE_PLANES, IN_VIEW_PLANE = PLANES.index("walkable"), len(PLANES)
 
@@ -63,18 +65,19 @@ def in_view(table: Flags | None, view: int, cell: int) -> bool:
 
 
 @inlined
-def goal_in_view(games: Games, table: Flags | None, view: int, game: int, goal: int) -> int:
-    """The cell of a goal; -1 if it is gone or out of view."""
-    cell: int = games.goal[game, goal]
+def place_in_view(places: Ints, table: Flags | None, view: int, game: int, number: int) -> int:
+    """The cell of a goal or exit of `places` [games, any]; -1 if it is gone or out of view."""
+    cell: int = places[game, number]
     return cell if cell < 0 or in_view(table, view, cell) else -1
 
 
 @inlined
-def goal_rank(games: Games, table: Flags | None, view: int, game: int, goal: int) -> int:
-    """The rank of a goal among the goals sorted by cell; goals gone or out of view come first."""
-    cell, rank = goal_in_view(games, table, view, game, goal), 0
-    for other in range(games.goal.shape[1]):
-        other_cell = goal_in_view(games, table, view, game, other)
+def rank_of(places: Ints, table: Flags | None, view: int, game: int, goal: int) -> int:
+    """The rank of one of `places` among them sorted by cell; those gone or out of view come
+    first."""
+    cell, rank = place_in_view(places, table, view, game, goal), 0
+    for other in range(places.shape[1]):
+        other_cell = place_in_view(places, table, view, game, other)
         if other_cell < cell or (other_cell == cell and other < goal):
             rank += 1
     return rank

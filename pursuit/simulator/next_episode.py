@@ -9,7 +9,7 @@ from pursuit.rules.arrays import Array
 from pursuit.rules.layout import NextEpisode
 from pursuit.tasks.placements import check_placeable
 from pursuit.tasks.task import Task
-from pursuit.validation import as_array
+from pursuit.validation import as_array, whole_numbers
 
 LARGEST = 2**31 - 1
 
@@ -43,25 +43,28 @@ def check_waiting(task: Task, waiting: NextEpisode) -> None:
             check_placeable(task.apart(number, *numbers))
 
 
-def fill_epsilon(array: NDArray[np.float64], epsilon: ArrayLike) -> None:
+def fill_epsilon(array: NDArray[np.float64], epsilon: ArrayLike, name: str = "epsilon") -> None:
     """Write probabilities of random moves into `array` [games, agents], or [games] of one agent.
 
     Args:
         array: the array to fill.
         epsilon: a number, [games] (for all agents of a game), or the shape of `array`.
+        name: of the setting: "epsilon", or "slip" for probabilities of slips.
 
     Raises:
         ValueError: a value outside [0, 1], or a wrong shape.
     """
-    rule = "give probabilities from 0 to 1; NaN uses the epsilon of the agent"
-    shares = as_array("epsilon", epsilon, "iuf", rule).astype(np.float64)
-    if ((shares < 0) | (shares > 1)).any():
-        raise ValueError(f"epsilon={epsilon!r}; {rule}")
+    rule = "give probabilities from 0 to 1"
+    rule += "; NaN uses the epsilon of the agent" if name == "epsilon" else ""
+    shares = as_array(name, epsilon, "iuf", rule).astype(np.float64)
+    missing = name != "epsilon" and np.isnan(shares).any()
+    if ((shares < 0) | (shares > 1)).any() or missing:
+        raise ValueError(f"{name}={epsilon!r}; {rule}")
     fits = shares.ndim == 0 or shares.shape in (array.shape[:1], array.shape)
     if not fits and shares.size != 1:
         rest = "" if array.ndim == 1 else f", or {array.shape}, games by agents"
         raise ValueError(
-            f"epsilon of shape {shares.shape}; give one number, {array.shape[:1]} for one per "
+            f"{name} of shape {shares.shape}; give one number, {array.shape[:1]} for one per "
             f"game{rest}"
         )
     array[:] = shares[:, None] if shares.ndim == 1 and array.ndim == 2 else shares
@@ -84,6 +87,36 @@ def fill(name: str, array: Array, values: Array) -> None:
             f"{name} of shape {values.shape} for games of shape {array.shape}; give one for all, "
             "or one per game"
         ) from None
+
+
+def placed_exits(
+    task: Task, exits: ArrayLike | None, mazes: NDArray[np.int32], agents: NDArray[np.int32]
+) -> NDArray[np.int32]:
+    """[games, exits] int32: given exits of games in these mazes, or the fixed ones of the mazes.
+
+    Raises:
+        ValueError: missing exits, or some of a task with fixed ones; a cell out of range or twice;
+            an evader (of `agents` [games, agents]) on an exit.
+    """
+    count, size = task.num_exits, task.most_exits
+    places = np.full((len(mazes), size), -1, dtype=np.int32)
+    if not count:
+        if exits is not None:
+            raise ValueError(f"exits={exits!r}; the exits of this task are fixed: leave them out")
+        for game, maze in enumerate(mazes.tolist() if size else []):
+            places[game, : len(task.fixed_exits[maze])] = task.fixed_exits[maze]
+    else:
+        if exits is None:
+            raise ValueError(f"exits are missing; give cells for {count} exits")
+        fill("exits", places, whole_numbers("exits", exits, 0, task.max_cells - 1))
+        sizes = np.array([maze.num_cells for maze in task.mazes])[mazes]
+        ordered = np.sort(places, axis=1)
+        if (ordered[:, -1] >= sizes).any() or (ordered[:, 1:] == ordered[:, :-1]).any():
+            raise ValueError(f"exits={exits!r}; give different cells of the maze")
+    evaders = agents[:, task.num_chasers : task.num_chasers + task.num_evaders]
+    if (evaders[:, :, None] == places[:, None]).any():
+        raise ValueError("an evader starts on an exit; give another cell")
+    return places
 
 
 def game_indices(games: ArrayLike | None, num_games: int) -> NDArray[np.intp]:

@@ -32,13 +32,13 @@ class GameArrays:
 
     @property
     def active(self) -> NDArray[np.int32]:
-        """[num_games, num_agents] int32, 0 for captured evaders."""
+        """[num_games, num_agents] int32, 0 for evaders that were captured or have escaped."""
         return self.games.active
 
     @property
     def events(self) -> NDArray[np.int32]:
         """[num_games, num_agents] int32, the events of the last step: a sum of COLLECTED,
-        CAPTURED and WAS_CAPTURED of `pursuit.rules.layout`."""
+        CAPTURED, WAS_CAPTURED and ESCAPED of `pursuit.rules.layout`."""
         return self.games.event
 
     @property
@@ -48,13 +48,18 @@ class GameArrays:
 
     @property
     def steps(self) -> NDArray[np.int32]:
-        """[num_games] int32, steps of the episode so far."""
+        """[num_games] int32, steps of the episode so far; two for each round of turns."""
         return self.games.steps
 
     @property
     def maze_index(self) -> NDArray[np.int32]:
         """[num_games] int32, the index of the maze of each game in `task.mazes`."""
         return self.games.maze
+
+    @property
+    def exits(self) -> NDArray[np.int32]:
+        """[num_games, exits] int32, the cell of every exit; -1 for absent ones."""
+        return self.games.exit
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,6 +20,7 @@ from pursuit.simulator.next_episode import (
     fill_epsilon,
     game_indices,
     limits_of,
+    placed_exits,
 )
 from pursuit.simulator.policy import GameArrays, GameView, Policy, play_all
 from pursuit.simulator.state import OWN, SimulatorState, check_values
@@ -66,6 +67,7 @@ class Simulator(BatchSimulator[Task], GameArrays):
             lasts until `configure` sets another value for the next episode. It can be set to a
             number, to [num_games] (as in `configure`) or to [num_games, num_agents].
         next_epsilon: the same from the next episode on; -1 for no change.
+        exits: [num_games, exits] int32, the cells of exits; -1 for absent ones.
         last_seed: the last seed of all streams; None after `set_state`, and after seeding only
             some games.
     """
@@ -80,11 +82,18 @@ class Simulator(BatchSimulator[Task], GameArrays):
     ) -> None:
         super().__init__(checked_task(task), num_games, seed, first_game, auto_restart)
         num_games, self.num_agents = self.num_games, task.num_agents
-        one = layout.allocate(1, task.num_agents, task.num_goals)
+        slips = task.options.slips
+        sizes = (task.num_agents, task.num_goals, task.most_exits, slips)
+        one = layout.allocate(1, *sizes)
         bytes_of_game = sum(array.nbytes for array in one)
         check_memory(f"num_games={num_games}", num_games * bytes_of_game, "take fewer games")
         self._actions_shape = (num_games, task.num_agents)
-        memory = layout.allocate(num_games, task.num_agents, task.num_goals)
+        memory = layout.allocate(num_games, *sizes)
+        self._slips: dict[str, NDArray[np.float64]] = {}
+        if slips:
+            memory.reals[:, layout.SLIP] = task.slips
+            reals = memory.reals
+            self._slips = {"slip": reals[:, layout.SLIP], "next_slip": reals[:, layout.NEXT_SLIP]}
         self._arrays = memory
         self._mazes = lay_out(task.mazes)
         # The arguments of all kernels: the batch, the rules, the mazes, scratch memory.
@@ -176,6 +185,7 @@ class Simulator(BatchSimulator[Task], GameArrays):
         goals_around: str | None = None,
         min_start_distance: ArrayLike | None = None,
         max_start_distance: ArrayLike | None = None,
+        slip: ArrayLike | None = None,
     ) -> None:
         """Change settings of all games, or of `games`, from their next restart on.
 
@@ -192,6 +202,8 @@ class Simulator(BatchSimulator[Task], GameArrays):
                 or "marks" (the nearest goal mark of the maze).
             min_start_distance, max_start_distance: path distance between every chaser and every
                 evader; -1 for no maximum. The distance of unconnected cells is infinite.
+            slip: the probability of a slip of the agent `seat` (default: all agents), in tasks with
+                `slip` above 0; a number, [games], or without `seat` [games, agents].
 
         Raises:
             ValueError: a value out of range, or distances that no placement satisfies. Nothing is
@@ -203,6 +215,11 @@ class Simulator(BatchSimulator[Task], GameArrays):
         if epsilon is not None:
             changed["epsilon"] = pending.epsilon[chosen]
             fill_epsilon(changed["epsilon"][:, seats], epsilon)
+        if slip is not None:
+            if not self._slips:
+                raise ValueError(f"slip={slip!r}; this task has no slips: give Task a slip above 0")
+            changed["slip"] = self._slips["next_slip"][chosen]
+            fill_epsilon(changed["slip"][:, seats], slip, "slip")
         numbers = {
             "maze": maze,
             "num_goals": num_goals,
@@ -218,16 +235,21 @@ class Simulator(BatchSimulator[Task], GameArrays):
             if value is not None:
                 changed[name] = np.empty(len(chosen), dtype=np.int32)
                 fill(name, changed[name], whole_numbers(name, value, *limits[name]))
+        slips = changed.pop("slip", None)
         if changed.keys() - {"epsilon", "goal_radius"}:
             waiting = {name: array[chosen] for name, array in pending._asdict().items()}
             check_waiting(task, layout.NextEpisode(**waiting | changed))
         for name, values in changed.items():
             getattr(pending, name)[chosen] = values
+        if slips is not None:
+            self._slips["next_slip"][chosen] = slips
 
     def _live(self) -> dict[str, Array]:
         """The live arrays that make up the state."""
         waiting = {f"next_{name}": array for name, array in self._coming._asdict().items()}
-        return {**{name: getattr(self, name) for name in OWN}, "epsilon": self._epsilon, **waiting}
+        exits = {"exits": self.exits} if self.task.most_exits else {}
+        own = {name: getattr(self, name) for name in OWN}
+        return {**own, **exits, **self._slips, "epsilon": self._epsilon, **waiting}
 
     def _check_values(self, state: SimulatorState) -> None:
         check_values(state, self.task)
@@ -239,6 +261,7 @@ class Simulator(BatchSimulator[Task], GameArrays):
         maze: ArrayLike | None = None,
         seed: int | None = None,
         games: ArrayLike | None = None,
+        exits: ArrayLike | None = None,
     ) -> None:
         """Start an episode with these cells; limits on start distances are ignored.
 
@@ -249,10 +272,11 @@ class Simulator(BatchSimulator[Task], GameArrays):
             maze: index in `task.mazes`, for all games or for each; required if there are several
                 and `configure` has set none.
             seed, games: as in `reset`; cells are given for all games.
+            exits: [num_games, num_exits] cells; required if the task draws them, else left out.
 
         Raises:
-            ValueError: a cell out of range, two agents or goals in one cell, or missing goals or
-                maze. Nothing is changed then.
+            ValueError: a cell out of range, two agents or goals in one cell, an evader on an exit,
+                or missing goals, exits or maze. Nothing is changed then.
         """
         task, count = self.task, self.num_games
         agents = np.empty((count, task.num_agents), dtype=np.int32)
@@ -284,10 +308,11 @@ class Simulator(BatchSimulator[Task], GameArrays):
         ordered = np.sort(both, axis=1)
         if ((ordered[:, 1:] == ordered[:, :-1]) & (ordered[:, 1:] >= 0)).any():
             raise ValueError("two agents or goals start in the same cell; give different cells")
+        places = placed_exits(task, exits, mazes, agents)
         self.reset(seed, games)
         chosen = game_indices(games, self.num_games)
-        live = (self.positions, self.goals, self.maze_index)
-        for array, start in zip(live, (agents, wanted, mazes), strict=True):
+        live = (self.positions, self.goals, self.maze_index, self.exits)
+        for array, start in zip(live, (agents, wanted, mazes, places), strict=True):
             array[chosen] = start[chosen]
 
     # -- observations ----------------------------------------------------------------------------

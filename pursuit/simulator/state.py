@@ -17,7 +17,8 @@ OWN = (
     "positions", "active", "events", "goals", "steps", "maze_index", "streams", "returns",
     "collected", "episode_returns", "terminated", "truncated",
 )  # fmt: skip
-"""The arrays of a `Simulator` in a state, in addition to `epsilon` and `next_...`."""
+"""The arrays of a `Simulator` in a state, in addition to `exits` and `slip` in tasks with them,
+`epsilon` and `next_...`."""
 
 
 class SimulatorState(SimpleNamespace):
@@ -64,8 +65,13 @@ def check_values(state: SimulatorState, task: Task) -> None:
     check_range(state, "positions", 0, sizes - 1)
     check_range(state, "goals", -1, sizes - 1)
     check_range(state, "active", 0, 1)
-    check_range(state, "steps", 0, task.max_steps)
+    check_range(state, "steps", 0, task.max_steps * (2 if task.options.turns else 1))
     check_range(state, "epsilon", 0, 1)
+    if task.most_exits:
+        check_range(state, "exits", -1, sizes - 1)
+    if task.options.slips:
+        check_range(state, "slip", 0, 1)
+        check_range(state, "next_slip", UNCHANGED, 1)
     for name, limits in limits_of(task).items():
         check_range(state, f"next_{name}", *limits)
     shares = state.next_epsilon

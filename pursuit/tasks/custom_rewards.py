@@ -16,7 +16,7 @@ from pursuit.tasks.task import Task
 
 def step_games_of(task: Task) -> Any:
     """`rules.step_games_of`, with the custom reward function of the task if it has one."""
-    entry = rules.step_games_of(task.teams)
+    entry = rules.step_games_of(task.teams, task.options)
     function = task.reward_function
     return entry if function is None else _with_custom_rewards(entry, function, task)
 

@@ -26,11 +26,12 @@ class Before(NamedTuple):
     Attributes:
         positions: [games, agents] int32, cells; a captured evader stays in the cell of its capture.
         active: [games, agents] int32, 1; 0 after capture.
-        events: [games, agents] int32, the events of the last step: a sum of COLLECTED, CAPTURED and
-            WAS_CAPTURED.
+        events: [games, agents] int32, the events of the last step: a sum of COLLECTED, CAPTURED,
+            WAS_CAPTURED and ESCAPED.
         goals: [games, goals] int32, cells; -1 for collected goals.
         steps: [games] int32, the steps taken in this episode.
         maze_index: [games] int32, the index of the game's maze among the mazes of the task.
+        exits: [games, exits] int32, cells; -1 for absent ones.
         roles: [agents] int32, CHASER, EVADER or RUNNER.
         distances: [mazes, cells, cells] int32, read-only, shortest path lengths; UNREACHABLE if
             there is no path. [mazes, 0, 0] if a maze is too large for a table.
@@ -42,6 +43,7 @@ class Before(NamedTuple):
     goals: NDArray[np.int32]
     steps: NDArray[np.int32]
     maze_index: NDArray[np.int32]
+    exits: NDArray[np.int32]
     roles: NDArray[np.int32]
     distances: NDArray[np.int32]
 
@@ -50,7 +52,8 @@ class After(NamedTuple):
     """The state of a batch of games after a step and before any restart, with its results.
 
     Attributes:
-        positions, active, events, goals, steps, maze_index, roles, distances: as of `Before`.
+        positions, active, events, goals, steps, maze_index, exits, roles, distances: as of
+            `Before`.
         terminated, truncated: [games] bool, whether the step ended the game.
         rewards: [games, agents] float32, the rewards of the scheme "goal".
     """
@@ -61,6 +64,7 @@ class After(NamedTuple):
     goals: NDArray[np.int32]
     steps: NDArray[np.int32]
     maze_index: NDArray[np.int32]
+    exits: NDArray[np.int32]
     roles: NDArray[np.int32]
     distances: NDArray[np.int32]
     terminated: NDArray[np.bool_]

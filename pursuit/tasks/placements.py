@@ -32,6 +32,7 @@ class StartConstraint(NamedTuple):
         marked: whether agents start on the marks of the maze.
         num_goals: the number of goals at the start, if they are placed on marks.
         least, most: path distance between any chaser and any evader; `most` -1 means no limit.
+        exits: the fixed exits, on which no evader starts.
     """
 
     maze: Maze
@@ -40,6 +41,7 @@ class StartConstraint(NamedTuple):
     num_goals: int
     least: int
     most: int
+    exits: tuple[int, ...] = ()
 
 
 def check_placeable(asked: StartConstraint) -> None:
@@ -49,10 +51,12 @@ def check_placeable(asked: StartConstraint) -> None:
         ValueError: none does.
     """
     maze, (chasers, evaders) = asked.maze, asked.teams[:2]
-    if not chasers or not evaders or (asked.least <= 1 and asked.most < 0) or _was_found(asked):
+    unlimited = not asked.exits and asked.least <= 1 and asked.most < 0
+    if not evaders or (not chasers and not asked.exits) or unlimited or _was_found(asked):
         return
     limits = [f"min_start_distance={asked.least}"] if asked.least > 1 else []
     limits += [f"max_start_distance={asked.most}"] if asked.most >= 0 else []
+    limits += [f"exits={asked.exits}"] if asked.exits else []
     longest = ""
     if maze.num_cells <= MAX_TABLE_CELLS:
         longest = f" (longest distance: {maze.longest_distance})"
@@ -81,6 +85,7 @@ def _was_found(asked: StartConstraint) -> bool:
             marks = maze.goal_marks[:evaders]
             cells[:, chasers : chasers + len(marks)] = marks
         right = np.ones(maze.num_cells, dtype=bool)
+        right[list(asked.exits)] = False
         for cell in cells[0, :chasers].tolist():
             away = maze.distances_from(cell)
             right &= away >= asked.least

@@ -49,12 +49,15 @@ class Rewards:
             the step reward. Being captured is always rewarded, as it ends the evader's episode.
         per_evader: chasers only. The reward of each chaser is a sum over the evaders that were free
             before the step: `capture` for an evader that is captured (by any chaser), `goal` for
-            one that collects a goal (times its share), and `step` for any other. Requires
-            distance=0 and on_completion=False.
+            one that collects a goal (times its share), `escape` for one that escapes, and `step`
+            for any other. Requires distance=0, touch=0 and on_completion=False.
+        escape: for a chaser, the reward when an evader escapes; for an evader, the reward for
+            escaping.
+        touch: chasers only; added for every evader that is one move away after the chasers' moves.
 
     Raises:
         ValueError: a value that is not a number, or above `MOST_REWARD`; `per_evader` with a
-            distance or `on_completion`.
+            distance, `touch` or `on_completion`.
     """
 
     step: Coefficient = 0.0
@@ -63,19 +66,22 @@ class Rewards:
     distance: Coefficient = 0.0
     on_completion: Flag = False
     per_evader: Flag = False
+    escape: Coefficient = 0.0
+    touch: Coefficient = 0.0
 
     def __post_init__(self) -> None:
         check_fields(self)
-        if self.per_evader and (self.distance != 0.0 or self.on_completion):
+        if self.per_evader and (self.distance != 0.0 or self.touch != 0.0 or self.on_completion):
             raise ValueError(
-                f"per_evader=True with distance={self.distance:g}, on_completion="
-                f"{self.on_completion}; it requires distance=0, on_completion=False: leave them out"
+                f"per_evader=True with distance={self.distance:g}, touch={self.touch:g}, "
+                f"on_completion={self.on_completion}; it requires distance=0, touch=0, "
+                "on_completion=False: leave them out"
             )
 
 
 _GOAL = {
-    "chaser": Rewards(step=-0.1, capture=1.0),
-    "evader": Rewards(step=1.0, capture=-1.0, goal=1.0),
+    "chaser": Rewards(step=-0.1, capture=1.0, escape=-1.0),
+    "evader": Rewards(step=1.0, capture=-1.0, goal=1.0, escape=1.0),
     "runner": Rewards(step=-0.1, goal=1.0),
 }
 REWARD_SCHEMES: Mapping[str, Mapping[str, Rewards]] = {
@@ -87,9 +93,14 @@ REWARD_SCHEMES: Mapping[str, Mapping[str, Rewards]] = {
         "runner": Rewards(distance=-1.0),
     },
     "zero_sum": {
-        "chaser": Rewards(step=-1.0, capture=-1.0, goal=-1.0, per_evader=True),
-        "evader": Rewards(step=1.0, capture=1.0, goal=1.0),
+        "chaser": Rewards(step=-1.0, capture=-1.0, goal=-1.0, per_evader=True, escape=-1.0),
+        "evader": Rewards(step=1.0, capture=1.0, goal=1.0, escape=1.0),
         "runner": Rewards(step=-1.0, goal=-1.0),
+    },
+    "win_loss": {
+        "chaser": Rewards(capture=1.0, goal=-1.0, per_evader=True, escape=-1.0),
+        "evader": Rewards(capture=-1.0, goal=1.0, escape=1.0),
+        "runner": Rewards(goal=1.0),
     },
 }
 """Rewards by scheme and role.
@@ -98,7 +109,8 @@ In `zero_sum` every step counts, including the last: the reward of an evader tha
 the step is 1 (its share of a goal that several collect at once), and the reward of every chaser is
 minus the sum of the rewards of the evaders. So the rewards of one chaser and all evaders sum to 0
 in every step, and those of C chasers and all evaders to minus C - 1 times the rewards of the
-evaders. In a duel the return is the payoff of the exact game. The return of a single runner is
+evaders. In a duel the return is the payoff of the exact game. `win_loss` is zero-sum in the same
+way: 1 for a capture, -1 for an escape, 0 for the end of time. The return of a single runner is
 minus the number of steps; the game between several runners is not zero-sum.
 """
 
@@ -107,7 +119,8 @@ def is_rewards(part: Any) -> bool:
     """Whether `part` is a reward function or a dict from role to `Rewards`."""
     if isinstance(part, Mapping):
         return set(part) <= set(ROLES) and all(
-            isinstance(rewards, Rewards) and (role == "chaser" or not rewards.per_evader)
+            isinstance(rewards, Rewards)
+            and (role == "chaser" or not (rewards.per_evader or rewards.touch))
             for role, rewards in part.items()
         )
     return callable(part) and not isinstance(part, type) and accepts(part, None, None, None)
@@ -225,6 +238,11 @@ def check_rewards(name: str, given: Any) -> Any:
             if rewards.per_evader and role != "chaser":
                 raise ValueError(
                     f"{name} of the {role}: per_evader=True; only chasers can have it: leave it out"
+                )
+            if rewards.touch and role != "chaser":
+                raise ValueError(
+                    f"{name} of the {role}: touch={rewards.touch:g}; only chasers can have it: "
+                    "leave it out"
                 )
         return FrozenDict(given)
     if not is_rewards(given):

@@ -14,6 +14,19 @@ from numpy.typing import NDArray
 from pursuit.mazes.maze import Maze
 from pursuit.mazes.suites import load_mazes
 from pursuit.rules import layout
+from pursuit.tasks.options import (
+    CAPTURE_CHECKS,
+    CAPTURES,
+    COLLISIONS,
+    MOVE_ORDERS,
+    Slip,
+    check_exits,
+    check_options,
+    check_slip,
+    fixed_exits_of,
+    options_of,
+    slips_of,
+)
 from pursuit.tasks.placements import StartConstraint, check_placeable
 from pursuit.tasks.rewards import REWARD_SCHEMES as REWARD_SCHEMES
 from pursuit.tasks.rewards import REWARDS, RewardFunction, check_rewards
@@ -48,7 +61,6 @@ from pursuit.validation import (
 
 ACTIONS = ("north", "south", "east", "west", "stay")
 """The actions on a grid; in a graph, moves have numbers."""
-MOVE_ORDERS = ("simultaneous", "chasers_first")
 STARTS = ("random", "marks")
 Agents = Annotated[AgentChoice | Sequence[str] | str, Rule(check_agent_choice)]
 
@@ -85,13 +97,31 @@ class Task:
         num_goals: the number of goals. Runners and evaders collect them.
         max_steps: an episode is truncated after this many steps.
         stay_action: whether there is an action 4, stay (of a graph the last action).
-        move_order: "simultaneous", or "chasers_first": the chasers move and captures are resolved,
-            then all other agents move and captures are resolved again.
+        move_order: "simultaneous"; "chasers_first": the chasers move and captures are resolved,
+            then all other agents move and captures are resolved again; or "turns": as that, but
+            each side sees the other's move. A step is then the move of one side, the chasers first,
+            and the actions of the other side are ignored. Two steps are a round: `max_steps` counts
+            rounds, and step rewards are paid at the end of each. Needs `stay_action`.
         start: "random": each agent and goal on a different, uniformly random cell. "marks": the
             first agent on `S`, the goals (or the evaders, if there are no goals) on the `G` marks
             in order, all others at random.
         min_start_distance: the least path distance between any chaser and any evader at the start
             (infinite without a connecting path). Only for tasks with both roles.
+        capture: where chasers must be to capture an evader: "cell", in its cell (or swapping cells
+            with it, if both move at once); "adjacent", at a path distance of at most 1; "surround",
+            on every cell that a move of the evader leads to (an enclosed evader is never captured).
+        n_catch: the number of chasers that a capture needs, with "cell" and "adjacent".
+        capture_check: "each_move", or "after_chasers": captures are resolved only after the
+            chasers' moves, if these come first.
+        exits: the cells of exits, for all mazes; None for the marks `E` of each maze. An evader
+            that stands on an exit and is not captured leaves the game.
+        num_exits: the number of exits that are drawn at every reset, instead of fixed ones.
+        collisions: "share": agents can share cells. "block": agents of one role cannot, nor can
+            chasers and evaders unless captures are by "cell". A move is cancelled if such an agent
+            was in the target, or moves to it.
+        slip: the probability that a move, stay included, is replaced by a uniformly random one of
+            the moves that change the cell: a number, a dict from roles or agents, or the same as
+            text ("evader=0.1").
         rewards: a name ("goal", "completion", "distance" or "zero_sum"); a dict from role
             to `Rewards` (roles left out use "goal"); the same as text
             ("chaser.step=-0.1,evader.capture=-2"; without a role for all roles); or a custom reward
@@ -120,6 +150,13 @@ class Task:
     move_order: Annotated[str, choice(*MOVE_ORDERS)] = "simultaneous"
     start: Annotated[str, choice(*STARTS)] = "random"
     min_start_distance: WholeFrom1 = 1
+    capture: Annotated[str, choice(*CAPTURES)] = "cell"
+    n_catch: WholeFrom1 = 1
+    capture_check: Annotated[str, choice(*CAPTURE_CHECKS)] = "each_move"
+    exits: Annotated[Sequence[int] | str | None, Rule(check_exits)] = None
+    num_exits: Whole = 0
+    collisions: Annotated[str, choice(*COLLISIONS)] = "share"
+    slip: Annotated[Slip, Rule(check_slip)] = 0.0
     rewards: Annotated[str | Mapping[str, Rewards] | RewardFunction, Rule(check_rewards)] = "goal"
     view_radius: Annotated[ViewRadius | Mapping[str, int | None] | str, Rule(check_view_radius)] = (
         None
@@ -133,6 +170,7 @@ class Task:
         self._check_that_it_can_end()
         self._check_collectors()
         self._check_start_distance()
+        check_options(self)
         for number, maze in enumerate(self.mazes):
             self._check_maze(maze)
             check_placeable(self.apart(number, -1, self.min_start_distance, -1))
@@ -211,7 +249,9 @@ class Task:
         """
         teams, marked = self.teams, self.start == "marks"
         goals = teams.goals if num_goals < 0 else min(teams.goals, num_goals)
-        return StartConstraint(self.mazes[maze], teams, marked, goals if marked else 0, least, most)
+        exits = self.fixed_exits[maze]
+        marks = goals if marked else 0
+        return StartConstraint(self.mazes[maze], teams, marked, marks, least, most, exits)
 
     @cached_property
     def mazes(self) -> tuple[Maze, ...]:
@@ -229,6 +269,27 @@ class Task:
         """The custom reward function that replaces `role_rewards`, or None."""
         own = REWARDS.resolved(self.rewards)
         return None if isinstance(own, Mapping) else own
+
+    @cached_property
+    def slips(self) -> tuple[float, ...]:
+        """The probability of a slip of each agent, by index."""
+        slip: Any = self.slip
+        return slips_of(slip, self.agent_names, self.seat_roles)
+
+    @cached_property
+    def fixed_exits(self) -> tuple[tuple[int, ...], ...]:
+        """The fixed exits of each maze; empty if there are none, or if they are drawn."""
+        return fixed_exits_of(self)
+
+    @cached_property
+    def options(self) -> layout.Options:
+        """The options of the rules, as used by `pursuit.rules`; `layout.PLAIN` without any."""
+        return options_of(self)
+
+    @property
+    def most_exits(self) -> int:
+        """The number of exits of a game, or of the maze with most of them."""
+        return self.options.exits
 
     @cached_property
     def _limits(self) -> tuple[Limit, ...]:
@@ -309,8 +370,9 @@ class Task:
 
     @property
     def is_duel(self) -> bool:
-        """Whether there is one chaser, one evader and no goal; such games are solved exactly."""
-        return tuple(self.teams) == (1, 1, 0, 0)
+        """Whether there is one chaser, one evader, no goal and no option of the rules; such games
+        are solved as tables over both cells."""
+        return tuple(self.teams) == (1, 1, 0, 0) and self.options == layout.PLAIN
 
     @property
     def teams(self) -> layout.Teams:
@@ -319,8 +381,13 @@ class Task:
 
     def numbers_for_kernels(self) -> NDArray[np.int64]:
         """The argument `numbers` of `layout.rules_of`."""
-        first, marks = self.move_order == "chasers_first", self.start == "marks"
-        return layout.numbers_of(self.teams, self.max_steps, self.num_actions, first, marks)
+        first, marks = self.move_order != "simultaneous", self.start == "marks"
+        rules = (self.max_steps, self.num_actions, first, marks)
+        exits: list[int] = []
+        if any(self.fixed_exits):
+            for cells in self.fixed_exits:
+                exits += [*cells, *[-1] * (self.most_exits - len(cells))]
+        return layout.numbers_of(self.teams, *rules, self.options, exits)
 
     def rewards_for_kernels(self) -> NDArray[np.float64]:
         """[roles, fields of `RewardCoefficients`] float64, the argument of `layout.rules_of`."""

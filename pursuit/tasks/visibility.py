@@ -130,7 +130,7 @@ class Visibility:
 
         Returns:
             Copies in which an agent out of view is not active, in cell -1 and without events, and a
-            goal out of view is -1; the games themselves if the view is not limited.
+            goal or exit out of view is -1; the games themselves if the view is not limited.
         """
         if self.table is None or self.begin is None or self.limits[seat].sees_all:
             return games
@@ -139,10 +139,11 @@ class Visibility:
         position, active, event = games.position.copy(), games.active.copy(), games.event.copy()
         agents = ~self.table[row[:, None] + position]
         position[agents], active[agents], event[agents] = -1, 0, 0
-        goal = games.goal.copy()
-        goals = (goal >= 0) & ~self.table[row[:, None] + np.maximum(goal, 0)]
-        goal[goals] = -1
-        return games._replace(position=position, active=active, event=event, goal=goal)
+        goal, exits = games.goal.copy(), games.exit.copy()
+        for places in (goal, exits):
+            hidden = (places >= 0) & ~self.table[row[:, None] + np.maximum(places, 0)]
+            places[hidden] = -1
+        return games._replace(position=position, active=active, event=event, goal=goal, exit=exits)
 
 
 @lru_cache(maxsize=64)

@@ -254,6 +254,7 @@ def entry_for(kind: int) -> Any:
         goal: Any,
         steps: Any,
         maze_of: Any,
+        exit_of: Any,
         streams: Any,
         epsilon_of: Any,
         seats: Any,
@@ -278,7 +279,7 @@ def entry_for(kind: int) -> Any:
         one search from all targets is faster: its time grows with agents plus cells.
         """
         default, alert, _, stay_action = settings
-        games = Games(position, active, event, goal, steps, maze_of)
+        games = Games(position, active, event, goal, steps, maze_of, exit_of)
         teams = Teams(counts[0], counts[1], counts[2], counts[3])
         world = world_of(mazes, neighbors, facts, tables)
         empty = stay_of(world) * np.int64(stay_action)

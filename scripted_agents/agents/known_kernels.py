@@ -49,6 +49,7 @@ def team_entry_for(kind: int, num_seats: int, num_targets: int) -> Any:
         goal: Any,
         steps: Any,
         maze_of: Any,
+        exit_of: Any,
         streams: Any,
         epsilon_of: Any,
         seats: Any,
@@ -67,7 +68,7 @@ def team_entry_for(kind: int, num_seats: int, num_targets: int) -> Any:
         if not in_rows(position, active, epsilon_of):
             return  # never happens; the check gives the compiler the memory layout
         default, _, _, stay_action = settings
-        games = Games(position, active, event, goal, steps, maze_of)
+        games = Games(position, active, event, goal, steps, maze_of, exit_of)
         world = world_of(mazes, neighbors, facts, tables)
         empty: Any = stay_of(world) * np.int64(stay_action)
         targets = scratch[scratch.shape[0] - 1]  # the last row is not used by searches

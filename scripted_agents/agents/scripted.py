@@ -251,14 +251,16 @@ class MoveSets:
         order = np.argsort(self._pairs)
         return order[np.searchsorted(self._pairs, pairs, sorter=order)]
 
-    def rows(self, epsilon: float) -> NDArray[np.float64]:
-        """[pairs, actions] float64: the distribution of each pair that was numbered so far."""
+    def rows(self, epsilon: float, slip: float = 0.0) -> NDArray[np.float64]:
+        """[pairs, actions] float64: the distribution of each pair that was numbered so far; of the
+        moves, if these slip."""
         # In an enclosed cell the agent stays, or moves into the north wall.
         stays = self.num_actions > self.num_moves
         nowhere = np.eye(self.num_actions)[self.num_moves if stays else 0]
         rows = np.zeros((len(self._pairs), self.num_actions))
         greedy, every = np.divmod(self._pairs, 1 << self.num_moves)
-        for weight, sets in ((1.0 - epsilon, greedy), (epsilon, every)):
+        at_random = epsilon + (1.0 - epsilon) * slip if slip else epsilon
+        for weight, sets in ((1.0 - at_random, greedy), (at_random, every)):
             chosen = (sets[:, None] >> np.arange(self.num_actions)) & 1
             size = chosen.sum(axis=1, keepdims=True)
             rows += weight * np.where(size == 0, nowhere, chosen / np.maximum(size, 1))

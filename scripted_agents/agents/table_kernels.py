@@ -56,12 +56,12 @@ def sample_table(
 
 
 @compiled
-def draw_together(streams: Any, steps: Any, numbers: Any) -> None:
+def draw_together(streams: Any, num_agents: int, steps: Any, numbers: Any) -> None:
     """Fill `numbers` [games] with uniform float64 in [0, 1), the same for all calls in a step.
 
     They are a function of the step and of the stream of teams, which advances with every episode;
     the call advances no stream.
     """
     for game in range(numbers.shape[0]):
-        word = mix(streams[game, team_stream(streams[game])]) ^ mix(np.uint64(steps[game] + 1))
+        word = mix(streams[game, team_stream(num_agents)]) ^ mix(np.uint64(steps[game] + 1))
         numbers[game] = np.float64(mix(word) >> np.uint64(11)) * (1.0 / 9007199254740992.0)

@@ -12,7 +12,7 @@ from scipy.sparse.linalg import splu
 
 from pursuit.validation import number, shortened, whole
 from scripted_agents.games.enumeration import Behaviour, SmallGame
-from scripted_agents.joint.layout import Store
+from scripted_agents.joint.layout import NO_SLIPS, Store
 from scripted_agents.joint.results import Equilibrium, JointNashConv, Solution
 from scripted_agents.joint.shapley_iteration import (
     StochasticGame,
@@ -287,11 +287,12 @@ def _store(game: SmallGame, columns: int) -> tuple[Store, csr_array]:
     after[certain] = following.indices[following.indptr[:-1][certain]]
     after[drawn] = states + np.arange(len(drawn))
     sizes = np.array([len(actions) for actions in game.actions[0]])
-    shape = np.stack([np.diff(game.begins), np.ones(states), sizes], axis=1).astype(np.int32)
+    ones = np.ones(states)
+    shape = np.stack([np.diff(game.begins), ones, sizes, ones], axis=1).astype(np.int32)
     joints = game.choices[:, 0].astype(np.int64) * columns + game.choices[:, 1]
     small = np.int16 if joints.max() <= np.iinfo(np.int16).max else np.int32
     rewards = np.ascontiguousarray(game.rewards[:, 0])
-    store = Store(game.begins, game.begins, shape, after, rewards, joints.astype(small))
+    store = Store(game.begins, game.begins, shape, after, rewards, joints.astype(small), *NO_SLIPS)
     return store, csr_array(following[drawn])
 
 

@@ -42,6 +42,11 @@ def game_of_task(task: Task, most_states: int = MAX_TASK_STATES) -> SmallGame:
         raise ValueError(
             f"task {task.name!r} has a custom reward function; give rewards by coefficients"
         )
+    if task.options.slips or task.options.turns:
+        raise ValueError(
+            f"task {task.name!r} with slip={task.slip!r}, move_order={task.move_order!r}: a small "
+            "game has neither slips nor rounds of turns; use solve_joint and joint_nash_conv"
+        )
     check_joint_states(task, most_states, each=1000)
     joint = joint_states_of(task)
     agents, nothing = task.num_agents, [0] * task.num_agents

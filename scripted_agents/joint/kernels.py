@@ -1,8 +1,9 @@
 """Compiled kernels of games as a whole: state numbers, transitions and sweeps.
 
-A *state* is a number: which evaders are free (a *group*), which cells hold goals (a *set*), and the
-cells of all free agents. Captured evaders have no cell. States are numbered group after group, sets
-within them, and cells within those, the last agent's fastest. Groups of fewer free evaders and sets
+A *state* is a number: which evaders are free (a *group*), which cells hold exits, if these are
+drawn, and goals (a *set*), whose move it is in turns, and the cells of all free agents. Captured
+evaders have no cell. States are numbered group after group, sets within them, and cells within
+those, the last agent's fastest. Groups of fewer free evaders and sets
 of fewer goals come first: a step leads to a state of the same set, or to one of a smaller number.
 
 Transitions are those of `pursuit.rules.step.step`, and are stored for all states.
@@ -16,9 +17,12 @@ import numpy as np
 
 from pursuit.compilation.compiled import compiled, inlined, subroutine
 from pursuit.rules import layout
-from pursuit.rules.layout import Games, Outcome, Rules, StepScratch, Teams, World
+from pursuit.rules.layout import Games, Outcome, Rules, StepScratch, Teams, World, stay_of
+from pursuit.rules.option_step import step_with_options
+from pursuit.rules.starts import is_exit
 from pursuit.rules.step import step
 from scripted_agents.joint.layout import Backup, Numbering, Players, Quantities, Store, Workspace
+from scripted_agents.joint.slips import slip_values
 from scripted_agents.tolerances import TIE
 
 # -- numbers ---------------------------------------------------------------------------------------
@@ -27,7 +31,7 @@ from scripted_agents.tolerances import TIE
 @inlined
 def number_of(games: Games, game: int, teams: Teams, cells: int, numbering: Numbering) -> int:
     """The state of a game; -1 if it has ended."""
-    mask, place = 0, 0
+    mask, place = 0, np.int64(games.steps[game]) & (numbering.halves - 1)
     for chaser in layout.chasers_of(teams):
         place = place * cells + games.position[game, chaser]
     for evader in layout.evaders_of(teams):
@@ -53,6 +57,14 @@ def number_of(games: Games, game: int, teams: Teams, cells: int, numbering: Numb
         if left == 0:
             return -1
         goals += numbering.bases[left]
+    if numbering.exits.shape[0] > 1:
+        exits = 0
+        for number in range(numbering.exits.shape[1]):
+            rank = 1
+            for other in range(numbering.exits.shape[1]):
+                rank += games.exit[game, other] < games.exit[game, number]
+            exits += numbering.binomials[games.exit[game, number], rank]
+        goals += exits * numbering.sets.shape[0]
     return int(numbering.offsets[group] + goals * numbering.sizes[group] + place)
 
 
@@ -64,6 +76,7 @@ def write_state(
     rest = state - numbering.offsets[group]
     goals = rest // numbering.sizes[group]
     rest -= goals * numbering.sizes[group]
+    exits, goals = goals // numbering.sets.shape[0], goals % numbering.sets.shape[0]
     mask = numbering.masks[group]
     for at in range(teams.chasers + teams.evaders + teams.runners):
         agent = teams.chasers + teams.evaders + teams.runners - 1 - at
@@ -80,18 +93,28 @@ def write_state(
             games.position[game, evader] = games.position[game, 0]
     for goal in layout.goals_of(teams):
         games.goal[game, goal] = numbering.sets[goals, goal]
-    games.steps[game] = 0
+    for number in range(numbering.exits.shape[1]):
+        games.exit[game, number] = numbering.exits[exits, number]
+    games.steps[game] = rest
     games.maze[game] = 0
 
 
 @inlined
-def can_be(games: Games, game: int, teams: Teams) -> bool:
-    """Whether a state can occur between steps: no chaser on an evader, no collector on a goal."""
+def can_be(games: Games, game: int, teams: Teams, always_captures: bool) -> bool:
+    """Whether a state can occur between steps.
+
+    No collector is on a goal, no evader on an exit and, if a shared cell is always a capture, no
+    chaser on an evader.
+    """
     for evader in layout.evaders_of(teams):
+        if not games.active[game, evader]:
+            continue
         for chaser in layout.chasers_of(teams):
             here = games.position[game, chaser] == games.position[game, evader]
-            if here and games.active[game, evader]:
+            if here and always_captures:
                 return False
+        if is_exit(games, game, games.position[game, evader], games.exit.shape[1]):
+            return False
     for goal in layout.goals_of(teams):
         cell = games.goal[game, goal]
         for agent in layout.collectors_of(teams):
@@ -110,14 +133,15 @@ def group_at(state: int, group: int, numbering: Numbering) -> int:
 
 @compiled
 def fill_games(
-    games: Games, teams: Teams, cells: int, numbering: Numbering, first: int, real: Any
-) -> None:
+    games: Games, teams: Teams, cells: int, numbering: Numbering, first: int,
+    always_captures: bool, real: Any,
+) -> None:  # fmt: skip
     """Put the states from `first` on into games; `real` [games] bool: whether each can be."""
     group = 0
     for game in range(real.shape[0]):
         group = group_at(first + game, group, numbering)
         write_state(games, game, first + game, group, teams, cells, numbering)
-        real[game] = can_be(games, game, teams)
+        real[game] = can_be(games, game, teams, always_captures)
 
 
 @compiled
@@ -133,14 +157,14 @@ def fill_numbers(
 
 
 @inlined
-def restore_game(games: Games, rules: Rules, work: Workspace) -> None:
+def restore_game(games: Games, rules: Rules, work: Workspace, steps: int) -> None:
     """The game as it was before the step."""
     for agent in layout.agents_of(rules.teams):
         games.position[0, agent] = work.cells[agent]
         games.active[0, agent] = work.active[agent]
     for goal in layout.goals_of(rules.teams):
         games.goal[0, goal] = work.goals[goal]
-    games.steps[0] = 0
+    games.steps[0] = steps
 
 
 @inlined
@@ -163,26 +187,40 @@ def without_bumps(
 
 
 @subroutine
-def list_options(rules: Rules, world: World, players: Players, state: int, work: Workspace) -> None:
+def list_options(
+    rules: Rules, world: World, players: Players, state: int, steps: int, work: Workspace
+) -> None:
     """What every player may do: one that decides all that leads to different cells, of bumps the
-    first; the others what they do with some chance."""
+    first; the others what they do with some chance; one that is not to move stays."""
     for player in range(players.begins.shape[0] - 1):
         first, last = players.begins[player], players.begins[player + 1]
-        free, many = 0, 0
+        free, many, waiting = 0, 0, 0
         for at in range(first, last):
             free |= work.active[players.seats[at]]
+        if rules.options.turns:
+            chases = players.seats[first] < rules.teams.chasers
+            waiting = (steps & 1) == (1 if chases else 0)
+            free &= np.int64(not waiting)
+        work.keeps[player] = -1
         if not free:
-            work.option[player, 0], work.chance[player, 0], many = 0, 1.0, 1
+            joint = 0
+            for _ in range(first, last):
+                joint = joint * rules.num_actions + (stay_of(world) if waiting else 0)
+            work.option[player, 0], work.chance[player, 0], many = joint, 1.0, 1
+            work.keeps[player] = 0
         elif player < players.deciding:
             cell, stays = work.cells[players.seats[first]], -1
             for action in range(rules.num_actions):
                 bumps = world.neighbors[cell, action] == cell
                 if not bumps or (stays < 0 and not players.moves_first):
+                    if bumps:
+                        work.keeps[player] = many
                     work.option[player, many], work.chance[player, many] = action, 1.0
                     many += 1
                 if bumps and stays < 0:
                     stays = action
             if stays >= 0 and players.moves_first:
+                work.keeps[player] = many
                 work.option[player, many], work.chance[player, many] = stays, 1.0
                 many += 1
         else:
@@ -233,17 +271,23 @@ def pick_next(work: Workspace, first: int, last: int) -> None:
 @inlined
 def expand(
     games: Games, rules: Rules, world: World, plan: StepScratch, outcome: Outcome,
-    numbering: Numbering, players: Players, quantities: Quantities, work: Workspace,
-    store: Store, state: int,
+    memory: layout.Memory, numbering: Numbering, players: Players, quantities: Quantities,
+    work: Workspace, store: Store, state: int, plain: bool,
 ) -> None:  # fmt: skip
-    """Store the transitions of the current state of the game."""
-    agents, cells, number = players.seats.shape[0], int(world.num_cells[0]), work.sums.shape[0]
+    """Store the transitions of the current state of the game.
+
+    `plain`, a constant, promises that the rules have no options. Moves do not slip here; see
+    `sweep`.
+    """
+    agents, cells, number = players.seats.shape[0], int(world.num_cells[0]), work.best.shape[0]
+    steps = np.int64(games.steps[0])
+    new_round = not rules.options.turns or (steps & 1) == 0
     for agent in layout.agents_of(rules.teams):
         work.cells[agent] = games.position[0, agent]
         work.active[agent] = games.active[0, agent]
     for goal in layout.goals_of(rules.teams):
         work.goals[goal] = games.goal[0, goal]
-    list_options(rules, world, players, state, work)
+    list_options(rules, world, players, state, steps, work)
     ours, theirs, all_players = 1, 1, players.begins.shape[0] - 1
     for player in range(all_players):
         work.pick[player] = 0
@@ -253,6 +297,10 @@ def expand(
             theirs *= work.many[player]
     store.shape[state, 0], store.shape[state, 1] = ours, theirs
     store.shape[state, 2] = work.many[0]
+    store.shape[state, 3] = not rules.options.turns or not new_round
+    for player in range(store.slips.shape[0]):
+        store.axes[state, player, 0] = work.many[player]
+        store.axes[state, player, 1] = work.keeps[player]
     pair, edge = store.pairs[state], store.edges[state]
     for own in range(ours):
         write_actions(players, work, 0, players.deciding, rules.num_actions)
@@ -265,12 +313,16 @@ def expand(
             lasts = 0
             for agent in range(agents):
                 lasts |= quantities.lasting[q, agent] & work.active[agent]
-            store.sides[edge + own * number + q] = lasts
+            store.sides[edge + own * number + q] = lasts if new_round else 0
         for other in range(theirs):
             chance = write_actions(players, work, players.deciding, all_players, rules.num_actions)
             pick_next(work, players.deciding, all_players)
-            restore_game(games, rules, work)
-            ended = step(games, 0, work.actions, rules, world, plan, outcome) == layout.TERMINATED
+            restore_game(games, rules, work, steps)
+            if plain:
+                end = step(games, 0, work.actions, rules, world, plan, outcome)
+            else:
+                end = step_with_options(games, 0, work.actions, rules, world, plan, outcome, memory)
+            ended = end == layout.TERMINATED
             following = int(np.int64(-1))
             if not ended:
                 following = number_of(games, 0, rules.teams, cells, numbering)
@@ -283,9 +335,9 @@ def expand(
                 store.sides[edge + own * number + q] += chance * worth
 
 
-def entry_for(duel: bool) -> Any:
-    """The kernel that fills a store: of duels, or of any games. Teams that the compiler knows halve
-    its time."""
+def entry_for(duel: bool, plain: bool) -> Any:
+    """The kernel that fills a store: of duels, of games without options of the rules (`plain`), or
+    of any games. Teams that the compiler knows halve its time."""
 
     @compiled
     def fill_store(
@@ -295,7 +347,9 @@ def entry_for(duel: bool) -> Any:
     ) -> None:  # fmt: skip
         """Store what follows the states from `first` to `last` - 1 that the store has room for."""
         teams = Teams(1, 1, 0, 0) if duel else layout.teams_of(numbers)
-        games, rules = layout.games_of(memory), layout.rules_of(teams, numbers, coefficients)
+        options = layout.PLAIN if plain else without_slips(layout.options_of(numbers))
+        games = layout.games_of(memory)
+        rules = layout.rules_of(teams, numbers, coefficients, options)
         world = layout.world_of(mazes.mazes, mazes.neighbors, mazes.facts, mazes.tables)
         outcome, plan = layout.outcome_of(memory), layout.step_scratch_of(scratch)
         group = 0
@@ -305,14 +359,26 @@ def entry_for(duel: bool) -> Any:
             group = group_at(state, group, numbering)
             write_state(games, 0, state, group, teams, int(world.num_cells[0]), numbering)
             expand(
-                games, rules, world, plan, outcome, numbering, players, quantities, work,
-                store, state,
+                games, rules, world, plan, outcome, memory, numbering, players, quantities, work,
+                store, state, plain,
             )  # fmt: skip
 
     return fill_store
 
 
-FILL_STORE = {duel: entry_for(duel) for duel in (True, False)}
+@inlined
+def without_slips(options: layout.Options) -> layout.Options:
+    """These options of the rules, without slips."""
+    return layout.Options(
+        options.capture, options.n_catch, options.recheck, options.block, options.turns, False,
+        options.exits,
+    )  # fmt: skip
+
+
+FILL_STORE = {
+    (duel, plain): entry_for(duel, plain)
+    for duel, plain in ((True, True), (False, True), (False, False))
+}
 
 
 # -- sweeps ----------------------------------------------------------------------------------------
@@ -321,26 +387,30 @@ FILL_STORE = {duel: entry_for(duel) for duel in (True, False)}
 @inlined
 def back_up(store: Store, state: int, work: Workspace, backup: Backup, values: Any) -> int:
     """Compute the values of a state into `work.best`; return the joint action chosen."""
-    number, ours, theirs = work.sums.shape[0], store.shape[state, 0], store.shape[state, 1]
+    number, ours, theirs = work.best.shape[0], store.shape[state, 0], store.shape[state, 1]
     edge, pair = store.edges[state], store.pairs[state]
     chances, chosen, bound, least = edge + ours * number, 0, np.inf, np.inf
+    discount, worth = backup.discount if store.shape[state, 3] != 0 else 1.0, work.worth
     for own in range(ours):
         for q in range(number):
-            work.sums[q] = 0.0
+            worth[own, q] = 0.0
         for other in range(theirs):
             after = np.int64(store.following[pair + own * theirs + other])
             if after >= 0:
                 for q in range(number):
-                    work.sums[q] += store.sides[chances + other] * values[after, q]
+                    worth[own, q] += store.sides[chances + other] * values[after, q]
         for q in range(number):
-            work.sums[q] = store.sides[edge + own * number + q] + backup.discount * work.sums[q]
-        first = backup.sign * work.sums[0]
+            worth[own, q] = store.sides[edge + own * number + q] + discount * worth[own, q]
+    if store.slips.shape[0] > 0:
+        slip_values(store, state, worth)
+    for own in range(ours):
+        first = backup.sign * worth[own, 0]
         if first < bound:
             bound, chosen = first - TIE * max(1.0, abs(first)), own
         if first < least or own == 0:
             least = first
             for q in range(number):
-                work.best[q] = work.sums[q]
+                work.best[q] = worth[own, q]
     return int(store.joints[edge + chosen])
 
 

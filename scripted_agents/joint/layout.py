@@ -4,17 +4,21 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+import numpy as np
+
 
 class Numbering(NamedTuple):
     """How states are numbered.
 
     masks: [groups] int64, bit e for evader number e that is free.
     offsets: [groups + 1] int64, the first state of each group.
-    sizes: [groups] int64, the states of one set of goals.
+    sizes: [groups] int64, the states of one set of goals and exits.
+    halves: 2 if a step is half of a round of turns, else 1: each half has its own states.
     group_of: [2**evaders] int64, the group of a mask; -1 if no evader is free.
     sets: [sets, goals] int32, cells in order; -1 behind the last.
-    binomials: [cells, goals + 1] int64, ways to choose so many of so many cells.
+    binomials: [cells, at least goals + 1] int64, ways to choose so many of so many cells.
     bases: [goals + 2] int64, the first set of so many goals.
+    exits: [any, exits] int32, the sets of exits: the fixed ones, or all sets that can be drawn.
     """
 
     masks: Any
@@ -24,6 +28,8 @@ class Numbering(NamedTuple):
     sets: Any
     binomials: Any
     bases: Any
+    halves: int
+    exits: Any
 
 
 class Players(NamedTuple):
@@ -78,8 +84,11 @@ class Store(NamedTuple):
     the end; what ours are worth at once, [ours, Q]; the chances of theirs. The shape of a state
     that cannot be is 0.
 
-    pairs, edges: [states + 1] int64; shape: [states, 3] int32; following: int32; sides: float64;
-    joints: int16.
+    pairs, edges: [states + 1] int64; shape: [states, 4] int32, the last whether a round ends with
+    the step, so that what follows is discounted; following: int32; sides: float64; joints: int16.
+    slips: [deciding players] float64, the chances of their slips; empty if nobody's moves slip.
+    axes: [states, deciding players, 2] int16, the number of options and the index of the one that
+    keeps the cell, -1 if there is none; empty if nobody's moves slip.
     """
 
     pairs: Any
@@ -88,6 +97,12 @@ class Store(NamedTuple):
     following: Any
     sides: Any
     joints: Any
+    slips: Any
+    axes: Any
+
+
+NO_SLIPS = np.zeros(0), np.zeros((0, 0, 2), dtype=np.int16)
+"""The last two fields of a `Store` where nobody's moves slip."""
 
 
 class Workspace(NamedTuple):
@@ -95,8 +110,9 @@ class Workspace(NamedTuple):
 
     cells, active: [agents] int64; goals: [goals] int64; actions: [1, agents] int32.
     option: [players, joint actions] int64, those that lead to different cells; `many` [players] of
-    them, with their `chance` [players, joint actions], and `pick` [players] int64, one of them.
-    sums, best: [Q] float64.
+    them, of which the one with the index `keeps` [players] keeps the cell (-1 if none does), with
+    their `chance` [players, joint actions], and `pick` [players] int64, one of them.
+    worth: [joint actions of those that decide, Q] float64. best: [Q] float64.
     """
 
     cells: Any
@@ -106,6 +122,7 @@ class Workspace(NamedTuple):
     option: Any
     many: Any
     pick: Any
+    keeps: Any
     chance: Any
-    sums: Any
+    worth: Any
     best: Any

@@ -8,6 +8,7 @@ import numpy as np
 
 from pursuit.compilation.compiled import allocating, compiled, inlined
 from scripted_agents.joint.layout import Store
+from scripted_agents.joint.slips import slip_values
 
 SADDLE = 1e-12
 """Relative difference below which the pure maximin and minimax count as equal."""
@@ -147,7 +148,7 @@ def sweep_games(
         values, target: [states] float64.
         store: what follows each state, the options of the row player counting slowest.
         least_mixed: difference of minimax and maximin above which there is no pure saddle point.
-        chances: [pairs] float64, written: the chance of each pair of options.
+        chances: [pairs] float64, written: the chance of each pair of choices.
         mixed: [states] bool, written: whether there is no pure saddle point.
 
     Returns:
@@ -162,6 +163,7 @@ def sweep_games(
     payoffs = np.empty((most_rows, most_columns))
     tableau = np.empty((most_rows + 1, most_columns + most_rows + 1))
     basis = np.empty(most_rows, dtype=np.int64)
+    worth = np.empty((most_rows * most_columns, 1))
     row, column = np.empty(most_rows), np.empty(most_columns)
     change = 0.0
     for state in range(first, last):
@@ -169,12 +171,17 @@ def sweep_games(
         if m == 0:
             continue
         n = store.shape[state, 0] // m
+        share = discount if store.shape[state, 3] != 0 else 1.0
+        for at in range(m * n):
+            after = store.following[pair + at]
+            worth[at, 0] = store.sides[edge + at]
+            if after >= 0:
+                worth[at, 0] += share * values[after]
+        if store.slips.shape[0] > 0:
+            slip_values(store, state, worth)
         for i in range(m):
             for j in range(n):
-                after = store.following[pair + i * n + j]
-                payoffs[i, j] = store.sides[edge + i * n + j]
-                if after >= 0:
-                    payoffs[i, j] += discount * values[after]
+                payoffs[i, j] = worth[i * n + j, 0]
         value, apart = solve_matrix(payoffs[:m, :n], tableau, basis, row[:m], column[:n])
         change = max(change, abs(value - values[state]))
         target[state], mixed[state] = value, apart > least_mixed

@@ -14,7 +14,7 @@ from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task
 from scripted_agents.agents.scripted import MoveSets, Scripted
 from scripted_agents.agents.table_policy import TablePolicy
-from scripted_agents.joint.policy import JointPlan
+from scripted_agents.joint.policy import JointPlan, random_moves
 from scripted_agents.joint.states import JointStates
 from scripted_agents.tolerances import NETWORK_SUM_TOLERANCE
 
@@ -134,10 +134,10 @@ def lay_out_others(
                 continue
             playing = real & (games.active[:, seats] != 0).any(axis=1)
             found = _checked(_drawn_by(policy, task, games, seats), playing, task, seats, policy)
-            rows.append(found.ravel())
+            rows.append(slipped_rows(task, seats, games.position, found).ravel())
             codes[number, part] = begins + width * np.arange(first, first + len(real))
         if isinstance(policy, Scripted):
-            rows.append(known.rows(policy.epsilon).ravel())
+            rows.append(known.rows(policy.epsilon, task.slips[seats[0]]).ravel())
         begins = sum(map(len, rows))
     return OtherPolicies(players, codes, np.concatenate(rows))
 
@@ -174,3 +174,20 @@ def _checked(
             f"the {task.num_actions} actions in some state; rows are non-negative and sum to 1"
         )
     return np.asarray(found / np.where(total > 0.0, total, 1.0))
+
+
+def slipped_rows(
+    task: Task, seats: tuple[int, ...], cells: NDArray[Any], rows: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """[games, joint actions] float64: distributions of the joint moves of these agents, given those
+    of their choices; `cells` [games, agents] are the positions of all agents."""
+    slips = [task.slips[seat] for seat in seats]
+    if not any(slips):
+        return rows
+    uniform = random_moves(task.mazes[0], task.num_actions)
+    rows = rows.reshape(-1, *(task.num_actions,) * len(seats))
+    for axis, (seat, slip) in enumerate(zip(seats, slips, strict=True), start=1):
+        shape = [-1] + [task.num_actions if a == axis else 1 for a in range(1, rows.ndim)]
+        moves = uniform[cells[:, seat]].reshape(shape)
+        rows = (1.0 - slip) * rows + slip * rows.sum(axis=axis, keepdims=True) * moves
+    return rows.reshape(len(rows), -1)

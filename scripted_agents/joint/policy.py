@@ -106,7 +106,7 @@ class JointTable:
         numbers = self.states.numbers(view.games)
         draws = np.empty(view.num_games)
         if len(self.seats) > 1:
-            draw_together(view.streams, view.steps, draws)
+            draw_together(view.streams, view.task.num_agents, view.steps, draws)
         else:
             draws = view.uniform()
         joint = drawn(draws, self._cumulative[np.maximum(numbers, 0)])
@@ -192,8 +192,9 @@ def _part_of(
 def check_game(policy: JointPlan | JointTable, task: Task, seat: int) -> None:
     """ValueError unless a policy has the states of this task, and is for this agent."""
     own = policy.states.task
-    fits = (task.mazes, task.teams, task.num_actions, task.move_order)
-    if fits != (own.mazes, own.teams, own.num_actions, own.move_order):
+    fits = (task.mazes, task.teams, task.num_actions, task.move_order, task.fixed_exits)
+    its = (own.mazes, own.teams, own.num_actions, own.move_order, own.fixed_exits)
+    if fits != its or task.num_exits != own.num_exits:
         raise ValueError(
             f"{policy!r} is a plan for task {own.name!r} on {own.mazes[0].name}; task "
             f"{task.name!r} has another maze, other agents, goals, actions or order of moves"

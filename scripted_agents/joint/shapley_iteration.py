@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from scripted_agents.joint.layout import Store
+from scripted_agents.joint.layout import NO_SLIPS, Store
 from scripted_agents.joint.matrix_games import fill_strategies, sweep_games
 from scripted_agents.joint.opponents import lay_out_others
+from scripted_agents.joint.slips import fill_move_chances
 from scripted_agents.joint.states import JointStates
 from scripted_agents.joint.sweeps import Problem, Quantity, filled_store
 from scripted_agents.tolerances import JOINT_TOLERANCE, MAX_SWEEPS
@@ -43,7 +44,7 @@ def restricted(store: Store, rows: Mask, columns: Mask) -> Store:
     Args:
         store: of two players who both decide, so that every pair of options is a joint action.
         rows, columns: [states, actions] bool of the row and of the column player; at least one
-            option of each in every state.
+            option of each in every state. Nobody's moves may slip.
     """
     state = np.repeat(np.arange(len(store.shape)), store.shape[:, 0])
     within = np.arange(len(state)) - np.repeat(
@@ -64,7 +65,7 @@ def restricted(store: Store, rows: Mask, columns: Mask) -> Store:
         store.sides[edge[kept]],
         store.joints[edge[kept]],
     )
-    return Store(pairs, pairs, shape, following, sides, joints)
+    return Store(pairs, pairs, shape, following, sides, joints, *NO_SLIPS)
 
 
 def game_of_task(
@@ -169,20 +170,25 @@ class StochasticGame:
         from scipy.sparse import csc_array, csr_array, eye_array  # slow to import
         from scipy.sparse.linalg import splu
 
+        chances = self._chances
+        if len(self.store.slips):
+            chances = np.empty_like(chances)
+            fill_move_chances(self.store, self._chances, chances)
         ends = self.store.following < 0
         columns = np.where(ends, 0, self.store.following)
         lotteries = 0 if self._lotteries is None else self._lotteries.shape[0]
         shape, starts = (self.count, self.count + lotteries), self.store.pairs.astype(np.int32)
-        following = csr_array((np.where(ends, 0.0, self._chances), columns, starts), shape)
+        following = csr_array((np.where(ends, 0.0, chances), columns, starts), shape)
         if self._lotteries is not None:
             after = following[:, self.count :] @ self._lotteries
             following = csr_array(following[:, : self.count] + after)
         following.eliminate_zeros()
         going, values = self.playing.copy(), np.zeros(self.count)
+        discounts = np.where(self.store.shape[:, 3] != 0, self.discount, 1.0)
         if self._step_reward is None:
             shift = self.store.edges[:-1] - self.store.pairs[:-1]
-            sides = np.arange(len(self._chances)) + np.repeat(shift, np.diff(self.store.pairs))
-            gains = self._chances * self.store.sides[sides]
+            sides = np.arange(len(chances)) + np.repeat(shift, np.diff(self.store.pairs))
+            gains = chances * self.store.sides[sides]
             rewards = csr_array((gains, columns, self.store.pairs), shape).sum(axis=1)
         else:
             rewards = np.full(self.count, self._step_reward)
@@ -196,8 +202,9 @@ class StochasticGame:
         some = np.flatnonzero(going)
         if len(some):
             within = following[some]
-            system = eye_array(len(some)) - self.discount * within[:, some]
-            right = rewards[some] + self.discount * (within @ np.where(going, 0.0, values))
+            scaled = within.multiply(discounts[some][:, None]).tocsr()
+            system = eye_array(len(some)) - scaled[:, some]
+            right = rewards[some] + scaled @ np.where(going, 0.0, values)
             values[some] = splu(csc_array(system)).solve(right)
         return values
 

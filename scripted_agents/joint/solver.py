@@ -57,8 +57,8 @@ def solve_joint(
         agents: a role (all its agents), a name, or several names.
         policies: of all other agents, by agent name or role (a name goes first): policies with a
             `distribution`, or tables [self cell, other cell, action].
-        horizon: number of steps of the game, or None for infinitely many.
-        discount: of each step, above 0 and at most 1.
+        horizon: number of steps of the game (of rounds of turns), or None for infinitely many.
+        discount: of each step (round), above 0 and at most 1.
         objective: "return" maximises the sum of the returns of `agents`, "lead" that sum minus the
             returns of all others; rewards are float64 here, and rounded to float32 in games.
             "steps" minimises the steps until the game is over; for evaders
@@ -268,6 +268,8 @@ def _solve(
     values = np.zeros((states.count, len(problem.quantities)))
     choice = np.zeros(states.count, dtype=np.int16)
     small: Any = np.uint8 if decide <= 256 else np.int16
+    if horizon is not None:
+        horizon *= states.numbering.halves
     with Sweeper(problem, values, choice) as sweeper:
         if horizon is None:
             if not sweeper.converge():

@@ -50,12 +50,14 @@ class JointStates:
 
         Returns:
             The games, and [count] bool: whether a state can occur between steps, that is, without a
-            chaser in the cell of a free evader, or a collector in the cell of a goal.
+            collector in the cell of a goal, an evader on an exit or, where that is always a
+            capture, a chaser in the cell of a free evader.
         """
         task = self.task
-        games = layout.empty_games(count, task.num_agents, task.num_goals)
+        games = layout.empty_games(count, task.num_agents, task.num_goals, task.most_exits)
         real = np.zeros(count, dtype=np.bool_)
-        fill_games(games, task.teams, task.max_cells, self.numbering, first, real)
+        always = task.options[:3] == layout.PLAIN[:3]
+        fill_games(games, task.teams, task.max_cells, self.numbering, first, always, real)
         return games, real
 
     def numbers(self, games: Games) -> NDArray[np.int64]:
@@ -76,14 +78,14 @@ class JointStates:
         """The numbers of all states that an episode can begin with, all equally likely, in parts.
 
         All agents and goals are in different cells, chasers and evaders are at least `least`
-        path steps apart (by default the task's `min_start_distance`). With `start="marks"` all
-        agents and goals with a mark are on it.
+        path steps apart (by default the task's `min_start_distance`), evaders and goals are on no
+        exit. With `start="marks"` all agents and goals with a mark are on it.
         """
         task, maze = self.task, self.task.mazes[0]
         least = task.min_start_distance if least is None else whole("least", least)
         numbering = self.numbering
         first = int(numbering.offsets[-2])
-        if task.num_goals:
+        if task.num_goals and len(numbering.exits) == 1:
             first += int(numbering.bases[task.num_goals] * numbering.sizes[-1])
         agents, goals = self._marked
         for number, games, good in self.chunks(first):
@@ -97,6 +99,8 @@ class JointStates:
                 good &= games.position[:, agent] == cell
             for cell in goals:
                 good &= (games.goal == cell).any(axis=1)
+            good &= (games.steps == 0) & (games.goal >= 0).all(axis=1)
+            good &= ~(games.goal[:, :, None] == games.exit[:, None]).any(axis=(1, 2))
             yield number + np.flatnonzero(good)
 
     @cached_property
@@ -126,15 +130,38 @@ class JointStates:
         values = as_array("values", values, "biuf", rule)
         if values.shape[:1] != (self.count,):
             raise ValueError(f"values of shape {values.shape}; {rule}")
-        total, count = np.zeros(values.shape[1:]), 0
+        total, count = np.zeros(values.shape[1:]), 0.0
         for numbers in self.starts(least):
-            total += values[numbers].sum(axis=0)
-            count += len(numbers)
+            weights = self._weights(numbers)
+            if weights is None:
+                total += values[numbers].sum(axis=0)
+                count += len(numbers)
+            else:
+                total += np.tensordot(weights, values[numbers], axes=1)
+                count += float(weights.sum())
         if count == 0:
             raise ValueError(
                 f"min_start_distance {self.task.min_start_distance}: no start is so far apart"
             )
         return np.asarray(total / count)
+
+    def _weights(self, numbers: NDArray[np.int64]) -> NDArray[np.float64] | None:
+        """[starts] float64, how likely each of these starts is; None if all are equally likely.
+
+        Goals are drawn last, from the cells without agent and exit, so that each place is likelier
+        where an agent is on an exit.
+        """
+        task = self.task
+        if not task.num_goals or not task.most_exits:
+            return None
+        if task.start == "marks":
+            raise ValueError("starts at marks with goals and exits: no mean over starts is known")
+        free = []
+        for first in numbers.tolist():
+            games, _ = self.games(first, 1)
+            taken = {*games.position[0].tolist(), *games.exit[0].tolist()} - {-1}
+            free.append(task.max_cells - len(taken))
+        return np.array([1.0 / comb(cells, task.num_goals) for cells in free])
 
 
 def joint_states_of(task: Task) -> JointStates:
@@ -146,26 +173,44 @@ def joint_states_of(task: Task) -> JointStates:
     count = count_joint_states(task)
     cells, evaders, goals = task.max_cells, task.num_evaders, task.num_goals
     masks = sorted(range(min(evaders, 1), 2**evaders), key=lambda mask: (mask.bit_count(), mask))
-    others = task.num_chasers + task.num_runners
-    sizes = np.array([cells ** (others + mask.bit_count()) for mask in masks], dtype=np.int64)
+    others, halves = task.num_chasers + task.num_runners, 2 if task.options.turns else 1
+    exits = exit_sets_of(task)
+    sizes = [halves * cells ** (others + mask.bit_count()) for mask in masks]
     group_of = np.full(2**evaders, -1, dtype=np.int64)
     group_of[masks] = np.arange(len(masks))
     bases = [0, *np.cumsum([0, *(comb(cells, left) for left in range(1, goals + 1))]).tolist()]
     sets = np.full((max(bases[-1], 1), goals), -1, dtype=np.int32)
     for left in range(1, goals + 1):
-        # In the order of the largest cell, then of the next: the place of cells c1 < c2 < ... is
-        # C(c1, 1) + C(c2, 2) + ... (Lehmer, 1964).
-        chosen = np.array(list(combinations(range(cells), left)), dtype=np.int32)
-        sets[bases[left] : bases[left + 1], :left] = chosen[np.lexsort(chosen.T)]
-    binomials = [[comb(cell, left) for left in range(goals + 1)] for cell in range(cells)]
-    offsets = np.concatenate([[0], np.cumsum(sizes * len(sets))])
+        sets[bases[left] : bases[left + 1], :left] = _sets_of(cells, left)
+    most = max(goals, exits.shape[1])
+    binomials = [[comb(cell, left) for left in range(most + 1)] for cell in range(cells)]
+    offsets = np.concatenate([[0], np.cumsum(np.array(sizes) * len(sets) * len(exits))])
     numbering = Numbering(
         masks=np.array(masks, dtype=np.int64),
         offsets=offsets.astype(np.int64),
-        sizes=sizes,
+        sizes=np.array(sizes, dtype=np.int64),
         group_of=group_of,
         sets=sets,
         binomials=np.array(binomials, dtype=np.int64),
         bases=np.array(bases, dtype=np.int64),
+        halves=halves,
+        exits=exits,
     )
     return JointStates(task, count, numbering)
+
+
+def exit_sets_of(task: Task) -> NDArray[np.int32]:
+    """[sets, exits] int32: the fixed exits of a task in one maze, or all sets that it can draw."""
+    if task.num_exits:
+        return _sets_of(task.max_cells, task.num_exits)
+    return np.array([task.fixed_exits[0]], dtype=np.int32).reshape(1, -1)
+
+
+def _sets_of(cells: int, size: int) -> NDArray[np.int32]:
+    """[sets, size] int32: all sets of so many cells, the place of each set its number.
+
+    In the order of the largest cell, then of the next: the place of cells c1 < c2 < ... is
+    C(c1, 1) + C(c2, 2) + ... (Lehmer, 1964).
+    """
+    chosen = np.array(list(combinations(range(cells), size)), dtype=np.int32)
+    return chosen[np.lexsort(chosen.T)]

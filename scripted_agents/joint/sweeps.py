@@ -17,7 +17,14 @@ from pursuit.mazes.maze_arrays import lay_out
 from pursuit.memory import check_memory
 from pursuit.rules import layout
 from scripted_agents.joint.kernels import FILL_STORE, sweep
-from scripted_agents.joint.layout import Backup, Players, Quantities, Store, Workspace
+from scripted_agents.joint.layout import (
+    NO_SLIPS,
+    Backup,
+    Players,
+    Quantities,
+    Store,
+    Workspace,
+)
 from scripted_agents.joint.opponents import OtherPolicies
 from scripted_agents.joint.states import JointStates
 from scripted_agents.limits import MAX_STORE_BYTES
@@ -109,15 +116,17 @@ class Problem:
             actions=np.zeros((1, agents), dtype=np.int32),
             option=np.zeros((agents, most), dtype=np.int64),
             many=np.zeros(agents, dtype=np.int64),
+            keeps=np.zeros(agents, dtype=np.int64),
             pick=np.zeros(agents, dtype=np.int64),
             chance=np.zeros((agents, most)),
-            sums=np.zeros(number),
+            worth=np.zeros((task.num_actions ** len(self.deciding), number)),
             best=np.zeros(number),
         )
 
     @cached_property
     def levels(self) -> list[NDArray[np.int64]]:
-        """[sets, 2] of each level, the first state of a set of goals and the one after its last.
+        """[sets, 2] of each level, the first state of a set of goals (and exits) and the one after
+        its last.
 
         A step leads to the same set, or to a set of an earlier level. Groups without agents that
         count are omitted, as their values are 0.
@@ -126,11 +135,13 @@ class Problem:
         for group, mask in enumerate(numbering.masks.tolist()):
             if not self.counts(mask):
                 continue
-            sets = np.arange(len(numbering.sets) + 1)
-            begins = numbering.offsets[group] + numbering.sizes[group] * sets
+            size, each = numbering.sizes[group], len(numbering.sets)
             bases = numbering.bases[1:].tolist() if self.states.task.num_goals else [0, 1]
             for first, last in pairwise(bases):
-                found.append(np.stack([begins[first:last], begins[first + 1 : last + 1]], axis=1))
+                of_exits = each * np.arange(len(numbering.exits))[:, None]
+                sets = (of_exits + np.arange(first, last)).ravel()
+                begins = numbering.offsets[group] + size * sets
+                found.append(np.stack([begins, begins + size], axis=1))
         return found
 
     def counts(self, mask: int) -> bool:
@@ -268,10 +279,11 @@ def filled_store(problem: Problem, wanted: NDArray[np.bool_] | None = None) -> S
     bounds = [count * i // threads for i in range(threads + 1)]
 
     def part(number: int) -> None:
-        memory = layout.allocate(1, task.num_agents, task.num_goals)
+        memory = layout.allocate(1, task.num_agents, task.num_goals, task.most_exits)
         memory = memory._replace(rewards=memory.rewards.astype(np.float64))
         own = bounds[number], bounds[number + 1]
-        FILL_STORE[task.is_duel](memory, *problem.for_kernels(), problem.workspace(), store, *own)
+        kind = task.is_duel, task.options == layout.PLAIN
+        FILL_STORE[kind](memory, *problem.for_kernels(), problem.workspace(), store, *own)
 
     with ThreadPoolExecutor(threads) as pool:
         list(pool.map(part, range(threads)))
@@ -281,6 +293,8 @@ def filled_store(problem: Problem, wanted: NDArray[np.bool_] | None = None) -> S
 def _empty_store(problem: Problem, wanted: NDArray[np.bool_] | None) -> Store:
     """A store with space for the transitions of the states."""
     states, number, task = problem.states, len(problem.quantities), problem.states.task
+    slips = np.array([task.slips[seat] for seat in problem.deciding])
+    axes = np.zeros((states.count, len(slips), 2), dtype=np.int16)
     cells = task.mazes[0].neighbors[:, : task.num_actions].tolist()
     ways = np.array([len(set(row)) for row in cells])  # different cells that actions lead to
     pairs, edges = np.zeros((2, states.count + 1), dtype=np.int64)
@@ -303,8 +317,9 @@ def _empty_store(problem: Problem, wanted: NDArray[np.bool_] | None) -> Store:
     return Store(
         pairs,
         edges,
-        np.zeros((states.count, 3), dtype=np.int32),
+        np.zeros((states.count, 4), dtype=np.int32),
         np.zeros(pairs[-1], dtype=np.int32),
         np.zeros(edges[-1]),
         np.zeros(edges[-1], dtype=np.int16),
+        *((slips, axes) if slips.any() else NO_SLIPS),
     )

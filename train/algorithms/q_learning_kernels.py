@@ -45,6 +45,7 @@ def number_states(
     goal: Any,
     steps: Any,
     maze: Any,
+    exit_of: Any,
     cells: int,
     binomials: Any,
     chosen: Any,
@@ -56,13 +57,13 @@ def number_states(
     remaining goals are an unordered set, numbered in the combinatorial number system.
 
     Args:
-        position, active, event, goal, steps, maze: the arrays of `pursuit.rules.Games`.
+        position, active, event, goal, steps, maze, exit_of: the arrays of `pursuit.rules.Games`.
         cells: of the task's maze.
         binomials: [cells + 2, goals + 1] int64, n over k; in the last row the number of sets.
         chosen: [games] bool; the states of others are not written.
         states: [games] int64, out.
     """
-    games = Games(position, active, event, goal, steps, maze)
+    games = Games(position, active, event, goal, steps, maze, exit_of)
     for game in range(states.shape[0]):
         if chosen[game]:
             states[game] = number_state(games, game, cells, binomials)
@@ -98,15 +99,15 @@ def choose_actions(
 @compiled
 def learn(
     q_values: Any, visits: Any, position: Any, active: Any, event: Any, goal: Any, steps: Any,
-    maze: Any, numbering: Any, allowed: Any, states: Any, actions: Any, seat: int, rewards: Any,
-    ended_by_rule: Any, ended_by_time: Any, done: Any, gamma: float, learning_rate: float,
-    power: float,
+    maze: Any, exit_of: Any, numbering: Any, allowed: Any, states: Any, actions: Any, seat: int,
+    rewards: Any, ended_by_rule: Any, ended_by_time: Any, done: Any, gamma: float,
+    learning_rate: float, power: float,
 ) -> tuple[float, int]:  # fmt: skip
     """One update for each game in sequence (Watkins, 1989).
 
     Args:
         q_values, visits: [states, actions].
-        position, active, event, goal, steps, maze: the arrays of the games after the step.
+        position, active, event, goal, steps, maze, exit_of: the arrays of the games after the step.
         numbering: cells and binomials, as `number_states` takes them.
         allowed: [cells, actions] bool, the allowed actions, also for the next action.
         states: [games] int64 before the step; overwritten by those after it.
@@ -118,7 +119,7 @@ def learn(
     Returns:
         The mean |error|, and the number of ended episodes.
     """
-    games = Games(position, active, event, goal, steps, maze)
+    games = Games(position, active, event, goal, steps, maze, exit_of)
     cells, binomials = numbering
     num_actions = q_values.shape[1]
     total, count = 0.0, 0

@@ -1,0 +1,198 @@
+"""The options of the rules of a task: captures, exits, collisions, slips; their checks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from pursuit.mazes.maze import Maze
+from pursuit.rules import layout
+from pursuit.validation import FrozenDict, check, check_probability, is_int, is_number
+
+if TYPE_CHECKING:
+    from pursuit.tasks.task import Task
+
+MOVE_ORDERS = ("simultaneous", "chasers_first", "turns")
+CAPTURES = ("cell", "adjacent", "surround")
+"""The capture rules, in the order of their numbers in `pursuit.rules.layout`."""
+CAPTURE_CHECKS = ("each_move", "after_chasers")
+COLLISIONS = ("share", "block")
+Slip = float | Mapping[str, float] | str
+
+
+def check_slip(name: str, given: Any) -> Any:
+    """The chance of slips: a number unchanged, by role or agent as an immutable dict.
+
+    Raises:
+        ValueError: a chance outside [0, 1], or another form.
+    """
+    if isinstance(given, str):
+        given = _slip_from_text(name, given)
+    if not isinstance(given, Mapping):
+        return check_probability(name, given)
+    return FrozenDict(
+        {role: check_probability(f"{name} of {role}", share) for role, share in given.items()}
+    )
+
+
+def _slip_from_text(name: str, text: str) -> Any:
+    """`0.1`, or a dict from `evader=0.1,chaser=0.2`."""
+    try:
+        if "=" not in text:
+            return float(text)
+        parts = [part.partition("=") for part in text.split(",")]
+        return {role.strip(): float(share) for role, _, share in parts}
+    except ValueError:
+        rule = "give a probability, for roles or agents as in 'evader=0.1,chaser_0=0.2'"
+        raise ValueError(f"{name}={text!r}; {rule}") from None
+
+
+def slip_text(given: Slip) -> str:
+    """The chance of slips as text, from which `check_slip` makes the same."""
+    if isinstance(given, Mapping):
+        return ",".join(f"{role}={share:g}" for role, share in given.items())
+    return f"{given:g}" if is_number(given) else str(given)
+
+
+def slips_of(given: Slip, agent_names: Sequence[str], roles: Sequence[str]) -> tuple[float, ...]:
+    """The chance of a slip of every agent.
+
+    Raises:
+        ValueError: an unknown role or agent.
+    """
+    if not isinstance(given, Mapping):
+        return (float(given),) * len(agent_names)  # type: ignore[arg-type]  # checked before
+    for name in given:
+        if name not in (*agent_names, *roles):
+            known = ", ".join(dict.fromkeys((*roles, *agent_names)))
+            raise ValueError(f"slip of {name!r}; this task has {known}")
+    named = zip(agent_names, roles, strict=True)
+    return tuple(given.get(name, given.get(role, 0.0)) for name, role in named)
+
+
+def check_exits(name: str, given: Any) -> tuple[int, ...] | None:
+    """The cells of exits as a tuple; None if they are not given.
+
+    Raises:
+        ValueError: no cells, or one that is given twice.
+    """
+    if isinstance(given, str):
+        given = [int(cell) if cell.strip().isdigit() else cell for cell in given.split(",")]
+    cells = tuple(given) if isinstance(given, Sequence) else (given,)
+    if not cells or not all(is_int(cell) and cell >= 0 for cell in cells):
+        raise ValueError(f"{name}={given!r}; give the numbers of one or more cells")
+    if len(set(cells)) < len(cells):
+        raise ValueError(f"{name}={given!r}: a cell is given twice; give it once")
+    return tuple(map(int, cells))
+
+
+def fixed_exits_of(task: Task) -> tuple[tuple[int, ...], ...]:
+    """The fixed exits of every maze of a task: those given, or the marks `E` of the maze."""
+    if task.num_exits or not task.num_evaders:
+        return ((),) * len(task.mazes)
+    return tuple(maze.exit_marks if task.exits is None else task.exits for maze in task.mazes)
+
+
+def options_of(task: Task) -> layout.Options:
+    """The options of the rules of a task, as used by `pursuit.rules`."""
+    return layout.Options(
+        CAPTURES.index(task.capture),
+        task.n_catch,
+        task.capture_check == "each_move",
+        task.collisions == "block",
+        task.move_order == "turns",
+        any(task.slips),
+        task.num_exits or max(map(len, task.fixed_exits)),
+    )
+
+
+def check_options(task: Task) -> None:
+    """Check that the options of the rules do not contradict each other.
+
+    Raises:
+        ValueError: they do.
+    """
+    both = task.num_chasers > 0 and task.num_evaders > 0
+    teams = f"num_chasers={task.num_chasers} and num_evaders={task.num_evaders}"
+    for name, default in (
+        ("capture", "cell"), ("n_catch", 1), ("capture_check", "each_move"),
+    ):  # fmt: skip
+        value = getattr(task, name)
+        check(
+            both or value == default,
+            f"{name}={value!r}: captures need chasers and evaders, but {teams}; leave it out",
+        )
+    check(
+        task.n_catch <= max(task.num_chasers, 1),
+        f"n_catch={task.n_catch}, but num_chasers={task.num_chasers}, so nobody can be captured; "
+        "give at most the number of chasers",
+    )
+    check(
+        task.capture != "surround" or task.n_catch == 1,
+        f"capture='surround' with n_catch={task.n_catch}: the cells around the evader say how many "
+        "chasers are needed; leave n_catch out",
+    )
+    check(
+        task.capture_check == "each_move" or task.move_order != "simultaneous",
+        "capture_check='after_chasers' with move_order='simultaneous': the chasers have no move of "
+        "their own; give move_order='chasers_first' or 'turns'",
+    )
+    check(
+        task.collisions == "share" or task.capture != "cell" or task.n_catch == 1,
+        f"collisions='block' with capture='cell' and n_catch={task.n_catch}: chasers cannot share "
+        "the evader's cell, so nobody can be captured; give capture='adjacent' or 'surround'",
+    )
+    if task.move_order == "turns":
+        check(
+            both,
+            f"move_order='turns': chasers and evaders take turns, but {teams}; leave it out",
+        )
+        check(
+            task.stay_action,
+            "move_order='turns' with stay_action=False: the side that waits plays stay; give "
+            "stay_action=True",
+        )
+    check(
+        not task.num_runners or task.move_order != "turns",
+        f"move_order='turns' with num_runners={task.num_runners}; take 'chasers_first'",
+    )
+    _check_exits(task)
+
+
+def _check_exits(task: Task) -> None:
+    given = task.exits is not None or task.num_exits > 0
+    check(
+        not given or task.num_evaders > 0,
+        f"exits={task.exits}, num_exits={task.num_exits}, but num_evaders=0 and only evaders "
+        "escape; give num_evaders, or leave the exits out",
+    )
+    check(
+        task.exits is None or task.num_exits == 0,
+        f"exits={task.exits} and num_exits={task.num_exits}; give one of them",
+    )
+    for maze, cells in zip(task.mazes, task.fixed_exits, strict=True):
+        _check_exits_in(task, maze, cells)
+
+
+def _check_exits_in(task: Task, maze: Maze, cells: tuple[int, ...]) -> None:
+    for cell in cells:
+        check(
+            cell < maze.num_cells,
+            f"exits={cells}: the cells of {maze.name} are 0 to {maze.num_cells - 1}",
+        )
+        check(
+            cell != maze.start_mark and cell not in maze.goal_marks,
+            f"exits={cells}: cell {cell} of {maze.name} is marked as start or goal; take another",
+        )
+    count = task.num_exits or len(cells)
+    check(
+        not task.num_exits or not maze.exit_marks,
+        f"num_exits={task.num_exits}, but {maze.name} has exits marked E; leave num_exits out",
+    )
+    needed = max(task.num_agents, task.num_evaders + count) + task.num_goals
+    needed = max(needed, count + task.num_evaders + task.num_goals)
+    check(
+        not count or needed <= maze.num_cells,
+        f"{count} exits, {task.num_evaders} evaders and {task.num_goals} goals need different "
+        f"cells; maze {maze.name} has {maze.num_cells}. Use fewer, or a larger maze",
+    )
