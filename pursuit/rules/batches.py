@@ -58,7 +58,7 @@ MOST_KNOWN = 8
 
 
 @inlined
-def keep_final(games: Games, game: int, teams: Teams, outcome: Outcome) -> None:
+def keep_final(games: Games, game: int, teams: Teams, num_exits: int, outcome: Outcome) -> None:
     """Copy the last state of an episode to `outcome.final`."""
     final = outcome.final
     final.steps[game], final.maze[game] = games.steps[game], games.maze[game]
@@ -69,7 +69,7 @@ def keep_final(games: Games, game: int, teams: Teams, outcome: Outcome) -> None:
         outcome.episode_returns[game, agent] = outcome.returns[game, agent]
     for goal in goals_of(teams):
         final.goal[game, goal] = games.goal[game, goal]
-    for number in range(games.exit.shape[1]):
+    for number in range(num_exits):
         final.exit[game, number] = games.exit[game, number]
 
 
@@ -90,13 +90,29 @@ def start_game(memory: Memory, game: int, rules: Rules, world: World, scratch: I
 
 @subroutine
 def finish_episodes(
-    memory: Memory, rules: Rules, world: World, scratch: Ints, auto_restart: bool
+    memory: Memory, numbers: Longs, coefficients: Reals, world: World, scratch: Ints, restart: bool
 ) -> None:
+    """Copy the last state of games that ended, and restart them if asked to; without options."""
+    rules = rules_of(teams_of(numbers), numbers, coefficients, PLAIN)
+    finish(memory, rules, world, scratch, restart)
+
+
+@subroutine
+def finish_with_options(
+    memory: Memory, numbers: Longs, coefficients: Reals, world: World, scratch: Ints, restart: bool
+) -> None:
+    """As `finish_episodes`, with the options of the rules."""
+    rules = rules_of(teams_of(numbers), numbers, coefficients, options_of(numbers))
+    finish(memory, rules, world, scratch, restart)
+
+
+@inlined
+def finish(memory: Memory, rules: Rules, world: World, scratch: Ints, auto_restart: bool) -> None:
     """Copy the last state of games that ended, and restart them if `auto_restart`."""
     games, outcome = games_of(memory), outcome_of(memory)
     for game in range(outcome.terminated.shape[0]):
         if outcome.terminated[game] | outcome.truncated[game]:
-            keep_final(games, game, rules.teams, outcome)
+            keep_final(games, game, rules.teams, rules.options.exits, outcome)
             if auto_restart:
                 start_game(memory, game, rules, world, scratch)
 
@@ -209,14 +225,17 @@ def entry_for(chasers: int, evaders: int, runners: int, goals: int, plain: bool)
             runners if runners >= 0 else found.runners,
             goals if goals >= 0 else found.goals,
         )
-        rules = rules_of(teams, numbers, coefficients, PLAIN if plain else options_of(numbers))
+        options = PLAIN if plain else options_of(numbers)
+        rules = rules_of(teams, numbers, coefficients, options)
         if not all_allowed(actions, rules.num_actions):
             return BAD_ACTION
         if plain and not fits(memory, actions, teams):
             return BAD_ACTION
         step_each(memory, actions, rules, world, scratch, not auto_restart, plain)
-        every = rules_of(found, numbers, coefficients, options_of(numbers))
-        finish_episodes(memory, every, world, scratch, auto_restart)
+        if plain:
+            finish_episodes(memory, numbers, coefficients, world, scratch, auto_restart)
+        else:
+            finish_with_options(memory, numbers, coefficients, world, scratch, auto_restart)
         return OK
 
     return step_games

@@ -84,8 +84,8 @@ class Options(NamedTuple):
 
     capture: CELL, ADJACENT or SURROUND. n_catch: the captors that a capture needs. recheck: whether
     captures are resolved again after the evaders' moves. block: whether solid agents cannot share a
-    cell. turns: whether a step is the move of one side. slips: whether moves can slip. exits: the
-    number of exits.
+    cell. turns: whether a step is the move of one side. slips: whether moves can slip. touches:
+    whether touching an evader is rewarded. exits: the number of exits.
     """
 
     capture: int
@@ -94,10 +94,11 @@ class Options(NamedTuple):
     block: bool
     turns: bool
     slips: bool
+    touches: bool
     exits: int
 
 
-PLAIN = Options(CELL, 1, True, False, False, False, 0)
+PLAIN = Options(CELL, 1, True, False, False, False, False, 0)
 """The rules without options."""
 
 
@@ -379,7 +380,7 @@ def options_of(numbers: Longs) -> Options:
     return Options(
         numbers[OPTIONS_AT], numbers[OPTIONS_AT + 1], numbers[OPTIONS_AT + 2] != 0,
         numbers[OPTIONS_AT + 3] != 0, numbers[OPTIONS_AT + 4] != 0, numbers[OPTIONS_AT + 5] != 0,
-        numbers[OPTIONS_AT + 6],
+        numbers[OPTIONS_AT + 6] != 0, numbers[OPTIONS_AT + 7],
     )  # fmt: skip
 
 

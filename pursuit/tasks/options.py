@@ -102,6 +102,7 @@ def options_of(task: Task) -> layout.Options:
         task.collisions == "block",
         task.move_order == "turns",
         any(task.slips),
+        task.role_rewards["chaser"].touch != 0.0,
         task.num_exits or max(map(len, task.fixed_exits)),
     )
 

@@ -371,7 +371,7 @@ def without_slips(options: layout.Options) -> layout.Options:
     """These options of the rules, without slips."""
     return layout.Options(
         options.capture, options.n_catch, options.recheck, options.block, options.turns, False,
-        options.exits,
+        options.touches, options.exits,
     )  # fmt: skip
 
 
