@@ -222,8 +222,7 @@ class Maze:
     def from_drawing(cls, drawing: Drawing | GraphDrawing, name: str) -> Maze:
         """The maze of the content of a file."""
         if isinstance(drawing, Drawing):
-            *grids, exits = drawing
-            return cls(*grids, name, exits)
+            return cls(*drawing[:-1], name, drawing.exits)
         maze = cls.__new__(cls)
         maze.name, maze.is_grid = name, False
         maze.num_cells, maze.neighbors = len(drawing.names), drawing.neighbors

@@ -61,7 +61,7 @@ def slips_of(given: Slip, agent_names: Sequence[str], roles: Sequence[str]) -> t
         ValueError: an unknown role or agent.
     """
     if not isinstance(given, Mapping):
-        return (float(given),) * len(agent_names)  # type: ignore[arg-type]  # checked before
+        return (float(given),) * len(agent_names)
     for name in given:
         if name not in (*agent_names, *roles):
             known = ", ".join(dict.fromkeys((*roles, *agent_names)))
@@ -90,7 +90,8 @@ def fixed_exits_of(task: Task) -> tuple[tuple[int, ...], ...]:
     """The fixed exits of every maze of a task: those given, or the marks `E` of the maze."""
     if task.num_exits or not task.num_evaders:
         return ((),) * len(task.mazes)
-    return tuple(maze.exit_marks if task.exits is None else task.exits for maze in task.mazes)
+    given: Any = task.exits  # checked, no text
+    return tuple(maze.exit_marks if given is None else given for maze in task.mazes)
 
 
 def options_of(task: Task) -> layout.Options:

@@ -18,7 +18,6 @@ from pursuit.tasks.options import (
     CAPTURE_CHECKS,
     CAPTURES,
     COLLISIONS,
-    MOVE_ORDERS,
     Slip,
     check_exits,
     check_options,
@@ -27,6 +26,7 @@ from pursuit.tasks.options import (
     options_of,
     slips_of,
 )
+from pursuit.tasks.options import MOVE_ORDERS as MOVE_ORDERS
 from pursuit.tasks.placements import StartConstraint, check_placeable
 from pursuit.tasks.rewards import REWARD_SCHEMES as REWARD_SCHEMES
 from pursuit.tasks.rewards import REWARDS, RewardFunction, check_rewards

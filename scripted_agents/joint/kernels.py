@@ -157,7 +157,7 @@ def fill_numbers(
 
 
 @inlined
-def restore_game(games: Games, rules: Rules, work: Workspace, steps: int) -> None:
+def restore_game(games: Games, rules: Rules, work: Workspace, steps: Any) -> None:
     """The game as it was before the step."""
     for agent in layout.agents_of(rules.teams):
         games.position[0, agent] = work.cells[agent]
@@ -188,13 +188,14 @@ def without_bumps(
 
 @subroutine
 def list_options(
-    rules: Rules, world: World, players: Players, state: int, steps: int, work: Workspace
+    rules: Rules, world: World, players: Players, state: int, steps: Any, work: Workspace
 ) -> None:
     """What every player may do: one that decides all that leads to different cells, of bumps the
     first; the others what they do with some chance; one that is not to move stays."""
     for player in range(players.begins.shape[0] - 1):
         first, last = players.begins[player], players.begins[player + 1]
-        free, many, waiting = 0, 0, 0
+        free: Any = 0
+        many, waiting = 0, False
         for at in range(first, last):
             free |= work.active[players.seats[at]]
         if rules.options.turns:

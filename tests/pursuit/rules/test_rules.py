@@ -370,7 +370,7 @@ def test_zero_sum_of_goals_is_the_opposite_for_chasers() -> None:
 
 def test_rewards_per_evader_are_for_chasers_and_for_events_at_once() -> None:
     for wrong in ({"distance": -1.0}, {"on_completion": True}):
-        with pytest.raises(ValueError, match="requires distance=0, on_completion=False"):
+        with pytest.raises(ValueError, match="requires distance=0, touch=0, on_completion=False"):
             Rewards(per_evader=True, **wrong)  # type: ignore[arg-type]
     for role in ("evader", "runner"):
         with pytest.raises(ValueError, match=f"of the {role}: per_evader=True; only chasers"):
