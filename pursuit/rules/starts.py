@@ -186,6 +186,7 @@ def place_goals_on_marks(start: Start) -> int:
 def place_agents(start: Start) -> None:
     """Place the exits, and every agent on its mark, or on a uniformly random free cell without a
     marked goal."""
+    place_exits(start)
     teams, world, position = start.rules.teams, start.world, start.games.position
     game, maze = start.game, start.games.maze[start.game]
     for agent in agents_of(teams):

@@ -5,6 +5,7 @@ Runners are in `runner`.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
@@ -19,7 +20,7 @@ from pursuit.rules.randomness import PACKED_BITS
 from pursuit.simulator.policy import GameView
 from pursuit.tasks.task import Task
 from pursuit.validation import check_bool, check_probability, whole
-from scripted_agents.agents import kernels, known_kernels
+from scripted_agents.agents import kernels, known_kernels, option_kernels
 
 
 class Scripted:
@@ -76,6 +77,11 @@ class Scripted:
     ) -> None:
         """Write the actions of the agents `seats` into these columns of `actions`."""
         task = view.task
+        if self._heeds_options(task):
+            for seat, column in zip(seats, columns, strict=True):
+                greedy = self.moves(task, view.games, seat)[:, 0]
+                actions[:, column] = draw_actions(replace(view, seat=seat), greedy, self.epsilon)
+            return
         room = max(task.max_cells, task.num_agents, task.num_goals)
         if room > self._scratch.shape[1]:
             self._scratch = _scratch_for(room)
@@ -137,17 +143,33 @@ class Scripted:
         mazes = lay_out(task.mazes)
         moves = np.zeros((len(games.steps), 2), dtype=np.int64)
         most = max(task.num_agents, task.num_goals)
+        targets, counts = np.empty(most, dtype=np.int32), tuple(task.teams)
         kernels.list_moves(
             self.kind,
             games,
             seat,
-            tuple(task.teams),
+            counts,
             mazes,
             self._greedy_table(mazes, task.stay_action),
-            np.empty(most, dtype=np.int32),
+            targets,
             moves,
         )
+        if self._heeds_options(task):
+            greedy, every = moves[:, 0], moves[:, 1]
+            if self.kind == kernels.EVADER:
+                option_kernels.list_escaping_moves(games, seat, counts, mazes, greedy)
+            else:
+                stay = task.stay_action
+                option_kernels.list_surrounding_moves(
+                    games, seat, counts, mazes, stay, targets, greedy
+                )
+                np.copyto(greedy, every, where=greedy == 0)
         return moves
+
+    def _heeds_options(self, task: Task) -> bool:
+        """Whether the greedy moves follow from options of the rules: captures, or exits."""
+        surrounds = self.kind == kernels.CHASER and task.capture != "cell"
+        return surrounds or (self.kind == kernels.EVADER and task.most_exits > 0)
 
     def distribution(self, task: Task, games: Games, seat: int) -> NDArray[np.float64]:
         """[games, actions] float64: the exact distribution in any games of a task.
@@ -310,6 +332,10 @@ class AStarChaser(Scripted):
     The path leads to the nearest active evader by path distance. Ties between evaders and between
     paths are broken uniformly over first steps. It is not optimal: intercepting a fleeing evader is
     faster (see `best_response`).
+
+    Where chasers capture from cells next to an evader (`capture` "adjacent" and "surround"), each
+    heads for its own such cell, and waits there. The team picks the evader with the least sum of
+    distances; then the nearest pairs of a chaser and a free cell are assigned one after the other.
     """
 
     kind, role = kernels.CHASER, "chaser"
@@ -324,6 +350,9 @@ class AStarEvader(Scripted):
     farther than its own cell it stays, or makes a random move if the task has no stay action. If it
     is not alerted, and with probability epsilon, it makes a random move, which is uniform over
     the moves that change the cell, never "stay".
+
+    With exits it heads for the nearest exit that it reaches before any chaser; only without such an
+    exit it moves as above.
 
     Args:
         epsilon: share of random moves in [0, 1].
