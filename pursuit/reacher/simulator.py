@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -228,7 +226,9 @@ class ReacherSimulator(BatchSimulator[ReacherTask], ArmArrays):
 
     # -- observations ----------------------------------------------------------------------------
 
-    def observe(self, encoding: str = "positions", out: Any = None) -> NDArray[np.float32]:
+    def observe(
+        self, encoding: str = "positions", out: NDArray[np.float32] | None = None
+    ) -> NDArray[np.float32]:
         """[num_games, numbers] float32, the observations; see `observations.space_of`."""
         return encode(self.task, self.arms, encoding, out)
 

@@ -17,12 +17,9 @@ from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.rewards import rewards_text
 from pursuit.tasks.task import Task
 from pursuit.tasks.visibility import agent_choice_text, view_radius_text
+from pursuit.validation import Plain as Plain
 
 State = dict[str, Array]
-Plain = dict[str, Any]
-"""Plain values by name, as in JSON."""
-
-
 DIGITS = "0123456789abcdefghijklmnopqrstuv"
 """The texts of the actions in a maze."""
 
@@ -219,7 +216,7 @@ def visibility_settings(task: Task) -> Plain:
     }
 
 
-def has_reward_function(task: Any) -> bool:
+def has_reward_function(task: object) -> bool:
     """Whether the task uses a custom reward function."""
     return isinstance(task, Task) and task.reward_function is not None
 

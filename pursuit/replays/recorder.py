@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from pursuit.replays.adapters import Adapter, State, adapter_for, has_reward_function
 from pursuit.replays.replay import Episode, Replay, digest_of
@@ -111,7 +111,7 @@ class Recorder:
         self.episodes.append(episode)
         del self.episodes[: -self._most]
 
-    def _restarting(self, name: str) -> Any:
+    def _restarting(self, name: str) -> Callable[..., None]:
         def restart(*arguments: Any, **settings: Any) -> None:
             self._methods[name](*arguments, **settings)
             self._update_tracks()
@@ -120,7 +120,7 @@ class Recorder:
 
         return restart
 
-    def _step(self, actions: Any) -> None:
+    def _step(self, actions: ArrayLike) -> None:
         simulator = self._simulator
         over = np.zeros(self._games, bool) if simulator.auto_restart else simulator.ended
         self._methods["step"](actions)
@@ -181,7 +181,7 @@ INNER = ("env", "aec_env", "par_env", "envs", "venv", "games")
 """Attributes in which wrappers hold the wrapped object."""
 
 
-def simulator_of(env: Any) -> Any:
+def simulator_of(env: object) -> Any:
     """The simulator inside an environment of Pursuit; ValueError if there is none."""
     for layer in _layers(env):
         if hasattr(layer, "auto_restart") and hasattr(layer, "get_state"):
@@ -196,7 +196,7 @@ def simulator_of(env: Any) -> Any:
     )
 
 
-def _layers(env: Any) -> Iterator[Any]:
+def _layers(env: object) -> Iterator[object]:
     """An environment and the layers that it wraps, from the outermost to the innermost."""
     seen: set[int] = set()
     layer = env

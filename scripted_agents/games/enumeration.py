@@ -19,7 +19,7 @@ from scipy.sparse import csr_array
 from pursuit.memory import check_memory
 from pursuit.tasks.task import Task
 from pursuit.validation import as_array, check_bool, shortened, whole
-from scripted_agents.games.game import Game
+from scripted_agents.games.game import Action, Game, State
 from scripted_agents.limits import MAX_SMALL_STATES
 from scripted_agents.tolerances import SUM_TOLERANCE
 
@@ -38,7 +38,7 @@ FORMS = {
 Call = tuple[Any, ...]
 """A call of a function of the game: its name and its arguments."""
 START: Call = ("starts",)
-Behaviour = Callable[[Any], Mapping[Any, float] | Sequence[float]] | ArrayLike
+Behaviour = Callable[[State], Mapping[Action, float] | Sequence[float]] | ArrayLike
 """See `SmallGame.table`."""
 
 
@@ -334,7 +334,7 @@ def _listed(game: Game, call: Call) -> list[Any]:
     return listed
 
 
-def _legal(game: Game, state: Any, player: int) -> tuple[Hashable, ...]:
+def _legal(game: Game, state: State, player: int) -> tuple[Hashable, ...]:
     """The legal actions of a player, checked."""
     call = "legal_actions", state, player
     actions = tuple(_listed(game, call))

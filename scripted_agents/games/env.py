@@ -4,19 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import gymnasium
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from pursuit.environments.types import Info, Options, Single
+from pursuit.rules.arrays import Array
 from pursuit.simulator.simulator import Simulator
 from pursuit.validation import as_array, shortened, whole
 from scripted_agents.games.enumeration import SmallGame
+from scripted_agents.games.game import State
 from scripted_agents.games.solve import Policies, check_game, tables_of
 
 
-class SmallGameEnv(gymnasium.Env[Any, Any]):
+class SmallGameEnv(Single):
     """One player of an enumerated game; policies play the others.
 
     Actions are indices in the legal actions. The observation is a one-hot vector of the state's
@@ -41,7 +43,7 @@ class SmallGameEnv(gymnasium.Env[Any, Any]):
         player: str,
         policies: Policies,
         max_steps: int = 200,
-        encode: Callable[[Any], NDArray[Any]] | None = None,
+        encode: Callable[[State], Array] | None = None,
     ) -> None:
         check_game(game)
         self.game, self.player = game, game.player(player)
@@ -72,17 +74,17 @@ class SmallGameEnv(gymnasium.Env[Any, Any]):
         legal = len(self.game.actions[self.player][self.state])
         return np.arange(self.action_space.n) < legal  # type: ignore[attr-defined]
 
-    def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[Any, dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: Options = None) -> tuple[Array, Info]:
         """A state drawn by the start probabilities."""
         super().reset(seed=seed)
         self.state = int(self.np_random.choice(self.game.num_states, p=self.game.start))
         self.steps = 0
         if self.simulator is not None:
-            start: Any = self.game.states[self.state]
+            start: State = self.game.states[self.state]
             self.simulator.place(start[0], start[1] or None, seed=seed)
         return self._observe(self.state), {}
 
-    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+    def step(self, action: ArrayLike) -> tuple[Array, float, bool, bool, Info]:
         """One step; the reward is the expected one of the joint action."""
         game, joint = self.game, 0
         legal = len(game.actions[self.player][self.state])
