@@ -60,31 +60,6 @@ class TaskSpec(EnvSpec):
         return json.dumps({**json.loads(super().to_json()), "max_episode_steps": self._time_limit})
 
 
-class SpecWithLimit:
-    """Environments whose `spec` is a `TaskSpec`, when Gymnasium has set one."""
-
-    task: Any
-    _spec: TaskSpec | None = None
-
-    def _max_steps(self) -> int:
-        """The longest episode."""
-        return int(self.task.max_steps)
-
-    @property
-    def spec(self) -> EnvSpec | None:
-        """The spec of `gymnasium.make` or `make_vec`; None for environments made otherwise."""
-        return self._spec
-
-    @spec.setter
-    def spec(self, spec: EnvSpec | None) -> None:
-        self._spec = None
-        if spec is not None:
-            given = {each.name: getattr(spec, each.name) for each in fields(spec) if each.init}
-            limit = spec._time_limit if isinstance(spec, TaskSpec) else spec.max_episode_steps
-            self._spec = TaskSpec(**{**given, "max_episode_steps": limit})
-            self._spec.task_limit = self._max_steps()
-
-
 def checked_actions(
     actions: ArrayLike,
     kinds: str,
@@ -125,7 +100,31 @@ def row_of(observations: Observations, game: int | np.intp) -> Observations:
 
 
 class GamesOfWorld(ABC):
-    """Interface of Gymnasium environments to simulators; all arrays are [games, ...]."""
+    """Interface of Gymnasium environments to simulators; all arrays are [games, ...].
+
+    The `spec` is a `TaskSpec`, when Gymnasium has set one.
+    """
+
+    task: Any
+    _spec: TaskSpec | None = None
+
+    def _max_steps(self) -> int:
+        """The longest episode."""
+        return int(self.task.max_steps)
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """The spec of `gymnasium.make` or `make_vec`; None for environments made otherwise."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        self._spec = None
+        if spec is not None:
+            given = {each.name: getattr(spec, each.name) for each in fields(spec) if each.init}
+            limit = spec._time_limit if isinstance(spec, TaskSpec) else spec.max_episode_steps
+            self._spec = TaskSpec(**{**given, "max_episode_steps": limit})
+            self._spec.task_limit = self._max_steps()
 
     @abstractmethod
     def _begin(
@@ -158,7 +157,7 @@ class GamesOfWorld(ABC):
         """The scene of one game."""
 
 
-class SingleEnv(GamesOfWorld, SpecWithLimit, Rendered, Single):
+class SingleEnv(GamesOfWorld, Rendered, Single):
     """One game of a simulator. The info of the last step has the return and length of the episode.
 
     Args:

@@ -10,7 +10,7 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
-from pursuit.environments.single_env import GamesOfWorld, SpecWithLimit, row_of
+from pursuit.environments.single_env import GamesOfWorld, row_of
 from pursuit.environments.types import GamesSimulator, Info, Observations, Options, Space, Vector
 from pursuit.rules.arrays import Array
 from pursuit.validation import checked_seed, is_int, random_seed, whole
@@ -38,7 +38,7 @@ def masked_infos(infos: dict[str, Array], games: NDArray[np.bool_]) -> Info:
     return masked
 
 
-class LockstepVectorEnv(GamesOfWorld, SpecWithLimit, Vector):
+class LockstepVectorEnv(GamesOfWorld, Vector):
     """A batch of games of a simulator, with Gymnasium's modes of automatic resets.
 
     `autoreset_mode` determines when a game restarts:

@@ -15,11 +15,12 @@ if TYPE_CHECKING:
     import networkx
 
 GRAPHS = ("eight", "hexagonal", "torus", "geometric", "roads")
+_FOUR = ((-1, 0), (1, 0), (0, 1), (0, -1))
 _STEPS = {
-    "torus": ((-1, 0), (1, 0), (0, 1), (0, -1)),
-    "eight": ((-1, 0), (1, 0), (0, 1), (0, -1), (-1, 1), (-1, -1), (1, 1), (1, -1)),
+    "torus": _FOUR,
+    "eight": (*_FOUR, (-1, 1), (-1, -1), (1, 1), (1, -1)),
     # Odd rows lie half a cell to the right, so steps between even rows lead one column less far.
-    "hexagonal": ((-1, 0), (1, 0), (0, 1), (0, -1), (-1, 1), (1, 1)),
+    "hexagonal": (*_FOUR, (-1, 1), (1, 1)),
 }
 ONE_WAY, DIAGONAL, REMOVED = 0.15, 0.1, 0.25
 """Shares of the streets of `roads`."""

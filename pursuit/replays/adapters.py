@@ -69,12 +69,18 @@ class MazeAdapter(TaskAdapter):
         Settings of partial observability are written only if used, so that older versions can read
         the file.
         """
+        own: Plain = vars(task)
         plain = {
-            each.name: getattr(task, each.name)
+            each.name: own[each.name]
             for each in fields(task)
-            if each.name not in ("maze", "rewards", *VISIBILITY_SETTINGS)
+            if each.name not in ("maze", "rewards", "view_radius", "line_of_sight", "unknown_maze")
         }
-        plain |= visibility_settings(task)
+        visibility: Plain = {
+            "view_radius": view_radius_text(own["view_radius"]),
+            "line_of_sight": agent_choice_text(own["line_of_sight"]),
+            "unknown_maze": agent_choice_text(own["unknown_maze"]),
+        }
+        plain |= {name: text for name, text in visibility.items() if text}
         plain["mazes"] = [{"name": maze.name, "text": maze.to_text()} for maze in task.mazes]
         plain["rewards"] = None if has_reward_function(task) else _rewards_as_text(task)
         return plain
@@ -201,19 +207,6 @@ class ArmAdapter(TaskAdapter):
         if not (np.abs(actions) <= 1.0 + 1e-6).all():
             raise ValueError("an action is outside [-1, 1]")
         return actions
-
-
-VISIBILITY_SETTINGS = ("view_radius", "line_of_sight", "unknown_maze")
-
-
-def visibility_settings(task: Task) -> Plain:
-    """The settings of partial observability that are in use, as text."""
-    radius: Any = task.view_radius
-    chosen: Any = {name: getattr(task, name) for name in VISIBILITY_SETTINGS[1:]}
-    texts = {name: agent_choice_text(agents) for name, agents in chosen.items()}
-    return {
-        n: t for n, t in {VISIBILITY_SETTINGS[0]: view_radius_text(radius), **texts}.items() if t
-    }
 
 
 def has_reward_function(task: object) -> bool:

@@ -96,16 +96,12 @@ class Recorder:
         for game in range(self._games):
             track, steps = self._tracks[game], int(simulator.steps[game])
             if track is not None and not track.matches(steps):
-                self._keep_unfinished(track)
+                if track.actions:  # unfinished, for example after the time limit of a wrapper
+                    self._keep(track.episode(False, False))
                 track = None
             if track is None and steps == 0 and not simulator.ended[game]:
                 track = _Track(self._adapter, simulator, game)
             self._tracks[game] = track
-
-    def _keep_unfinished(self, track: _Track) -> None:
-        """Store an unfinished episode, for example after the time limit of a wrapper."""
-        if track.actions:
-            self._keep(track.episode(False, False))
 
     def _keep(self, episode: Episode) -> None:
         self.episodes.append(episode)

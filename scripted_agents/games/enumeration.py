@@ -85,6 +85,18 @@ class SmallGame:
             raise ValueError(f"player {name!r}; the players are {', '.join(self.players)}")
         return self.players.index(name)
 
+    def joint_action(self, state: int, chosen: Sequence[int]) -> int:
+        """The number of the joint action with these indices of the players' actions."""
+        within = 0
+        for actions, index in zip(self.actions, chosen, strict=True):
+            within = within * len(actions[state]) + index
+        return int(self.begins[state]) + within
+
+    def outcomes(self, joint: int) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
+        """The states that follow a joint action, and their probabilities."""
+        row = slice(*self.following.indptr[joint : joint + 2])
+        return self.following.indices[row], self.following.data[row]
+
     def offsets(self, player: int) -> NDArray[np.int64]:
         """[states + 1] int64: where the actions of each state begin in a table of this player."""
         return np.cumsum([0, *map(len, self.actions[player])], dtype=np.int64)

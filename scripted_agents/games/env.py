@@ -86,30 +86,25 @@ class SmallGameEnv(Single):
 
     def step(self, action: ArrayLike) -> tuple[Array, float, bool, bool, Info]:
         """One step; the reward is the expected one of the joint action."""
-        game, joint = self.game, 0
+        game = self.game
         legal = len(game.actions[self.player][self.state])
         rule = f"{game.states[self.state]!r} has {legal} actions, give 0 to {legal - 1}"
         given = as_array("action", action, "iu", rule)
         if given.size != 1 or not 0 <= given.item() < legal:
             raise ValueError(f"action={shortened(action)}; {rule}")
-        moves = []
-        for number, actions in enumerate(game.actions):
-            legal, chosen = len(actions[self.state]), given.item()
-            if number != self.player:
-                first = self._offsets[number][self.state]
-                row = self._tables[number][first : first + legal]
-                chosen = int(self.np_random.choice(legal, p=row))
-            joint = joint * legal + chosen
-            moves.append(actions[self.state][chosen])
-        joint += int(game.begins[self.state])
+        chosen = [given.item()] * len(game.actions)
+        for number, table in self._tables.items():
+            first, last = self._offsets[number][self.state : self.state + 2]
+            chosen[number] = int(self.np_random.choice(last - first, p=table[first:last]))
         if self.simulator is not None:
-            self.simulator.step([moves])
-        some = slice(game.following.indptr[joint], game.following.indptr[joint + 1])
-        chances = game.following.data[some]
+            rows = zip(game.actions, chosen, strict=True)
+            self.simulator.step([[actions[self.state][index] for actions, index in rows]])
+        joint = game.joint_action(self.state, chosen)
+        states, chances = game.outcomes(joint)
         draw, ended = self.np_random.random(), True
         place = int(np.searchsorted(chances.cumsum(), draw, side="right"))
         if place < len(chances):
-            self.state, ended = int(game.following.indices[some][place]), False
+            self.state, ended = int(states[place]), False
         self.steps += 1
         reward = float(game.rewards[joint, self.player])
         truncated = not ended and self.steps >= self.max_steps

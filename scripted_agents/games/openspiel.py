@@ -219,18 +219,15 @@ class _State(pyspiel.State):
         self.state, self.lottery = self.lottery[action][0], []
 
     def _apply_actions(self, actions: list[int]) -> None:
-        small, joint = self.tree.small, 0
-        for player, action in enumerate(actions):
-            joint = joint * len(small.actions[player][self.state]) + action
-        joint += int(small.begins[self.state])
+        small = self.tree.small
+        joint = small.joint_action(self.state, actions)
         self._rewards = small.rewards[joint]
         self._returns = self._returns + self._rewards
-        row = small.following
-        some = slice(row.indptr[joint], row.indptr[joint + 1])
-        chances = row.data[some].tolist()
-        self.lottery = list(zip(row.indices[some].tolist(), chances, strict=True))
-        if 1.0 - sum(chances) > 1e-12:
-            self.lottery.append((ENDED, 1.0 - sum(chances)))
+        states, chances = small.outcomes(joint)
+        self.lottery = list(zip(states.tolist(), chances.tolist(), strict=True))
+        ends = 1.0 - sum(chances.tolist())
+        if ends > 1e-12:
+            self.lottery.append((ENDED, ends))
         self.past += ((self.state, tuple(map(int, actions))),)
         self.step += 1
         self._resolve()

@@ -17,7 +17,7 @@ from pursuit.simulator.policy import Policy
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import ROLES, Task
 from scripted_agents import tour_lengths
-from scripted_agents.hidden.references import limited_references
+from scripted_agents.hidden.limited_view_policies import limited_references
 from scripted_agents.limits import is_single_runner, why_no_tour
 from train.evaluation.games import other_role, play_out, stepper, won_by
 from train.evaluation.scores import (
