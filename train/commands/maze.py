@@ -15,7 +15,7 @@ from pursuit.mazes.generation import generate_graph, generate_maze
 from pursuit.mazes.graph_generation import GRAPHS
 from pursuit.mazes.maze import MAX_TABLE_CELLS, Maze, load_maze
 from pursuit.mazes.sources import reads_as_text
-from pursuit.rendering.rendering import Scene, draw_scene
+from pursuit.rendering.rendering import Scene
 from pursuit.validation import check
 from scripted_agents.tours.tour import expected_tour_length
 from train.commands.parse import parse
@@ -106,7 +106,7 @@ def in_lines(facts: Mapping[str, str]) -> str:
 def draw_maze(maze: Maze, path: Path) -> None:
     """Draw a rendered maze (.png), or its lines (.svg), with the marks S and G."""
     if path.suffix == ".png":
-        picture = Image.fromarray(draw_scene(Scene(maze, (), maze.goal_marks, 0, 0)))
+        picture = Image.fromarray(Scene(maze, (), maze.goal_marks, 0, 0).draw())
         write_atomically(path, lambda beside: picture.save(beside, format="png"))
         return
     height, width = (0.5 * side + 0.3 for side in maze.picture_size)
