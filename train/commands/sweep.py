@@ -60,10 +60,10 @@ class SweepCommand(Settings):
 
 def sweep(arguments: Sequence[str]) -> None:
     """`pursuit sweep`."""
-    run_command(parse(SweepCommand, arguments, "sweep"), arguments, "sweep")
+    run_study_file(parse(SweepCommand, arguments, "sweep"), arguments, "sweep")
 
 
-def run_command(options: SweepCommand, arguments: Sequence[str], kind: str) -> None:
+def run_study_file(options: SweepCommand, arguments: Sequence[str], kind: str) -> None:
     """`pursuit sweep` and `pursuit ablate`: execute the runs of a file, and write the report.
 
     Args:
@@ -94,7 +94,7 @@ def run_command(options: SweepCommand, arguments: Sequence[str], kind: str) -> N
     stages = stages_of(name, kind, options.version, out)
     check_own(stages[-1], out, options.overwrite)
     if options.dry_run:
-        list_runs(stages[-1].runs(), out)
+        list_runs(stages[-1].expand(), out)
         return
     again = f"pursuit {'ablate' if kind == 'ablation' else kind} {shlex.join(arguments)}"
     done = run_stages(stages, options.workers, again, options.executor, options.address)
@@ -105,7 +105,7 @@ def check_own(stage: Stage, out: Path, overwrite: bool) -> None:
     """ValueError unless `out` is new or the folder of this study."""
     from train.experiments.runs import is_folder_of  # torch is slow to import
 
-    plan = stage.runs()
+    plan = stage.expand()
     check_output_folder(out, lambda folder: is_folder_of(plan, folder), overwrite)
 
 
@@ -214,7 +214,7 @@ def list_stages(stages: Iterable[Stage], out: Path, workers: int) -> None:
 
     total = 0
     for stage in stages:
-        plan = stage.runs()
+        plan = stage.expand()
         done = list(statuses_of(plan, stage.folder).values()).count("complete")
         total += len(plan.runs) - done
         budgets = {(run.settings.seconds, run.settings.frames) for run in plan.runs}

@@ -131,17 +131,17 @@ def world_and_contest(task: TaskSettings, episodes: int) -> tuple[GridWorld, Gam
     """
     world = GridWorld(task)
     contest = world.contest(episodes)
-    one = isinstance(contest, GameContest)
-    check(one, f"maze={task.maze!r} is several mazes; give one of them, such as {task.maze}/0")
-    assert isinstance(contest, GameContest)
+    if not isinstance(contest, GameContest):
+        raise ValueError(
+            f"maze={task.maze!r} is several mazes; give one of them, such as {task.maze}/0"
+        )
     optimum = contest.optimal()
-    check(
-        optimum is not None and contest.measure == BY_STEPS,
-        f"{world.agent} of {task.task} in {task.maze}: a comparison needs a known optimum, and an "
-        "agent that minimises episode length; use a runner with up to "
-        f"{MAX_EXACT_GOALS} goals, or a chaser of one evader",
-    )
-    assert optimum is not None
+    if optimum is None or contest.measure != BY_STEPS:
+        raise ValueError(
+            f"{world.agent} of {task.task} in {task.maze}: a comparison needs a known optimum, and "
+            "an agent that minimises episode length; use a runner with up to "
+            f"{MAX_EXACT_GOALS} goals, or a chaser of one evader"
+        )
     return world, contest, optimum
 
 

@@ -112,20 +112,6 @@ class LocalJob:
         self.process.terminate()
 
 
-class JobHere:
-    """A job that is executed in this process."""
-
-    def __init__(self, folder: Path) -> None:
-        self.code = perform_here(str(folder), {})
-
-    def poll(self) -> int:
-        """As `Job`."""
-        return self.code
-
-    def stop(self) -> None:
-        """As `Job`."""
-
-
 def run_locally(study: Study, out: Path | str, workers: int, watch: Watch) -> dict[str, str]:
     """Execute all runs that are not complete in `workers` processes.
 
@@ -136,7 +122,7 @@ def run_locally(study: Study, out: Path | str, workers: int, watch: Watch) -> di
     Args:
         study: the runs.
         out: the folder of the study.
-        workers: parallel processes; 0 executes the runs one by one in this process.
+        workers: parallel processes.
         watch: called with the status and progress of all runs.
 
     Returns:
@@ -145,8 +131,6 @@ def run_locally(study: Study, out: Path | str, workers: int, watch: Watch) -> di
     Raises:
         KeyboardInterrupt: once the runs have saved.
     """
-    if not workers:
-        return run_study(study, Path(out), 1, lambda folder, slot: JobHere(folder), watch)
     cores = usable_cores()[::-1] if study.pinned else []
 
     def start(folder: Path, slot: int) -> LocalJob:

@@ -131,7 +131,7 @@ def frozen_mazes(settings: Any) -> tuple[Any, dict[str, Any]]:
 # -- copies ----------------------------------------------------------------------------------------
 
 
-def copy_of(policy: Input, folder: Path) -> Path:
+def copied_input(policy: Input, folder: Path) -> Path:
     """The path of the copy of an input in the folder of a sweep; copied if missing or incomplete.
 
     Runs load the copy, so that an opponent that is still training is the same for all runs.

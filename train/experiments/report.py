@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from train.experiments import figures, summary
 from train.experiments.contestant_runs import CONTESTANT
 from train.experiments.rows import StudyRows, read_several, read_study
-from train.experiments.tuning import choose
+from train.experiments.tuning import best_trials
 from train.experiments.variants import against_control, contestant_rows, first_to_gaps
 from train.files import begins_with, only_one, write_csv
 from train.reports.pages import write_markdown
@@ -43,7 +43,7 @@ def report_on(out: Path, unit: str | None = None, log: bool = False) -> Path:
     Raises:
         ValueError: no study in `out`, or none of its runs has results.
     """
-    trials, _ = choose(out)
+    trials, _ = best_trials(out)
     return write_study(read_study(out), out / "report", unit, log, trials)
 
 

@@ -11,19 +11,18 @@ import io
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.files import write_atomically
 from pursuit.plugins import references
 from pursuit.validation import check
 from train.experiments.expansion import MEASURED, flat_plain
 from train.experiments.runs import ERROR, read_label, read_layout, status_of
 from train.experiments.statistics import first_below, mean_over
 from train.experiments.study import Layout
-from train.files import write_csv
+from train.files import write_bytes, write_csv
 from train.kinds import read_settings
 from train.reports.tables import Row
 from train.runs.folder import (
@@ -41,9 +40,6 @@ from train.runs.tasks import maze_called
 from train.self_play.names import entry_names
 from train.settings.self_play import ROLES
 from train.settings.task import learning_agent
-
-if TYPE_CHECKING:
-    import polars
 
 SCORES = {"random": "random_steps", "learned": "greedy_steps", "learned, sampled": "sampled_steps"}
 """Columns of the mean steps of these scores."""
@@ -84,42 +80,21 @@ class StudyRows:
         write_csv(folder / RUNS_CSV, rows, names)
 
 
-def collect(out: Path | str) -> tuple[polars.DataFrame, polars.DataFrame]:
-    """Read all runs in the folder of a study, complete or not, and write both Parquet files.
+def write_parquet(path: Path, rows: list[Row]) -> None:
+    """Write `rows` as a Parquet file, atomically; OSError naming `path` if that fails."""
+    import polars
 
-    Returns:
-        Runs: the rows of `row_of`. Curves: "run" and the columns of `metrics.csv`.
+    data = io.BytesIO()  # with a path, polars raises its own exception on a full disk
+    polars.DataFrame(rows, infer_schema_length=None).write_parquet(data)
+    write_bytes(path, data.getvalue())
+
+
+def read_all(out: Path) -> StudyRows:
+    """All runs of a study, complete or not, with their evaluations.
 
     Raises:
         ValueError: no study in this folder, or a run of an incompatible version.
     """
-    return write_frames(read_all(Path(out)), Path(out))
-
-
-def write_frames(study: StudyRows, out: Path) -> tuple[polars.DataFrame, polars.DataFrame]:
-    """Write the rows and the evaluations of a study as Parquet files; returns both tables."""
-    evaluations = [{"run": run, **row} for run, rows in study.curves.items() for row in rows]
-    runs, curves = _frame(study.everything), _frame(evaluations)
-    write_parquet(out / RUNS, runs)
-    write_parquet(out / CURVES, curves)
-    return runs, curves
-
-
-def _frame(rows: list[Row]) -> polars.DataFrame:
-    import polars
-
-    return polars.DataFrame(rows, infer_schema_length=None)
-
-
-def write_parquet(path: Path, frame: polars.DataFrame) -> None:
-    """Write `frame` as a Parquet file, atomically; OSError naming `path` if that fails."""
-    data = io.BytesIO()  # with a path, polars raises its own exception on a full disk
-    frame.write_parquet(data)
-    write_atomically(path, lambda beside: beside.write_bytes(data.getvalue()))
-
-
-def read_all(out: Path) -> StudyRows:
-    """All runs of a study with their evaluations; ValueError as `collect`."""
     layout = read_layout(out)
     folders = sorted(path.parent for path in out.glob(f"runs/*/{CONFIG}"))
     if layout.runs is not None:  # leave out runs of an earlier version of the file
@@ -137,14 +112,16 @@ def read_all(out: Path) -> StudyRows:
         found.varying.insert(0, "variant")
     columns = dict.fromkeys(name for row in found.everything for name in row)
     found.everything = [{name: row.get(name) for name in columns} for row in found.everything]
+    found.rows = [row for row in found.everything if row["status"] == "complete"]
     return found
 
 
 def read_study(out: Path) -> StudyRows:
     """The runs in a folder, with the Parquet files written; ValueError if none is complete."""
     found = read_all(out)
-    write_frames(found, out)
-    found.rows = [row for row in found.everything if row["status"] == "complete"]
+    write_parquet(out / RUNS, found.everything)
+    evaluations = [{"run": run, **row} for run, rows in found.curves.items() for row in rows]
+    write_parquet(out / CURVES, evaluations)
     check(
         bool(found.rows), f"{out}: no run is complete; repeat the command of the study to continue"
     )

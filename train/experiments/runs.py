@@ -16,7 +16,7 @@ import msgspec
 
 from pursuit.validation import check
 from train.experiments import contestant_runs  # noqa: F401 (adds its kind of run)
-from train.experiments.identity import INPUTS, Input, copy_of, fingerprint, with_policies
+from train.experiments.identity import INPUTS, Input, copied_input, fingerprint, with_policies
 from train.experiments.study import Layout
 from train.files import LOCK, read_json, write_json
 from train.kinds import read_settings, write_config
@@ -83,7 +83,7 @@ class TrainingRun:
                 f"{folder}: contains a run with other settings than its name; remove that folder",
             )
         folder.mkdir(parents=True, exist_ok=True)
-        copies = {name: str(copy_of(policy, study)) for name, policy in self.inputs.items()}
+        copies = {name: str(copied_input(policy, study)) for name, policy in self.inputs.items()}
         settings = with_policies(self.settings, copies)
         if before != settings:  # new, or the folder of the study was moved
             write_config(self.kind, settings, folder, Final(self.episodes))

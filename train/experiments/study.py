@@ -9,7 +9,6 @@ that their runs decide.
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -18,7 +17,6 @@ import msgspec
 from pursuit.plugins import check_trusted
 from pursuit.validation import check, one_of
 from train.schemas import read_as
-from train.settings.checks import check_seed
 from train.settings.self_play import unnested_sides
 
 FOLDERS = {
@@ -342,13 +340,6 @@ def check_plain(name: str, value: Any, where: str) -> None:
         f"{name}={value!r} in {where}; give "
         + ("a name" if named else "a number, a string, true or false"),
     )
-
-
-def check_seeds(seeds: Iterable[int]) -> None:
-    """ValueError for an empty list, or for a seed that is out of range."""
-    check(bool(seeds), "seeds is an empty list; give at least one value")
-    for seed in seeds:
-        check_seed(seed)
 
 
 def check_budget(seconds: float | None, frames: int | None, where: str = "") -> None:

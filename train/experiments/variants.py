@@ -66,7 +66,7 @@ def against_control(study: StudyRows) -> list[Row]:
     control = variants.get(str(layout.control), [])
     if study.rows[0]["kind"] == SELF_PLAY:
         rows = [nash_conv_row(name, own, control) for name, own in variants.items()]
-        correct(rows, layout, {"p_holm": "p"})
+        add_corrected(rows, layout, {"p_holm": "p"})
         return [row | {"verdict": nash_conv_verdict(row, layout)} for row in rows]
     for row in study.rows:
         check(
@@ -80,11 +80,11 @@ def against_control(study: StudyRows) -> list[Row]:
             "use a single runner, or one chaser against one evader",
         )
     rows = [gap_row(name, own, control) for name, own in variants.items()]
-    correct(rows, layout, {"p_holm": "p", "p_time": f"p_to_{layout.threshold:g}"})
+    add_corrected(rows, layout, {"p_holm": "p", "p_time": f"p_to_{layout.threshold:g}"})
     return [row | {"verdict": gap_verdict(row, layout)} for row in rows]
 
 
-def correct(rows: list[Row], layout: Layout, names: dict[str, str]) -> None:
+def add_corrected(rows: list[Row], layout: Layout, names: dict[str, str]) -> None:
     """Add p corrected for the number of variants, except that of the primary one, under new names.
 
     Args:

@@ -198,7 +198,7 @@ class Teacher(EpisodeHook):
         progress = Progress(share, frames, self.episodes, seconds)
         outcomes = Outcomes(values, won, returns, lengths, regrets, errors)
         for change in self.curriculum.update(outcomes, progress):
-            self.rows.append(row_of(change, progress))
+            self.rows.append(change_row(change, progress))
 
     def figures(self) -> dict[str, float]:
         """Means over the episodes since `forget_episodes`, for `metrics.csv`."""
@@ -272,7 +272,7 @@ def converted(value: Any, kind: type, convert: Callable[[Any], Any]) -> Any:
     return value
 
 
-def row_of(change: Change, progress: Progress) -> dict[str, Any]:
+def change_row(change: Change, progress: Progress) -> dict[str, Any]:
     """One row of `curriculum.csv`."""
     return {
         "frames": int(progress.frames),
