@@ -13,7 +13,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 import pursuit
 from pursuit.plugins import Registry, look_in
@@ -182,7 +181,9 @@ def command(name: str) -> Callable[[Sequence[str]], None]:
     if name not in COMMANDS:
         return COMMAND_PARTS.get(name)
     module = name.replace("-", "_")
-    function: Any = getattr(import_module(f"{__package__}.{module}"), module)
+    function: Callable[[Sequence[str]], None] = getattr(
+        import_module(f"{__package__}.{module}"), module
+    )
     return function
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from math import inf
 from pathlib import Path
 from time import perf_counter
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,9 @@ from train.commands.progress import ProgressLine
 from train.files import check_new_files
 from train.reports.figures import BLUE, FORMATS, ORANGE, draw_cells, pyplot, save
 from train.settings.checks import RANDOM_MOVES, Settings, check_default
+
+if TYPE_CHECKING:  # slow to import
+    from matplotlib.axes import Axes
 
 METHODS = ("value-iteration", "double-oracle", "fictitious-play")
 PLAYS = 1000
@@ -297,7 +300,7 @@ def draw_solution(path: Path, solution: ChaseSolution, chaser: int, evader: int)
     save(figure, path)
 
 
-def _draw_arrows(axis: Any, maze: Maze, policy: NDArray[np.float64], other: int) -> None:
+def _draw_arrows(axis: Axes, maze: Maze, policy: NDArray[np.float64], other: int) -> None:
     """Arrows for actions, with lengths by their probability; a square for staying."""
     color = "white" if maze.is_grid else "black"  # on coloured squares, or on paper
     for cell in range(maze.num_cells):

@@ -7,10 +7,10 @@ cells (Holm), is below `LEVEL`; otherwise it is undecided. There is no verdict o
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from statistics import fmean
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from scipy.stats import binomtest
 
@@ -328,7 +328,7 @@ def _known(value: float) -> object:
     return "" if value != value else value
 
 
-def named(cell: Mapping[str, Any]) -> str:
+def named(cell: Table) -> str:
     """A cell in words."""
     counts = {"joints": "joint", "num_goals": "goal"}
     words = []

@@ -6,7 +6,6 @@ import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, fields, replace
-from typing import Any
 
 from pursuit.validation import check, one_of
 from train.experiments.contestant_runs import CONTESTANT
@@ -185,12 +184,12 @@ def runs_of(
         yield TrainingRun(name, kind, own, episodes, varying, files, inputs)
 
 
-def run_label(label: Mapping[str, Any]) -> str:
+def run_label(label: Table) -> str:
     """The varying settings in one line of text."""
     return ", ".join(f"{name}={value!r}" for name, value in label.items())
 
 
-def flat_plain(nested: Mapping[str, Any]) -> Table:
+def flat_plain(nested: Table) -> Table:
     """Plain settings by name as a flat dictionary; budgets are renamed by `MEASURED`.
 
     What differs between the sides of self-play is chaser.NAME and evader.NAME.

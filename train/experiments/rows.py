@@ -8,10 +8,9 @@ machine. Reports are made of rows alone; only figures read the evaluations.
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -135,7 +134,7 @@ def read_study(out: Path) -> StudyRows:
     return found
 
 
-def in_words(name: str, value: Any) -> str:
+def in_words(name: str, value: object) -> str:
     """The value of a setting as text, with its name if it is a boolean or a number."""
     if isinstance(value, bool):
         return name if value else f"no {name}"
@@ -290,7 +289,7 @@ def column_of(evaluations: Sequence[Row], name: str) -> NDArray[np.float64]:
     return np.array([row.get(name) for row in evaluations], dtype=np.float64)
 
 
-def longer_is_better(row: Mapping[str, Any]) -> bool:
+def longer_is_better(row: Row) -> bool:
     """Whether more steps are better: for "evader" or a single one ("evader_0"), without goals."""
     return str(row.get("role")).startswith("evader") and row.get("num_goals") in (None, 0)
 

@@ -7,7 +7,7 @@ resumed. Reports read the folders.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ import msgspec
 from pursuit.validation import check
 from train.experiments import contestant_runs  # noqa: F401 (adds its kind of run)
 from train.experiments.identity import INPUTS, Input, copied_input, fingerprint, with_policies
-from train.experiments.study import Layout
+from train.experiments.study import Layout, Table
 from train.files import LOCK, read_json, write_json
 from train.kinds import read_settings, write_config
 from train.runs.folder import CHECKPOINT, CONFIG, is_complete
@@ -56,8 +56,8 @@ class TrainingRun:
     kind: str
     settings: Any
     episodes: int
-    label: dict[str, Any]
-    files: dict[str, Any] = field(default_factory=dict)
+    label: Table
+    files: Table = field(default_factory=dict)
     inputs: dict[str, Input] = field(default_factory=dict)
 
     @property
@@ -105,7 +105,7 @@ class Study:
     pinned: bool = False
 
 
-def job_name(label: Mapping[str, Any], seed: int, print_: str, without: str) -> str:
+def job_name(label: Table, seed: int, print_: str, without: str) -> str:
     """A readable and unique folder name; `without` replaces an empty label."""
     parts = [str(value) for value in label.values()] or [without]
     text = "-".join([*parts, f"seed{seed}"])

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -89,7 +88,7 @@ def measure_of(rows: list[Row]) -> Measure:
     return Measure(column, column, label, "linear" if column == "mean_return" else "from 0")
 
 
-def size_of(value: Any) -> tuple[Any, ...]:
+def size_of(value: object) -> tuple[float, str]:
     """A sort key that orders 3x3 before 10x10, and numbers by value."""
     text = str(value)
     digits = "".join(c if c.isdigit() or c == "." else " " for c in text).split()
@@ -192,7 +191,7 @@ def policies_of(rows: list[Row]) -> str:
     return " or ".join(sorted({row["evaluate"] for row in rows if row.get("evaluate")}))
 
 
-def note(place: str, **values: Any) -> str:
+def note(place: str, **values: object) -> str:
     """An explanation of `notes.toml`, by "section.name", with its values."""
     section, _, key = place.partition(".")
     text: str = notes()[section][key]

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from itertools import combinations, product
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -183,7 +182,7 @@ def p_text(p: float) -> str:
 def equal_results(study: StudyRows) -> list[tuple[str, str]]:
     """The pairs of variants with equal results in all evaluations of all runs."""
 
-    def results(rows: list[Row]) -> list[Any]:
+    def results(rows: list[Row]) -> list[tuple[object, ...]]:
         names = ("frames", "optimality_gap")
         return sorted(
             (str(row["_x"]), row["seed"], *(e.get(name) or 0 for name in names for e in curve))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
@@ -26,9 +26,7 @@ from train.settings.task import TaskSettings
 ALGORITHM = "algorithm"
 
 
-def learning_side(
-    role: str, task: TaskSettings, common: Mapping[str, Any], own: Mapping[str, Any]
-) -> LearningSide:
+def learning_side(role: str, task: TaskSettings, common: Plain, own: Plain) -> LearningSide:
     """A side that learns, with tuned hyperparameters where none are given.
 
     Args:

@@ -21,6 +21,7 @@ from scripted_agents.environments import (
 )
 from train.algorithms.registry import entry
 from train.evaluation.games import other_role
+from train.files import Plain
 from train.networks.policy import Seat
 from train.runs.forms import RESTORE
 from train.runs.opponents import policy_in_seat
@@ -208,7 +209,7 @@ def self_play_settings_of(**flat: Any) -> SelfPlaySettings:
     return settings
 
 
-def self_play_from_plain(plain: Mapping[str, Any], where: str) -> SelfPlaySettings:
+def self_play_from_plain(plain: Plain, where: str) -> SelfPlaySettings:
     """Settings from the plain values of `config.json`; ValueError if these are invalid."""
     with read_from(where, RESTORE):
         own = complete_settings(SelfPlaySettings, plain)
@@ -219,11 +220,13 @@ def self_play_from_plain(plain: Mapping[str, Any], where: str) -> SelfPlaySettin
     return settings
 
 
-def _side_from_plain(role: str, plain: Any) -> str | LearningSide:
+def _side_from_plain(role: str, plain: object) -> str | LearningSide:
     if isinstance(plain, str):
         return plain
-    good = isinstance(plain, Mapping) and set(plain) == {"algorithm", "hyper"}
-    check(good, f"{role}={shortened(plain)}; give a name, or a table of algorithm and hyper")
+    if not isinstance(plain, Mapping) or set(plain) != {"algorithm", "hyper"}:
+        raise ValueError(
+            f"{role}={shortened(plain)}; give a name, or a table of algorithm and hyper"
+        )
     form = entry(plain["algorithm"]).settings
     return LearningSide(
         plain["algorithm"], form(**complete_settings(form, plain["hyper"], f"{role}.hyper"))

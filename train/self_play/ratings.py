@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pursuit.rules.arrays import Array
 from scripted_agents import solve_matrix_game
 
 BOOTSTRAPS = 200
 
 
-def pairwise_wins(results: NDArray[Any]) -> NDArray[np.float64]:
+def pairwise_wins(results: Array) -> NDArray[np.float64]:
     """[players, players, games] float64: the share of opponents with a better result.
 
     Args:

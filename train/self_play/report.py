@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -24,6 +23,7 @@ from train.runs.report import made_with
 from train.self_play.diversity import describe_diversity, spread
 from train.self_play.league import Entry, LeagueTable, cycle_of, play_league
 from train.self_play.payoffs import draw_league, legend_of, matches_table
+from train.self_play.trainee import SelfPlay
 from train.settings.self_play import ROLES
 
 PAYOFF = "payoff.png"
@@ -75,7 +75,7 @@ def draw_self_play(
 
 
 def write_self_play_report(
-    folder: Path, trainee: Any, title: str, results: Plain, path: Path | None = None
+    folder: Path, trainee: SelfPlay, title: str, results: Plain, path: Path | None = None
 ) -> Path:
     """Write `report.html`, `replays.json` and `payoff.png` into the folder of self-play.
 
@@ -124,7 +124,7 @@ def write_self_play_report(
     return path
 
 
-def snapshots_league(trainee: Any, task: Task, pair: Mapping[str, Policy]) -> LeagueTable:
+def snapshots_league(trainee: SelfPlay, task: Task, pair: Mapping[str, Policy]) -> LeagueTable:
     """A league of snapshots of both sides, from old to new, and of the current policies."""
     entries = []
     for role in ROLES:
