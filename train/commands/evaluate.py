@@ -80,11 +80,9 @@ class EvaluateModelCommand(Evaluated):
 def evaluate(arguments: Sequence[str]) -> None:
     """`pursuit evaluate`."""
     is_model = any(argument.endswith(".zip") for argument in arguments)
-    given: EvaluateCommand | EvaluateModelCommand
-    if is_model:
-        given = parse(EvaluateModelCommand, arguments, "evaluate")
-    else:
-        given = parse(EvaluateCommand, arguments, "evaluate")
+    form: type[EvaluateCommand | EvaluateModelCommand]
+    form = EvaluateModelCommand if is_model else EvaluateCommand
+    given = parse(form, arguments, "evaluate")
     if not is_model:
         check_folder(given.run)
     replays = None if given.replays is None else with_suffix(given.replays)

@@ -127,7 +127,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         except Diverged as error:
             fail(str(error), 1)
         except (ValueError, OSError, ImportError) as error:
-            fail(in_words(error))
+            fail(message_of(error))
         except MemoryError:
             fail("not enough memory on this machine; use smaller settings")
         except KeyboardInterrupt as stop:
@@ -163,7 +163,7 @@ def run_command(given: list[str]) -> None:
     command(name)(rest)
 
 
-def in_words(error: Exception) -> str:
+def message_of(error: Exception) -> str:
     """The message of an error; of system errors without their number."""
     if isinstance(error, OSError) and error.strerror and error.errno is not None:
         return f"{error.filename}: {error.strerror}" if error.filename else error.strerror

@@ -176,7 +176,7 @@ def parse(
         if not exit_.code:
             print(ALLOW_HELP)
             raise
-        raise ValueError(f"{in_words(boxed.getvalue())} (see pursuit {prog} --help)") from None
+        raise ValueError(f"{tyro_message(boxed.getvalue())} (see pursuit {prog} --help)") from None
 
 
 def parse_known(default: Form, arguments: Sequence[str]) -> Form:
@@ -194,7 +194,7 @@ def parse_known(default: Form, arguments: Sequence[str]) -> Form:
     return default
 
 
-def in_words(boxed: str) -> str:
+def tyro_message(boxed: str) -> str:
     """tyro's error box as one line, without Python types."""
     text = re.sub(r"\x1b\[[0-9;]*m|[─╭╮╰╯│]+|-{5,}", " ", boxed)
     text = " ".join(text.split("For full helptext")[0].split())

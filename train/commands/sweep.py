@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 import shlex
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -148,11 +147,14 @@ def run_stages(
         print(counts(statuses.values()))
         return statuses
 
-    def now() -> str:
-        return "".join(f" ({counts(statuses_of(*each).values())})" for each in running)
-
-    with resumable(again, now):
+    try:
         done = carry_out(stages, execute, lambda line: print(line, flush=True))
+    except KeyboardInterrupt:
+        now = "".join(f" ({counts(statuses_of(*each).values())})" for each in running)
+        print(
+            f"\ninterrupted; completed work is kept{now}. Continue with: {again}", file=sys.stderr
+        )
+        raise
     for folder, _ in done:
         if (folder / "report" / "report.md").exists():
             print(f"report: {folder / 'report' / 'report.md'}")
@@ -172,18 +174,6 @@ def exit_if_failed(done: Iterable[tuple[Path, dict[str, str]]], again: str) -> N
         print(f"{status}: {where}", file=sys.stderr)
     if left:
         sys.exit(1)
-
-
-@contextlib.contextmanager
-def resumable(again: str, now: Callable[[], str] = lambda: "") -> Iterator[None]:
-    """Print the progress (`now`) and the command that continues if interrupted."""
-    try:
-        yield
-    except KeyboardInterrupt:
-        print(
-            f"\ninterrupted; completed work is kept{now()}. Continue with: {again}", file=sys.stderr
-        )
-        raise
 
 
 def counts(statuses: Iterable[str]) -> str:
@@ -260,7 +250,9 @@ class SweepWatch:
             if progress:
                 parts.append(" ".join(f"{100 * share:.0f}%" for share in progress.values()))
             if left is not None:
-                parts.append(f"about {_span(left)} left")
+                minutes = round(left / 60)
+                hours = f"{minutes} min" if minutes < 120 else f"{minutes / 60:.1f} h"
+                parts.append(f"about {f'{left:.0f} s' if minutes < 1 else hours} left")
             print(", ".join(parts), flush=True)
 
     def seconds_left(self, statuses: dict[str, str], progress: dict[str, float]) -> float | None:
@@ -272,10 +264,3 @@ class SweepWatch:
         )
         done = len(statuses) - len(self.done_before or ()) - left
         return None if done < 0.05 else (time.monotonic() - self.began) / done * left
-
-
-def _span(seconds: float) -> str:
-    minutes = round(seconds / 60)
-    if minutes < 1:
-        return f"{seconds:.0f} s"
-    return f"{minutes} min" if minutes < 120 else f"{minutes / 60:.1f} h"

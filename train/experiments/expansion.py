@@ -112,7 +112,9 @@ def multiply_out(file: StudyFile, stem: str, tuned: Tuned) -> Study:
     for values in itertools.product(*grid.values()):
         for variant, sample in itertools.product(variants or [{}], drawn):
             label = dict(zip(grid, values, strict=True)) | variant | sample
-            own = with_tuned(kind, common, label, tuned)
+            of = {**common, **label}.get("contestant" if kind == CONTESTANT else "algorithm")
+            found = tuned.get((str(of), label.get("name", "")), tuned.get((str(of), ""), {}))
+            own = {**common, **found}
             for run in runs_of(kind, own, label, seeds, final.episodes):
                 same = runs.setdefault(run.name.rsplit("-", 1)[1], run)
                 check(  # equal combinations run once
@@ -138,13 +140,6 @@ def alternating(runs: Sequence[TrainingRun]) -> tuple[TrainingRun, ...]:
     return tuple(
         run for n, each in turns for run in (*each[n % len(each) :], *each[: n % len(each)])
     )
-
-
-def with_tuned(kind: str, common: Table, label: Table, tuned: Tuned) -> Table:
-    """Common settings with those that the search found for this algorithm or contestant."""
-    name = "contestant" if kind == CONTESTANT else "algorithm"
-    value, variant = {**common, **label}.get(name), label.get("name", "")
-    return {**common, **tuned.get((value, variant), tuned.get((value, ""), {}))}  # type: ignore[arg-type]
 
 
 def check_variants(variants: list[Table] | None) -> None:

@@ -109,7 +109,12 @@ def write_replication(plan: Replication, out: Path) -> Path:
         for picture in [path for path in drawn if path.exists()][:1]:
             write_bytes(folder / f"{study.id}.png", picture.read_bytes())
     write_csv(folder / "claims.csv", [row for each in decided for row in each.rows()])
-    write_runs(folder, studies)
+    whole = StudyRows(Layout(""), varying=["study"])
+    for name, rows in studies.items():
+        whole.everything += [{"study": name, **row} for row in rows.everything]
+        whole.varying += [column for column in rows.varying if column not in whole.varying]
+        whole.measures += [column for column in rows.measures if column not in whole.measures]
+    whole.write(folder)
     parts = [*head(plan, studies, out), "## Verdicts", *verdicts(decided)]
     parts.append(note("claims.method", level=LEVEL))
     trials, _ = best_trials(out)
@@ -117,16 +122,6 @@ def write_replication(plan: Replication, out: Path) -> Path:
     for study in plan.studies:
         parts += study_part(study, [d for d in decided if d.study is study], out, studies)
     return write_markdown(folder / PAGE, plan.title, parts)
-
-
-def write_runs(folder: Path, studies: Mapping[str, StudyRows]) -> None:
-    """Write `runs.csv` with the runs of all studies."""
-    whole = StudyRows(Layout(""), varying=["study"])
-    for name, study in studies.items():
-        whole.everything += [{"study": name, **row} for row in study.everything]
-        for columns, more in ((whole.varying, study.varying), (whole.measures, study.measures)):
-            columns += [column for column in more if column not in columns]
-    whole.write(folder)
 
 
 def head(plan: Replication, studies: Mapping[str, StudyRows], out: Path) -> list[str]:

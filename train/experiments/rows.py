@@ -102,9 +102,9 @@ def read_all(out: Path) -> StudyRows:
     found = StudyRows(layout)
     labels = [read_label(folder) for folder in folders]
     for folder in folders:
-        settings, results, found.curves[folder.name] = read_run(folder)
-        found.everything.append(settings | results)
-        found.measures += [name for name in results if name not in found.measures]
+        row, measures, found.curves[folder.name] = read_run(folder)
+        found.everything.append(row)
+        found.measures += [name for name in measures if name not in found.measures]
     names = dict.fromkeys(MEASURED.get(name, name) for label in labels for name in label)
     found.varying = [name for name in names if name != "variant"]
     if "variant" in names:
@@ -153,9 +153,9 @@ def read_several(folders: Sequence[Path]) -> StudyRows:
         if (folder / CONFIG).exists():
             complete = (folder / RESULTS).exists()
             check(complete, f"{folder}: no results yet; continue this run with --resume {folder}")
-            settings, results, curve = read_run(folder)
-            study = StudyRows(Layout(name), measures=list(results), curves={folder.name: curve})
-            study.rows = [settings | results | {"_group": name, "_x": ""}]
+            row, measures, curve = read_run(folder)
+            study = StudyRows(Layout(name), measures=measures, curves={folder.name: curve})
+            study.rows = [row | {"_group": name, "_x": ""}]
             variants, label = [], [name]
         else:
             study = read_study(folder)
@@ -184,14 +184,9 @@ def read_several(folders: Sequence[Path]) -> StudyRows:
 # -- one run ---------------------------------------------------------------------------------------
 
 
-def row_of(folder: Path) -> Row:
-    """One run as a flat row: "run", "kind", "status", all settings, and its results."""
-    settings, results, _ = read_run(folder)
-    return settings | results
-
-
-def read_run(folder: Path) -> tuple[Row, Row, list[Row]]:
-    """The settings of one run as a flat row, its results as one, and its evaluations.
+def read_run(folder: Path) -> tuple[Row, list[str], list[Row]]:
+    """One run as a flat row: "run", "kind", "status", all settings and its results; the names of
+    the results, and the evaluations.
 
     Results are "frames", "seconds", the evaluation ("mean_steps", "optimality_gap", ...),
     "random_steps", "scripted_steps", "greedy_steps" and "sampled_steps", `curve_measures`,
@@ -218,7 +213,8 @@ def read_run(folder: Path) -> tuple[Row, Row, list[Row]]:
         results["machine"] = content["machine"]["processor"]
     elif evaluations:
         results |= evaluations[-1]
-    return settings, results | {"error": error_of(folder)}, evaluations
+    results["error"] = error_of(folder)
+    return settings | results, [*results], evaluations
 
 
 def settings_row(folder: Path) -> Row:

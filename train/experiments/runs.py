@@ -6,6 +6,7 @@ resumed. Reports read the folders.
 
 from __future__ import annotations
 
+import contextlib
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -131,7 +132,14 @@ def prepare(study: Study, out: Path | str) -> list[tuple[TrainingRun, Path]]:
     there = {path.name for path in out.iterdir()} if out.is_dir() else set[str]()
     if there - {LOCK, INPUTS, TUNING} and "runs" not in there:
         raise ValueError(f"{out}: not empty, and not a sweep; give a new folder")
-    check_format(out)
+    found = FORMAT
+    with contextlib.suppress(ValueError):  # a damaged `sweep.json` is written again
+        found = read_layout(out).format if (out / LAYOUT).exists() else FORMAT
+    check(
+        found == FORMAT,
+        f"{out}: has format {found}, this version of pursuit needs {FORMAT}; use the version that "
+        "made it, or a new folder",
+    )
     out.mkdir(parents=True, exist_ok=True)
     names = [run.name for run in study.runs]
     layout = msgspec.structs.replace(study.layout, format=FORMAT, runs=names)
@@ -140,22 +148,6 @@ def prepare(study: Study, out: Path | str) -> list[tuple[TrainingRun, Path]]:
     for run, folder in folders:
         run.write(folder, out)
     return folders
-
-
-def check_format(out: Path) -> None:
-    """ValueError if the study in a folder has another format.
-
-    A damaged `sweep.json` is ignored, because it is written again.
-    """
-    try:
-        found = read_layout(out).format if (out / LAYOUT).exists() else FORMAT
-    except ValueError:
-        return
-    check(
-        found == FORMAT,
-        f"{out}: has format {found}, this version of pursuit needs {FORMAT}; use the version that "
-        "made it, or a new folder",
-    )
 
 
 def is_folder_of(study: Study, out: Path) -> bool:

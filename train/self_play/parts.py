@@ -106,7 +106,6 @@ def self_play_parts(settings: SelfPlaySettings) -> SelfPlayParts:
         seat = Seat(task, role, own.observation, played.mask_bumps, own.frame_stack, own.network)
         check_sizes(own.hyper, seat)
         entry(own.algorithm).check_memory(own.hyper, seat)
-        steps = settings.episode_steps or (task.max_steps if task.num_goals else SHORT)
         sides[role] = SideParts(
             seat,
             entry(own.algorithm),

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.mazes.maze import Maze
 from pursuit.reacher.simulator import ReacherSimulator
 from pursuit.reacher.task import ReacherTask
 from pursuit.rules.arrays import Array
@@ -17,6 +16,7 @@ from pursuit.simulator.policy import Policy, TabularPolicy
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task
 from scripted_agents import least_steps_of, tour_lengths
+from scripted_agents.joint.optimal import table_of
 from scripted_agents.limits import (
     MAX_CURRICULUM_JOINTS,
     MAX_EXACT_CELLS,
@@ -72,7 +72,11 @@ def optimum_of(task: Task, agent: str, opponents: Mapping[str, Policy]) -> Optim
         opponents: the fixed policy of every other role.
     """
     if is_single_runner(task):
-        return _optimum(task, _tours) if why_no_tour(task.num_goals) is None else None
+        if why_no_tour(task.num_goals) is not None:
+            return None
+        return _optimum(
+            task, lambda number, maze, cells, goals: tour_lengths(maze, cells[:, 0], goals)
+        )
     if not task.is_duel or task.max_cells > MAX_EXACT_CELLS:
         return None
     role = task.seat_roles[task.seat(agent)]
@@ -80,20 +84,11 @@ def optimum_of(task: Task, agent: str, opponents: Mapping[str, Policy]) -> Optim
     if not isinstance(policy, TabularPolicy):
         return None
     tables = [
-        best_reply(
-            task,
-            role,
-            policy.action_probabilities(maze, task.stay_action),
-            task.max_steps,
-            maze=maze,
-        ).values
+        best_reply(task, role, table, task.max_steps, maze=maze).values
         for maze in task.mazes
+        for table in [table_of(policy, maze, task.stay_action, task.move_order)]
     ]
     return _optimum(task, lambda number, maze, cells, goals: tables[number][tuple(cells.T)])
-
-
-def _tours(number: int, maze: Maze, cells: Array, goals: Array) -> NDArray[np.int64]:
-    return tour_lengths(maze, cells[:, 0], goals)
 
 
 def arm_optimum(task: ReacherTask) -> Optimum | None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,7 @@ from curricula import Change, Outcomes, Progress
 from pursuit.rules.arrays import Array
 from pursuit.validation import as_array, check
 from train.environments.hooks import EpisodeHook
-from train.files import Plain, write_csv
+from train.files import Plain
 from train.settings.curricula import MazeReplaySettings
 from train.teaching.plan import Plan
 
@@ -282,8 +281,3 @@ def change_row(change: Change, progress: Progress) -> Plain:
         "progress": round(progress.share, 6),
         **vars(change),
     }
-
-
-def write_log(folder: Path, rows: Sequence[Plain]) -> None:
-    """Write `curriculum.csv`."""
-    write_csv(folder / LOG, rows, COLUMNS)
