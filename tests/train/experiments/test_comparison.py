@@ -15,14 +15,13 @@ from train.commands.main import main
 from train.experiments import contestant_runs
 from train.experiments.contestant_runs import hyper_of, learn, settings_of, world_and_contest
 from train.experiments.contestants import CONTESTANTS
-from train.experiments.executors import run_study
+from train.experiments.executors import perform_here, run_study
 from train.experiments.rows import CURVES, RUNS, curve_measures
 from train.experiments.runs import Study
 from train.experiments.stages import Stage, carry_out, stages_of
 from train.experiments.study import StudyFile, choose_version, read_file
 from train.experiments.tuning import best_trials, least_copy_of, mazes_of
 from train.experiments.variants import times_row
-from train.experiments.worker import perform_here
 from train.settings.task import TaskSettings
 
 pytest.importorskip("stable_baselines3")

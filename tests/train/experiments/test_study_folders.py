@@ -9,6 +9,7 @@ import pytest
 from test_study_files import ABLATION, TABLE, load
 
 from train.commands.main import main
+from train.experiments.executors import progress_of
 from train.experiments.rows import error_of, read_all
 from train.experiments.runs import (
     ERROR,
@@ -19,7 +20,6 @@ from train.experiments.runs import (
     read_label,
     read_layout,
 )
-from train.experiments.worker import progress_of
 
 
 def test_a_dry_run_lists_the_runs_with_what_varies_and_does_nothing(

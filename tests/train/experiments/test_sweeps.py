@@ -17,13 +17,12 @@ import pytest
 
 from train.commands.main import main
 from train.commands.sweep import SweepWatch
-from train.experiments.executors import run_locally
+from train.experiments.executors import progress_of, run_locally, start_worker
 from train.experiments.expansion import load_study
 from train.experiments.report import report_on
 from train.experiments.rows import CURVES, RUNS, read_all
 from train.experiments.runs import prepare, status_of
 from train.experiments.summary import sweep_notes
-from train.experiments.worker import progress_of, start_worker
 from train.files import only_one
 
 TINY = """
