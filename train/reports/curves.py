@@ -16,6 +16,7 @@ from train.reports.figures import (
     BLUE,
     gap_axis,
     in_legend,
+    legend_beside,
     log_axis,
     pyplot,
     save,
@@ -24,7 +25,6 @@ from train.reports.figures import (
 )
 
 if TYPE_CHECKING:  # slow to import
-    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
 
 Curve = tuple[Array, Array]
@@ -165,12 +165,7 @@ def draw_panels(
     figure.suptitle(fill(title, int(CHARACTERS * width)), fontsize=11)
     figure.supxlabel(fill(note, int(CHARACTERS * width)), fontsize=8)
     if beside:
-        labels: dict[str, Artist] = {}
-        for axis in axes.flat:
-            for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
-                labels.setdefault(label, handle)
-        where = "outside right upper"
-        figure.legend(labels.values(), labels.keys(), loc=where, frameon=False, fontsize=9)
+        legend_beside(figure, axes.flat)
     save(figure, path, also_svg=True)
 
 

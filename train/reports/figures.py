@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from textwrap import fill
@@ -16,6 +16,7 @@ from pursuit.mazes.maze import Maze
 from pursuit.validation import one_of
 
 if TYPE_CHECKING:  # slow to import
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure
@@ -129,6 +130,16 @@ def in_legend(label: str | None) -> str | None:
     return f" {label}" if label is not None and label.startswith("_") else label
 
 
+def legend_beside(figure: Figure, axes: Iterable[Axes]) -> None:
+    """Draw one legend of these axes beside all axes, each label once."""
+    handles: dict[str, Artist] = {}
+    for axis in axes:
+        for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
+            handles.setdefault(label, handle)
+    where = "outside right upper"
+    figure.legend(handles.values(), handles.keys(), loc=where, frameon=False, fontsize=9)
+
+
 def time_scale(unit: str) -> float:
     """The factor from seconds or frames to the unit of the axis."""
     return 1e-6 if unit == "frames" else 1.0
@@ -235,10 +246,7 @@ def draw_intervals(
     axes[0, 0].set_ylim(len(lines) - 0.5, -0.5)
     axes[0, 0].set_ylabel(ylabel)
     if len(groups) > 1:
-        handles, labels = axes[0, 0].get_legend_handles_labels()
-        once = dict(zip(labels, handles, strict=True))
-        where = "outside right upper"
-        figure.legend(once.values(), once.keys(), loc=where, frameon=False, fontsize=9)
+        legend_beside(figure, axes[0, :1])
     figure.suptitle(title, fontsize=11)
     save(figure, path, also_svg=True)
 

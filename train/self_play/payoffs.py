@@ -46,13 +46,6 @@ def _cell(name: str, row: Row) -> str:
     return value + (f" ± {half:.2f}" if half else "")
 
 
-def league_table(table: LeagueTable, content: Plain) -> ResultTable:
-    """The payoffs of a league; `content` is its `league.json`."""
-    return payoff_table(
-        table.chasers, table.evaders, table.payoff.tolist(), table.ci95.tolist(), content["never"]
-    )
-
-
 def matches_table(matches: Sequence[Plain]) -> ResultTable:
     """The "matches" of the results of self-play."""
     chasers = list(dict.fromkeys(str(row["chaser"]) for row in matches))
