@@ -136,7 +136,7 @@ def set_help_texts(form: Any) -> None:
             each.metadata = MappingProxyType({**each.metadata, "help": texts[each.name]})
 
 
-def described(form: type[Any]) -> str:
+def described(form: type[object]) -> str:
     """The docstring of a command, wrapped to the terminal, which tyro does not do.
 
     tyro joins lines, but not those that begin with a space.
@@ -146,7 +146,7 @@ def described(form: type[Any]) -> str:
     return "\n\n".join(textwrap.fill(part, width, subsequent_indent="  ") for part in parts)
 
 
-def forms_in(value: Any) -> Iterator[type[Any]]:
+def forms_in(value: object) -> Iterator[type[object]]:
     """The dataclasses of a default value and its parts."""
     if is_dataclass(value):
         yield type(value)

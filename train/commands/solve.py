@@ -28,7 +28,7 @@ from scripted_agents import (
 )
 from train.commands.parse import parse
 from train.commands.progress import ProgressLine
-from train.files import check_new_files
+from train.files import Plain, check_new_files
 from train.reports.figures import BLUE, FORMATS, ORANGE, draw_cells, pyplot, save
 from train.reports.tables import in_lines
 from train.settings.checks import RANDOM_MOVES, Settings, check_default
@@ -166,7 +166,7 @@ def describe_limited_view(maze: Maze, given: SolveCommand) -> str:
     opponent = form(given.opponent_epsilon)
     table = opponent.action_probabilities(maze, given.stay_action)
     alive, name = ProgressLine(), f"radius {given.view_radius}"
-    how: Any = {
+    how: Plain = {
         "discount": given.discount,
         "seconds": given.seconds,
         "role": own,

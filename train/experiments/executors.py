@@ -153,10 +153,10 @@ def start_worker(folder: Path) -> BaseProcess:
 
     The process is forked from a server that has imported this module and torch once.
     """
-    context: Any = get_context("forkserver")
+    context = get_context("forkserver")
     # the server looks for modules in the working folder first, where another `train` may be
     context.set_forkserver_preload(["pursuit.train.experiments.executors"])
-    process: BaseProcess = context.Process(target=work, args=(str(folder), environment()))
+    process = context.Process(target=work, args=(str(folder), environment()))
     process.start()
     return process
 

@@ -148,13 +148,12 @@ def best_trials(out: Path) -> tuple[list[Row], Tuned]:
         # Absolute, as evaders have negative gaps.
         logs = [math.log(max(abs(gap), LEAST_GAP)) for gap in row["gaps"] if gap is not None]
         row["score"] = sum(logs) / len(logs) if len(logs) == len(row["gaps"]) else None
-    tuned: dict[tuple[str, str], Table] = {}
-    for group in dict.fromkeys(key[:2] for key in trials):
-        scores = {k: r["score"] for k, r in trials.items() if k[:2] == group}
-        known = [key for key, score in scores.items() if score is not None]
-        best = min(known, key=lambda key: scores[key]) if known else None
-        for key in scores:
-            trials[key]["chosen"] = key == best
-        if best is not None:
-            tuned[group] = settings[best]
-    return list(trials.values()), tuned
+    best: dict[tuple[str, str], tuple[str, str, int]] = {}
+    for key, row in trials.items():
+        if row["score"] is not None:
+            lowest = best.setdefault(key[:2], key)
+            if row["score"] < trials[lowest]["score"]:
+                best[key[:2]] = key
+    for key, row in trials.items():
+        row["chosen"] = best.get(key[:2]) == key
+    return list(trials.values()), {group: settings[key] for group, key in best.items()}

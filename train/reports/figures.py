@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from textwrap import fill
+from types import ModuleType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -36,7 +37,7 @@ LABEL_WIDTH = 24
 """Characters per line of a label."""
 
 
-def pyplot() -> Any:
+def pyplot() -> ModuleType:
     """Matplotlib's pyplot, drawing to files; imported here, as it takes half a second."""
     import matplotlib
 
@@ -166,7 +167,7 @@ def save(figure: Figure, path: Path, also_svg: bool = False, dpi: int = 130) -> 
     for form in dict.fromkeys([path.suffix.lstrip("."), *["svg"] * also_svg]):
         for text in figure.findobj(Text):
             text.set_parse_math(False)
-        undated: Any = {"Date": None} if form == "svg" else None
+        undated = {"Date": None} if form == "svg" else None
         write = partial(figure.savefig, dpi=dpi, format=form, metadata=undated)
         settings = {"svg.fonttype": "none", "svg.hashsalt": "pursuit", "text.parse_math": False}
         with matplotlib.rc_context(settings):

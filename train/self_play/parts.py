@@ -32,7 +32,7 @@ from train.self_play.side import SideParts
 from train.settings.algorithms import Hyperparameters, PPOSettings
 from train.settings.common import RunSettings, check_min_probability
 from train.settings.reading import complete_settings, read_from
-from train.settings.run import TrainSettings
+from train.settings.run import AgentSettings, TrainSettings
 from train.settings.self_play import ROLES, LearningSide, SelfPlaySettings, self_play_ppo
 from train.settings.task import TaskSettings
 
@@ -141,7 +141,7 @@ def check_sides(settings: SelfPlaySettings, task: Task) -> None:
         entry(settings.side(role).algorithm).check_self_play(role, task.count(role))
 
 
-def side_settings(settings: SelfPlaySettings, role: str) -> TrainSettings[Any]:
+def side_settings(settings: SelfPlaySettings, role: str) -> AgentSettings:
     """The settings of the learner of one role, as those of a single-agent run."""
     task = replace(settings.task, role=role)
     played = task_of(task)
@@ -172,7 +172,7 @@ def response_settings(settings: SelfPlaySettings, role: str, folder: Path) -> Se
     of_ppo: Hyperparameters = replace(self_play_ppo(), gamma=settings.discount)
     learning = [side_settings(settings, each) for each in settings.learning]
     of_ppo = next((side.hyper for side in learning if side.algorithm == "ppo"), of_ppo)
-    sides: dict[str, Any] = {role: str(folder), other_role(role): LearningSide(hyper=of_ppo)}
+    sides: Plain = {role: str(folder), other_role(role): LearningSide(hyper=of_ppo)}
     seconds, frames = settings.best_response_seconds or None, settings.frames
     if frames is not None:  # equal settings have equal results
         frames = min(max(round(RESPONSE_FRAMES * (seconds or 0.0)), 1), frames)
@@ -213,7 +213,7 @@ def self_play_from_plain(plain: Plain, where: str) -> SelfPlaySettings:
     with read_from(where, RESTORE):
         own = complete_settings(SelfPlaySettings, plain)
         task = TaskSettings(**complete_settings(TaskSettings, plain.get("task"), "task"))
-        sides: Any = {role: _side_from_plain(role, plain.get(role)) for role in ROLES}
+        sides: Plain = {role: _side_from_plain(role, plain.get(role)) for role in ROLES}
         settings = SelfPlaySettings(task=task, **sides, **own)
         check_sides(settings, task_of(settings.task))
     return settings

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from curricula import Change, Outcomes, Progress
 from pursuit.rules.arrays import Array
+from pursuit.simulator.policy import Policy
 from pursuit.validation import as_array, check
 from train.environments.hooks import EpisodeHook
 from train.files import Plain
@@ -64,7 +65,7 @@ class Teacher(EpisodeHook):
         self.curriculum, self.simulator, self.metrics = plan.curriculum(), simulator, metrics
         self.solved_within = plan.settings.solved_within
         self.scorer, self.score_every = plan.scorer, 0
-        self.scored_policy: Any = None
+        self.scored_policy: Policy | None = None
         if isinstance(plan.settings, MazeReplaySettings):
             self.score_every = plan.settings.score_every
         self.wants_advantages = plan.settings.needs_advantages
