@@ -91,8 +91,8 @@ def league(arguments: Sequence[str]) -> None:
     }
     write_json(out / LEAGUE, content)
     draw_league(out / "league.png", table, f"League on {task.mazes[0].name}")
-    names_and_cells = ("chasers", "evaders", "payoff", "ci95", "never")
-    tables = {"table": payoff_table(*(content[name] for name in names_and_cells))}
+    payoffs = [content[name] for name in ("chasers", "evaders", "payoff", "ci95", "never")]
+    tables = {"table": payoff_table(*payoffs)}
     tables |= {f"{role}s": ratings_table(role, content) for role in ROLES}
     for stem, each in tables.items():
         each.write(out, stem)

@@ -10,7 +10,6 @@ import re
 import shutil
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 
@@ -73,25 +72,10 @@ Mazes and exact solutions:
 """
 
 
-@dataclass(frozen=True)
-class Command:
-    """A subcommand, as listed in `USAGE`.
-
-    Attributes:
-        does: its description, one line.
-        example: arguments of an example.
-    """
-
-    does: str
-    example: str
-
-
-COMMANDS = {
-    name: Command(does, example)
-    for name, does, example in re.findall(
-        r"^  (\S+) +(\S.*)\n {14}pursuit \S+ ?(.*)$", USAGE, re.MULTILINE
-    )
-}
+COMMANDS: dict[str, str] = dict(
+    re.findall(r"^  (\S+) +\S.*\n {14}pursuit \S+ ?(.*)$", USAGE, re.MULTILINE)
+)
+"""The arguments of the example of each subcommand, as listed in `USAGE`."""
 
 COMMAND_PARTS: Registry[Callable[[Sequence[str]], None]] = Registry(
     "command", "a function that takes the arguments after its name", callable, ours=tuple(COMMANDS)

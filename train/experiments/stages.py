@@ -101,18 +101,13 @@ def carry_out(
         done.append((stage.folder, statuses))
         if stage.folder.name == TUNING:
             searched = {*statuses.values()} == {"complete"}
-            check_chosen(stage.folder, study)
+            trials, tuned = best_trials(stage.folder.parent)
+            for row in trials if study.pinned else ():
+                check(
+                    (row["contestant"], row["task"]) in tuned,
+                    f"{row['contestant']} failed in every trial on {row['task']!r}; see the "
+                    f"error.txt files in {stage.folder}",
+                )
         elif "complete" in statuses.values():
             report_on(stage.folder)
     return done
-
-
-def check_chosen(folder: Path, search: Study) -> None:
-    """ValueError unless every contestant has a trial that succeeded, for each task."""
-    trials, tuned = best_trials(folder.parent)
-    for row in trials if search.pinned else ():
-        check(
-            (row["contestant"], row["task"]) in tuned,
-            f"{row['contestant']} failed in every trial on {row['task']!r}; see the error.txt "
-            f"files in {folder}",
-        )
