@@ -150,25 +150,24 @@ def read_several(folders: Sequence[Path]) -> StudyRows:
     names = entry_names([str(folder) for folder in folders], lambda entry: False)
     whole = StudyRows(Layout(", ".join(names)), varying=["_group"])
     for name, folder in zip(names, folders, strict=True):
-        if (folder / CONFIG).exists():
+        single = (folder / CONFIG).exists()
+        if single:
             complete = (folder / RESULTS).exists()
             check(complete, f"{folder}: no results yet; continue this run with --resume {folder}")
             row, measures, curve = read_run(folder)
             study = StudyRows(Layout(name), measures=measures, curves={folder.name: curve})
             study.rows = [row | {"_group": name, "_x": ""}]
-            variants, label = [], [name]
         else:
             study = read_study(folder)
-            variants, label = study.layout.variants, []
-        for row in sorted(
-            study.rows, key=lambda row: variants.index(row["variant"]) if variants else 0
-        ):
-            run = str(folder if label else folder / row["run"])
-            parts = label or [row["variant"] if variants else row["_group"]]
-            parts = parts + ([in_words(str(study.x), row["_x"])] if study.x else [])
+        if variants := study.layout.variants:
+            study.rows.sort(key=lambda row: variants.index(row["variant"]))
+        for row in study.rows:
+            run = str(folder if single else folder / row["run"])
+            group = row["variant"] if variants else row["_group"]
+            group += f", {in_words(str(study.x), row['_x'])}" if study.x else ""
+            if len(folders) > 1 and not single:
+                group = f"{name}: {group}"
             whole.curves[run] = study.curves.get(row["run"], [])
-            alone = len(folders) == 1 or bool(label)
-            group = ", ".join(parts) if alone else f"{name}: {', '.join(parts)}"
             whole.rows.append(row | {"run": run, "_group": group, "_x": ""})
         whole.measures += [name for name in study.measures if name not in whole.measures]
     objectives = sorted({str(row["objective"]) for row in whole.rows})

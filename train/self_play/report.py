@@ -35,13 +35,17 @@ GAMES = 20
 """Games per pair of snapshots, for results that are not exact."""
 
 
-COLORS = {"nash_conv": BLACK, "chaser": ORANGE, "evader": BLUE}
 EXPLOITABILITY = {
     "nash_conv": Series((), "NashConv", BLACK, "-", 2.2),
     "chaser_exploitability": Series((), "of the chaser", ORANGE, "--", 1.3),
     "evader_exploitability": Series((), "of the evader", BLUE, "--", 1.3),
 }
 SCRIPTED = {"astar": ("A*", "-"), "random": ("random", ":"), "equilibrium": ("equilibrium", "--")}
+AGAINST_SCRIPTED = {
+    f"{role}_vs_{name}": Series((), f"{role} against {called}", color, style)
+    for role, color in (("chaser", ORANGE), ("evader", BLUE))
+    for name, (called, style) in SCRIPTED.items()
+}
 
 
 def draw_self_play(
@@ -53,24 +57,17 @@ def draw_self_play(
     """
     times = np.array([row[unit] for row in rows]) * time_scale(unit)
 
-    def curve(name: str, like: Series) -> list[Series]:
-        if name not in rows[0]:
-            return []
-        return [replace(like, curves=[(times, np.array([row[name] for row in rows]))])]
+    def known(lines: Mapping[str, Series]) -> list[Series]:
+        return [
+            replace(line, curves=[(times, np.array([row[name] for row in rows]))])
+            for name, line in lines.items()
+            if name in rows[0]
+        ]
 
-    panels = []
-    if "nash_conv" in rows[0]:
-        series = [one for name, like in EXPLOITABILITY.items() for one in curve(name, like)]
-        panels.append(Panel(series, "exploitability, exact\n(discounted steps)", scale="from 0"))
-    series = [
-        one
-        for role in ROLES
-        for name, (called, style) in SCRIPTED.items()
-        for one in curve(
-            f"{role}_vs_{name}", Series((), f"{role} against {called}", COLORS[role], style)
-        )
-    ]
-    panels.append(Panel(series, "steps until capture (log)", scale="log"))
+    panels = [Panel(known(AGAINST_SCRIPTED), "steps until capture (log)", scale="log")]
+    if exploitability := known(EXPLOITABILITY):
+        label = "exploitability, exact\n(discounted steps)"
+        panels.insert(0, Panel(exploitability, label, scale="from 0"))
     draw_panels(path, [[panel] for panel in panels], unit, title)
 
 
