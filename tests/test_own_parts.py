@@ -25,7 +25,7 @@ from scripted_agents.environments import make_env, make_vector_env
 from scripted_agents.references import is_table_in
 from train.commands.main import main
 from train.environments.simulator_env import SimulatorEnv
-from train.experiments.rows import row_of
+from train.experiments.rows import read_run
 from train.kinds import resume, start
 from train.networks.policy import Seat, sees_cells_only
 from train.runs.folder import RUN, SELF_PLAY, load_checkpoint
@@ -420,7 +420,7 @@ def test_a_run_of_own_parts_alone_ends_where_one_that_was_resumed_does(tmp_path:
     whole = start(RUN, settings, tmp_path / "whole")
     whole.train()
     assert whole.results(10)["algorithm"] == "my_parts:SARSA"
-    row = row_of(tmp_path / "whole")
+    row = read_run(tmp_path / "whole")[0]
     assert (row["algorithm"], row["epsilon_start"]) == ("my_parts:SARSA", 0.1)
     recorded = recorded_parts(tmp_path / "whole" / "config.json")
     assert recorded["algorithm"]["sha256"] == sha256_of("my_parts")

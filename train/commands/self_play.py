@@ -156,13 +156,13 @@ def unchecked(hyper: Hyperparameters, *more: Any) -> Any:
     return made(**vars(hyper))
 
 
-def given_in(arguments: Sequence[str], options: Any) -> Plain:
+def given_in(arguments: Sequence[str], options: object) -> Plain:
     """The values of those options, fields of a dataclass, that are in the arguments."""
     names = {name.removeprefix("no_") for name in options_in(arguments)} | {*options_in(arguments)}
     return {name: value for name, value in vars(options).items() if name in names}
 
 
-def other_options(side: LearningSide, hyper: Hyperparameters) -> Any:
+def other_options(side: LearningSide, hyper: Hyperparameters) -> object:
     """A dataclass with the options of a side's algorithm that `hyper` does not have."""
     hints = get_type_hints(type(side.hyper))
     help_text = f"See --algorithm {side.algorithm} --help."

@@ -25,7 +25,7 @@ from train.evaluation.scores import (
     Score,
     optimality_gap,
 )
-from train.files import Plain
+from train.files import Plain, write_csv
 from train.runs.data_parallel import OtherProcesses
 from train.runs.folder import RUN
 from train.runs.forms import Objective
@@ -35,7 +35,7 @@ from train.runs.trainee import Clock
 from train.runs.training_state import build_env_and_learner, training_state
 from train.runs.worlds import GridWorld
 from train.settings.task import TaskSettings
-from train.teaching.teacher import write_log
+from train.teaching.teacher import COLUMNS, LOG
 
 EPISODES = 500
 """Episodes of an evaluation during training."""
@@ -213,7 +213,7 @@ class SingleAgent:
     def save_beside(self, folder: Path) -> None:
         """Write `curriculum.csv`."""
         if self.teacher is not None:
-            write_log(folder, self.teacher.rows)
+            write_csv(folder / LOG, self.teacher.rows, COLUMNS)
 
     def close(self) -> None:
         """Release the resources of the learner, and end the other processes."""

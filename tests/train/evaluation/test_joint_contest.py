@@ -34,7 +34,7 @@ from train.evaluation.scores import (
     strongest_reference,
 )
 from train.evaluation.suite_contest import SuiteContest
-from train.experiments.rows import row_of
+from train.experiments.rows import read_run
 from train.experiments.summary import measure_of as measure_of_rows
 from train.runs.folder import RUN, read_metrics
 from train.runs.pictures import draw_learning_curve
@@ -314,7 +314,7 @@ def test_a_run_is_judged_by_the_measure_of_its_contest(
     assert f"Learned: {unit} {found[column]:.3f}" in summary(content)
     scores = [Score(**score) for score in content["scores"]]
     assert unit in score_table(scores, measure=run.trainee.contest.measure).markdown().split("|")[2]
-    row = row_of(tmp_path)
+    row = read_run(tmp_path)[0]
     measure = measure_of_rows([row])
     assert measure.column == column and row[column] == found[column]
     draw_learning_curve(tmp_path / "c.png", rows, content["scores"], "", column=column)
