@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -46,7 +44,7 @@ class ArmEnv(LockstepEnv):
         seen = Bounded(low, high, shape=(batch, *space.shape), dtype=torch.float32)
         self.observation_spec = Composite({"observation": seen}, shape=(batch,))
 
-    def _returns(self, games: NDArray[np.bool_]) -> NDArray[Any]:
+    def _returns(self, games: NDArray[np.bool_]) -> NDArray[np.float64]:
         return self.simulator.returns[games]
 
     def _observe(self) -> dict[str, torch.Tensor]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import Any
 
 import numpy as np
 import torch
@@ -12,9 +11,12 @@ from tensordict import TensorDict, TensorDictBase
 from torchrl.data import Binary, Composite, Unbounded
 from torchrl.envs import EnvBase
 
+from pursuit.reacher.simulator import ReacherSimulator
+from pursuit.simulator.simulator import Simulator
 from train.environments.hooks import EpisodeHook
 from train.networks.policy import Player
 
+AnySimulator = Simulator | ReacherSimulator
 FLAGS = ("terminated", "truncated", "done")
 NOT_OBSERVED = {"reward", *FLAGS}
 
@@ -45,10 +47,12 @@ class LockstepEnv(EnvBase):
         was_reset: whether `reset_games` was called.
     """
 
-    simulator: Any
+    simulator: AnySimulator
     player: Player
 
-    def __init__(self, simulator: Any, hook: EpisodeHook | None = None, members: int = 1) -> None:
+    def __init__(
+        self, simulator: AnySimulator, hook: EpisodeHook | None = None, members: int = 1
+    ) -> None:
         if simulator.auto_restart:
             raise ValueError(
                 "this simulator restarts games automatically, which hides the end of episodes; "
@@ -58,8 +62,8 @@ class LockstepEnv(EnvBase):
         super().__init__(device="cpu", batch_size=[batch])
         self.simulator, self.hook, self.members = simulator, hook or EpisodeHook(), members
         self.num_games = simulator.num_games
-        self.finished_returns: list[NDArray[Any]] = []
-        self.finished_lengths: list[NDArray[Any]] = []
+        self.finished_returns: list[NDArray[np.float64]] = []
+        self.finished_lengths: list[NDArray[np.int32]] = []
         self.resume = self.was_reset = False
         self.reward_spec = Unbounded((batch, 1))
         flag = Binary(n=1, shape=(batch, 1), dtype=torch.bool)
@@ -83,7 +87,7 @@ class LockstepEnv(EnvBase):
         """
 
     @abstractmethod
-    def _returns(self, games: NDArray[np.bool_]) -> NDArray[Any]:
+    def _returns(self, games: NDArray[np.bool_]) -> NDArray[np.float64]:
         """[n] the episode return in each game of the mask [num_games]."""
 
     def _restarted(self, games: NDArray[np.intp]) -> None:
@@ -134,7 +138,7 @@ class LockstepEnv(EnvBase):
             **{name: torch.from_numpy(flag.reshape(-1, 1)) for name, flag in flags.items()},
         }
 
-    def _reset(self, tensordict: TensorDictBase | None = None, **_: Any) -> TensorDictBase:
+    def _reset(self, tensordict: TensorDictBase | None = None, **_: object) -> TensorDictBase:
         if tensordict is not None and tensordict.get("_reset", None) is not None:
             self.restart(tensordict["_reset"].view(-1, self.members).all(dim=1).numpy())
         elif not self.resume:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import torch
@@ -16,7 +15,7 @@ from pursuit.simulator.policy import Policy
 from pursuit.simulator.simulator import Simulator
 from train.environments.hooks import EpisodeHook
 from train.environments.lockstep import LockstepEnv
-from train.networks.frames import FrameStack, shift
+from train.networks.frames import FrameStack, Observations, shift
 from train.networks.policy import Seat
 
 
@@ -101,14 +100,14 @@ class SimulatorEnv(LockstepEnv):
             rows = self.frames.reshape(self.num_games, self.members, *self.frames.shape[1:])
             self.stack.forget(rows, games)
 
-    def _stacked(self, seen: NDArray[Any]) -> NDArray[Any]:
+    def _stacked(self, seen: Observations) -> Observations:
         """[games, k, *shape]: the current observations, stacked with the previous ones."""
         if self.stack is None:
             return seen
         flat = self.stack.with_newest(self.frames, seen.reshape(-1, *seen.shape[2:]))
         return flat.reshape(*seen.shape[:2], *flat.shape[1:])
 
-    def _returns(self, games: NDArray[np.bool_]) -> NDArray[Any]:
+    def _returns(self, games: NDArray[np.bool_]) -> NDArray[np.float64]:
         returns = self.simulator.returns[games, self.seats]
         return returns.mean(axis=1) if self.members > 1 else returns[:, 0]
 

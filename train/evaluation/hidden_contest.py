@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,9 +21,18 @@ from scripted_agents import (
     mean_over_starts,
     solve_hidden_chase,
 )
+from scripted_agents.duel.best_response import MoveOrder
+from scripted_agents.hidden.game import Role
 from scripted_agents.limits import MAX_BOUNDED_CELLS, SEARCH_SECONDS, SEARCH_WIDTH
 from scripted_agents.references import is_table_in
-from train.evaluation.games import best_reply, half_width, mean_steps, table_in
+from train.evaluation.games import (
+    best_reply,
+    duel_role,
+    half_width,
+    mean_steps,
+    order_of,
+    table_in,
+)
 
 DISCOUNT = 0.95
 
@@ -71,15 +79,16 @@ def solution_of(
     if task.max_cells > MAX_BOUNDED_CELLS:
         return None
     limit = task.sight.limits[task.seat(agent)]
-    rules = (limit.view_radius, limit.line_of_sight, task.seat_roles[task.seat(agent)])
-    rest = (task.stay_action, task.move_order, task.min_start_distance)
+    role = duel_role(task.seat_roles[task.seat(agent)])
+    rules = (limit.view_radius, limit.line_of_sight, role)
+    rest = (task.stay_action, order_of(task), task.min_start_distance)
     return _solution(task.mazes[0], table.tobytes(), table.shape, seconds, *rules, *rest)
 
 
 @lru_cache(maxsize=16)
 def _solution(
     maze: Maze, table: bytes, shape: tuple[int, ...], seconds: float, radius: int | None,
-    in_line: bool, role: Any, stay_action: bool, move_order: Any, min_start_distance: int,
+    in_line: bool, role: Role, stay_action: bool, move_order: MoveOrder, min_start_distance: int,
 ) -> HiddenChaseSolution:  # fmt: skip
     return solve_hidden_chase(
         maze,

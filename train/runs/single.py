@@ -69,7 +69,7 @@ class SingleAgent:
         self._final_episodes = self._solved_work = 0
         self.env, self.teacher, self.learner = build_env_and_learner(parts, state)
         self.simulator = self.env.simulator
-        self.policy = self.learner.policy(greedy=evaluate == "greedy")
+        self.policy: Any = self.learner.policy(greedy=evaluate == "greedy")  # as its contest needs
         if self.teacher is not None:
             draws = parts.algorithm.learns_distribution
             self.teacher.scored_policy = self.learner.policy(greedy=not draws)
@@ -104,8 +104,7 @@ class SingleAgent:
     def evaluate(self) -> dict[str, float]:
         """The objective, steps, success rate and gap; and means of the training games since the
         last evaluation."""
-        policy: Any = self.policy  # of the kind of its contest
-        score, measure = self.contest.score("learned", policy), self.contest.measure
+        score, measure = self.contest.score("learned", self.policy), self.contest.measure
         row = {"mean_steps": score.mean_steps, "success_rate": score.success_rate}
         row[measure.column] = measured(measure, score)
         gap = optimality_gap(score, self.optimum)
@@ -160,11 +159,10 @@ class SingleAgent:
         # An interrupted run should end soon.
         most = MAX_WORK if interrupted else MAX_EVALUATED_WORK
         contest = self.final_contest(episodes, most)
-        greedy: Any = self.learner.policy()
-        scores = [*contest.baselines(), contest.score("learned", greedy)]
+        policies: dict[str, Any] = {"learned": self.learner.policy()}
         if self.parts.algorithm.learns_distribution:
-            sampled: Any = self.learner.policy(greedy=False)
-            scores.append(contest.score("learned, sampled", sampled))
+            policies["learned, sampled"] = self.learner.policy(greedy=False)
+        scores = [*contest.baselines(), *(contest.score(*each) for each in policies.items())]
         build, plan = self.parts.build, self.parts.plan
         objective = objective_gap(contest, self.parts.hyper.last_gamma)
         return {
@@ -173,7 +171,7 @@ class SingleAgent:
             "curriculum": "none" if plan is None else plan.name,
             "seed": build.seed,
             **({} if self.replicas is None else {"processes": self.replicas.processes}),
-            **evaluation_of(scores, self.evaluated, objective, contest),
+            **evaluation_of(scores, self.evaluated, contest, objective),
             "device": build.device,
             "precision": build.precision,
             **({} if self.update_form is None else {"update": self.update_form}),
@@ -232,17 +230,17 @@ def measured(measure: Measure, score: Score) -> float:
 def evaluation_of(
     scores: list[Score],
     evaluated: str,
+    contest: AnyContest,
     objective: ObjectiveGap = UNKNOWN,
-    contest: AnyContest | None = None,
 ) -> Plain:
     """ "evaluation", "reference" and "scores" of `results.json`; `objective` is the objective gap.
 
-    With a limited view the optimum is an interval. Without `contest` there is no reference.
+    With a limited view the optimum is an interval.
     """
     by_name = {score.name: score for score in scores}
     learned = by_name["learned" if evaluated == "greedy" else "learned, sampled"]
     optimum = by_name.get("optimal")
-    certificate, certified = None if contest is None else contest.certificate(), {}
+    certificate, certified = contest.certificate(), {}
     if certificate is not None and learned.discounted_steps is not None:
         certified = {
             "discount": certificate.discount,
@@ -253,9 +251,8 @@ def evaluation_of(
             "certified_gap": certificate.gap(learned.discounted_steps),
         }
     best = by_name.get(BEST_RETURN)
-    others: dict[str, float | None] = {}
-    if contest is not None:
-        others[contest.measure.column] = measured(contest.measure, learned)
+    measure = contest.measure
+    others: dict[str, float | None] = {measure.column: measured(measure, learned)}
     for by in (BY_GOALS, BY_RETURN):
         most = by_name.get(by.optimum)
         if most is not None:
@@ -264,7 +261,7 @@ def evaluation_of(
                 f"optimal_{by.name}": by.of(most),
                 f"{by.name}_regret": by.distance(learned, most),
             }
-    held = None if contest is None else contest.reference(scores, learned)
+    held = contest.reference(scores, learned)
     return {
         "evaluation": {
             "episodes": learned.episodes,

@@ -71,10 +71,8 @@ def training_state(env: LockstepEnv, teacher: Teacher | None, learner: Learner) 
 def simulator_tensors(simulator: Simulator | ReacherSimulator) -> dict[str, torch.Tensor]:
     """The state of the games for a checkpoint; random streams are stored as int64, as torch has
     few operations on uint64."""
-    return {
-        name: torch.from_numpy(array.view(np.int64) if array.dtype == np.uint64 else array)
-        for name, array in vars(simulator.get_state()).items()
-    }
+    state = vars(simulator.get_state())
+    return {name: torch.from_numpy(_plain(array)) for name, array in state.items()}
 
 
 def restore_simulator(
@@ -112,12 +110,14 @@ def restore_policy_memories(env: LockstepEnv, saved: Memories) -> None:
 
 def _arrays(env: LockstepEnv) -> Iterator[tuple[str, dict[str, NDArray[Any]]]]:
     """The memory arrays in use, by agent index (and opponent)."""
-    if getattr(env, "stack", None) is not None:
+    if not isinstance(env, SimulatorEnv):
+        return
+    if env.stack is not None:
         yield "stack", {"frames": env.frames}
-    for seat, policy in enumerate(getattr(env, "policies", ())):
+    for seat, policy in enumerate(env.policies):
         # A pool of opponents lists its members with memory.
         several = getattr(policy, "recurrent_members", None)
-        found = {"": policy} if hasattr(policy, "memory") else {}
+        found: dict[str, Any] = {"": policy} if hasattr(policy, "memory") else {}
         for name, one in (found if several is None else several()).items():
             yield f"{seat} {name}".strip(), one.memory.of(env.simulator.view(seat))
 
