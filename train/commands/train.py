@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
 
 from pursuit.rendering.animation import save_animation
 from train.commands.parse import (
@@ -77,8 +77,9 @@ def train(arguments: Sequence[str]) -> None:
     default = _defaults(arguments)
     form: Any = TrainCommand[type(default.settings.hyper)]  # type: ignore[misc]
     given: TrainCommand[Hyperparameters] = parse(form, arguments, "train", default)
-    run, final = start_or_resume(RUN, given.settings, given, given.settings.task.label)
-    trainee: SingleAgent = run.trainee
+    started, final = start_or_resume(RUN, given.settings, given, given.settings.task.label)
+    run = cast("Run[SingleAgent]", started)
+    trainee = run.trainee
     print(trainee.contest.line())
     if hint := team_hint(trainee.parts.settings.task):
         print(hint)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -21,6 +22,21 @@ FLAGS = ("terminated", "truncated", "done")
 NOT_OBSERVED = {"reward", *FLAGS}
 
 
+class StepOutcome(NamedTuple):
+    """What a step of all games gave.
+
+    Attributes:
+        rewards: [batch] float32, in any shape; a copy.
+        terminated, truncated: [batch] bool, likewise.
+        over: [num_games] bool, the games that ended.
+    """
+
+    rewards: NDArray[np.float32]
+    terminated: NDArray[np.bool_]
+    truncated: NDArray[np.bool_]
+    over: NDArray[np.bool_]
+
+
 class LockstepEnv(EnvBase):
     """A batch of games, in each of which the learner controls k agents; ordered by game.
 
@@ -28,7 +44,7 @@ class LockstepEnv(EnvBase):
     "done" [batch, 1]. After a step, "next" holds the last observation of an episode that ended. The
     partial reset that follows starts the next episode, so nothing is bootstrapped across episodes.
 
-    Subclasses implement observations (`_observe`), steps (`_step_games`) and episode returns
+    Subclasses implement observations (`_observe`), steps (`_play`) and episode returns
     (`_returns`), and define the specs of observations and actions.
 
     Args:
@@ -76,15 +92,8 @@ class LockstepEnv(EnvBase):
         """The observations of the learner's agents, "observation" [batch, ...], and any masks."""
 
     @abstractmethod
-    def _step_games(
-        self, actions: torch.Tensor, alive: NDArray[np.bool_] | None = None
-    ) -> tuple[dict[str, torch.Tensor], NDArray[np.bool_]]:
-        """One step with the learner's actions: all results, and the games that ended [num_games].
-
-        Args:
-            actions: [batch, ...].
-            alive: [num_games], the episodes that were running before the step; None for all.
-        """
+    def _play(self, actions: torch.Tensor) -> StepOutcome:
+        """One step with the learner's actions [batch, ...]."""
 
     @abstractmethod
     def _returns(self, games: NDArray[np.bool_]) -> NDArray[np.float64]:
@@ -123,20 +132,26 @@ class LockstepEnv(EnvBase):
     def _batch(self, content: dict[str, torch.Tensor]) -> TensorDictBase:
         return TensorDict(content, batch_size=self.batch_size, device=self.device)
 
-    def _after(
-        self,
-        rewards: NDArray[np.float32],
-        terminated: NDArray[np.bool_],
-        truncated: NDArray[np.bool_],
-    ) -> dict[str, torch.Tensor]:
-        """The results of a step, from arrays with one entry for each of the batch."""
-        done = terminated | truncated
-        flags = dict(zip(FLAGS, (terminated, truncated, done), strict=True))
-        return {
+    def _step_games(
+        self, actions: torch.Tensor, alive: NDArray[np.bool_] | None = None
+    ) -> tuple[dict[str, torch.Tensor], NDArray[np.bool_]]:
+        """One step with the learner's actions: all results, and the games that ended [num_games].
+
+        Args:
+            actions: [batch, ...].
+            alive: [num_games], the episodes that were running before the step; None for all.
+        """
+        rewards, terminated, truncated, over = self._play(actions)
+        ending = over if alive is None else over & alive
+        if ending.any():
+            self.finish(ending)
+        flags = dict(zip(FLAGS, (terminated, truncated, terminated | truncated), strict=True))
+        after = {
             **self._observe(),
             "reward": torch.from_numpy(rewards.reshape(-1, 1)),
             **{name: torch.from_numpy(flag.reshape(-1, 1)) for name, flag in flags.items()},
         }
+        return after, over
 
     def _reset(self, tensordict: TensorDictBase | None = None, **_: object) -> TensorDictBase:
         if tensordict is not None and tensordict.get("_reset", None) is not None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +22,6 @@ from scripted_agents import (
     mean_over_starts,
     solve_hidden_chase,
 )
-from scripted_agents.duel.best_response import MoveOrder
-from scripted_agents.hidden.game import Role
 from scripted_agents.limits import MAX_BOUNDED_CELLS, SEARCH_SECONDS, SEARCH_WIDTH
 from scripted_agents.references import is_table_in
 from train.evaluation.games import (
@@ -79,30 +78,26 @@ def solution_of(
     if task.max_cells > MAX_BOUNDED_CELLS:
         return None
     limit = task.sight.limits[task.seat(agent)]
-    role = duel_role(task.seat_roles[task.seat(agent)])
-    rules = (limit.view_radius, limit.line_of_sight, role)
-    rest = (task.stay_action, order_of(task), task.min_start_distance)
-    return _solution(task.mazes[0], table.tobytes(), table.shape, seconds, *rules, *rest)
+    return _solution(
+        task.mazes[0],
+        table.tobytes(),
+        table.shape,
+        view_radius=limit.view_radius,
+        line_of_sight=limit.line_of_sight,
+        seconds=seconds,
+        role=duel_role(task.seat_roles[task.seat(agent)]),
+        stay_action=task.stay_action,
+        move_order=order_of(task),
+        min_start_distance=task.min_start_distance,
+    )
 
 
 @lru_cache(maxsize=16)
 def _solution(
-    maze: Maze, table: bytes, shape: tuple[int, ...], seconds: float, radius: int | None,
-    in_line: bool, role: Role, stay_action: bool, move_order: MoveOrder, min_start_distance: int,
-) -> HiddenChaseSolution:  # fmt: skip
-    return solve_hidden_chase(
-        maze,
-        np.frombuffer(table).reshape(shape),
-        radius,
-        in_line,
-        DISCOUNT,
-        seconds,
-        SEARCH_WIDTH,
-        role,
-        stay_action,
-        move_order,
-        min_start_distance,
-    )
+    maze: Maze, table: bytes, shape: tuple[int, ...], **rules: Any
+) -> HiddenChaseSolution:
+    opponent = np.frombuffer(table).reshape(shape)
+    return solve_hidden_chase(maze, opponent, discount=DISCOUNT, width=SEARCH_WIDTH, **rules)
 
 
 def best_response_interval(

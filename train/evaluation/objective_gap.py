@@ -57,17 +57,15 @@ def objective_gap(contest: AnyContest, discount: float) -> ObjectiveGap:
         return UNKNOWN
     task = contest.task
     rewards = task.role_rewards[contest.role]
-    if len(task.mazes) > 1 or task.start != "random":
-        return UNKNOWN
-    if rewards.distance != 0.0 or task.reward_function is not None:
+    by_time = rewards.distance == 0.0 and task.reward_function is None
+    if len(task.mazes) > 1 or task.start != "random" or not by_time:
         return UNKNOWN
     if is_single_runner(task):
         return ObjectiveGap(_tour_gap(task, rewards, discount))
     if contest.is_table_duel and not contest.mask_bumps and task.max_cells <= MAX_OBJECTIVE_CELLS:
         return ObjectiveGap(_duel_gap(contest, rewards, discount))
-    if contest.is_table_duel or contest.mask_bumps or discount >= 1.0:
-        return UNKNOWN
-    if work_of(task) > MAX_OBJECTIVE_WORK:
+    masked_or_large = contest.mask_bumps or work_of(task) > MAX_OBJECTIVE_WORK
+    if contest.is_table_duel or masked_or_large or discount >= 1.0:
         return UNKNOWN
     return _joint_gap(contest, discount)
 

@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter, process_time
-from typing import Any, Generic
+from typing import Generic
 
 import torch
 from filelock import BaseFileLock
@@ -97,7 +97,7 @@ class Budget:
         return min(seconds / (self.seconds or 1.0), 1.0)
 
 
-T = TypeVar("T", bound=Trainee, default=Any)
+T = TypeVar("T", bound=Trainee, default=Trainee, covariant=True)
 P = TypeVar("P", bound=Parts)
 S = TypeVar("S", bound=WholeSettings)
 

@@ -14,15 +14,13 @@ from typing import Any
 from pursuit.memory import check_memory
 from pursuit.validation import check
 from train.algorithms.registry import Algorithm, Build, entry
-from train.environments.arm_env import ArmEnv
-from train.environments.simulator_env import SimulatorEnv
 from train.evaluation.contests import AnyContest
 from train.files import Plain
-from train.networks.arm_policy import ArmSeat
-from train.networks.policy import NO_WALLS, Player, Seat
+from train.networks.arm_policy import AnySeat
+from train.networks.policy import NO_WALLS, Player
 from train.runs.saved import player_of, unchecked_settings
 from train.runs.threads import uses_bfloat16
-from train.runs.worlds import World, world_of
+from train.runs.worlds import AnyEnv, World, world_of
 from train.settings.algorithms import Hyperparameters
 from train.settings.checks import evaluation_seed
 from train.settings.common import check_min_probability
@@ -53,13 +51,13 @@ class Parts:
     settings: AgentSettings
     world: World
     plan: Plan | None
-    seat: Seat | ArmSeat
+    seat: AnySeat
     algorithm: Algorithm
     hyper: Hyperparameters
     build: Build
     rank: int = 0
 
-    def games(self) -> tuple[SimulatorEnv | ArmEnv, Teacher | None]:
+    def games(self) -> tuple[AnyEnv, Teacher | None]:
         """The training environment, and the teacher in it."""
         games = self.hyper.num_games
         first_game = self.rank * games

@@ -65,8 +65,8 @@ class SingleAgent:
     def __init__(self, parts: Parts, evaluate: str, state: Plain | None = None) -> None:
         self.parts, self.evaluated = parts, evaluate
         self.replicas: OtherProcesses | None = None
-        self._final_contest: AnyContest | None = None
-        self._final_episodes = self._solved_work = 0
+        self._final: AnyContest | None = None
+        self._solved_work = 0
         self.env, self.teacher, self.learner = build_env_and_learner(parts, state)
         self.simulator = self.env.simulator
         self.policy: Any = self.learner.policy(greedy=evaluate == "greedy")  # as its contest needs
@@ -147,11 +147,10 @@ class SingleAgent:
 
         It is cached with its solutions for later calls with at most this work.
         """
-        kept, known = self._final_contest, self._final_episodes == episodes
-        if kept is None or not known or self._solved_work < most_work:
-            kept = self.parts.world.contest(episodes).solved_up_to(most_work)
-            self._final_contest = kept
-            self._final_episodes, self._solved_work = episodes, most_work
+        kept = self._final
+        if kept is None or kept.episodes != episodes or self._solved_work < most_work:
+            kept = self._final = self.parts.world.contest(episodes).solved_up_to(most_work)
+            self._solved_work = most_work
         return kept
 
     def results(self, interrupted: bool, episodes: int) -> Plain:
@@ -192,8 +191,8 @@ class SingleAgent:
             )
         if isinstance(contest, GameContest):
             contest = replace(contest, most_work=0, search_seconds=0.0)
-        small.contest = small._final_contest = contest
-        small._final_episodes, small._solved_work = BRIEF_EPISODES, MAX_EVALUATED_WORK
+        small.contest = small._final = contest
+        small._solved_work = MAX_EVALUATED_WORK
         return small
 
     def state_dict(self) -> Plain:

@@ -284,7 +284,7 @@ HYPERPARAMETERS: dict[str, type[Hyperparameters]] = {
 """The hyperparameters of every algorithm by name; see `algorithms/registry.py` for the learners."""
 
 
-def is_algorithm(part: Any) -> bool:
+def is_algorithm(part: object) -> bool:
     """Whether a part is an `Algorithm`."""
     form = getattr(part, "settings", None)
     return isinstance(form, type) and issubclass(form, Hyperparameters)
