@@ -94,9 +94,10 @@ def evaluate(arguments: Sequence[str]) -> None:
 
 def evaluate_and_print(given: EvaluateCommand | EvaluateModelCommand, replays: Path | None) -> None:
     """Evaluate, print the scores and write the output files."""
-    from train.runs.parts import contest_of, suite_contest_of
+    from train.machine import machine, versions  # torch is slow to import
+    from train.runs.parts import contest_of
     from train.runs.single import evaluation_of
-    from train.runs.versions import machine, versions  # torch is slow to import
+    from train.runs.worlds import GridWorld
 
     loaded = load_run(given) if isinstance(given, EvaluateCommand) else load_model(given)
     task, training, policies = loaded.task, loaded.training, loaded.policies
@@ -110,7 +111,8 @@ def evaluate_and_print(given: EvaluateCommand | EvaluateModelCommand, replays: P
         scores = [each.score(given.episodes) for each in found]
         more["suite"] = {each.name: summary_of(contest, each) for each in found}
         if isinstance(given, EvaluateCommand) and given.maze is not None:
-            own = suite_contest_of(training, given.episodes, given.seed, contest.exact)
+            world = GridWorld(in_maze(training, "a suite of mazes"))  # also of a single maze
+            own = replace(contest, task=world.task, agent=world.agent, opponents=world.opponents)
             shown = next(each for each in found if each.name == evaluated)
             more["generalisation"] = compared(contest, shown, own, policies[evaluated])
     else:
@@ -121,7 +123,7 @@ def evaluate_and_print(given: EvaluateCommand | EvaluateModelCommand, replays: P
         print_bounds(contest)
     gap = UNKNOWN if loaded.gamma is None else objective_gap(contest, loaded.gamma)
     chosen = "greedy" if loaded.greedy else "sampled"
-    results = evaluation_of(scores, chosen, gap, contest)
+    results = evaluation_of(scores, chosen, contest, gap)
     print_reference(results["reference"], contest)
     if loaded.gamma is not None:
         print_objective_gap(results["evaluation"], loaded.gamma)

@@ -67,7 +67,7 @@ def league(arguments: Sequence[str]) -> None:
     check(bool(given.entries), "no entries; give folders of runs, or astar, random, equilibrium")
     names, out = given.entries, given.out
     check_output_folder(out, lambda folder: (folder / LEAGUE).exists(), given.overwrite)
-    from train.runs.versions import machine, versions  # torch is slow to import
+    from train.machine import machine, versions  # torch is slow to import
     from train.self_play.league import enter, play_league, rate
     from train.self_play.payoffs import draw_league, legend_of, payoff_table, ratings_table
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, make_dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, cast, get_type_hints
 
 import tyro
 
@@ -84,7 +84,8 @@ def self_play(arguments: Sequence[str]) -> None:
     """`pursuit self-play`."""
     given, settings = parsed(arguments)
     name = f"self-play-{Path(settings.task.maze).stem}"
-    run, final = start_or_resume(SELF_PLAY, settings, given, name)
+    started, final = start_or_resume(SELF_PLAY, settings, given, name)
+    run = cast("Run[SelfPlay]", started)
     task, sampling = run.trainee.task, run.trainee.settings.sampling
     print(
         f"self-play: {task.name} on maze {task.mazes[0].name}, {task.num_chasers} chaser(s), "

@@ -191,7 +191,8 @@ def list_runs(plan: Study, out: Path) -> None:
     for run in plan.runs:
         what = " ".join(f"{n}={v}" for n, v in (run.label | {"seed": run.seed}).items())
         print(f"{statuses[run.name]:<12}{what}  {folder_of(out, run.name)}")
-    print("\n".join(out_of_reach(plan)), end="\n" if out_of_reach(plan) else "")
+    for line in out_of_reach(plan):
+        print(line)
     print(
         f"{len(statuses)} runs into {out} ({counts(statuses.values()) or 'none'}); nothing was done"
     )
@@ -214,7 +215,8 @@ def list_stages(stages: Iterable[Stage], out: Path, workers: int) -> None:
         )
         print(f"{stage.name:<20}{len(plan.runs):>4} runs, {done} complete; {words}")
         if plan.pinned and stage.folder == out:
-            print("\n".join(out_of_reach(plan)), end="\n" if out_of_reach(plan) else "")
+            for line in out_of_reach(plan):
+                print(line)
     print(f"{total} runs to do into {out}, {workers} in parallel; nothing was done")
 
 

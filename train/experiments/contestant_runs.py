@@ -21,11 +21,11 @@ from train.experiments.contestants import CONTESTANTS, OBEYED, Contestant, Train
 from train.experiments.study import Table, check_budget
 from train.files import Plain, write_csv, write_json
 from train.kinds import KINDS, Kind
+from train.machine import machine, versions
 from train.runs.folder import METRICS, RESULTS
 from train.runs.forms import RESTORE
 from train.runs.loop import Budget
 from train.runs.threads import keep_freed_memory
-from train.runs.versions import machine, versions
 from train.runs.worlds import GridWorld
 from train.schemas import read_as
 from train.settings.algorithms import PPOSettings

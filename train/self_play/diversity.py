@@ -14,7 +14,7 @@ from pursuit.tasks.task import Task
 from scripted_agents import evaluate_exactly, mean_over_starts, solve_matrix_game
 from scripted_agents.duel.action_values import outcomes
 from scripted_agents.duel.best_response import MoveOrder
-from scripted_agents.references import is_exact
+from scripted_agents.references import is_table_duel
 from train.evaluation.games import table_in
 from train.self_play.pool import Member
 from train.self_play.ratings import pairwise_wins
@@ -180,7 +180,7 @@ def diversity_of(
     """
     chosen = {role: spread(members, MOST_SNAPSHOTS) for role, members in kept.items()}
     policies = [member.policy for members in chosen.values() for member in members]
-    if len(kept) < 2 or min(map(len, chosen.values())) < 2 or not is_exact(task, *policies):
+    if len(kept) < 2 or min(map(len, chosen.values())) < 2 or not is_table_duel(task, *policies):
         return {}
     tables = [np.stack([table_in(task, one.policy) for one in chosen[role]]) for role in ROLES]
     order: Any = task.move_order

@@ -18,7 +18,7 @@ from train.experiments.identity import fingerprint
 from train.experiments.rows import read_run
 from train.files import write_json
 from train.kinds import open_run, resume, start
-from train.runs.folder import RUN, load_config
+from train.runs.folder import RUN, read_config
 from train.runs.opponents import load_policy
 from train.runs.parts import settings_of
 from train.runs.provenance import provenance
@@ -184,7 +184,7 @@ def test_a_run_records_the_source_of_its_parts(module: str, tmp_path: Path, recw
     said = {"rewards": {"name": f"{module}:pay", "sha256": digest}}
     assert json.loads((folder / "config.json").read_text())["parts"] == said == provenance(settings)
     assert run.results(2)["parts"] == said
-    assert "parts" not in load_config(folder)[1] and "command" not in load_config(folder)[1]
+    assert "parts" not in read_config(folder)[1] and "command" not in read_config(folder)[1]
     before = fingerprint(RUN, settings, 4, {})
     assert load_settings(folder) == settings and not recwarn.list
 

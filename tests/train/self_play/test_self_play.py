@@ -181,7 +181,7 @@ def test_discounted_steps_are_exact_and_agree_with_games(monkeypatch: pytest.Mon
     pair = RandomAgent(), AStarEvader(0.0)  # some 200 steps: a cut would show
     exact = discounted_steps(task, *pair, 0.99)
     assert exact > 1.2 * (1 - 0.99**20) / 0.01
-    monkeypatch.setattr("train.evaluation.matchups.is_exact", lambda *_: False)
+    monkeypatch.setattr("train.evaluation.matchups.is_table_duel", lambda *_: False)
     assert discounted_steps(task, *pair, 0.99, 4000) == pytest.approx(exact, rel=0.03)
 
 
