@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 
@@ -68,7 +68,7 @@ def render(arguments: Sequence[str]) -> None:
     from train.runs.parts import contest_of
     from train.runs.saved import load_settings
 
-    policy: Policy | ArmPolicy
+    policy: Any  # of the kind of its contest
     if given.run is not None:
         with print_warnings():
             policy, contest = load_policy(given.run), contest_of(load_settings(given.run).task, 2)
