@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
-from curricula.protocol import Change, Outcomes, Resumable, check_count, check_shares
+from curricula.protocol import Change, Outcomes, Resumable, Saved, check_count, check_shares
 from curricula.schedules import Progress
 
 SCORES = ("regret", "value_loss", "learnability")
@@ -195,7 +193,7 @@ class LevelReplay(Ranked):
             seeds[again] = self.seeds[np.minimum(chosen, len(self.seeds) - 1)]
         return seeds
 
-    def _check_loaded(self, state: dict[str, Any]) -> None:
+    def _check_loaded(self, state: Saved) -> None:
         rows = {state[name].shape[-1] for name in ("seeds", "scores", "played", "counts")}
         seeds = state["seeds"]
         if (

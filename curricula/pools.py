@@ -6,13 +6,11 @@ the scores with `note`.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
 from curricula.levels import Ranked
-from curricula.protocol import Change, Outcomes, check_count
+from curricula.protocol import Change, Outcomes, Saved, check_count
 from curricula.schedules import Progress
 
 UNKNOWN = -1.0
@@ -101,6 +99,6 @@ class PoolReplay(Ranked):
         what = "{count} levels replayed, mean score {mean:.4g}"
         return self._logged(int(20 * progress.share), self.scores[self.replayed], what)
 
-    def _check_loaded(self, state: dict[str, Any]) -> None:
+    def _check_loaded(self, state: Saved) -> None:
         if ((state["scores"] < 0) & (state["scores"] != UNKNOWN)).any():
             raise ValueError("the checkpoint has scores below 0; restore it from a copy")

@@ -8,12 +8,15 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from curricula.schedules import Progress
+
+Saved: TypeAlias = dict[str, Any]
+"""The state of a curriculum: plain values and arrays by name."""
 
 
 @dataclass(frozen=True)
@@ -69,10 +72,10 @@ class Curriculum(Protocol):
     def sample(self, num_games: int, rng: np.random.Generator) -> NDArray[np.float64]:
         """[num_games] float64: stages or levels for games that restart."""
 
-    def state_dict(self) -> dict[str, Any]:
+    def state_dict(self) -> Saved:
         """Plain values and arrays: everything needed to resume exactly."""
 
-    def load_state_dict(self, state: dict[str, Any]) -> None:
+    def load_state_dict(self, state: Saved) -> None:
         """Restore the state that `state_dict` returned.
 
         Raises:
@@ -106,11 +109,11 @@ class Resumable:
     """The names of the attributes of the state."""
     GROWING: tuple[str, ...] = ()
 
-    def state_dict(self) -> dict[str, Any]:
+    def state_dict(self) -> Saved:
         """Plain values and arrays: everything needed to resume exactly."""
         return {name: copy(getattr(self, name)) for name in self.STATE}
 
-    def load_state_dict(self, state: dict[str, Any]) -> None:
+    def load_state_dict(self, state: Saved) -> None:
         """Restore the state of `state_dict`; ValueError for the state of another curriculum."""
         if set(state) != set(self.STATE):
             raise ValueError(
@@ -134,5 +137,5 @@ class Resumable:
         for name, value in loaded.items():
             setattr(self, name, value)
 
-    def _check_loaded(self, state: dict[str, Any]) -> None:
+    def _check_loaded(self, state: Saved) -> None:
         """ValueError for invalid values."""

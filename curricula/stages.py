@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from curricula.protocol import Change, Outcomes, Resumable, check_count, check_shares
+from curricula.protocol import Change, Outcomes, Resumable, Saved, check_count, check_shares
 from curricula.schedules import Progress, Schedule
 
 
@@ -227,7 +226,7 @@ class SuccessGated(Resumable):
         self.counts[0] += num_games
         return np.full(num_games, self.stages[self.stage])
 
-    def _check_loaded(self, state: dict[str, Any]) -> None:
+    def _check_loaded(self, state: Saved) -> None:
         if state["stages"] != self.stages:
             raise ValueError(
                 f"the checkpoint has the stages {state['stages']}, this curriculum {self.stages}; "

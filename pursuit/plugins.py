@@ -70,7 +70,7 @@ def allowed() -> tuple[str, ...]:
     return tuple(sorted(_allowed | given))
 
 
-def check_trusted(where: object, content: Any) -> None:
+def check_trusted(where: object, content: object) -> None:
     """Raise ValueError if a file names code that is not allowed; nothing is imported.
 
     Args:
@@ -199,7 +199,7 @@ def sha256_of(module: str) -> str | None:
 # -- the registries --------------------------------------------------------------------------------
 
 
-def accepts(function: Any, *arguments: Any) -> bool:
+def accepts(function: Callable[..., object], *arguments: object) -> bool:
     """Whether a function can be called with these arguments; True if its signature is unknown."""
     try:
         inspect.signature(function).bind(*arguments)

@@ -24,10 +24,12 @@ from pathlib import Path
 from typing import Annotated, Any, NoReturn, TypeGuard, TypeVar, get_type_hints
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 Key = TypeVar("Key")
 Value = TypeVar("Value")
+Plain = dict[str, Any]
+"""Values by name, as in JSON."""
 MOST_SHOWN = 100
 
 
@@ -141,7 +143,7 @@ def check_bool(name: str, value: object) -> bool:
     return bool(value)
 
 
-def as_path(name: str, value: Any) -> Path:
+def as_path(name: str, value: str | Path) -> Path:
     """`value` as a path, if a file may have it; ValueError otherwise."""
     try:
         path = Path(value)
@@ -154,7 +156,7 @@ def as_path(name: str, value: Any) -> Path:
     return path
 
 
-def whole_numbers(name: str, value: Any, least: int, most: int) -> NDArray[Any]:
+def whole_numbers(name: str, value: ArrayLike, least: int, most: int) -> NDArray[Any]:
     """`value` as an array of whole numbers from `least` to `most`; ValueError otherwise."""
     array = as_array(name, value, "iu", f"whole numbers from {least} to {most}")
     if array.size and not least <= array.min() <= array.max() <= most:
@@ -162,7 +164,7 @@ def whole_numbers(name: str, value: Any, least: int, most: int) -> NDArray[Any]:
     return array
 
 
-def as_array(name: str, value: Any, kinds: str, rule: str) -> NDArray[Any]:
+def as_array(name: str, value: ArrayLike, kinds: str, rule: str) -> NDArray[Any]:
     """`value` as an array, if its dtype is of one of the `kinds` of NumPy (or it is empty)."""
     try:
         array = np.asarray(value)
@@ -251,7 +253,7 @@ def check_fields(settings: Any) -> None:
 # -- settings by name ------------------------------------------------------------------------------
 
 
-def named_settings(function: str, settings: dict[str, Any], known: Sequence[str]) -> dict[str, Any]:
+def named_settings(function: str, settings: Plain, known: Sequence[str]) -> Plain:
     """`settings` with the names in `known`; `max_cycles`, PettingZoo's name, becomes `max_steps`.
 
     Raises:
@@ -271,7 +273,7 @@ def named_settings(function: str, settings: dict[str, Any], known: Sequence[str]
     return named
 
 
-def reset_options(options: Any, needed: Sequence[str], known: Sequence[str] = ()) -> dict[str, Any]:
+def reset_options(options: Any, needed: Sequence[str], known: Sequence[str] = ()) -> Plain:
     """The `options` of an environment's `reset`; an empty dict for None.
 
     Args:

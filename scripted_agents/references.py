@@ -88,12 +88,12 @@ def reference_of(
             return _unknown("discrete actions; only a lower bound of the steps is known")
         return ExactReference("arm")
     if task.hides_from(agent):
-        bounded = is_exact(task, *opponents.values()) and task.max_cells <= MAX_BOUNDED_CELLS
+        bounded = is_table_duel(task, *opponents.values()) and task.max_cells <= MAX_BOUNDED_CELLS
         return ExactReference("bounds" if bounded else "none", "limited view")
     if is_single_runner(task):
         reason = why_no_tour(task.num_goals)
         return ExactReference("tour") if reason is None else _unknown(reason)
-    if is_exact(task, *opponents.values()):
+    if is_table_duel(task, *opponents.values()):
         return ExactReference("duel")
     if len(task.mazes) > 1:
         if by_maze and is_solvable(task, *opponents.values()):
@@ -116,7 +116,7 @@ def _unknown(reason: str) -> ExactReference:
 # -- fixed policies, whose values are exact --------------------------------------------------------
 
 
-def is_exact(task: Task, *policies: Policy) -> bool:
+def is_table_duel(task: Task, *policies: Policy) -> bool:
     """Whether the task is a duel small enough to be solved, and all policies are tables."""
     tables = all(is_table_in(task, policy) for policy in policies)
     return len(task.mazes) == 1 and _is_small_duel(task) and tables

@@ -16,7 +16,6 @@ from pursuit import Maze, Policy, ReacherSimulator, ReacherTask, Simulator, Task
 from pursuit.environments.parallel import scene_of
 from pursuit.observations.masks import bump_masks
 from pursuit.reacher import rendering as arm_rendering
-from pursuit.rendering.rendering import scene_to_text
 from scripted_agents import AStarChaser, AStarEvader, NearestGoalRunner, TourRunner
 
 FOLDER = Path(__file__).with_name("playthroughs")
@@ -129,7 +128,7 @@ def sketch(grid: NDArray[np.uint8]) -> Iterator[str]:
 def moment(simulator: Simulator) -> Iterator[str]:
     """The drawing, where everything is, what each may do and sees."""
     task = simulator.task
-    yield from scene_to_text(scene_of(simulator)).splitlines()
+    yield from scene_of(simulator).text().splitlines()
     maze, cells = task.mazes[int(simulator.maze_index[0])], simulator.positions[0]
     yield told("cells", dict(zip(task.agent_names, cells, strict=True)))
     yield told("active", dict(zip(task.agent_names, map(int, simulator.active[0]), strict=True)))
@@ -176,7 +175,7 @@ def arm_playthrough() -> Iterator[str]:
 
 def arm_moment(simulator: ReacherSimulator) -> Iterator[str]:
     """The drawing, and what is observed."""
-    yield from arm_rendering.scene_to_text(arm_rendering.scene_of(simulator)).splitlines()
+    yield from arm_rendering.scene_of(simulator).text().splitlines()
     yield f"target: {numbers(simulator.targets[0])}; held {simulator.held[0]}"
     yield f"observes {numbers(simulator.observe('positions_angles')[0])}"
 

@@ -289,7 +289,7 @@ def test_the_sweep_files_of_a_page_load(page: str, folder: Path) -> None:
             kind = "ablation" if "control = " in text else "sweep"
             kind = "comparison" if "contestant" in text else kind
             for stage in stages_of(str(file), kind, "short", folder / "out"):
-                assert stage.runs().runs
+                assert stage.expand().runs
 
 
 # -- what the pages say of the code ----------------------------------------------------------------

@@ -19,6 +19,8 @@ from pathlib import Path
 
 import numpy as np
 
+STEP = ("positions", "rewards", "terminated", "truncated", "events", "goals")
+
 
 def simulations():
     import pursuit
@@ -81,20 +83,9 @@ def simulations():
                     actions = np.zeros_like(actions)
                     sim.act(seats, actions)
                 sim.step(actions)
-                log.append(
-                    (
-                        sim.positions.copy(),
-                        sim.rewards.copy(),
-                        sim.terminated.copy(),
-                        sim.truncated.copy(),
-                        sim.events.copy(),
-                        sim.goals.copy(),
-                    )
-                )
-            for k, label in enumerate(
-                ("positions", "rewards", "terminated", "truncated", "events", "goals")
-            ):
-                out[f"sim/{name}/{who}/{label}"] = np.array([row[k] for row in log])
+                log.append({label: getattr(sim, label).copy() for label in STEP})
+            for label in STEP:
+                out[f"sim/{name}/{who}/{label}"] = np.array([row[label] for row in log])
             out[f"sim/{name}/{who}/returns"] = sim.episode_returns.copy()
             out[f"sim/{name}/{who}/streams"] = sim.streams.copy()
         for encoding in ("one_hot", "index", "positions", "cells", "walls", "planes", "window:2"):
@@ -133,11 +124,7 @@ def simulations():
     from pursuit import ReacherSimulator, ReacherTask
 
     for joints in (1, 2, 4):
-        sim = ReacherSimulator(
-            ReacherTask(joints=joints),
-            num_games=16,
-            seed=1,
-        )
+        sim = ReacherSimulator(ReacherTask(joints=joints), num_games=16, seed=1)
         rng = np.random.default_rng(1)
         rewards = []
         for _ in range(100):
@@ -220,16 +207,10 @@ def solutions():
     out["hidden/3x3"] = np.array([round(hidden.lower, 3), round(hidden.upper, 3)])
     rng = np.random.default_rng(0)
     for joints in (1, 2, 3):
+        reach = 1.0 if joints == 1 else 0.9
+        targets = [(np.cos(a) * reach, np.sin(a) * reach) for a in rng.uniform(-3, 3, 5)]
         out[f"least/{joints}"] = np.array(
-            [
-                sa.least_steps(
-                    rng.uniform(-3, 3, joints),
-                    [(np.cos(a), np.sin(a)) if joints == 1 else (np.cos(a) * 0.9, np.sin(a) * 0.9)][
-                        0
-                    ],
-                )
-                for a in rng.uniform(-3, 3, 5)
-            ]
+            [sa.least_steps(rng.uniform(-3, 3, joints), target) for target in targets]
         )
     return out
 
@@ -391,12 +372,5 @@ if __name__ == "__main__":
     if sys.argv[1] == "write":
         write(Path(sys.argv[2]).absolute())
     else:
-        sys.exit(
-            bool(
-                compare(
-                    Path(sys.argv[2]),
-                    Path(sys.argv[3]),
-                    float(sys.argv[4]) if len(sys.argv) > 4 else 0.0,
-                )
-            )
-        )
+        tolerance = float(sys.argv[4]) if len(sys.argv) > 4 else 0.0
+        sys.exit(bool(compare(Path(sys.argv[2]), Path(sys.argv[3]), tolerance)))

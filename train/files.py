@@ -129,7 +129,7 @@ def write_bytes(path: Path, content: bytes) -> None:
     write_atomically(path, lambda beside: beside.write_bytes(content))
 
 
-def write_json(path: Path, content: Any) -> None:
+def write_json(path: Path, content: object) -> None:
     """Write `content` as indented JSON, atomically."""
     write_text(path, json.dumps(content, indent=2) + "\n")
 
@@ -186,7 +186,7 @@ def number_in(text: str, where: str) -> float:
 
 
 def write_csv(
-    path: Path, rows: Sequence[Mapping[str, Any]], names: Iterable[str] | None = None
+    path: Path, rows: Sequence[Mapping[str, object]], names: Iterable[str] | None = None
 ) -> None:
     """Write rows under a header of `names` (default: all keys, in order), atomically."""
     heads = list(names or dict.fromkeys(name for row in rows for name in row))

@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from pursuit.plugins import check_trusted
 from pursuit.validation import as_path, check, one_of, shortened
 from train.files import Plain, hold, remove_leftovers
 from train.runs.folder import (
@@ -22,7 +23,7 @@ from train.runs.folder import (
     check_new,
     is_complete,
     load_checkpoint,
-    load_config,
+    read_config,
     save_config,
 )
 from train.runs.forms import Final
@@ -133,7 +134,7 @@ def write_config(
 
 def with_mazes(settings: WholeSettings) -> WholeSettings:
     """The same settings with maze files replaced by their text."""
-    changed: dict[str, Any] = {}
+    changed: Plain = {}
     if isinstance(settings.task, TaskSettings):
         changed["task"] = replace(settings.task, maze=as_text(settings.task.maze))
     own: Any = getattr(settings, "curriculum_settings", None)
@@ -146,7 +147,8 @@ def with_mazes(settings: WholeSettings) -> WholeSettings:
 def read_settings(folder: Path | str) -> tuple[str, WholeSettings]:
     """The kind of a run and its settings; ValueError without a run, or for a side of self-play."""
     folder = Path(folder)
-    kind, plain = load_config(folder)
+    kind, plain = read_config(folder)
+    check_trusted(folder / CONFIG, plain)
     check(
         kind in KINDS,
         f"{folder}: one side of self-play, not a whole run; give {folder.parent}",

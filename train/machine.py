@@ -1,4 +1,4 @@
-"""This machine and the source's commit, for the provenance of results.
+"""This machine, the software and the source's commit, for the provenance of results.
 
 Linux has the processor's name and flags in a small file, read here in 0.2 ms. The library
 py-cpuinfo 9 supports more systems, but takes 1.2 s and starts processes.
@@ -11,6 +11,10 @@ import platform
 import subprocess
 from functools import cache
 from pathlib import Path
+
+import torch
+
+import pursuit
 
 CPUINFO = Path("/proc/cpuinfo")
 
@@ -62,3 +66,22 @@ def commit() -> str | None:
     if found.returncode or "site-packages" in here.parts:
         return None
     return name + ("+" if changed.stdout.strip() else "")
+
+
+def versions() -> dict[str, str | None]:
+    """The versions of the software."""
+    return {
+        "pursuit": pursuit.__version__,
+        "torch": torch.__version__,
+        "python": platform.python_version(),
+        "commit": commit(),
+    }
+
+
+def machine() -> dict[str, str | int | None]:
+    """The machine and its threads."""
+    return {
+        "processor": processor(),
+        "cores": os.cpu_count(),
+        "threads": torch.get_num_threads(),
+    }

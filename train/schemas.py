@@ -30,7 +30,7 @@ _MISMATCH = re.compile(r"^Expected `(?P<wanted>[^`]*)`(?: of length [^,]*)?, got
 _PLACE = re.compile(r" - at `(?P<place>[^`]*)`$")
 
 
-def read_as(form: type[Form], content: Any, where: object, remedy: str) -> Form:
+def read_as(form: type[Form], content: object, where: object, remedy: str) -> Form:
     """`content` as a `form`.
 
     Args:

@@ -21,7 +21,7 @@ MARK = b"sha256:"
 """The end of a file, followed by the digest of its content: torch itself verifies no checksums."""
 
 
-def write_tensors(path: Path, content: Any) -> None:
+def write_tensors(path: Path, content: object) -> None:
     """Write tensors and plain values with a checksum, atomically.
 
     Raises:
@@ -120,13 +120,13 @@ def _fits(tensor: torch.Tensor) -> bool:
     return tensor.numel() * tensor.element_size() <= tensor.untyped_storage().nbytes()
 
 
-def first_not_finite(content: Any) -> str | None:
+def first_not_finite(content: object) -> str | None:
     """The path, within nested dicts and lists, of the first tensor that is not finite."""
     found = _tensors_in(content)
     return next((where for where, tensor in found if not tensor.isfinite().all()), None)
 
 
-def _tensors_in(content: Any, where: str = "") -> Iterator[tuple[str, torch.Tensor]]:
+def _tensors_in(content: object, where: str = "") -> Iterator[tuple[str, torch.Tensor]]:
     """All tensors in nested dicts and lists, with their paths."""
     parts: Any = ()
     if isinstance(content, torch.Tensor):

@@ -11,10 +11,18 @@ from typing import Any
 import gymnasium
 import numpy as np
 from numpy.typing import NDArray
-from pettingzoo import ParallelEnv
 
 from pursuit.environments.turn_based import turn_based_makers
-from pursuit.environments.types import Info, Options, Space, TurnBased
+from pursuit.environments.types import (
+    Actions,
+    GamesSimulator,
+    Info,
+    Observations,
+    Options,
+    Parallel,
+    Space,
+    TurnBased,
+)
 from pursuit.mazes.maze_arrays import lay_out
 from pursuit.observations.masks import (
     ACTION_MASK,
@@ -34,7 +42,7 @@ from pursuit.validation import check_bool, random_seed, reset_options
 RENDER_FPS = 5
 
 
-class SimulatorParallelEnv(Rendered, ParallelEnv[str, Any, Any]):
+class SimulatorParallelEnv(Rendered, Parallel):
     """One game of a simulator (maze or arm) as a PettingZoo parallel environment.
 
     Subclasses implement the start of an episode (`_begin`), a step (`_move`) and observations
@@ -51,12 +59,12 @@ class SimulatorParallelEnv(Rendered, ParallelEnv[str, Any, Any]):
         np_random: a generator for wrappers; seeded by `reset` and not used by the environment.
     """
 
-    simulator: Any
+    simulator: GamesSimulator
     task: Any
 
     def __init__(
         self,
-        simulator: Any,
+        simulator: GamesSimulator,
         agents: list[str],
         observed: Space,
         action: Space,
@@ -77,11 +85,11 @@ class SimulatorParallelEnv(Rendered, ParallelEnv[str, Any, Any]):
         """Start a new episode; ValueError for invalid options."""
 
     @abstractmethod
-    def _move(self, actions: Mapping[str, Any]) -> None:
+    def _move(self, actions: Actions) -> None:
         """Step with an action of every agent; ValueError (and no step) for invalid ones."""
 
     @abstractmethod
-    def _observe(self) -> Sequence[Any] | Array:
+    def _observe(self) -> Sequence[Observations] | Array:
         """[agents] the current observations, new arrays."""
 
     def _infos(self) -> dict[str, Info]:
@@ -127,7 +135,7 @@ class SimulatorParallelEnv(Rendered, ParallelEnv[str, Any, Any]):
         return self._observations(), self._infos()
 
     def step(
-        self, actions: Mapping[str, Any]
+        self, actions: Actions
     ) -> tuple[
         Info,
         dict[str, float],
@@ -165,7 +173,7 @@ class SimulatorParallelEnv(Rendered, ParallelEnv[str, Any, Any]):
             rewards = {agent: amounts[self._seats[agent]] for agent in agents}
         return observations, rewards, terminations, truncations, infos
 
-    def _check_agents(self, actions: Any) -> None:
+    def _check_agents(self, actions: object) -> None:
         if not isinstance(actions, Mapping):
             raise ValueError(f"actions={actions!r}; give a dict of an action for every agent")
         for agent in self.agents:
@@ -213,7 +221,7 @@ class MazeGames:
         return action_masks(simulator.games, self._world, actions, seats, simulator.terminated)
 
     def _begin(
-        self, seed: int | None, options: Any, games: NDArray[np.bool_] | None = None
+        self, seed: int | None, options: Options, games: NDArray[np.bool_] | None = None
     ) -> None:
         given = reset_options(options, ("positions",), ("goals", "maze", "exits"))
         if given:
@@ -274,7 +282,7 @@ class PursuitParallelEnv(MazeGames, SimulatorParallelEnv):
         super().__init__(simulator, list(task.agent_names), *spaces, state)
         self._actions = np.zeros((1, task.num_agents), dtype=np.int32)
 
-    def _move(self, actions: Mapping[str, Any]) -> None:
+    def _move(self, actions: Actions) -> None:
         chosen = memoryview(self._actions[0])  # several times faster to write to than the array
         for agent in self.agents:
             try:
@@ -315,7 +323,7 @@ class PursuitParallelEnv(MazeGames, SimulatorParallelEnv):
             if policy is not None
         }
 
-    def _observe(self) -> Sequence[Any] | Array:
+    def _observe(self) -> Sequence[Observations] | Array:
         observed: Array = self._encoder.encode(self.simulator.games)[0]
         if not self.mask_in_observation:
             return observed

@@ -6,13 +6,13 @@ from collections.abc import Mapping
 from operator import index
 from typing import Any
 
-import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from pursuit.environments.parallel import RENDER_FPS, MazeGames
 from pursuit.environments.single_env import SingleEnv, checked_actions
+from pursuit.environments.types import Observations, Single, Vector
 from pursuit.environments.vector import LockstepVectorEnv
 from pursuit.observations.masks import ACTION_MASK
 from pursuit.rules.arrays import Array
@@ -60,7 +60,7 @@ class SeatOfGames(MazeGames):
         self._actions = np.zeros((num_envs, task.num_agents), dtype=np.int32)
         return Simulator(task, num_envs, auto_restart=False)
 
-    def _advance(self, actions: Any) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
+    def _advance(self, actions: Array | int) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
         simulator = self.simulator
         simulator.act(self.policies, self._actions)
         self._actions[:, self.seat] = actions
@@ -72,7 +72,7 @@ class SeatOfGames(MazeGames):
             terminations, truncations = terminations | captured, truncations & ~captured
         return rewards, terminations, truncations
 
-    def _observe(self) -> Any:
+    def _observe(self) -> Observations:
         observed = self.simulator.observe(self.observation, self.seat)
         if not self.mask_in_observation:
             return observed
@@ -90,7 +90,7 @@ class SeatOfGames(MazeGames):
 
 
 # skrl looks for Gymnasium's class among the direct bases only.
-class SingleAgentEnv(SeatOfGames, SingleEnv, gymnasium.Env[Any, Any]):
+class SingleAgentEnv(SeatOfGames, SingleEnv, Single):
     """One agent of one game as a Gymnasium environment.
 
     The episode ends with the game, or with the capture of your evader. Every action is legal. The
@@ -143,9 +143,7 @@ class SingleAgentEnv(SeatOfGames, SingleEnv, gymnasium.Env[Any, Any]):
         return self._masks()[0]
 
 
-class SingleAgentVectorEnv(
-    SeatOfGames, LockstepVectorEnv, gymnasium.vector.VectorEnv[Any, Any, Any]
-):
+class SingleAgentVectorEnv(SeatOfGames, LockstepVectorEnv, Vector):
     """One agent of many games as a Gymnasium vector environment over a `Simulator`.
 
     For restarts and infos see `pursuit.environments.vector`.
@@ -188,7 +186,7 @@ class SingleAgentVectorEnv(
         spaces = self._spaces(simulator, observation, mask_bumps, mask_in_observation)
         super().__init__(simulator, *spaces, render_mode, RENDER_FPS, seed, autoreset_mode)
 
-    def _checked(self, actions: Any) -> Array:
+    def _checked(self, actions: ArrayLike) -> Array:
         most = self.task.num_actions - 1
         rule = f"integers from 0 to {most}"
         return checked_actions(actions, "iu", (self.num_envs,), rule, (0, most))

@@ -15,9 +15,16 @@ from typing import Any
 import gymnasium
 import numpy as np
 from gymnasium.envs.registration import EnvSpec
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from pursuit.environments.types import Info, Options, Space
+from pursuit.environments.types import (
+    GamesSimulator,
+    Info,
+    Observations,
+    Options,
+    Single,
+    Space,
+)
 from pursuit.rendering.rendering import Drawable
 from pursuit.rendering.windows import Rendered
 from pursuit.rules.arrays import Array
@@ -53,33 +60,12 @@ class TaskSpec(EnvSpec):
         return json.dumps({**json.loads(super().to_json()), "max_episode_steps": self._time_limit})
 
 
-class SpecWithLimit:
-    """Environments whose `spec` is a `TaskSpec`, when Gymnasium has set one."""
-
-    task: Any
-    _spec: TaskSpec | None = None
-
-    def _max_steps(self) -> int:
-        """The longest episode."""
-        return int(self.task.max_steps)
-
-    @property
-    def spec(self) -> EnvSpec | None:
-        """The spec of `gymnasium.make` or `make_vec`; None for environments made otherwise."""
-        return self._spec
-
-    @spec.setter
-    def spec(self, spec: EnvSpec | None) -> None:
-        self._spec = None
-        if spec is not None:
-            given = {each.name: getattr(spec, each.name) for each in fields(spec) if each.init}
-            limit = spec._time_limit if isinstance(spec, TaskSpec) else spec.max_episode_steps
-            self._spec = TaskSpec(**{**given, "max_episode_steps": limit})
-            self._spec.task_limit = self._max_steps()
-
-
 def checked_actions(
-    actions: Any, kinds: str, shape: tuple[int, ...], rule: str, limits: tuple[int, int] | None
+    actions: ArrayLike,
+    kinds: str,
+    shape: tuple[int, ...],
+    rule: str,
+    limits: tuple[int, int] | None,
 ) -> Array:
     """`actions` as an array.
 
@@ -106,7 +92,7 @@ def checked_actions(
     return chosen
 
 
-def row_of(observations: Any, game: Any) -> Any:
+def row_of(observations: Observations, game: int | np.intp) -> Observations:
     """The entry of one game in a batch of observations, or in a dict of batches."""
     if isinstance(observations, dict):
         return {key: values[game] for key, values in observations.items()}
@@ -114,24 +100,48 @@ def row_of(observations: Any, game: Any) -> Any:
 
 
 class GamesOfWorld(ABC):
-    """Interface of Gymnasium environments to simulators; all arrays are [games, ...]."""
+    """Interface of Gymnasium environments to simulators; all arrays are [games, ...].
+
+    The `spec` is a `TaskSpec`, when Gymnasium has set one.
+    """
+
+    task: Any
+    _spec: TaskSpec | None = None
+
+    def _max_steps(self) -> int:
+        """The longest episode."""
+        return int(self.task.max_steps)
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """The spec of `gymnasium.make` or `make_vec`; None for environments made otherwise."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        self._spec = None
+        if spec is not None:
+            given = {each.name: getattr(spec, each.name) for each in fields(spec) if each.init}
+            limit = spec._time_limit if isinstance(spec, TaskSpec) else spec.max_episode_steps
+            self._spec = TaskSpec(**{**given, "max_episode_steps": limit})
+            self._spec.task_limit = self._max_steps()
 
     @abstractmethod
     def _begin(
-        self, seed: int | None, options: Any, games: NDArray[np.bool_] | None = None
+        self, seed: int | None, options: Options, games: NDArray[np.bool_] | None = None
     ) -> None:
         """Start new episodes in all games, or those of a mask; ValueError for invalid options."""
 
     @abstractmethod
-    def _checked(self, actions: Any) -> Any:
+    def _checked(self, actions: ArrayLike) -> Array | int:
         """The actions in the form that `_advance` needs; ValueError for invalid ones."""
 
     @abstractmethod
-    def _advance(self, actions: Any) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
+    def _advance(self, actions: Array | int) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
         """Step; rewards, terminations and truncations [games], overwritten by later steps."""
 
     @abstractmethod
-    def _observe(self) -> Any:
+    def _observe(self) -> Observations:
         """[games, ...] the observations, an array or a dict of arrays."""
 
     @abstractmethod
@@ -147,7 +157,7 @@ class GamesOfWorld(ABC):
         """The scene of one game."""
 
 
-class SingleEnv(GamesOfWorld, SpecWithLimit, Rendered, gymnasium.Env[Any, Any]):
+class SingleEnv(GamesOfWorld, Rendered, Single):
     """One game of a simulator. The info of the last step has the return and length of the episode.
 
     Args:
@@ -155,14 +165,16 @@ class SingleEnv(GamesOfWorld, SpecWithLimit, Rendered, gymnasium.Env[Any, Any]):
         observed, action: the spaces of observations and actions.
     """
 
-    simulator: Any
+    simulator: GamesSimulator
 
-    def __init__(self, simulator: Any, observed: Space, action: Space) -> None:
+    def __init__(self, simulator: GamesSimulator, observed: Space, action: Space) -> None:
         self.simulator, self.task = simulator, simulator.task
         self.observation_space, self.action_space = observed, action
         self._seeded = False
 
-    def reset(self, *, seed: int | None = None, options: Options = None) -> tuple[Any, Info]:
+    def reset(
+        self, *, seed: int | None = None, options: Options = None
+    ) -> tuple[Observations, Info]:
         """Start a new episode.
 
         Args:
@@ -181,9 +193,12 @@ class SingleEnv(GamesOfWorld, SpecWithLimit, Rendered, gymnasium.Env[Any, Any]):
         super().reset(seed=seed)
         self._seeded = True
         self._show()
-        return row_of(self._observe(), 0), row_of(self._infos(), 0)
+        return row_of(self._observe(), 0), self._info()
 
-    def step(self, action: Any) -> tuple[Any, float, bool, bool, Info]:
+    def _info(self) -> Info:
+        return {name: values[0] for name, values in self._infos().items()}
+
+    def step(self, action: ArrayLike) -> tuple[Observations, float, bool, bool, Info]:
         """Step your agent and all other agents.
 
         Raises:
@@ -194,7 +209,7 @@ class SingleEnv(GamesOfWorld, SpecWithLimit, Rendered, gymnasium.Env[Any, Any]):
             raise ValueError("step before reset; call reset() first")
         rewards, terminations, truncations = self._advance(self._checked(action))
         self._show()
-        info: Info = row_of(self._infos(), 0)
+        info = self._info()
         terminated, truncated = bool(terminations[0]), bool(truncations[0])
         if terminated or truncated:
             info["episode_return"] = float(self._returns()[0])

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,11 +16,13 @@ from numpy.typing import NDArray
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecEnv
 
-from pursuit.environments.types import Info
+from pursuit.environments.types import Info, Observations
 from pursuit.environments.vector import RESET_MASK, LockstepVectorEnv
 from pursuit.observations.masks import ACTION_MASK
 from pursuit.rules.arrays import Array
 
+Indices = int | Iterable[int] | None
+"""Games; None for all."""
 SPACES = ("observation_space", "action_space")
 
 
@@ -54,7 +56,7 @@ class StableBaselinesVecEnv(VecEnv):
         self._start = time.time()
         self._was_reset = False
 
-    def reset(self) -> Any:
+    def reset(self) -> Observations:
         """Start new episodes, with the seeds of `seed` and the options of `set_options`.
 
         Returns:
@@ -88,7 +90,7 @@ class StableBaselinesVecEnv(VecEnv):
         """Keep the actions for `step_wait`."""
         self._actions = actions
 
-    def step_wait(self) -> tuple[Any, Array, Array, list[Info]]:
+    def step_wait(self) -> tuple[Observations, Array, Array, list[Info]]:
         """Observations, rewards, dones and infos of all games."""
         observations, rewards, terminations, truncations, infos = self.env.step(self._actions)
         dones, listed = terminations | truncations, self._listed(infos)
@@ -112,12 +114,12 @@ class StableBaselinesVecEnv(VecEnv):
         """Close the vector environment."""
         self.env.close()
 
-    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+    def get_attr(self, attr_name: str, indices: Indices = None) -> list[Any]:
         """The attribute of the vector environment, once per game; spaces are those of one game."""
         name = f"single_{attr_name}" if attr_name in SPACES else attr_name
         return [getattr(self.env, name) for _ in self._get_indices(indices)]
 
-    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+    def set_attr(self, attr_name: str, value: Any, indices: Indices = None) -> None:
         """Set an attribute of the vector environment, for all games.
 
         Raises:
@@ -131,7 +133,7 @@ class StableBaselinesVecEnv(VecEnv):
         setattr(self.env, attr_name, value)
 
     def env_method(
-        self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any
+        self, method_name: str, *args: Any, indices: Indices = None, **kwargs: Any
     ) -> list[Any]:
         """Call a method of the vector environment; its result once per game.
 
@@ -148,14 +150,14 @@ class StableBaselinesVecEnv(VecEnv):
         masks: NDArray[np.bool_] = self.env.action_masks()
         return masks
 
-    def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
+    def env_is_wrapped(self, wrapper_class: Any, indices: Indices = None) -> list[bool]:
         """Whether the infos are those of this wrapper: True for `Monitor` only."""
         return [issubclass(Monitor, wrapper_class) for _ in self._get_indices(indices)]
 
     def get_images(self) -> Sequence[NDArray[np.uint8] | None]:
         """A picture of every game, with render_mode "rgb_array"; else None, with a warning."""
         if self.render_mode == "rgb_array":
-            return list(self.env.render())
+            return list(self.env.render() or ())
         warnings.warn(
             f"no images: render_mode is {self.render_mode!r}, not 'rgb_array'", stacklevel=2
         )

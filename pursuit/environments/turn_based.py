@@ -6,14 +6,13 @@ from collections.abc import Callable
 from typing import Any
 
 from gymnasium.spaces import Discrete
-from pettingzoo import AECEnv
 from pettingzoo.utils import wrappers
 from pettingzoo.utils.conversions import parallel_to_aec_wrapper
 
 from pursuit.environments.types import Parallel, TurnBased
 
 
-class TurnBasedEnv(AECEnv[str, Any, Any]):
+class TurnBasedEnv(TurnBased):
     """PettingZoo's `parallel_to_aec_wrapper` with a different `unwrapped`.
 
     In PettingZoo `unwrapped` is the parallel environment, which has no turns, so its

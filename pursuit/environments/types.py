@@ -1,14 +1,45 @@
-"""Names of the types of environments that have no narrower type."""
+"""Names of the types that environments share."""
 
-from typing import Any, TypeAlias
+from collections.abc import Mapping
+from typing import Any, Protocol, TypeAlias
 
 import gymnasium
+from numpy.typing import ArrayLike
 from pettingzoo import AECEnv, ParallelEnv
 
+from pursuit.rules.arrays import Array, Flags, Ints, Words
+
 Space = gymnasium.Space[Any]
+Observations: TypeAlias = Array | dict[str, Array]
+"""Of one game or of a batch; with masks in the observation a dict."""
+Actions: TypeAlias = Mapping[str, Any]
+"""The action of every agent by its name."""
 Info = dict[str, Any]
 """The infos of an agent, of a game, or of a batch of games."""
 Options = dict[str, Any] | None
 """The options of a reset."""
+Single: TypeAlias = gymnasium.Env[Any, Any]
+Vector: TypeAlias = gymnasium.vector.VectorEnv[Any, Any, Any]
 Parallel: TypeAlias = ParallelEnv[str, Any, Any]
 TurnBased: TypeAlias = AECEnv[str, Any, Any]
+
+
+class GamesSimulator(Protocol):
+    """What environments use of a `Simulator` or a `ReacherSimulator`."""
+
+    task: Any
+    num_games: int
+    streams: Words
+    rewards: Array
+    terminated: Flags
+    truncated: Flags
+
+    @property
+    def steps(self) -> Ints:
+        """[num_games] int32, steps of the episode so far."""
+
+    def seed(self, seed: int, games: ArrayLike | None = None) -> None:
+        """Seed the random streams."""
+
+    def reset(self, seed: int | None = None, games: ArrayLike | None = None) -> None:
+        """Start new episodes."""

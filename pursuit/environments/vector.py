@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from pursuit.environments.single_env import GamesOfWorld, SpecWithLimit, row_of
-from pursuit.environments.types import Info, Options, Space
+from pursuit.environments.single_env import GamesOfWorld, row_of
+from pursuit.environments.types import GamesSimulator, Info, Observations, Options, Space, Vector
 from pursuit.rules.arrays import Array
 from pursuit.validation import checked_seed, is_int, random_seed, whole
 
@@ -39,7 +38,7 @@ def masked_infos(infos: dict[str, Array], games: NDArray[np.bool_]) -> Info:
     return masked
 
 
-class LockstepVectorEnv(GamesOfWorld, SpecWithLimit, gymnasium.vector.VectorEnv[Any, Any, Any]):
+class LockstepVectorEnv(GamesOfWorld, Vector):
     """A batch of games of a simulator, with Gymnasium's modes of automatic resets.
 
     `autoreset_mode` determines when a game restarts:
@@ -71,7 +70,7 @@ class LockstepVectorEnv(GamesOfWorld, SpecWithLimit, gymnasium.vector.VectorEnv[
 
     def __init__(
         self,
-        simulator: Any,
+        simulator: GamesSimulator,
         observed: Space,
         actions: Space,
         render_mode: str | None,
@@ -117,7 +116,7 @@ class LockstepVectorEnv(GamesOfWorld, SpecWithLimit, gymnasium.vector.VectorEnv[
         *,
         seed: int | Sequence[int | None] | None = None,
         options: Options = None,
-    ) -> tuple[Any, Info]:
+    ) -> tuple[Observations, Info]:
         """Start new episodes in all games, or in those of `options["reset_mask"]` [num_envs] bool.
 
         Args:
@@ -148,7 +147,7 @@ class LockstepVectorEnv(GamesOfWorld, SpecWithLimit, gymnasium.vector.VectorEnv[
         self._seeded = True
         return self._observe(), masked_infos(self._infos(), chosen)
 
-    def _chosen(self, options: Any) -> tuple[NDArray[np.bool_], Any]:
+    def _chosen(self, options: Options) -> tuple[NDArray[np.bool_], Options]:
         """The mask of games to reset, and the other options."""
         every = np.ones(self.num_envs, dtype=bool)
         if not isinstance(options, dict) or RESET_MASK not in options:
@@ -160,7 +159,7 @@ class LockstepVectorEnv(GamesOfWorld, SpecWithLimit, gymnasium.vector.VectorEnv[
             raise ValueError("reset_mask before the first reset; call reset() for all games first")
         return mask, {key: value for key, value in options.items() if key != RESET_MASK}
 
-    def _checked_seeds(self, seeds: Any) -> list[int | None]:
+    def _checked_seeds(self, seeds: object) -> list[int | None]:
         if not isinstance(seeds, (Sequence, np.ndarray)) or isinstance(seeds, (str, bytes)):
             raise ValueError(f"seed={seeds!r}; give one integer, or a list with one per game")
         if len(seeds) != self.num_envs:
@@ -171,7 +170,7 @@ class LockstepVectorEnv(GamesOfWorld, SpecWithLimit, gymnasium.vector.VectorEnv[
         self, seeds: list[int | None], others: int | None, chosen: NDArray[np.bool_]
     ) -> None:
         """Give game i the streams of a single game with seed `seeds[i]`."""
-        simulator, single = self.simulator, type(self.simulator)(self.task)
+        simulator, single = self.simulator, type(self.simulator)(self.task)  # type: ignore[call-arg]
         if others is not None:
             simulator.seed(others)
         for game in np.flatnonzero(chosen):
@@ -181,7 +180,9 @@ class LockstepVectorEnv(GamesOfWorld, SpecWithLimit, gymnasium.vector.VectorEnv[
                 single.seed(own)
                 simulator.streams[game] = single.streams[0]
 
-    def step(self, actions: Any) -> tuple[Any, Array, NDArray[np.bool_], NDArray[np.bool_], Info]:
+    def step(
+        self, actions: ArrayLike
+    ) -> tuple[Observations, Array, NDArray[np.bool_], NDArray[np.bool_], Info]:
         """Step all games.
 
         Args:
@@ -235,7 +236,7 @@ class LockstepVectorEnv(GamesOfWorld, SpecWithLimit, gymnasium.vector.VectorEnv[
         infos |= masked_infos(self._infos(), np.ones(self.num_envs, dtype=bool))
         return self._observe(), rewards, terminations, truncations, infos
 
-    def _filled(self, actions: Any, waiting: NDArray[np.bool_]) -> Any:
+    def _filled(self, actions: ArrayLike, waiting: NDArray[np.bool_]) -> ArrayLike:
         """The actions, with 0 for the games of the mask `waiting`, which ignore theirs."""
         try:
             filled = np.array(actions)
@@ -252,7 +253,7 @@ class LockstepVectorEnv(GamesOfWorld, SpecWithLimit, gymnasium.vector.VectorEnv[
             final[game] = row_of(observed, game)
         return final
 
-    def _advance_others(self, actions: Any, waiting: NDArray[np.bool_]) -> list[Array]:
+    def _advance_others(self, actions: Array | int, waiting: NDArray[np.bool_]) -> list[Array]:
         """Restart the games of the mask `waiting`, and step the others."""
         simulator, streams = self.simulator, self.simulator.streams[waiting]
         # Truncated games do not move. (A game may continue after the capture of your evader.)
@@ -264,7 +265,7 @@ class LockstepVectorEnv(GamesOfWorld, SpecWithLimit, gymnasium.vector.VectorEnv[
             array[waiting] = 0
         return results
 
-    def render(self) -> Any:
+    def render(self) -> tuple[Any, ...] | None:
         """A tuple of one text or image per game, by the render mode; None without render mode."""
         if self.render_mode is None:
             return None

@@ -1,6 +1,4 @@
-"""Maze generators, and the included mazes that they make.
-
-`python -m pursuit.mazes.generation` writes the included mazes again; `git diff` shows changes.
+"""Maze generators; `tools/shipped_mazes.py` makes the shipped mazes and suites with them.
 
 A grid of H×W cells has (H-1)W + H(W-1) inner walls. The generators work on one flat bool array
 `passages` of that length, True where a wall is open: first the walls south of the cells, row by
@@ -16,7 +14,7 @@ from numpy.typing import NDArray
 
 from pursuit.compilation.compiled import allocating, compiled
 from pursuit.mazes.graph_generation import graph_drawing
-from pursuit.mazes.maze import LIBRARY, Maze
+from pursuit.mazes.maze import Maze
 from pursuit.memory import check_memory
 from pursuit.rules import EAST, NORTH, SOUTH, next_below
 from pursuit.rules.arrays import Flags, Longs, Words
@@ -266,23 +264,6 @@ def generate_maze(
     )
 
 
-# -- the included mazes ----------------------------------------------------------------------------
-
-# Size -> seeds of the maze without dead ends and of the tree. They were selected among the first
-# thousand for long shortest paths from S to G, and for few open squares and loops (first seed).
-LIBRARY_SEEDS = {
-    2: (0, 0),
-    3: (0, 506),
-    4: (0, 313),
-    5: (88, 557),
-    6: (150, 622),
-    7: (513, 739),
-    8: (144, 575),
-    9: (635, 676),
-    15: (83, 928),
-}
-
-
 def generate_graph(kind: str, height: int = 8, width: int = 8, seed: int = 0) -> Maze:
     """Generate a graph of height × width cells.
 
@@ -304,34 +285,3 @@ def generate_graph(kind: str, height: int = 8, width: int = 8, seed: int = 0) ->
     """
     name = f"{kind}-{height}x{width}" + (f"-{seed}" if kind in ("geometric", "roads") else "")
     return Maze.from_drawing(graph_drawing(kind, height, width, seed, name), name)
-
-
-def library_mazes() -> dict[str, Maze]:
-    """Generate the included mazes and graphs, by name.
-
-    S and G mark opposite corners. `"5x5"` has no dead ends, `"5x5-tree"` no loops, `"5x5-open"` no
-    inner walls.
-    """
-    mazes = {}
-    for size, (seed, tree_seed) in LIBRARY_SEEDS.items():
-        name = f"{size}x{size}"
-        mazes[name] = generate_maze("prim", size, loops=0.05, no_dead_ends=True, seed=seed)
-        mazes[f"{name}-tree"] = generate_maze("prim", size, seed=tree_seed)
-        mazes[f"{name}-open"] = generate_maze("open", size)
-    found = {name: with_corner_marks(maze, name) for name, maze in mazes.items()}
-    name = "roads-8x8"
-    marks = {"start": "0,0", "goals": ["7,7"]}
-    found[name] = Maze.from_drawing(graph_drawing("roads", 8, 8, 0, name, **marks), name)
-    return found
-
-
-def with_corner_marks(maze: Maze, name: str) -> Maze:
-    """The same maze with S in the first cell and G in the last."""
-    corner = (maze.height - 1, maze.width - 1)
-    walkable = maze.cell_numbers >= 0
-    return Maze(walkable, maze.open_south, maze.open_east, (0, 0), (corner,), name)
-
-
-if __name__ == "__main__":
-    for _name, _maze in library_mazes().items():
-        (LIBRARY / f"{_name}.txt").write_text(_maze.to_text())

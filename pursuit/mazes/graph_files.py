@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 import json
 import re
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 
@@ -17,6 +17,9 @@ from pursuit.mazes.graphs import (
     read_graph,
 )
 from pursuit.validation import shortened
+
+if TYPE_CHECKING:
+    import networkx
 
 HEADER = "graph"
 """The first word of the text format."""
@@ -38,7 +41,7 @@ def text_of(maze: Any) -> str:
     return "\n".join(lines) + "\n"
 
 
-def is_graph_text(text: Any) -> bool:
+def is_graph_text(text: object) -> bool:
     """Whether this is the text of a graph."""
     return isinstance(text, str) and text.lstrip().startswith(f"{HEADER} of ")
 
@@ -113,11 +116,11 @@ def read_graph_file(text: str, suffix: str, name: str) -> GraphDrawing:
     return read_graph(graph, name)
 
 
-def _edges_of(text: str, name: str) -> Any:
+def _edges_of(text: str, name: str) -> networkx.Graph:
     """The edges of lines `node node`, `node node length` or `node node {'length': 2}`."""
     import networkx  # slow to import
 
-    graph: Any = networkx.MultiGraph()
+    graph = networkx.MultiGraph()
     for number, line in enumerate(text.splitlines(), start=1):
         words = line.split("#")[0].split(maxsplit=2)
         if not words:

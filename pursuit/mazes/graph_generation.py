@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from itertools import product
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,12 +11,16 @@ from pursuit.mazes.graphs import MAX_TABLE_CELLS, GraphDrawing, check_cells, rea
 from pursuit.memory import check_memory
 from pursuit.validation import one_of, whole
 
+if TYPE_CHECKING:
+    import networkx
+
 GRAPHS = ("eight", "hexagonal", "torus", "geometric", "roads")
+_FOUR = ((-1, 0), (1, 0), (0, 1), (0, -1))
 _STEPS = {
-    "torus": ((-1, 0), (1, 0), (0, 1), (0, -1)),
-    "eight": ((-1, 0), (1, 0), (0, 1), (0, -1), (-1, 1), (-1, -1), (1, 1), (1, -1)),
+    "torus": _FOUR,
+    "eight": (*_FOUR, (-1, 1), (-1, -1), (1, 1), (1, -1)),
     # Odd rows lie half a cell to the right, so steps between even rows lead one column less far.
-    "hexagonal": ((-1, 0), (1, 0), (0, 1), (0, -1), (-1, 1), (1, 1)),
+    "hexagonal": (*_FOUR, (-1, 1), (1, 1)),
 }
 ONE_WAY, DIAGONAL, REMOVED = 0.15, 0.1, 0.25
 """Shares of the streets of `roads`."""
@@ -38,7 +42,7 @@ def graph_drawing(
             f"{MAX_TABLE_CELLS} are possible. Give a smaller height or width"
         )
     random = np.random.default_rng(whole("seed", seed, 0, 2**63 - 1))
-    graph: Any = networkx.DiGraph()
+    graph = networkx.DiGraph()
     if kind == "geometric":
         graph = _points(height * width, random)
     elif kind == "roads":
@@ -59,7 +63,7 @@ def graph_drawing(
     return read_graph(graph, name, decimals=4, **marks)
 
 
-def _points(count: int, random: np.random.Generator) -> Any:
+def _points(count: int, random: np.random.Generator) -> networkx.Graph:
     """A random geometric graph (Penrose, 2003) with the least radius that connects it."""
     import networkx  # slow to import
     from scipy.sparse.csgraph import minimum_spanning_tree
@@ -69,18 +73,18 @@ def _points(count: int, random: np.random.Generator) -> Any:
     away = np.linalg.norm(places[:, None] - places[None], axis=2)
     # The least radius is the longest edge of a minimum spanning tree.
     radius = minimum_spanning_tree(away + 1e-12).max()
-    graph: Any = networkx.Graph()
+    graph = networkx.Graph()
     graph.add_nodes_from((str(i), {"x": x, "y": y}) for i, (x, y) in enumerate(places.tolist()))
     near = np.argwhere(np.triu(away <= radius, 1)).tolist()
     graph.add_edges_from((str(a), str(b)) for a, b in near)
     return graph
 
 
-def _roads(height: int, width: int, random: np.random.Generator) -> Any:
+def _roads(height: int, width: int, random: np.random.Generator) -> networkx.Graph:
     """Streets between the crossings of a grid; every crossing can be reached from every other."""
     import networkx  # slow to import
 
-    graph: Any = networkx.DiGraph()
+    graph = networkx.DiGraph()
     cells = list(product(range(height), range(width)))
     moved = random.uniform(-0.25, 0.25, (len(cells), 2))
     for (r, c), (x, y) in zip(cells, moved.tolist(), strict=True):

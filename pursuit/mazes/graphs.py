@@ -16,7 +16,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from pursuit.validation import is_int, shortened, whole
 
@@ -54,7 +54,7 @@ class GraphDrawing(NamedTuple):
 
 
 def read_graph(
-    graph: Any,
+    graph: networkx.Graph,
     name: str,
     positions: Mapping[Any, Any] | None = None,
     length: str | None = "length",
@@ -142,11 +142,11 @@ def check_names(names: list[str], name: str) -> None:
 
 
 def _streets(
-    graph: Any, name: str, length: str | None
+    graph: networkx.Graph, name: str, length: str | None
 ) -> Iterable[tuple[Hashable, Hashable, int, tuple[int, ...]]]:
     """Each edge once: its ends, its steps, and its actions at the first end (-1 for any) and, if it
     can be used both ways, at the second. Opposite edges of one length are one."""
-    shortest: dict[tuple[Any, Any], tuple[int, int]] = {}
+    shortest: dict[tuple[Hashable, Hashable], tuple[int, int]] = {}
     for a, b, data in graph.edges(data=True):
         if a == b:
             raise ValueError(
@@ -240,14 +240,14 @@ def check_connected(neighbors: NDArray[np.int32], names: list[str], name: str) -
             )
 
 
-def _marked(mark: Hashable, number: Mapping[Any, int], name: str) -> int:
+def _marked(mark: Hashable, number: Mapping[Hashable, int], name: str) -> int:
     if not isinstance(mark, Hashable) or mark not in number:
         raise ValueError(f"{name}: the mark {mark!r} is no node; give one of the graph")
     return number[mark]
 
 
 def _positions_of(
-    graph: Any, nodes: list[Any], name: str, positions: Mapping[Any, Any] | None
+    graph: networkx.Graph, nodes: list[Hashable], name: str, positions: Mapping[Any, Any] | None
 ) -> NDArray[np.float64]:
     """[nodes, 2] float64: as given, of the attributes `pos` or `x` and `y`, or of a layout."""
     data = graph.nodes
@@ -278,7 +278,7 @@ def _positions_of(
     return array
 
 
-def _rounded(places: Any, name: str, decimals: int | None) -> NDArray[np.float64]:
+def _rounded(places: ArrayLike, name: str, decimals: int | None) -> NDArray[np.float64]:
     """[cells, 2] float64: positions without the rounding errors of cells within edges.
 
     Raises:

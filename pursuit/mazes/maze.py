@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from pursuit.mazes.formats import Drawing, read_walls
 from pursuit.mazes.graph_files import is_graph_text, read_graph_text, text_of
@@ -176,7 +176,7 @@ class Maze:
     @classmethod
     def from_graph(
         cls,
-        graph: networkx.Graph[Any],
+        graph: networkx.Graph,
         positions: Mapping[Any, Any] | None = None,
         length: str | None = "length",
         num_moves: int | None = None,
@@ -449,7 +449,7 @@ class Maze:
         return f"<Maze {self.name}: {shape}, {self.num_cells} cells>"
 
 
-def _own_grids(name: str, *grids: Any) -> tuple[NDArray[np.bool_], ...]:
+def _own_grids(name: str, *grids: ArrayLike) -> tuple[NDArray[np.bool_], ...]:
     """Copies of the grids [rows, columns] of a maze, as bool arrays.
 
     Raises:

@@ -9,7 +9,6 @@ cells, row by row, then the walls east of the cells; the first wall is the highe
 from __future__ import annotations
 
 import csv
-import hashlib
 import io
 import re
 from functools import cache
@@ -143,11 +142,3 @@ def drawing_of_row(row: Row) -> Drawing | GraphDrawing:
         bits[:num_south].reshape(height - 1, width),
         bits[num_south:].reshape(height, width - 1),
     )
-
-
-# -- checksums -------------------------------------------------------------------------------------
-
-
-def sums_text(files: dict[str, bytes]) -> str:
-    """The content of SHA256SUMS for files by name."""
-    return "".join(f"{hashlib.sha256(files[name]).hexdigest()}  {name}\n" for name in sorted(files))

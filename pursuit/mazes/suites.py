@@ -1,42 +1,20 @@
-"""Fixed suites of mazes for training, model selection, and tests on held-out mazes.
-
-`python -m pursuit.mazes.suites` generates the files of `pursuit/mazes/files/suites/` again from
-their seeds; `git diff` shows changes.
-"""
+"""Fixed suites of mazes for training, model selection, and tests on held-out mazes."""
 
 from __future__ import annotations
 
-import csv
-import io
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from functools import lru_cache
-from itertools import count, product
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from pursuit.mazes.generation import generate_maze
 from pursuit.mazes.maze import Maze, load_maze
 from pursuit.mazes.suite_files import (
-    FIRST_SEEDS,
-    SIZES,
-    SPLITS,
-    SUITES,
-    SUMS,
     drawing_of_row,
     is_suite,
     rows_of,
-    sums_text,
 )
 from pursuit.mazes.suite_files import suite_names as suite_names
-
-KINDS = tuple(
-    product(
-        ("prim", "backtracker", "wilson"), ((0.0, False), (0.1, False), (0.3, False), (0.0, True))
-    )
-)
-"""Maze number i of a suite is of kind i modulo 12: (generator, (loops, no_dead_ends))."""
 
 
 def load_suite(name: str) -> tuple[Maze, ...]:
@@ -75,9 +53,6 @@ def load_mazes(given: str | Path | Maze | Sequence[str | Path | Maze]) -> tuple[
     return tuple(maze for each in given for maze in load_mazes(each))
 
 
-# -- generation ------------------------------------------------------------------------------------
-
-
 def least_copy(maze: Maze) -> bytes:
     """A key that is equal for rotated and mirrored copies of a maze, and only for those."""
     grid = np.zeros((2 * maze.height - 1, 2 * maze.width - 1), dtype=bool)
@@ -85,42 +60,3 @@ def least_copy(maze: Maze) -> bytes:
     grid[1::2, ::2], grid[::2, 1::2] = maze.open_south, maze.open_east
     turned = [np.rot90(side, turns) for side in (grid, grid.T) for turns in range(4)]
     return min(repr(each.shape).encode() + np.packbits(each).tobytes() for each in turned)
-
-
-def suite_rows(size: int) -> Iterator[tuple[str, list[list[Any]]]]:
-    """Generate (split, rows) of the suites of one size, without duplicates or symmetric copies."""
-    taken: set[bytes] = set()
-    for split, number in SPLITS.items():
-        seeds = count(FIRST_SEEDS[split])
-        rows: list[list[Any]] = []
-        while len(rows) < number:
-            generator, (loops, braided) = KINDS[len(rows) % len(KINDS)]
-            seed = next(seeds)
-            maze = generate_maze(generator, size, loops=loops, no_dead_ends=braided, seed=seed)
-            copy = least_copy(maze)
-            if copy not in taken:
-                taken.add(copy)
-                openings = np.concatenate([maze.open_south.ravel(), maze.open_east.ravel()])
-                digits = np.packbits(openings).tobytes().hex()
-                no_dead_ends = "yes" if braided else "no"
-                rows.append([len(rows), generator, loops, no_dead_ends, seed, digits])
-        yield split, rows
-
-
-def suite_tables() -> dict[str, bytes]:
-    """Generate the files of the suites, by name."""
-    tables = {}
-    for size in SIZES:
-        for split, rows in suite_rows(size):
-            text = io.StringIO()
-            writer = csv.writer(text, lineterminator="\n")
-            writer.writerow(["number", "generator", "loops", "no_dead_ends", "seed", "openings"])
-            writer.writerows(rows)
-            tables[f"{size}x{size}-{split}.csv"] = text.getvalue().encode()
-    return tables
-
-
-if __name__ == "__main__":
-    _made = suite_tables()
-    for _name, _content in {**_made, SUMS: sums_text(_made).encode()}.items():
-        (SUITES / _name).write_bytes(_content)

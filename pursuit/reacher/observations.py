@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Any
 
 import gymnasium
 import numpy as np
@@ -43,7 +42,9 @@ def _space_of(task: ReacherTask, encoding: str) -> gymnasium.spaces.Box:
     return gymnasium.spaces.Box(low, high, dtype=np.float32)
 
 
-def encode(task: ReacherTask, arms: Arms, encoding: str, out: Any = None) -> NDArray[np.float32]:
+def encode(
+    task: ReacherTask, arms: Arms, encoding: str, out: NDArray[np.float32] | None = None
+) -> NDArray[np.float32]:
     """[arms, numbers] float32, the observations: a new array, or `out`.
 
     Raises:
@@ -55,5 +56,4 @@ def encode(task: ReacherTask, arms: Arms, encoding: str, out: Any = None) -> NDA
     elif not (isinstance(out, np.ndarray) and out.shape == shape and out.dtype == np.float32):
         raise ValueError(f"out={out!r}; a float32 array of shape {shape} is needed")
     rules.observe_arms(*arms, encoding == "positions_angles", out)
-    seen: NDArray[np.float32] = out
-    return seen
+    return out

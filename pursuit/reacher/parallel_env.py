@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Any
 
 import gymnasium
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from pursuit.environments.parallel import SimulatorParallelEnv
-from pursuit.environments.types import Space
+from pursuit.environments.types import Actions, Space
 from pursuit.reacher.observations import ENCODINGS, space_of
 from pursuit.reacher.rules import ROUNDING
 from pursuit.reacher.simulator import ReacherSimulator
@@ -78,12 +76,12 @@ class ReacherParallelEnv(ArmGames, SimulatorParallelEnv):
         self._own = np.eye(joints, len(own), dtype=np.float32)
         self._turns = np.zeros((1, joints))
 
-    def _move(self, actions: Mapping[str, Any]) -> None:
+    def _move(self, actions: Actions) -> None:
         for joint, agent in enumerate(self.agents):
             self._turns[0, joint] = self._turn_of(agent, actions[agent])
         self.simulator.step(self._turns)
 
-    def _turn_of(self, agent: str, action: Any) -> float:
+    def _turn_of(self, agent: str, action: ArrayLike) -> float:
         name = f"the action of {agent}"
         if self.task.discrete_actions:
             rule = "give 0 (back), 1 (stay) or 2 (forward)"

@@ -84,12 +84,84 @@ class ArmScene:
         return f"step {self.steps} / {self.max_steps}, distance {self.distance:.2f}{held}"
 
     def draw(self, size: int = 480) -> NDArray[np.uint8]:
-        """The picture that `draw_arm` makes."""
-        return draw_arm(self, size)
+        """[height, width, 3] uint8, the picture in RGB; both sides are even numbers.
+
+        The links are blue and thinner towards the tip, which is orange; the target is a yellow disc
+        as wide as the tolerance, green while the tip is in reach; a faint circle is the rim, a
+        faint line the trace. The picture depends on the scene only.
+
+        Args:
+            size: the width; the height is larger by the footer.
+
+        Raises:
+            ValueError: `size` is too small.
+        """
+        if size < MIN_SIZE:
+            raise ValueError(f"size={size}; a picture of an arm needs at least {MIN_SIZE}")
+        joints, points = len(self.angles), self.points
+        image, unit = _background(joints, size - size % 2, min(self.tolerance, float(joints)))
+        image = image.copy()
+        draw, middle = ImageDraw.Draw(image), image.width / 2
+
+        def at(point: Point) -> Point:
+            return middle + unit * point[0], middle - unit * point[1]
+
+        wide = min(16.0 * SUPERSAMPLING, 0.34 * unit)
+        least = 2.0 * SUPERSAMPLING
+        target, radius = at(self.target), max(self.tolerance * unit, 2.5 * least)
+        color = REACHED if self.in_reach else TARGET
+        _disc(draw, target, radius, color, HATCH, SUPERSAMPLING)
+        if len(self.trace) > 1:
+            draw.line([at(point) for point in self.trace], BLOCKED, round(least), joint="curve")
+        widths = [max(wide * (1.0 - 0.6 * i / joints), least) for i in range(joints + 1)]
+        (x, y), half = at(points[0]), 0.8 * widths[0]
+        draw.rectangle([x - half, y - half, x + half, y + half], WALL)
+        for i in range(joints):
+            _link(draw, at(points[i]), at(points[i + 1]), widths[i], widths[i + 1])
+        for i in range(joints):
+            edge = max(0.12 * widths[i], 0.5 * least)
+            _disc(draw, at(points[i]), 0.4 * widths[i], WHITE, WALL, edge)
+        _disc(draw, at(points[-1]), max(0.75 * widths[-1], 2.0 * least), TIP, WHITE, SUPERSAMPLING)
+        # The edge and centre of the target stay visible over the arm.
+        _disc(draw, target, radius, None, HATCH, SUPERSAMPLING)
+        _disc(draw, target, 1.2 * least, WALL, WHITE, 0.4 * least)
+        small = image.reduce(SUPERSAMPLING)
+        font_size = min(18, max(9, small.width // 32))
+        picture = Image.new("RGB", (small.width, small.height + 2 * font_size), WHITE)
+        picture.paste(small)
+        draw_footer(picture, small.height, font_size, self.footer, self.caption)
+        return np.array(picture)
 
     def text(self) -> str:
-        """The text that `scene_to_text` makes."""
-        return scene_to_text(self)
+        r"""The arm in 17 lines of 33 characters, then the footer, the angles and the caption.
+
+        `#` is the base, `o` a joint, `@` the tip, `X` the target, `*` both of them; links are drawn
+        in `-`, `|`, `/` and `\`. The base is in the centre, and the rim at the edge.
+        """
+        joints, points = len(self.angles), self.points
+        lines = [[" "] * (2 * TEXT_COLUMNS + 1) for _ in range(2 * TEXT_ROWS + 1)]
+
+        def cell(point: Point) -> tuple[int, int]:
+            # Targets outside the rim are drawn at the edge.
+            right = min(max(round(point[0] / joints * TEXT_COLUMNS), -TEXT_COLUMNS), TEXT_COLUMNS)
+            up = min(max(round(point[1] / joints * TEXT_ROWS), -TEXT_ROWS), TEXT_ROWS)
+            return TEXT_ROWS - up, TEXT_COLUMNS + right
+
+        for (x, y), (far_x, far_y) in pairwise(points):
+            sign = "-/|\\"[round(math.atan2(far_y - y, far_x - x) / (math.pi / 4.0)) % 4]
+            (row, column), (last_row, last_column) = cell((x, y)), cell((far_x, far_y))
+            count = max(abs(last_row - row), abs(last_column - column), 1)
+            for i in range(count + 1):
+                down, right = (i * (last_row - row), i * (last_column - column))
+                lines[row + round(down / count)][column + round(right / count)] = sign
+        marks = [*((point, "o") for point in points[1:-1]), (points[0], "#"), (self.target, "X")]
+        on_target = cell(points[-1]) == cell(self.target)
+        for point, mark in (*marks, (points[-1], "*" if on_target else "@")):
+            row, column = cell(point)
+            lines[row][column] = mark
+        angles = " ".join(f"{angle:.2f}" for angle in self.angles)
+        footer = f"{self.footer}, angles {angles}  {self.caption}".rstrip()
+        return "\n".join([*("".join(line).rstrip() for line in lines), footer]) + "\n"
 
 
 def scene_of(
@@ -108,88 +180,6 @@ def scene_of(
         caption=caption,
         trace=tuple(trace),
     )
-
-
-def scene_to_text(scene: ArmScene) -> str:
-    r"""The arm in 17 lines of 33 characters, then the footer, the angles and the caption.
-
-    `#` is the base, `o` a joint, `@` the tip, `X` the target, `*` both of them; links are drawn in
-    `-`, `|`, `/` and `\`. The base is in the centre, and the rim at the edge.
-    """
-    joints, points = len(scene.angles), scene.points
-    lines = [[" "] * (2 * TEXT_COLUMNS + 1) for _ in range(2 * TEXT_ROWS + 1)]
-
-    def cell(point: Point) -> tuple[int, int]:
-        # Targets outside the rim are drawn at the edge.
-        right = min(max(round(point[0] / joints * TEXT_COLUMNS), -TEXT_COLUMNS), TEXT_COLUMNS)
-        up = min(max(round(point[1] / joints * TEXT_ROWS), -TEXT_ROWS), TEXT_ROWS)
-        return TEXT_ROWS - up, TEXT_COLUMNS + right
-
-    for (x, y), (far_x, far_y) in pairwise(points):
-        eighths = round(math.atan2(far_y - y, far_x - x) / (math.pi / 4.0))
-        (row, column), (last_row, last_column) = cell((x, y)), cell((far_x, far_y))
-        count = max(abs(last_row - row), abs(last_column - column), 1)
-        for i in range(count + 1):
-            down, right = (i * (last_row - row), i * (last_column - column))
-            lines[row + round(down / count)][column + round(right / count)] = "-/|\\"[eighths % 4]
-    marks = [*((point, "o") for point in points[1:-1]), (points[0], "#"), (scene.target, "X")]
-    on_target = cell(points[-1]) == cell(scene.target)
-    for point, mark in (*marks, (points[-1], "*" if on_target else "@")):
-        row, column = cell(point)
-        lines[row][column] = mark
-    angles = " ".join(f"{angle:.2f}" for angle in scene.angles)
-    footer = f"{scene.footer}, angles {angles}  {scene.caption}".rstrip()
-    return "\n".join([*("".join(line).rstrip() for line in lines), footer]) + "\n"
-
-
-def draw_arm(scene: ArmScene, size: int = 480) -> NDArray[np.uint8]:
-    """[height, width, 3] uint8, a picture of the scene in RGB; both sides are even numbers.
-
-    The links are blue and thinner towards the tip, which is orange; the target is a yellow disc as
-    wide as the tolerance, green while the tip is in reach; a faint circle is the rim, a faint line
-    the trace. The picture depends on the scene only.
-
-    Args:
-        scene: the scene.
-        size: the width; the height is larger by the footer.
-
-    Raises:
-        ValueError: `size` is too small.
-    """
-    if size < MIN_SIZE:
-        raise ValueError(f"size={size}; a picture of an arm needs at least {MIN_SIZE}")
-    joints, points = len(scene.angles), scene.points
-    image, unit = _background(joints, size - size % 2, min(scene.tolerance, float(joints)))
-    image = image.copy()
-    draw, middle = ImageDraw.Draw(image), image.width / 2
-
-    def at(point: Point) -> Point:
-        return middle + unit * point[0], middle - unit * point[1]
-
-    wide = min(16.0 * SUPERSAMPLING, 0.34 * unit)
-    least = 2.0 * SUPERSAMPLING
-    target, radius = at(scene.target), max(scene.tolerance * unit, 2.5 * least)
-    color = REACHED if scene.in_reach else TARGET
-    _disc(draw, target, radius, color, HATCH, SUPERSAMPLING)
-    if len(scene.trace) > 1:
-        draw.line([at(point) for point in scene.trace], BLOCKED, round(least), joint="curve")
-    widths = [max(wide * (1.0 - 0.6 * i / joints), least) for i in range(joints + 1)]
-    (x, y), half = at(points[0]), 0.8 * widths[0]
-    draw.rectangle([x - half, y - half, x + half, y + half], WALL)
-    for i in range(joints):
-        _link(draw, at(points[i]), at(points[i + 1]), widths[i], widths[i + 1])
-    for i in range(joints):
-        _disc(draw, at(points[i]), 0.4 * widths[i], WHITE, WALL, max(0.12 * widths[i], 0.5 * least))
-    _disc(draw, at(points[-1]), max(0.75 * widths[-1], 2.0 * least), TIP, WHITE, SUPERSAMPLING)
-    # The edge and centre of the target stay visible over the arm.
-    _disc(draw, target, radius, None, HATCH, SUPERSAMPLING)
-    _disc(draw, target, 1.2 * least, WALL, WHITE, 0.4 * least)
-    small = image.reduce(SUPERSAMPLING)
-    font_size = min(18, max(9, small.width // 32))
-    picture = Image.new("RGB", (small.width, small.height + 2 * font_size), WHITE)
-    picture.paste(small)
-    draw_footer(picture, small.height, font_size, scene.footer, scene.caption)
-    return np.array(picture)
 
 
 def _disc(

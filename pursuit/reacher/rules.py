@@ -153,12 +153,6 @@ def distance_of(arms: Arms, arm: int) -> float:
 
 
 @inlined
-def in_reach(arms: Arms, arm: int) -> bool:
-    """Whether the tip is in reach of the target."""
-    return distance_of(arms, arm) <= arms.tolerance[arm]
-
-
-@inlined
 def least_radius(joints: int, free_joints: int) -> int:
     """The smallest distance from the tip to the base if only the first joints are free.
 
@@ -324,7 +318,7 @@ def observe_arms(
     arms = Arms(angles, target, ends, held, steps, free_joints, hold, tolerance)
     joints = angles.shape[1]
     for arm in range(angles.shape[0]):
-        out[arm, 0] = 1.0 if in_reach(arms, arm) else 0.0
+        out[arm, 0] = 1.0 if distance_of(arms, arm) <= tolerance[arm] else 0.0
         x, y = target[arm, 0], target[arm, 1]
         out[arm, 1], out[arm, 2] = -x, -y
         for joint in range(joints):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -11,7 +9,7 @@ from pursuit.memory import check_memory
 from pursuit.reacher import rules
 from pursuit.reacher.observations import encode
 from pursuit.reacher.policy import ArmArrays, ArmView
-from pursuit.reacher.rules import Arms, NextEpisode, Outcome
+from pursuit.reacher.rules import Arms, NextEpisode
 from pursuit.reacher.state import check_values
 from pursuit.reacher.task import LEAST_TOLERANCE, ReacherTask
 from pursuit.rules.arrays import Array
@@ -82,16 +80,10 @@ class ReacherSimulator(BatchSimulator[ReacherTask], ArmArrays):
         self.terminated, self.truncated = (np.zeros(num_games, dtype=bool) for _ in range(2))
         self.episode_lengths = np.zeros(num_games, dtype=np.int32)
         self.streams = np.zeros((num_games, rules.NUM_STREAMS), dtype=np.uint64)
-        outcome = Outcome(
-            self.rewards,
-            self.returns,
-            self.episode_returns,
-            self.terminated,
-            self.truncated,
-            self.episode_lengths,
-            self.final,
-        )
-        self._arrays = (*self.arms, *outcome[:-1], *self.final, *self._coming, self.streams)
+        # In the order of `rules.arms_of`.
+        rewards = self.rewards, self.returns, self.episode_returns
+        ends = self.terminated, self.truncated, self.episode_lengths
+        self._arrays = (*self.arms, *rewards, *ends, *self.final, *self._coming, self.streams)
         self._kernel_arrays = (*self._arrays, *task.numbers_for_kernels)
         self._view = ArmView(task, self.arms, self.streams, self.observe)
         self.reset(seed)
@@ -228,7 +220,9 @@ class ReacherSimulator(BatchSimulator[ReacherTask], ArmArrays):
 
     # -- observations ----------------------------------------------------------------------------
 
-    def observe(self, encoding: str = "positions", out: Any = None) -> NDArray[np.float32]:
+    def observe(
+        self, encoding: str = "positions", out: NDArray[np.float32] | None = None
+    ) -> NDArray[np.float32]:
         """[num_games, numbers] float32, the observations; see `observations.space_of`."""
         return encode(self.task, self.arms, encoding, out)
 

@@ -8,10 +8,10 @@ from typing import Any
 import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from pursuit.environments.single_env import SingleEnv, checked_actions
-from pursuit.environments.types import Space
+from pursuit.environments.types import Options, Single, Space, Vector
 from pursuit.environments.vector import LockstepVectorEnv
 from pursuit.reacher.observations import ENCODINGS, space_of
 from pursuit.reacher.rendering import ArmScene, scene_of
@@ -37,7 +37,7 @@ class ArmGames:
     simulator: ReacherSimulator
 
     def _begin(
-        self, seed: int | None, options: Any, games: NDArray[np.bool_] | None = None
+        self, seed: int | None, options: Options, games: NDArray[np.bool_] | None = None
     ) -> None:
         given = reset_options(options, ("angles", "target"))
         if given:
@@ -55,17 +55,17 @@ class ArmsOfEnv(ArmGames):
     observation: str
     action_space: Space
 
-    def _checked(self, actions: Any) -> Array:
+    def _checked(self, actions: ArrayLike) -> Array:
         shape = self.action_space.shape or ()
         if not self.simulator.task.discrete_actions:
             return checked_actions(actions, "fiu", shape, "floats in [-1, 1]", None)
         rule = "integers 0 (back), 1 (stay) and 2 (forward)"
         return checked_actions(actions, "iu", shape, rule, (0, 2)) - 1.0
 
-    def _advance(self, actions: Any) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
+    def _advance(self, actions: Array | int) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
         simulator = self.simulator
         try:
-            simulator.step(actions.reshape(simulator.num_games, -1))
+            simulator.step(np.reshape(actions, (simulator.num_games, -1)))
         except ValueError as error:  # the shape is valid, so a number is out of range
             raise ValueError(
                 f"{error}, as gymnasium.wrappers.ClipAction and RescaleAction do"
@@ -80,7 +80,7 @@ class ArmsOfEnv(ArmGames):
 
 
 # skrl looks for Gymnasium's class among the direct bases only.
-class ReacherEnv(ArmsOfEnv, SingleEnv, gymnasium.Env[Any, Any]):
+class ReacherEnv(ArmsOfEnv, SingleEnv, Single):
     """One arm as a Gymnasium environment.
 
     The action is [joints] float32 in [-1, 1], the turn of each joint in units of `max_turn`; with
@@ -110,7 +110,7 @@ class ReacherEnv(ArmsOfEnv, SingleEnv, gymnasium.Env[Any, Any]):
         super().__init__(ReacherSimulator(task, auto_restart=False), seen, action_space_of(task))
 
 
-class ReacherVectorEnv(ArmsOfEnv, LockstepVectorEnv, gymnasium.vector.VectorEnv[Any, Any, Any]):
+class ReacherVectorEnv(ArmsOfEnv, LockstepVectorEnv, Vector):
     """Many arms as a Gymnasium vector environment over a `ReacherSimulator`.
 
     For restarts and infos see `pursuit.environments.vector`. Actions are [num_envs, joints], as for

@@ -41,7 +41,7 @@ def save_animation(
         path: ends in `.gif` or `.mp4`.
         scenes: at least one, all of mazes of the same height and width, of graphs, or of arms.
         fps: frames per second; at most 50 for a GIF.
-        size: as for `draw_scene`.
+        size: as for `Scene.draw`.
 
     Raises:
         ValueError: another suffix; no scenes; pictures of different sizes; `fps` not above 0.

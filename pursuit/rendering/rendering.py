@@ -117,83 +117,74 @@ class Scene:
         """The step count, as in `step 12 / 200`."""
         return f"step {self.steps} / {self.max_steps}"
 
-    def draw(self, size: int = 480) -> NDArray[np.uint8]:
-        """The picture that `draw_scene` makes."""
-        return draw_scene(self, size=size)
+    def draw(self, size: int = 480, cell_pixels: int | None = None) -> NDArray[np.uint8]:
+        """[height, width, 3] uint8, the picture in RGB; both sides are even numbers.
+
+        Chasers are orange triangles, evaders blue circles, runners green squares, goals yellow
+        stars; captured agents are grey and crossed out. Agents of one role carry numbers if there
+        are several of them. Agents in the same cell are drawn side by side. The picture depends on
+        the scene only.
+
+        Args:
+            size: if `cell_pixels` is None, the maximal longer side of the picture without its
+                footer, and both sides for a graph. It is exceeded if cells would be smaller than 3
+                pixels.
+            cell_pixels: the side of a cell; None to fit the maze into `size`.
+
+        Raises:
+            ValueError: `cell_pixels` or `size` is too small.
+        """
+        if cell_pixels is not None and cell_pixels < MIN_CELL_PIXELS:
+            raise ValueError(f"cell_pixels={cell_pixels}; a cell needs at least {MIN_CELL_PIXELS}")
+        least = 2 * MARGIN + MIN_CELL_PIXELS
+        if size < least:
+            raise ValueError(f"size={size}; a picture needs at least {least}")
+        image, layout = _background(self.maze, cell_pixels, size, self.max_steps)
+        image = image.copy()
+        for token, x, y in _placed_tokens(self, layout):
+            image.paste(token, (x, y), token)
+        draw_footer(image, layout.height, layout.font_size, self.footer, self.caption)
+        return np.array(image)
 
     def text(self) -> str:
-        """The text that `scene_to_text` makes."""
-        return scene_to_text(self)
+        """The scene in the text format of mazes, then the step count and the caption.
 
+        Of a graph it is a line for each agent and goal with the name of its cell.
 
-def scene_to_text(scene: Scene) -> str:
-    """The scene in the text format of mazes, then the step count and the caption.
+        A cell holds C (chaser), E (evader), R (runner) or G (goal), in lower case when captured. If
+        several share a cell, it shows their number (`+` above nine), and a line below lists them.
+        """
+        maze = self.maze
+        if not maze.is_grid:
+            return self._graph_text()
+        lines = [list(line) for line in maze.to_text().splitlines()]
+        for mark in (*maze.goal_marks, *(() if maze.start_mark is None else (maze.start_mark,))):
+            lines[2 * maze.rows[mark] + 1][2 * maze.columns[mark] + 1] = " "
+        names = defaultdict(list)
+        for agent in self.agents:
+            names[agent.cell].append(agent.name if agent.active else f"{agent.name} (captured)")
+        for goal in self.goals:
+            names[goal].append("goal")
+        shared = []
+        for cell in sorted(names):
+            row, column, here = int(maze.rows[cell]), int(maze.columns[cell]), names[cell]
+            letter = here[0][0] if "captured" in here[0] else here[0][0].upper()
+            if len(here) > 1:
+                letter = str(len(here)) if len(here) < 10 else "+"
+                shared.append(f"{letter} at row {row}, column {column}: {', '.join(here)}")
+            lines[2 * row + 1][2 * column + 1] = letter
+        footer = f"{self.footer}  {self.caption}".rstrip()
+        return "\n".join([*("".join(line) for line in lines), footer, *shared]) + "\n"
 
-    Of a graph it is a line for each agent and goal with the name of its cell.
-
-    A cell holds C (chaser), E (evader), R (runner) or G (goal), in lower case when captured. If
-    several share a cell, it shows their number (`+` above nine), and a line below lists them.
-    """
-    maze = scene.maze
-    if not maze.is_grid:
-        return graph_to_text(scene)
-    lines = [list(line) for line in maze.to_text().splitlines()]
-    for mark in (*maze.goal_marks, *(() if maze.start_mark is None else (maze.start_mark,))):
-        lines[2 * maze.rows[mark] + 1][2 * maze.columns[mark] + 1] = " "
-    names = defaultdict(list)
-    for agent in scene.agents:
-        names[agent.cell].append(agent.name if agent.active else f"{agent.name} (captured)")
-    for goal in scene.goals:
-        names[goal].append("goal")
-    shared = []
-    for cell in sorted(names):
-        row, column, here = int(maze.rows[cell]), int(maze.columns[cell]), names[cell]
-        letter = here[0][0] if "captured" in here[0] else here[0][0].upper()
-        if len(here) > 1:
-            letter = str(len(here)) if len(here) < 10 else "+"
-            shared.append(f"{letter} at row {row}, column {column}: {', '.join(here)}")
-        lines[2 * row + 1][2 * column + 1] = letter
-    footer = f"{scene.footer}  {scene.caption}".rstrip()
-    return "\n".join([*("".join(line) for line in lines), footer, *shared]) + "\n"
-
-
-def graph_to_text(scene: Scene) -> str:
-    """`scene_to_text` of a graph."""
-    names = scene.maze.cell_names
-    agents = [
-        f"{agent.name} at {names[agent.cell]}" + ("" if agent.active else " (captured)")
-        for agent in scene.agents
-    ]
-    goals = [f"goal at {names[goal]}" for goal in scene.goals]
-    return "\n".join([*agents, *goals, f"{scene.footer}  {scene.caption}".rstrip()]) + "\n"
-
-
-def draw_scene(scene: Scene, cell_pixels: int | None = None, size: int = 480) -> NDArray[np.uint8]:
-    """[height, width, 3] uint8, a picture of the scene in RGB; both sides are even numbers.
-
-    Chasers are orange triangles, evaders blue circles, runners green squares, goals yellow stars;
-    captured agents are grey and crossed out. Agents of one role carry numbers if there are several
-    of them. Agents in the same cell are drawn side by side. The picture depends on the scene only.
-
-    Args:
-        scene: the scene.
-        cell_pixels: the side of a cell; None to fit the maze into `size`.
-        size: if `cell_pixels` is None, the maximal longer side of the picture without its footer,
-            and both sides for a graph. It is exceeded if cells would be smaller than 3 pixels.
-
-    Raises:
-        ValueError: `cell_pixels` or `size` is too small.
-    """
-    if cell_pixels is not None and cell_pixels < MIN_CELL_PIXELS:
-        raise ValueError(f"cell_pixels={cell_pixels}; a cell needs at least {MIN_CELL_PIXELS}")
-    if size < 2 * MARGIN + MIN_CELL_PIXELS:
-        raise ValueError(f"size={size}; a picture needs at least {2 * MARGIN + MIN_CELL_PIXELS}")
-    image, layout = _background(scene.maze, cell_pixels, size, scene.max_steps)
-    image = image.copy()
-    for token, x, y in _placed_tokens(scene, layout):
-        image.paste(token, (x, y), token)
-    draw_footer(image, layout.height, layout.font_size, scene.footer, scene.caption)
-    return np.array(image)
+    def _graph_text(self) -> str:
+        """`text` of a graph."""
+        names = self.maze.cell_names
+        agents = [
+            f"{agent.name} at {names[agent.cell]}" + ("" if agent.active else " (captured)")
+            for agent in self.agents
+        ]
+        goals = [f"goal at {names[goal]}" for goal in self.goals]
+        return "\n".join([*agents, *goals, f"{self.footer}  {self.caption}".rstrip()]) + "\n"
 
 
 @dataclass(frozen=True)

@@ -70,7 +70,7 @@ class Window:
 
     Args:
         title: title of the window.
-        size: as for `draw_scene`.
+        size: as for `Scene.draw`.
 
     Raises:
         ImportError: pygame-ce is not installed.

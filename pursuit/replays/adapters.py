@@ -17,12 +17,9 @@ from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.rewards import rewards_text
 from pursuit.tasks.task import Task
 from pursuit.tasks.visibility import agent_choice_text, view_radius_text
+from pursuit.validation import Plain as Plain
 
 State = dict[str, Array]
-Plain = dict[str, Any]
-"""Plain values by name, as in JSON."""
-
-
 DIGITS = "0123456789abcdefghijklmnopqrstuv"
 """The texts of the actions in a maze."""
 
@@ -72,12 +69,18 @@ class MazeAdapter(TaskAdapter):
         Settings of partial observability are written only if used, so that older versions can read
         the file.
         """
+        own: Plain = vars(task)
         plain = {
-            each.name: getattr(task, each.name)
+            each.name: own[each.name]
             for each in fields(task)
-            if each.name not in ("maze", "rewards", *VISIBILITY_SETTINGS)
+            if each.name not in ("maze", "rewards", "view_radius", "line_of_sight", "unknown_maze")
         }
-        plain |= visibility_settings(task)
+        visibility: Plain = {
+            "view_radius": view_radius_text(own["view_radius"]),
+            "line_of_sight": agent_choice_text(own["line_of_sight"]),
+            "unknown_maze": agent_choice_text(own["unknown_maze"]),
+        }
+        plain |= {name: text for name, text in visibility.items() if text}
         plain["mazes"] = [{"name": maze.name, "text": maze.to_text()} for maze in task.mazes]
         plain["rewards"] = None if has_reward_function(task) else _rewards_as_text(task)
         return plain
@@ -206,20 +209,7 @@ class ArmAdapter(TaskAdapter):
         return actions
 
 
-VISIBILITY_SETTINGS = ("view_radius", "line_of_sight", "unknown_maze")
-
-
-def visibility_settings(task: Task) -> Plain:
-    """The settings of partial observability that are in use, as text."""
-    radius: Any = task.view_radius
-    chosen: Any = {name: getattr(task, name) for name in VISIBILITY_SETTINGS[1:]}
-    texts = {name: agent_choice_text(agents) for name, agents in chosen.items()}
-    return {
-        n: t for n, t in {VISIBILITY_SETTINGS[0]: view_radius_text(radius), **texts}.items() if t
-    }
-
-
-def has_reward_function(task: Any) -> bool:
+def has_reward_function(task: object) -> bool:
     """Whether the task uses a custom reward function."""
     return isinstance(task, Task) and task.reward_function is not None
 

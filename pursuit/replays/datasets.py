@@ -7,13 +7,15 @@ from collections.abc import Callable
 from typing import Any
 
 from pursuit.environments.single_agent import SingleAgentEnv
+from pursuit.environments.types import Single
+from pursuit.simulator.policy import Policy
 from pursuit.validation import whole
 
 
 def export_minari(
     dataset: str,
-    env: Any,
-    policy: Any | Callable[[Any], Any],
+    env: Single,
+    policy: Policy | Callable[[Any], Any],
     episodes: int = 100,
     seed: int = 0,
     algorithm: str | None = None,
@@ -91,7 +93,7 @@ def export_minari(
         raise
 
 
-def check_id(dataset: Any) -> None:
+def check_id(dataset: str) -> None:
     """ValueError unless Minari can store, list and load a dataset of this id."""
     from minari.dataset.minari_dataset import parse_dataset_id  # optional
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from pursuit.replays.adapters import Adapter, State, adapter_for, has_reward_function
 from pursuit.replays.replay import Episode, Replay, digest_of
@@ -96,22 +96,18 @@ class Recorder:
         for game in range(self._games):
             track, steps = self._tracks[game], int(simulator.steps[game])
             if track is not None and not track.matches(steps):
-                self._keep_unfinished(track)
+                if track.actions:  # unfinished, for example after the time limit of a wrapper
+                    self._keep(track.episode(False, False))
                 track = None
             if track is None and steps == 0 and not simulator.ended[game]:
                 track = _Track(self._adapter, simulator, game)
             self._tracks[game] = track
 
-    def _keep_unfinished(self, track: _Track) -> None:
-        """Store an unfinished episode, for example after the time limit of a wrapper."""
-        if track.actions:
-            self._keep(track.episode(False, False))
-
     def _keep(self, episode: Episode) -> None:
         self.episodes.append(episode)
         del self.episodes[: -self._most]
 
-    def _restarting(self, name: str) -> Any:
+    def _restarting(self, name: str) -> Callable[..., None]:
         def restart(*arguments: Any, **settings: Any) -> None:
             self._methods[name](*arguments, **settings)
             self._update_tracks()
@@ -120,7 +116,7 @@ class Recorder:
 
         return restart
 
-    def _step(self, actions: Any) -> None:
+    def _step(self, actions: ArrayLike) -> None:
         simulator = self._simulator
         over = np.zeros(self._games, bool) if simulator.auto_restart else simulator.ended
         self._methods["step"](actions)
@@ -181,7 +177,7 @@ INNER = ("env", "aec_env", "par_env", "envs", "venv", "games")
 """Attributes in which wrappers hold the wrapped object."""
 
 
-def simulator_of(env: Any) -> Any:
+def simulator_of(env: object) -> Any:
     """The simulator inside an environment of Pursuit; ValueError if there is none."""
     for layer in _layers(env):
         if hasattr(layer, "auto_restart") and hasattr(layer, "get_state"):
@@ -196,7 +192,7 @@ def simulator_of(env: Any) -> Any:
     )
 
 
-def _layers(env: Any) -> Iterator[Any]:
+def _layers(env: object) -> Iterator[object]:
     """An environment and the layers that it wraps, from the outermost to the innermost."""
     seen: set[int] = set()
     layer = env

@@ -255,30 +255,21 @@ class _File(msgspec.Struct):
 
 
 def _file_of(replay: Replay) -> _File:
+    world, content = replay.world, vars(replay)
     episodes = [
         _EpisodeFile(
-            episode.start,
-            replay.world.text_of_actions(episode.actions),
-            [[_short(reward) for reward in column] for column in episode.rewards.T],
-            episode.terminated,
-            episode.truncated,
-            episode.digest,
-            episode.label,
+            **vars(episode)
+            | {
+                "actions": world.text_of_actions(episode.actions),
+                "rewards": [[_short(reward) for reward in column] for column in episode.rewards.T],
+            }
         )
         for episode in replay.episodes
     ]
-    return _File(
-        "pursuit replay",
-        FORM,
-        replay.world.name,
-        replay.world.settings(replay.task),
-        episodes,
-        replay.title,
-        replay.seed,
-        replay.players,
-        replay.versions,
-        replay.own_rewards or has_reward_function(replay.task),
-    )
+    own = {"own_rewards": replay.own_rewards or has_reward_function(replay.task)}
+    task = world.settings(replay.task)
+    form = {"kind": "pursuit replay", "form": FORM, "world": world.name}
+    return _File(**content | form | own | {"task": task, "episodes": episodes})
 
 
 def _replay_of(file: _File) -> Replay:

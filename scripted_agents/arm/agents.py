@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.reacher.policy import ArmView
+from pursuit.rules.arrays import Array
 from pursuit.validation import number, one_of, whole
 from scripted_agents.arm import kernels as arm_kernels
 from scripted_agents.arm.least_steps import least_steps_of
@@ -84,10 +85,10 @@ class ArmGoals(NamedTuple):
     """The targets of arms [games, 2], and their tolerance, free joints and `max_turn` [games], the
     radians of an action of 1."""
 
-    targets: NDArray[Any]
-    tolerance: NDArray[Any]
-    free_joints: NDArray[Any]
-    max_turn: NDArray[Any]
+    targets: Array
+    tolerance: Array
+    free_joints: Array
+    max_turn: Array
 
 
 class Planned(ABC):
@@ -111,7 +112,7 @@ class Planned(ABC):
             self._aims = ArmGoals(*(np.zeros_like(array) for array in aims))
             self._angles, self._actions = np.zeros((2, *view.angles.shape))
             self._left = np.zeros(view.num_games)
-        pairs: list[tuple[NDArray[Any], NDArray[Any]]] = list(zip(aims, self._aims, strict=True))
+        pairs: list[tuple[Array, Array]] = list(zip(aims, self._aims, strict=True))
         off = (view.angles - self._angles + np.pi) % (2.0 * np.pi) - np.pi
         new = (view.steps == 0) | (np.abs(off) > AS_PLANNED).any(axis=1)
         # By rounding the tip can be just outside the tolerance at the end of a plan.

@@ -7,12 +7,11 @@ within the tolerance.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pursuit.reacher.task import LEAST_TOLERANCE, LEAST_TURN, MAX_JOINTS
+from pursuit.rules.arrays import Array
 from pursuit.validation import as_array, number, whole
 from scripted_agents.arm.least_steps_kernels import least_steps_kernel
 from scripted_agents.limits import MAX_ARM_NODES
@@ -168,7 +167,7 @@ def _floats(name: str, value: ArrayLike, dimensions: int) -> NDArray[np.float64]
     return np.ascontiguousarray(array, dtype=np.float64)
 
 
-def _one_each(name: str, value: ArrayLike, arms: int, kinds: str) -> NDArray[Any]:
+def _one_each(name: str, value: ArrayLike, arms: int, kinds: str) -> Array:
     rule = f"give one number, or one for each of the {arms} arms"
     array = as_array(name, value, kinds, rule)
     if array.shape not in ((), (arms,)):

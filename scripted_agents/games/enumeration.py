@@ -19,7 +19,7 @@ from scipy.sparse import csr_array
 from pursuit.memory import check_memory
 from pursuit.tasks.task import Task
 from pursuit.validation import as_array, check_bool, shortened, whole
-from scripted_agents.games.game import Game
+from scripted_agents.games.game import Action, Game, State
 from scripted_agents.limits import MAX_SMALL_STATES
 from scripted_agents.tolerances import SUM_TOLERANCE
 
@@ -38,7 +38,7 @@ FORMS = {
 Call = tuple[Any, ...]
 """A call of a function of the game: its name and its arguments."""
 START: Call = ("starts",)
-Behaviour = Callable[[Any], Mapping[Any, float] | Sequence[float]] | ArrayLike
+Behaviour = Callable[[State], Mapping[Action, float] | Sequence[float]] | ArrayLike
 """See `SmallGame.table`."""
 
 
@@ -84,6 +84,18 @@ class SmallGame:
         if name not in self.players:
             raise ValueError(f"player {name!r}; the players are {', '.join(self.players)}")
         return self.players.index(name)
+
+    def joint_action(self, state: int, chosen: Sequence[int]) -> int:
+        """The number of the joint action with these indices of the players' actions."""
+        within = 0
+        for actions, index in zip(self.actions, chosen, strict=True):
+            within = within * len(actions[state]) + index
+        return int(self.begins[state]) + within
+
+    def outcomes(self, joint: int) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
+        """The states that follow a joint action, and their probabilities."""
+        row = slice(*self.following.indptr[joint : joint + 2])
+        return self.following.indices[row], self.following.data[row]
 
     def offsets(self, player: int) -> NDArray[np.int64]:
         """[states + 1] int64: where the actions of each state begin in a table of this player."""
@@ -334,7 +346,7 @@ def _listed(game: Game, call: Call) -> list[Any]:
     return listed
 
 
-def _legal(game: Game, state: Any, player: int) -> tuple[Hashable, ...]:
+def _legal(game: Game, state: State, player: int) -> tuple[Hashable, ...]:
     """The legal actions of a player, checked."""
     call = "legal_actions", state, player
     actions = tuple(_listed(game, call))

@@ -4,19 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import gymnasium
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from pursuit.environments.types import Info, Options, Single
+from pursuit.rules.arrays import Array
 from pursuit.simulator.simulator import Simulator
 from pursuit.validation import as_array, shortened, whole
 from scripted_agents.games.enumeration import SmallGame
+from scripted_agents.games.game import State
 from scripted_agents.games.solve import Policies, check_game, tables_of
 
 
-class SmallGameEnv(gymnasium.Env[Any, Any]):
+class SmallGameEnv(Single):
     """One player of an enumerated game; policies play the others.
 
     Actions are indices in the legal actions. The observation is a one-hot vector of the state's
@@ -41,7 +43,7 @@ class SmallGameEnv(gymnasium.Env[Any, Any]):
         player: str,
         policies: Policies,
         max_steps: int = 200,
-        encode: Callable[[Any], NDArray[Any]] | None = None,
+        encode: Callable[[State], Array] | None = None,
     ) -> None:
         check_game(game)
         self.game, self.player = game, game.player(player)
@@ -72,42 +74,37 @@ class SmallGameEnv(gymnasium.Env[Any, Any]):
         legal = len(self.game.actions[self.player][self.state])
         return np.arange(self.action_space.n) < legal  # type: ignore[attr-defined]
 
-    def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[Any, dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: Options = None) -> tuple[Array, Info]:
         """A state drawn by the start probabilities."""
         super().reset(seed=seed)
         self.state = int(self.np_random.choice(self.game.num_states, p=self.game.start))
         self.steps = 0
         if self.simulator is not None:
-            start: Any = self.game.states[self.state]
+            start: State = self.game.states[self.state]
             self.simulator.place(start[0], start[1] or None, seed=seed)
         return self._observe(self.state), {}
 
-    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+    def step(self, action: ArrayLike) -> tuple[Array, float, bool, bool, Info]:
         """One step; the reward is the expected one of the joint action."""
-        game, joint = self.game, 0
+        game = self.game
         legal = len(game.actions[self.player][self.state])
         rule = f"{game.states[self.state]!r} has {legal} actions, give 0 to {legal - 1}"
         given = as_array("action", action, "iu", rule)
         if given.size != 1 or not 0 <= given.item() < legal:
             raise ValueError(f"action={shortened(action)}; {rule}")
-        moves = []
-        for number, actions in enumerate(game.actions):
-            legal, chosen = len(actions[self.state]), given.item()
-            if number != self.player:
-                first = self._offsets[number][self.state]
-                row = self._tables[number][first : first + legal]
-                chosen = int(self.np_random.choice(legal, p=row))
-            joint = joint * legal + chosen
-            moves.append(actions[self.state][chosen])
-        joint += int(game.begins[self.state])
+        chosen = [given.item()] * len(game.actions)
+        for number, table in self._tables.items():
+            first, last = self._offsets[number][self.state : self.state + 2]
+            chosen[number] = int(self.np_random.choice(last - first, p=table[first:last]))
         if self.simulator is not None:
-            self.simulator.step([moves])
-        some = slice(game.following.indptr[joint], game.following.indptr[joint + 1])
-        chances = game.following.data[some]
+            rows = zip(game.actions, chosen, strict=True)
+            self.simulator.step([[actions[self.state][index] for actions, index in rows]])
+        joint = game.joint_action(self.state, chosen)
+        states, chances = game.outcomes(joint)
         draw, ended = self.np_random.random(), True
         place = int(np.searchsorted(chances.cumsum(), draw, side="right"))
         if place < len(chances):
-            self.state, ended = int(game.following.indices[some][place]), False
+            self.state, ended = int(states[place]), False
         self.steps += 1
         reward = float(game.rewards[joint, self.player])
         truncated = not ended and self.steps >= self.max_steps

@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterable, Sequence
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 from pettingzoo import ParallelEnv
 
+from pursuit.environments.types import Info, Parallel
+
+State: TypeAlias = Any
+"""A hashable object, of which kind is up to the game."""
+Action: TypeAlias = Any
+"""Likewise."""
 Outcome = tuple[float, Hashable, Sequence[float], bool]
 """Probability, next state, the reward of each player, and whether the game has ended."""
 
@@ -29,11 +35,11 @@ class Game(Protocol):
         """The probability of each start state."""
         ...
 
-    def legal_actions(self, state: Any, player: int) -> Sequence[Hashable]:
+    def legal_actions(self, state: State, player: int) -> Sequence[Hashable]:
         """The actions of a player, by its index, in a state; at least one."""
         ...
 
-    def transitions(self, state: Any, actions: tuple[Any, ...]) -> Iterable[Outcome]:
+    def transitions(self, state: State, actions: tuple[Action, ...]) -> Iterable[Outcome]:
         """What can follow when the players choose these actions; probabilities with sum 1."""
         ...
 
@@ -58,7 +64,7 @@ class ParallelGame:
 
     def __init__(
         self,
-        env: Any,
+        env: Parallel,
         save: Callable[[Any], Hashable],
         restore: Callable[[Any, Any], None],
         seeds: Iterable[int] = (0,),
@@ -86,12 +92,12 @@ class ParallelGame:
             found.append((1.0 / len(self._seeds), self._state(observations, infos)))
         return found
 
-    def legal_actions(self, state: Any, player: int) -> Sequence[int]:
+    def legal_actions(self, state: State, player: int) -> Sequence[int]:
         """The legal actions; of an agent that has left only 0, which is not played."""
         actions: Sequence[int] = state[1][player]
         return actions
 
-    def transitions(self, state: Any, actions: tuple[int, ...]) -> list[Outcome]:
+    def transitions(self, state: State, actions: tuple[int, ...]) -> list[Outcome]:
         """The one outcome of a step, found twice."""
         first, second = self._step(state, actions), self._step(state, actions)
         if first != second:
@@ -102,7 +108,7 @@ class ParallelGame:
             )
         return [first]
 
-    def _step(self, state: Any, actions: tuple[int, ...]) -> Outcome:
+    def _step(self, state: State, actions: tuple[int, ...]) -> Outcome:
         self._restore(self.env, state[0])
         if not self.env.agents:
             raise ValueError(
@@ -126,7 +132,9 @@ class ParallelGame:
         given = [float(rewards.get(agent, 0.0)) for agent in self.players]
         return 1.0, self._state(observations, infos), given, ended
 
-    def _state(self, observations: Any, infos: Any) -> tuple[Hashable, tuple[tuple[int, ...], ...]]:
+    def _state(
+        self, observations: Info, infos: dict[str, Info]
+    ) -> tuple[Hashable, tuple[tuple[int, ...], ...]]:
         legal = []
         for agent in self.players:
             seen = observations.get(agent) if agent in self.env.agents else None

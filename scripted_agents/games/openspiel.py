@@ -24,8 +24,9 @@ from pursuit.memory import check_memory
 from pursuit.rules.layout import Games
 from pursuit.simulator.policy import GameView
 from pursuit.tasks.task import Task
-from pursuit.validation import check_bool, shortened, whole
+from pursuit.validation import Plain, check_bool, shortened, whole
 from scripted_agents.games.enumeration import SmallGame
+from scripted_agents.games.game import Action
 from scripted_agents.games.openspiel_games import OpenSpielGame as OpenSpielGame
 from scripted_agents.games.solve import check_game
 from scripted_agents.games.tasks import states_of_games
@@ -37,7 +38,7 @@ ENDED = -1
 """The state after the end of a game."""
 
 
-def to_openspiel(game: SmallGame, horizon: int, terminal_rewards: bool = False) -> Any:
+def to_openspiel(game: SmallGame, horizon: int, terminal_rewards: bool = False) -> pyspiel.Game:
     """A game in OpenSpiel: simultaneous moves, perfect information, chance nodes, `horizon` steps.
 
     Actions are indices in the legal actions of a state. For algorithms of games with turns use
@@ -114,14 +115,14 @@ class _Tree:
     horizon: int
     terminal_rewards: bool
 
-    def __deepcopy__(self, memo: Any) -> _Tree:
+    def __deepcopy__(self, memo: dict[int, object]) -> _Tree:
         return self
 
 
 class _Game(pyspiel.Game):
     """A small game as OpenSpiel sees it."""
 
-    def __init__(self, params: Any = None) -> None:
+    def __init__(self, params: Plain | None = None) -> None:
         given = {**PARAMETERS, **(params or {})}
         horizon = given["horizon"] = whole("horizon", given["horizon"], 1)
         terminal = check_bool("terminal_rewards", given["terminal_rewards"])
@@ -155,7 +156,9 @@ class _Game(pyspiel.Game):
         )
 
 
-def _type(players: int, stochastic: bool, zero_sum: bool, terminal_rewards: bool) -> Any:
+def _type(
+    players: int, stochastic: bool, zero_sum: bool, terminal_rewards: bool
+) -> pyspiel.GameType:
     kinds = pyspiel.GameType
     chance, utility, rewards = kinds.ChanceMode, kinds.Utility, kinds.RewardModel
     return kinds(
@@ -198,7 +201,7 @@ class _State(pyspiel.State):
         if len(self.lottery) == 1:
             self.state, self.lottery = self.lottery[0][0], []
 
-    def current_player(self) -> Any:
+    def current_player(self) -> pyspiel.PlayerId:
         """Whose turn it is."""
         if self.lottery:
             return pyspiel.PlayerId.CHANCE
@@ -216,18 +219,15 @@ class _State(pyspiel.State):
         self.state, self.lottery = self.lottery[action][0], []
 
     def _apply_actions(self, actions: list[int]) -> None:
-        small, joint = self.tree.small, 0
-        for player, action in enumerate(actions):
-            joint = joint * len(small.actions[player][self.state]) + action
-        joint += int(small.begins[self.state])
+        small = self.tree.small
+        joint = small.joint_action(self.state, actions)
         self._rewards = small.rewards[joint]
         self._returns = self._returns + self._rewards
-        row = small.following
-        some = slice(row.indptr[joint], row.indptr[joint + 1])
-        chances = row.data[some].tolist()
-        self.lottery = list(zip(row.indices[some].tolist(), chances, strict=True))
-        if 1.0 - sum(chances) > 1e-12:
-            self.lottery.append((ENDED, 1.0 - sum(chances)))
+        states, chances = small.outcomes(joint)
+        self.lottery = list(zip(states.tolist(), chances.tolist(), strict=True))
+        ends = 1.0 - sum(chances.tolist())
+        if ends > 1e-12:
+            self.lottery.append((ENDED, ends))
         self.past += ((self.state, tuple(map(int, actions))),)
         self.step += 1
         self._resolve()
@@ -330,7 +330,7 @@ class OpenSpielPolicy:
         ValueError: from `act` and `distribution`, if the games are not those of the task.
     """
 
-    def __init__(self, game: SmallGame, spiel: Any, policy: Any) -> None:
+    def __init__(self, game: SmallGame, spiel: pyspiel.Game, policy: Any) -> None:
         self.game, self.spiel, self.policy = game, spiel, policy
 
     def __repr__(self) -> str:
@@ -351,7 +351,7 @@ class OpenSpielPolicy:
                 raise ValueError(f"the state {state} is not in the game of {self!r}; use its task")
             number = self.game.number[state]
             for action, chance in self._probabilities(number, step, seat).items():
-                played: Any = self.game.actions[seat][number][action]
+                played: Action = self.game.actions[seat][number][action]
                 rows[row, played] += chance
         return rows
 

@@ -6,13 +6,13 @@ from collections import Counter
 from collections.abc import Sequence
 from itertools import product
 from random import Random
-from typing import Any
 
 import numpy as np
 import pyspiel
 from numpy.typing import NDArray
 
 from pursuit.validation import whole
+from scripted_agents.games.game import Action, Outcome, State
 
 COMPARED_MOVES, COMPARED_TIMES = 20, 3
 """Moves by which two positions of the same text are compared, and how often for each text."""
@@ -36,7 +36,7 @@ class OpenSpielGame:
             moves itself. While it is enumerated: positions of one state that differ.
     """
 
-    def __init__(self, game: Any, horizon: int | None = None) -> None:
+    def __init__(self, game: pyspiel.Game | str, horizon: int | None = None) -> None:
         self.spiel = _loaded(game)
         self.horizon = None if horizon is None else whole("horizon", horizon, 1)
         kind, known = self.spiel.get_type(), pyspiel.GameType
@@ -55,22 +55,22 @@ class OpenSpielGame:
         if kind.dynamics == known.Dynamics.MEAN_FIELD:
             raise ValueError(f"{kind.short_name} is a mean field game; give one of few players")
         self.players = tuple(f"player_{i}" for i in range(self.spiel.num_players()))
-        self._positions: dict[Any, Any] = {}
-        self._met: Counter[Any] = Counter()
+        self._positions: dict[State, pyspiel.State] = {}
+        self._met: Counter[State] = Counter()
         self._random = Random(0)
 
-    def starts(self) -> list[tuple[float, Any]]:
+    def starts(self) -> list[tuple[float, State]]:
         """The positions after the first moves of chance."""
         found = _resolved(self.spiel.new_initial_state())
         if any(position.is_terminal() for _, position in found):
             raise ValueError(f"{self.spiel} ends before the first move; give a larger game")
         return [(chance, self._name(position, 0)) for chance, position in found]
 
-    def legal_actions(self, state: Any, player: int) -> list[Any]:
+    def legal_actions(self, state: State, player: int) -> list[Action]:
         """The legal actions; None for a player that is not to move."""
         return list(state[3][player]) or [None]
 
-    def transitions(self, state: Any, actions: tuple[Any, ...]) -> list[Any]:
+    def transitions(self, state: State, actions: tuple[Action, ...]) -> list[Outcome]:
         """The positions after these actions and the moves of chance, with the gained returns."""
         position = self._positions[state]
         step = state[1] + 1 if self.horizon is not None else 0
@@ -81,7 +81,7 @@ class OpenSpielGame:
             outcomes.append((chance, name, _gained(position, after).tolist(), over))
         return outcomes
 
-    def _name(self, position: Any, step: int) -> tuple[Any, ...]:
+    def _name(self, position: pyspiel.State, step: int) -> State:
         legal = self._legal(position)
         name = (str(position), step, int(position.current_player()), legal)
         known = self._positions.setdefault(name, position)
@@ -95,10 +95,16 @@ class OpenSpielGame:
                 self._compare(known, position, min(left, COMPARED_MOVES))
         return name
 
-    def _legal(self, position: Any) -> tuple[tuple[int, ...], ...]:
+    def _legal(self, position: pyspiel.State) -> tuple[tuple[int, ...], ...]:
         return tuple(tuple(position.legal_actions(p)) for p in range(len(self.players)))
 
-    def _compare(self, first: Any, second: Any, moves: int, actions: Any = None) -> None:
+    def _compare(
+        self,
+        first: pyspiel.State,
+        second: pyspiel.State,
+        moves: int,
+        actions: Sequence[Action] | None = None,
+    ) -> None:
         """Move in the same way from two positions, at random without `actions`.
 
         Raises:
@@ -128,11 +134,11 @@ class OpenSpielGame:
                 return
 
 
-def _gained(start: Any, end: Any) -> NDArray[np.float64]:
+def _gained(start: pyspiel.State, end: pyspiel.State) -> NDArray[np.float64]:
     return np.subtract(end.returns(), start.returns())
 
 
-def _loaded(game: Any) -> Any:
+def _loaded(game: pyspiel.Game | str) -> pyspiel.Game:
     """A game of OpenSpiel, by its name or as it is."""
     try:
         loaded = pyspiel.load_game(game) if isinstance(game, str) else game
@@ -143,7 +149,7 @@ def _loaded(game: Any) -> Any:
     return loaded
 
 
-def _moved(position: Any, actions: Sequence[Any]) -> Any:
+def _moved(position: pyspiel.State, actions: Sequence[Action]) -> pyspiel.State:
     """The position after these actions, before any move of chance."""
     after = position.clone()
     if after.is_simultaneous_node():
@@ -153,7 +159,7 @@ def _moved(position: Any, actions: Sequence[Any]) -> Any:
     return after
 
 
-def _resolved(position: Any) -> list[tuple[float, Any]]:
+def _resolved(position: pyspiel.State) -> list[tuple[float, pyspiel.State]]:
     """The positions after all moves of chance, with their probabilities."""
     if not position.is_chance_node():
         return [(1.0, position)]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Hashable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,7 @@ from scipy.sparse import csr_array
 from pursuit.rules.layout import Games
 from pursuit.tasks.task import Task, checked_task
 from scripted_agents.games.enumeration import SmallGame
+from scripted_agents.games.game import State
 from scripted_agents.joint.opponents import lay_out_others
 from scripted_agents.joint.states import joint_states_of
 from scripted_agents.joint.sweeps import Problem, Quantity, filled_store
@@ -70,7 +71,7 @@ def game_of_task(task: Task, most_states: int = MAX_TASK_STATES) -> SmallGame:
         (np.ones(len(goes_on)), (goes_on, renumbered[after[goes_on]])),
         shape=(len(state), len(kept)),
     )
-    names: list[Any] = []
+    names: list[State] = []
     for _, games, real in joint.chunks():
         names += [
             name for name, is_real in zip(states_of_games(games), real, strict=True) if is_real
@@ -95,11 +96,11 @@ def game_of_task(task: Task, most_states: int = MAX_TASK_STATES) -> SmallGame:
 
 def _actions(
     task: Task, played: NDArray[np.int64], begins: NDArray[np.int64]
-) -> tuple[list[list[Any]], NDArray[np.int32]]:
+) -> tuple[list[list[Sequence[Hashable]]], NDArray[np.int32]]:
     """The legal actions of every player and state, and the index of each player's action."""
     agents, number = task.num_agents, task.num_actions
     single = np.stack([played // number ** (agents - 1 - at) % number for at in range(agents)], 1)
-    actions: list[list[Any]] = [[] for _ in range(agents)]
+    actions: list[list[Sequence[Hashable]]] = [[] for _ in range(agents)]
     choices = np.empty_like(single, dtype=np.int32)
     for first, last in zip(begins[:-1].tolist(), begins[1:].tolist(), strict=True):
         for agent in range(agents):

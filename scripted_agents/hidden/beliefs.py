@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.mazes.maze import Maze
+from pursuit.rules.arrays import Array
 from pursuit.simulator.policy import GameView, Memory, TabularPolicy, check_plays, role_of
 from pursuit.tasks.task import Task
 from pursuit.validation import check_discount, check_probability, one_of
@@ -92,7 +93,7 @@ class BeliefFilter:
         )
         return kept["belief"], rows
 
-    def _lay_out(self, view: GameView) -> dict[str, NDArray[Any]]:
+    def _lay_out(self, view: GameView) -> dict[str, Array]:
         tables = [
             self.opponent_table(view.task, maze).reshape(maze.num_cells**2, -1)
             for maze in view.task.mazes
@@ -213,7 +214,7 @@ class BeliefChaser(BeliefAgent):
         )
         return masks
 
-    def _q_values_of(self, view: GameView) -> dict[str, NDArray[Any]]:
+    def _q_values_of(self, view: GameView) -> dict[str, Array]:
         """The full-view values of all actions at [own, other], and the masks of optimal ones."""
         task = view.task
         order: MoveOrder = task.move_order  # type: ignore[assignment]
@@ -234,7 +235,7 @@ def _least(values: NDArray[np.float64]) -> NDArray[np.uint8]:
     return (good @ (1 << np.arange(values.shape[1]))).astype(np.uint8)
 
 
-def _nothing_known(view: GameView) -> dict[str, NDArray[Any]]:
+def _nothing_known(view: GameView) -> dict[str, Array]:
     """The memory of a batch without beliefs."""
     games = view.num_games
     return {

@@ -179,8 +179,8 @@ def plan_cost(model: Any, upper: Any, own: int, cell: int, action: int, follow: 
 
 @subroutine
 def add_point(model: Any, lower: Any, work: Any, own: int, value: float, gain: float) -> None:
-    """Add the point work.rest with lower bound `value`, if that improves the bound by `gain`."""
-    size, weights, index = model.sizes[own], work.rest, lower.count[own]
+    """Add the point work.weights with lower bound `value`, if that improves the bound by `gain`."""
+    size, weights, index = model.sizes[own], work.weights, lower.count[own]
     known = lower_at(lower, own, size, weights, work, NONE)
     if value <= known + gain:
         return
@@ -207,11 +207,11 @@ def add_point(model: Any, lower: Any, work: Any, own: int, value: float, gain: f
 @subroutine
 def add_plan(model: Any, upper: Any, work: Any, own: int, action: int, gain: float) -> None:
     """Add the plan of `look` that starts with `action`, if it reduces the cost of the belief
-    work.rest by `gain`."""
+    work.weights by `gain`."""
     size, index, follow = model.sizes[own], upper.count[own], work.plan[action]
     if index == upper.action.shape[1]:
         return
-    best = upper_at(upper, own, size, work.rest, work)
+    best = upper_at(upper, own, size, work.weights, work)
     if work.up[action] >= work.product[best] - gain:
         return
     for slot in range(size):
@@ -228,7 +228,7 @@ def update(model: Any, lower: Any, upper: Any, work: Any, own: int, seen: int, b
     low, action = work.low[least_of(work.low)], least_of(work.up)
     if seen == NONE:
         for slot in range(model.sizes[own]):
-            work.rest[slot] = belief[model.cells[own, slot]]
+            work.weights[slot] = belief[model.cells[own, slot]]
         gain = LEAST_GAIN * max(work.up[action] - low, 0.0)
         add_plan(model, upper, work, own, action, gain)
         add_point(model, lower, work, own, low, gain)
@@ -350,8 +350,8 @@ def prune_points(model: Any, lower: Any, work: Any, own: int, slack: float) -> N
     while point < lower.count[own]:
         for slot in range(size):
             inverse = lower.inverse[own, slot, point]
-            work.rest[slot] = 1.0 / inverse if inverse < NO_LIMIT else 0.0
-        known = lower_at(lower, own, size, work.rest, work, point)
+            work.weights[slot] = 1.0 / inverse if inverse < NO_LIMIT else 0.0
+        known = lower_at(lower, own, size, work.weights, work, point)
         if known < lower.value[own, point] - slack:
             point += 1
             continue
@@ -368,7 +368,7 @@ def prune_points(model: Any, lower: Any, work: Any, own: int, slack: float) -> N
 def mark_best(model: Any, lower: Any, upper: Any, work: Any, roots: Any, used: Any) -> None:
     """Mark in used [own, plan] the plans that are best at a point or at a root."""
     used[:] = False
-    belief = work.rest
+    belief = work.weights
     for own in range(len(model.sizes)):
         size = model.sizes[own]
         for point in range(lower.count[own]):

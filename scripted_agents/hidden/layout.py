@@ -83,7 +83,7 @@ class Workspace(NamedTuple):
     Attributes:
         after: [action, slot] float64, the weights after the action, out of view.
         arrived: [action, hidden] float64, the weights in view.
-        rest: [slot]; ratio, least: [point]; product: [plan], of one bound.
+        weights: [slot]; ratio, least: [point]; product: [plan], of one bound.
         cost: [action] float64, of the step.
         low, up, hidden_low, hidden_up: [action] float64; all, and the share out of view.
         plan: [action] int64, the best plan after the action.
@@ -92,7 +92,7 @@ class Workspace(NamedTuple):
 
     after: Any
     arrived: Any
-    rest: Any
+    weights: Any
     ratio: Any
     least: Any
     product: Any
@@ -111,25 +111,20 @@ def workspace_for(model: Model, points: int, plans: int, depth: int) -> Workspac
     """Scratch memory for so many points and plans of an own cell, and for trials of this depth."""
     _, actions, hidden = model.costs.shape
     slots = model.cells.shape[1]
-    cost, low, up, hidden_low, hidden_up = np.zeros((5, actions))
-    own, seen = np.zeros((2, depth), dtype=np.int64)
-    return Workspace(
-        after=np.zeros((actions, slots)),
-        arrived=np.zeros((actions, hidden)),
-        rest=np.zeros(slots),
-        ratio=np.zeros(points),
-        least=np.zeros(points),
-        product=np.zeros(plans),
-        cost=cost,
-        low=low,
-        up=up,
-        hidden_low=hidden_low,
-        hidden_up=hidden_up,
-        plan=np.zeros(actions, dtype=np.int64),
-        own=own,
-        seen=seen,
-        belief=np.zeros((depth, hidden)),
-    )
+    by_action = ("cost", "low", "up", "hidden_low", "hidden_up", "plan")
+    shapes: dict[str, int | tuple[int, int]] = {
+        **dict.fromkeys(by_action, actions),
+        **dict.fromkeys(("ratio", "least"), points),
+        **dict.fromkeys(("own", "seen"), depth),
+        "after": (actions, slots),
+        "arrived": (actions, hidden),
+        "weights": slots,
+        "product": plans,
+        "belief": (depth, hidden),
+    }
+    whole = ("plan", "own", "seen")
+    kinds = {name: np.int64 if name in whole else np.float64 for name in shapes}
+    return Workspace(**{name: np.zeros(shape, kinds[name]) for name, shape in shapes.items()})
 
 
 class Roots(NamedTuple):

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pursuit.mazes.maze import Maze, load_maze
 from pursuit.validation import number
 from scripted_agents.duel.best_response import MoveOrder, best_response, mean_over_starts
+from scripted_agents.graphs.cops_and_robbers import distinct_moves
 from scripted_agents.joint.equilibrium import solve_chase
 from scripted_agents.joint.results import ChaseSolution
 from scripted_agents.populations.uniform import uniform_table
@@ -135,7 +136,5 @@ def _allow(maze: Maze, mask: NDArray[np.bool_], actions: NDArray[np.int8]) -> No
 def _mean_actions(maze: Maze, mask: NDArray[np.bool_]) -> float:
     """The mean number of different next cells per pair of distinct cells."""
     after = maze.neighbors[:, : mask.shape[2]]
-    first = np.array([[row.index(cell) for cell in row] for row in after.tolist()])
-    distinct = first == np.arange(mask.shape[2])
-    count = (mask & distinct[:, None]).sum(axis=2)
+    count = (mask & distinct_moves(after)[:, None]).sum(axis=2)
     return float(count[~np.eye(maze.num_cells, dtype=bool)].mean())

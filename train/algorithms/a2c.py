@@ -4,32 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import fields
 from typing import ClassVar
 
 import torch
 
 from pursuit.observations.masks import ACTION_MASK
-from train.algorithms.fused_rollouts import fused_update
-from train.algorithms.learner import VecEnv
+from train.algorithms.fused_rollouts import FusedEngine, fused_engine
 from train.algorithms.ppo import PPO
-from train.algorithms.rollouts import Frames
-from train.networks.actor_critic import ActorCritic
+from train.algorithms.rollouts import Frames, TorchEngine
 from train.networks.fused_actor_critic import LossCoefficients
-from train.settings.algorithms import A2CSettings, PPOSettings, ReinforceSettings
 from train.tensors import State
-
-PPO_SETTINGS = {field.name for field in fields(PPOSettings)}
-
-
-def as_ppo(settings: A2CSettings | ReinforceSettings) -> PPOSettings:
-    """The settings of a `PPO` with the same rollouts, network and optimiser."""
-    shared = {name: value for name, value in vars(settings).items() if name in PPO_SETTINGS}
-    if isinstance(settings, ReinforceSettings):
-        shared |= {"critic": settings.baseline, "rollout_steps": 2}  # of episodes, unused
-    elif not settings.gae:
-        shared["gae_lambda"] = 1.0
-    return PPOSettings(**shared, minibatch_size=shared["num_games"] * shared["rollout_steps"])
 
 
 class A2C(PPO):
@@ -42,16 +26,6 @@ class A2C(PPO):
     """
 
     COUNTERS: ClassVar[tuple[str, ...]] = ("frames",)
-
-    def __init__(
-        self,
-        settings: A2CSettings | ReinforceSettings,
-        env: VecEnv,
-        network: ActorCritic,
-        device: str = "cpu",
-        fused: bool = True,
-    ) -> None:
-        super().__init__(as_ppo(settings), env, network, device, fused)
 
     def coefficients(self, progress: float) -> LossCoefficients:
         """Those of PPO, without clipping."""
@@ -72,20 +46,14 @@ class Reinforce(A2C):
     Args:
         settings: the hyperparameters.
         env, network, device: as of `PPO`.
-        fused: whether the fused update is used: with a baseline, and where `PPO` uses it.
+        fused: whether the fused engine is used: with a baseline, and where `PPO` uses it.
     """
 
-    def __init__(
-        self,
-        settings: ReinforceSettings,
-        env: VecEnv,
-        network: ActorCritic,
-        device: str = "cpu",
-        fused: bool = True,
-    ) -> None:
-        super().__init__(settings, env, network, device, fused=False)
-        if fused and settings.baseline:
-            self.update = fused_update(env, network, 1, device) or self.update
+    def _choose_engine(self, fused: bool) -> FusedEngine | TorchEngine:
+        engine = None
+        if fused and self.ppo.critic:
+            engine = fused_engine(self.env, self.network, 1, self.device)
+        return engine or super()._choose_engine(fused=False)
 
     @torch.no_grad()
     def collect(self) -> Frames:
@@ -96,18 +64,18 @@ class Reinforce(A2C):
             "value_target" [frames], the discounted return from that frame on, and "advantage"
             [frames]; "action_mask" [frames, actions] where actions are masked.
         """
-        env, baseline = self.env, self.settings.critic
+        env, baseline = self.env, self.ppo.critic
         now = env.reset()
         running = torch.arange(env.num_games)
         steps: list[Frames] = []
         played: list[tuple[torch.Tensor, torch.Tensor]] = []
         returns = torch.zeros(env.num_games)
         actions = env.action_spec.zero()
-        self.update.start()
+        self.engine.start()
         while len(running):
             names = [name for name in ("observation", ACTION_MASK) if name in now.keys()]  # noqa: SIM118 (of a TensorDict)
             seen = {name: now[name][running].to(self.device) for name in names}
-            steps.append({**seen, **self.update.act(seen)})
+            steps.append({**seen, **self.engine.act(seen)})
             actions[running] = steps[-1]["action"].cpu()
             now = env.step_episodes(actions, running)
             played.append((running, now["reward"][running, 0]))

@@ -95,7 +95,13 @@ class Collector:
                     cuts.append((step, games, observation, self.state[games]))
         columns = {name: torch.stack([row[name] for row in rows], dim=1) for name in rows[0]}
         if self.value is not None:
-            columns["value_after"] = self._values_after(columns["reward"], cuts)
+            after_cuts = columns["value_after"] = torch.zeros_like(columns["reward"])
+            if cuts:
+                observations, states = map(torch.cat, list(zip(*cuts, strict=True))[2:])
+                values = self.value(observations, states)
+                parts = torch.split(values, [len(cut[1]) for cut in cuts])
+                for (number, games, *_), part in zip(cuts, parts, strict=True):
+                    after_cuts[games, number] = part
         return columns
 
     def _step(self, now: Seen) -> tuple[Columns, Seen]:
@@ -116,22 +122,6 @@ class Collector:
         if self.ended is not None:
             self.ended(row["done"])
         return row, after
-
-    def _values_after(self, like: torch.Tensor, cuts: list[Cut]) -> torch.Tensor:
-        """[games, steps]: the values of the observations in `cuts`, 0 elsewhere.
-
-        Args:
-            like: [games, steps].
-            cuts: with games [n], observations [n, ...], states [n, numbers] each.
-        """
-        assert self.value is not None
-        after = torch.zeros_like(like)
-        if cuts:
-            observations, states = (torch.cat(each) for each in list(zip(*cuts, strict=True))[2:])
-            parts = torch.split(self.value(observations, states), [len(cut[1]) for cut in cuts])
-            for (step, games, *_), part in zip(cuts, parts, strict=True):
-                after[games, step] = part
-        return after
 
     def state_dict(self) -> Columns:
         """The recurrent states, and the starts of episodes."""

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from copy import deepcopy
-from functools import partial
-from typing import Any, ClassVar, Generic, TypeVar
+from typing import ClassVar, Generic, TypeVar
 
 import torch
 
@@ -16,20 +15,19 @@ from train.algorithms.continuous_losses import (
     critic_loss,
     deterministic_actor_loss,
     next_action,
-    returns_to_expect,
     soft_actor_loss,
     temperature_loss,
 )
 from train.algorithms.learner import Build, HasState, VecEnv
 from train.algorithms.off_policy import OffPolicyLearner
-from train.algorithms.replay import Batch
+from train.algorithms.replay import Batch, returns_to_expect
 from train.algorithms.rollouts import Figures
 from train.networks.continuous import Critics, DeterministicActor, GaussianActor, polyak_update
 from train.networks.policy import Player
 from train.settings.off_policy import ContinuousSettings, SACSettings, TD3Settings
+from train.tensors import State
 
 Actor = TypeVar("Actor", DeterministicActor, GaussianActor)
-ActorForm = type[DeterministicActor] | type[GaussianActor]
 
 
 class ContinuousLearner(OffPolicyLearner, Generic[Actor]):
@@ -46,7 +44,7 @@ class ContinuousLearner(OffPolicyLearner, Generic[Actor]):
         FORM, CRITICS: the class of the actor, and the number of critics.
     """
 
-    FORM: ClassVar[ActorForm]
+    FORM: ClassVar[type[DeterministicActor] | type[GaussianActor]]
     CRITICS: ClassVar[int] = 2
     settings: ContinuousSettings
     network: Actor
@@ -54,23 +52,26 @@ class ContinuousLearner(OffPolicyLearner, Generic[Actor]):
     def __init__(self, settings: ContinuousSettings, env: VecEnv, options: Build) -> None:
         player, device, steps = env.player, options.device, settings.rollout_steps
         self.num_actions = player.num_actions
-        actor = actor_of(self.FORM, settings, player, options)
+        actor = self.network_of(settings, player, options)
         hidden = options.hidden(settings)
         critics = Critics(player.features, self.num_actions, hidden, self.CRITICS).to(device)
-        noise = (
-            settings.noise,
-            settings.noise_theta,
-            env.num_games,
-            self.num_actions,
-            options.seed,
-        )
-        self.noise, self.random_actions = ActionNoise(*noise), True
+        noise = (settings.noise, settings.noise_theta, env.num_games)
+        self.noise = ActionNoise(*noise, self.num_actions, options.seed)
+        self.random_actions = True
         ended = self.noise.restart
         collector = Collector(env, self.act, steps, 0, device, keep_next=True, ended=ended)
         super().__init__(settings, env, actor, collector, device, options.seed)
         self.critics, self.target_critics = critics, deepcopy(critics).requires_grad_(False)
         weights, rate = critics.parameters(), settings.critic_learning_rate
         self.critic_optimizer = self.new_optimizer(weights, rate)
+
+    @classmethod
+    def network_of(
+        cls, settings: ContinuousSettings, player: Player, options: Build
+    ) -> DeterministicActor | GaussianActor:
+        """A new actor for the player."""
+        actor = cls.FORM(player.features, player.num_actions, options.hidden(settings))
+        return actor.to(options.device)
 
     def parts(self) -> dict[str, HasState]:
         """As of `NetworkLearner`, with the critics and the noise."""
@@ -222,25 +223,12 @@ class SAC(ContinuousLearner[GaussianActor]):
             torch.autograd.backward(temperature_loss(self.log_alpha, log_prob, target, batch))
             self.temperature_optimizer.step()
 
-    def state_dict(self) -> dict[str, Any]:
+    def state_dict(self) -> State:
         """The state, with the temperature."""
         return super().state_dict() | {"log_alpha": self.log_alpha.detach()}
 
-    def load_state_dict(self, state: dict[str, Any]) -> None:
+    def load_state_dict(self, state: State) -> None:
         """Restore the state."""
         super().load_state_dict(state)
         with torch.no_grad():
             self.log_alpha.copy_(state["log_alpha"])
-
-
-def actor_of(
-    form: ActorForm, settings: ContinuousSettings, player: Player, options: Build
-) -> DeterministicActor | GaussianActor:
-    """A new actor of this class for the player."""
-    return form(player.features, player.num_actions, options.hidden(settings)).to(options.device)
-
-
-deterministic_of, gaussian_of = (
-    partial(actor_of, DeterministicActor),
-    partial(actor_of, GaussianActor),
-)

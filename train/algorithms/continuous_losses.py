@@ -34,12 +34,6 @@ def next_action(
     return (action + drawn).clamp_(-1.0, 1.0)
 
 
-@torch.no_grad()
-def returns_to_expect(batch: Batch, values: torch.Tensor, gamma: float) -> torch.Tensor:
-    """[batch]: rewards plus the discounted values [batch] of non-terminal next observations."""
-    return batch["reward"] + gamma ** batch["steps"] * ~batch["terminated"] * values
-
-
 def critic_loss(
     values: torch.Tensor, goal: torch.Tensor, batch: Batch
 ) -> tuple[torch.Tensor, torch.Tensor]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import torch
@@ -12,92 +11,19 @@ from torch.func import functional_call, vmap
 from torch.nn.utils import parameters_to_vector, vector_to_parameters
 
 from curricula import linear
-from pursuit.compilation.compiled import merged_sums, summing
 from pursuit.observations.masks import ACTION_MASK
 from pursuit.simulator.policy import Policy
 from pursuit.validation import check
+from train.algorithms.collector import Seen
+from train.algorithms.cross_entropy_kernels import draw_actions, outputs_of
 from train.algorithms.learner import Build, has_masks
 from train.environments.lockstep import LockstepEnv
 from train.networks.actor_critic import ActorCritic
 from train.networks.distributions import masked
-from train.networks.fused_kernels import powers
 from train.networks.layers import Convolutions, Hidden, IndexLayer
 from train.networks.policy import Player
 from train.settings.algorithms import CrossEntropySettings
 from train.tensors import State
-
-
-@merged_sums
-def activate(hidden: Any, tanh: bool) -> None:
-    """tanh or ReLU of `hidden` [width], in place; `np.tanh` would take three times as long."""
-    for unit in range(hidden.shape[0]):
-        if tanh:
-            power = np.exp(np.float32(2.0) * hidden[unit])
-            hidden[unit] = np.float32(1.0) - np.float32(2.0) / (power + np.float32(1.0))
-        elif hidden[unit] < 0.0:
-            hidden[unit] = 0.0
-
-
-@summing
-def outputs_of(
-    observed: Any, rows: Any, running: Any, layers: Any, tanh: bool, hidden: Any, out: Any
-) -> None:
-    """Outputs of the running games, each by the network of its own candidate.
-
-    Args:
-        observed: [games, numbers], observations of "index", or any other ones, scaled.
-        rows: [numbers] int64, the row of the first layer that each number selects; the last one
-            selects none. None if the observation is no "index".
-        running: [n] int64, the running games; equal numbers of games in turn belong to a candidate.
-        layers: weight and bias [population, units] of three layers in turn; the weights of the
-            first two are [population, inputs, units], of the last [population, units, inputs].
-        tanh: or ReLU.
-        hidden: [2, width] float32, for intermediate results.
-        out: [n, outputs] float32.
-    """
-    first, first_bias, second, second_bias, last, last_bias = layers
-    each, width = observed.shape[0] // first.shape[0], hidden.shape[1]
-    for place in range(running.shape[0]):
-        game = running[place]
-        own = game // each
-        for unit in range(width):
-            hidden[0, unit], hidden[1, unit] = first_bias[own, unit], second_bias[own, unit]
-        for number in range(observed.shape[1]):
-            if rows is None:
-                value = observed[game, number]
-                if value != 0.0:
-                    for unit in range(width):
-                        hidden[0, unit] += value * first[own, number, unit]
-            else:
-                row = rows[observed[game, number]]
-                if row != rows[-1]:
-                    for unit in range(width):
-                        hidden[0, unit] += first[own, row, unit]
-        activate(hidden[0], tanh)
-        for inner in range(width):
-            for unit in range(width):
-                hidden[1, unit] += hidden[0, inner] * second[own, inner, unit]
-        activate(hidden[1], tanh)
-        for output in range(out.shape[1]):
-            total = last_bias[own, output]
-            for unit in range(width):
-                total += hidden[1, unit] * last[own, output, unit]
-            out[place, output] = total
-
-
-@summing
-def draw_actions(logits: Any, chances: Any, running: Any, actions: Any) -> None:
-    """Write a draw from softmax(`logits` [n, actions]) to `actions` [games] of each running game.
-
-    `chances` [n] are uniform in [0, 1), `running` is as in `outputs_of`; `logits` are overwritten.
-    """
-    for place in range(running.shape[0]):
-        _, total = powers(logits, place, logits[place])
-        left, chosen = chances[place] * total, 0
-        while chosen < logits.shape[1] - 1 and left >= logits[place, chosen]:
-            left -= logits[place, chosen]
-            chosen += 1
-        actions[running[place]] = chosen
 
 
 class CrossEntropy:
@@ -157,7 +83,7 @@ class CrossEntropy:
         if not self.frames:
             env.reset_games()
         simulator.set_state(simulator.get_state(np.arange(env.num_games) % each))
-        seen: Any = env.reset()
+        seen: Seen = env.reset()
         outputs = self._outputs(candidates, each)
         running, returns = np.arange(env.num_games), np.zeros(env.num_games, np.float32)
         actions, masks = env.action_spec.zero(), has_masks(env)
@@ -193,14 +119,14 @@ class CrossEntropy:
             output = vmap(functional_call, (None, 0, 0))(self._policy, weights, batch)
             return output.flatten(0, 1)[running]
 
-        layer: Any = trunk.first
+        layer = trunk.first
         if isinstance(layer, Convolutions):
             return convolved
         index = isinstance(layer, IndexLayer)
         first, first_bias, second, *others = [*weights.values()]
         layers = (first if index else first.mT, first_bias, second.mT, *others)
         arrays = tuple(np.ascontiguousarray(part.numpy()) for part in layers)
-        rows = layer.rows.numpy() if index else None
+        rows = layer.rows.numpy() if isinstance(layer, IndexLayer) else None
         tanh = isinstance(trunk.rest[0], nn.Tanh)
         hidden = np.empty((2, first_bias.shape[1]), np.float32)
 

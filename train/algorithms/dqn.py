@@ -11,7 +11,7 @@ from pursuit.observations.masks import ACTION_MASK
 from train.algorithms.collector import NEXT_MASK, Collector, Columns
 from train.algorithms.learner import Build, HasState, VecEnv
 from train.algorithms.off_policy import OffPolicyLearner
-from train.algorithms.replay import Batch, weighted_mean
+from train.algorithms.replay import Batch, returns_to_expect, weighted_mean
 from train.networks.distributions import masked
 from train.networks.policy import Player
 from train.networks.q_network import QNetwork
@@ -115,9 +115,7 @@ def dqn_loss(
         chooser = masked(chooser, batch.get(NEXT_MASK, None))
     values = network.forward_inference(batch["observation"])
     next_action = chooser.argmax(dim=-1, keepdim=True)
-    next_value = next_values.gather(-1, next_action).squeeze(-1)
-    discount = gamma ** batch["steps"] * ~batch["terminated"]
-    goal = batch["reward"] + discount * next_value
+    goal = returns_to_expect(batch, next_values.gather(-1, next_action).squeeze(-1), gamma)
     error = values.gather(-1, batch["action"][:, None]).squeeze(-1) - goal
     return weighted_mean(error.square(), batch), error.detach().abs()
 

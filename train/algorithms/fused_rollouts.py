@@ -1,4 +1,4 @@
-"""The fused update: rollouts and gradients of an `ActorCritic` by kernels on the CPU."""
+"""The fused engine: rollouts and gradients of an `ActorCritic` by kernels on the CPU."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import torch
 from tensordict import TensorDictBase
 
 from train.algorithms.advantages import fused_advantages
-from train.algorithms.learner import VecEnv, has_masks
+from train.algorithms.learner import HasState, VecEnv, has_masks
 from train.algorithms.rollouts import Figures, Frames, select
 from train.environments.lockstep import LockstepEnv
 from train.networks.actor_critic import ActorCritic
@@ -15,11 +15,10 @@ from train.networks.fused_actor_critic import (
     LossCoefficients,
     fused_actor_critic,
 )
-from train.tensors import State
 
 
-class FusedUpdate:
-    """Collects and computes gradients as `TorchUpdate`; each rollout continues the last one.
+class FusedEngine:
+    """Collects and computes gradients as `TorchEngine`; each rollout continues the last one.
 
     Each agent of a team has its own rows; frames of idle agents are dropped.
 
@@ -88,18 +87,15 @@ class FusedUpdate:
         """Writes the gradients of the loss to `grad` of all weights; returns values for the log."""
         return self.network.set_gradients(minibatch, coefficients)
 
-    def state_dict(self) -> State:
-        """As of `TorchUpdate`: no recurrent states."""
+    def parts(self) -> dict[str, HasState]:
+        """As of `TorchEngine`: no recurrent states."""
         return {}
 
-    def load_state_dict(self, state: State) -> None:
-        """Nothing to restore."""
 
-
-def fused_update(env: VecEnv, network: ActorCritic, steps: int, device: str) -> FusedUpdate | None:
-    """The fused update; None if its kernels do not support the network (`fused_actor_critic`) or
+def fused_engine(env: VecEnv, network: ActorCritic, steps: int, device: str) -> FusedEngine | None:
+    """The fused engine; None if its kernels do not support the network (`fused_actor_critic`) or
     the environment, which must be a `LockstepEnv` without masks."""
     if not isinstance(env, LockstepEnv) or has_masks(env):
         return None
     fused = fused_actor_critic(network, device)
-    return None if fused is None else FusedUpdate(env, fused, steps)
+    return None if fused is None else FusedEngine(env, fused, steps)

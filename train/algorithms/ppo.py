@@ -10,14 +10,13 @@ import torch
 
 from pursuit.observations.masks import ACTION_MASK
 from train.algorithms.advantages import standardized
-from train.algorithms.fused_rollouts import FusedUpdate, fused_update
-from train.algorithms.learner import Build, NetworkLearner, VecEnv, means
-from train.algorithms.rollouts import Figures, Frames, TorchUpdate, actor_critic_of, select
+from train.algorithms.fused_rollouts import FusedEngine, fused_engine
+from train.algorithms.learner import Build, HasState, NetworkLearner, VecEnv, means
+from train.algorithms.rollouts import Figures, Frames, TorchEngine, actor_critic_of, select
 from train.networks.actor_critic import ActorCritic
 from train.networks.distributions import DISTRIBUTION
 from train.networks.fused_actor_critic import LossCoefficients
-from train.settings.algorithms import PPOSettings
-from train.tensors import State
+from train.settings.algorithms import A2CSettings, PPOSettings, ReinforceSettings
 
 
 class PPO(NetworkLearner):
@@ -29,33 +28,35 @@ class PPO(NetworkLearner):
         env: the training environment.
         network: policy and value.
         device: of the network.
-        fused: whether the fused update is used where possible.
+        fused: whether the fused engine is used where possible.
 
     Attributes:
-        update: collects rollouts and computes gradients: a `FusedUpdate` where possible, else a
-            `TorchUpdate` of `loss`.
+        ppo: the settings of rollouts and loss, in the terms of PPO; `settings` of PPO itself.
+        engine: collects rollouts and computes gradients: a `FusedEngine` where possible, else a
+            `TorchEngine` of `loss`.
         kl_coef: weight of the KL penalty; adapted after each rollout if there is a target.
         gamma: the current discount.
         frames_of_row: number of frames in a row of `collect`.
     """
 
     COUNTERS: ClassVar[tuple[str, ...]] = ("frames", "kl_coef")
-    settings: PPOSettings
+    settings: PPOSettings | A2CSettings | ReinforceSettings
     network: ActorCritic
 
     def __init__(
         self,
-        settings: PPOSettings,
+        settings: PPOSettings | A2CSettings | ReinforceSettings,
         env: VecEnv,
         network: ActorCritic,
         device: str = "cpu",
         fused: bool = True,
     ) -> None:
         super().__init__(settings, env, network, device)
-        self.kl_coef = settings.kl_coef if settings.kl_target > 0 else 0.0
-        self.gamma = settings.gamma
-        self.frames_of_row = settings.rollout_steps if network.policy_memory is not None else 1
-        self.update = self._choose_update(fused)
+        self.ppo = ppo = settings.as_ppo()
+        self.kl_coef = ppo.kl_coef if ppo.kl_target > 0 else 0.0
+        self.gamma = ppo.gamma
+        self.frames_of_row = ppo.rollout_steps if network.policy_memory is not None else 1
+        self.engine = self._choose_engine(fused)
 
     @classmethod
     def build(cls, settings: Any, env: VecEnv, options: Build) -> Self:
@@ -66,8 +67,8 @@ class PPO(NetworkLearner):
     def iterate(self, progress: float) -> dict[str, float]:
         """Collect one rollout and learn from it; `progress` in [0, 1] of the budget.
 
-        `self.update` collects and computes gradients. By default, with a small network on the CPU,
-        it is a `FusedUpdate`, with kernels; it computes the same as a `TorchUpdate` with the loss
+        `self.engine` collects and computes gradients. By default, with a small network on the CPU,
+        it is a `FusedEngine`, with kernels; it computes the same as a `TorchEngine` with the loss
         `ppo_loss` below, which supports everything.
 
         Returns:
@@ -80,7 +81,7 @@ class PPO(NetworkLearner):
         for minibatch in self.minibatches(frames):
             active = minibatch.get("loss_mask")
             if active is None or active.any():  # sequences of captured agents have no frames
-                logged.append(self.update.set_gradients(minibatch, coefficients))
+                logged.append(self.engine.set_gradients(minibatch, coefficients))
                 self.descend_by_gradients()
         if self.kl_coef and logged:
             self._adapt_kl_coef(logged[-1]["kl"])
@@ -88,16 +89,16 @@ class PPO(NetworkLearner):
 
     def collect(self) -> Frames:
         """A rollout with advantages, as the input of `ActorCritic.forward_sequence`."""
-        settings = self.settings
+        settings = self.ppo
         self.frames += settings.rollout_steps * self.env.action_spec.shape[0]
-        return self.update.collect(self.gamma, settings.gae_lambda if settings.critic else 1.0)
+        return self.engine.collect(self.gamma, settings.gae_lambda if settings.critic else 1.0)
 
     def minibatches(self, frames: Frames) -> Iterator[Frames]:
         """In each epoch the frames of a rollout, in a new random order, in parts of equal size."""
         rows = len(frames["advantage"])
         # A team with idle agents gives fewer frames than were collected.
-        size = min(max(self.settings.minibatch_size // self.frames_of_row, 1), rows)
-        for _ in range(self.settings.epochs):
+        size = min(max(self.ppo.minibatch_size // self.frames_of_row, 1), rows)
+        for _ in range(self.ppo.epochs):
             for chosen in torch.split(torch.randperm(rows, device=self.device), size):
                 if len(chosen) == size:
                     yield select(frames, chosen)
@@ -105,12 +106,12 @@ class PPO(NetworkLearner):
     def loss(
         self, minibatch: Frames, coefficients: LossCoefficients
     ) -> tuple[torch.Tensor, Figures]:
-        """`ppo_loss`, which the torch update minimises; the fused one has kernels for it."""
+        """`ppo_loss`, which the torch engine minimises; the fused one has kernels for it."""
         return ppo_loss(self.network, minibatch, coefficients)
 
     def coefficients(self, progress: float) -> LossCoefficients:
         """The coefficients of the loss."""
-        settings = self.settings
+        settings = self.ppo
         return LossCoefficients(
             settings.clip,
             settings.value_coef if settings.critic else None,
@@ -128,41 +129,36 @@ class PPO(NetworkLearner):
         """Schulman et al. (2017), section 4, with the thresholds of RLlib."""
         if self.average is not None:
             self.average([divergence])
-        if float(divergence) > 2.0 * self.settings.kl_target:
+        if float(divergence) > 2.0 * self.ppo.kl_target:
             self.kl_coef *= 1.5
-        elif float(divergence) < 0.5 * self.settings.kl_target:
+        elif float(divergence) < 0.5 * self.ppo.kl_target:
             self.kl_coef *= 0.5
 
-    def _choose_update(self, fused: bool) -> FusedUpdate | TorchUpdate:
-        """The fused update where its kernels support everything, else the torch update.
+    def _choose_engine(self, fused: bool) -> FusedEngine | TorchEngine:
+        """The fused engine where its kernels support everything, else the torch engine.
 
         They need fused="auto", the built-in `loss` and `collect`, a critic and no KL target, the
-        CPU, a `LockstepEnv` without masks (`fused_update`), and a non-recurrent actor-critic on
+        CPU, a `LockstepEnv` without masks (`fused_engine`), and a non-recurrent actor-critic on
         `index` with one shared trunk of two layers with ReLUs (`fused_actor_critic`).
         """
-        settings, own = self.settings, type(self)
+        settings, own = self.ppo, type(self)
         custom_loss, penalised = own.loss is not PPO.loss, settings.kl_target > 0
         custom = custom_loss or own.collect is not PPO.collect
         sizes = (self.env, self.network, settings.rollout_steps, self.device)
         if fused and settings.critic and not penalised and not custom:
-            update = fused_update(*sizes)
-            if update is not None:
-                return update
-        return TorchUpdate(*sizes, self.loss, settings.critic, penalised or custom_loss)
+            engine = fused_engine(*sizes)
+            if engine is not None:
+                return engine
+        return TorchEngine(*sizes, self.loss, settings.critic, penalised or custom_loss)
 
     @property
     def update_form(self) -> str:
-        """The form of the update: "fused" or "torch"."""
-        return self.update.name
+        """The form of the engine: "fused" or "torch"."""
+        return self.engine.name
 
-    def state_dict(self) -> State:
-        """The state, with the recurrent states of the games."""
-        return super().state_dict() | self.update.state_dict()
-
-    def load_state_dict(self, state: State) -> None:
-        """Restore the state."""
-        super().load_state_dict(state)
-        self.update.load_state_dict(state)
+    def parts(self) -> dict[str, HasState]:
+        """As of `NetworkLearner`, with the recurrent states of the games."""
+        return {**super().parts(), **self.engine.parts()}
 
 
 def ppo_loss(

@@ -182,7 +182,7 @@ def entry(name: str) -> Algorithm:
 BOTH = frozenset({"discrete", "continuous"})
 CONTINUOUS = frozenset({"continuous"})
 _LOAD_ACTOR_CRITIC = network_loader(actor_critic_of)
-_LOAD_DETERMINISTIC = network_loader(continuous.deterministic_of)
+_LOAD_DETERMINISTIC = network_loader(continuous.DDPG.network_of)
 
 
 def _ours(name: str, build: Any, load: Any, **abilities: Any) -> None:
@@ -212,7 +212,7 @@ _ours(
 )
 _ours("ddpg", continuous.DDPG, _LOAD_DETERMINISTIC, **_GREEDY, actions=CONTINUOUS)
 _ours("td3", continuous.TD3, _LOAD_DETERMINISTIC, **_GREEDY, actions=CONTINUOUS)
-_ours("sac", continuous.SAC, network_loader(continuous.gaussian_of), actions=CONTINUOUS)
+_ours("sac", continuous.SAC, network_loader(continuous.SAC.network_of), actions=CONTINUOUS)
 _ours("mmd", regularized.MMD.build, _LOAD_ACTOR_CRITIC, **_ROLLOUTS)
 _ours("rnad", regularized.RNaD.build, _LOAD_ACTOR_CRITIC, **_ROLLOUTS)
 _ours("nfsp", nfsp.NFSP, network_loader(dqn.network_of), self_play=True)

@@ -15,10 +15,10 @@ import torch
 
 from pursuit.observations.masks import ACTION_MASK
 from train.algorithms.collector import Columns
-from train.algorithms.fused_rollouts import FusedUpdate
+from train.algorithms.fused_rollouts import FusedEngine
 from train.algorithms.learner import HasState, VecEnv
 from train.algorithms.ppo import PPO, ppo_loss
-from train.algorithms.rollouts import Figures, Frames, TorchUpdate
+from train.algorithms.rollouts import Figures, Frames, TorchEngine
 from train.networks.actor_critic import ActorCritic
 from train.networks.continuous import polyak_update
 from train.networks.distributions import DISTRIBUTION, Categorical
@@ -126,11 +126,11 @@ class RNaD(ReferencePPO):
 
     settings: RNaDSettings
 
-    def _choose_update(self, fused: bool) -> FusedUpdate | TorchUpdate:
-        update = super()._choose_update(fused)
-        assert isinstance(update, TorchUpdate)  # as fused=False
-        update.edit = self.regularized
-        return update
+    def _choose_engine(self, fused: bool) -> FusedEngine | TorchEngine:
+        engine = super()._choose_engine(fused)
+        assert isinstance(engine, TorchEngine)  # as fused=False
+        engine.edit = self.regularized
+        return engine
 
     @torch.no_grad()
     def regularized(self, rollout: Columns) -> Columns:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import torch
 
@@ -22,6 +21,12 @@ def weighted_mean(values: torch.Tensor, batch: Batch) -> torch.Tensor:
     """The mean of [batch] values; with prioritised replay weighted, as in TorchRL."""
     weight = batch.get("priority_weight", None)
     return values.mean() if weight is None else (weight * values).sum() / weight.sum()
+
+
+@torch.no_grad()
+def returns_to_expect(batch: Batch, values: torch.Tensor, gamma: float) -> torch.Tensor:
+    """[batch]: rewards plus the discounted values [batch] of non-terminal next observations."""
+    return batch["reward"] + gamma ** batch["steps"] * ~batch["terminated"] * values
 
 
 class Replay:
@@ -117,7 +122,7 @@ class Replay:
             }
         return state
 
-    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+    def load_state_dict(self, state: State) -> None:
         """Restore the state of an empty buffer; the caller checks that it matches."""
         self.generator.set_state(state["generator"])
         if not len(state["replay"].get("action", ())):

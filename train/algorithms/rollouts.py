@@ -9,13 +9,12 @@ import torch
 from pursuit.observations.masks import ACTION_MASK
 from train.algorithms.advantages import advantages
 from train.algorithms.collector import Collector, Columns
-from train.algorithms.learner import Build, VecEnv, backward
+from train.algorithms.learner import Build, HasState, VecEnv, backward
 from train.networks.actor_critic import ActorCritic
 from train.networks.distributions import DISTRIBUTION
 from train.networks.fused_actor_critic import LossCoefficients
 from train.networks.policy import Player
 from train.settings.algorithms import ActorCriticSettings
-from train.tensors import State
 
 Frames = dict[str, torch.Tensor]
 """Columns of training data. A row is a frame, or for a recurrent network a sequence;
@@ -42,7 +41,7 @@ def actor_critic_of(settings: ActorCriticSettings, player: Player, build: Build)
     return network.to(build.device)
 
 
-class TorchUpdate:
+class TorchEngine:
     """Collects rollouts, and computes gradients by autograd, for any network and environment.
 
     Args:
@@ -135,12 +134,6 @@ class TorchUpdate:
         backward(loss)
         return figures
 
-    def state_dict(self) -> State:
+    def parts(self) -> dict[str, HasState]:
         """The recurrent states of the games, if there are any."""
-        recurrent = self.network.policy_memory is not None
-        return {"memory": self.collector.state_dict()} if recurrent else {}
-
-    def load_state_dict(self, state: State) -> None:
-        """Restore the state."""
-        if self.network.policy_memory is not None:
-            self.collector.load_state_dict(state["memory"])
+        return {} if self.network.policy_memory is None else {"memory": self.collector}

@@ -10,7 +10,7 @@ from typing import Annotated
 import tyro
 
 from train.commands.parse import parse
-from train.commands.sweep import SweepCommand, run_command
+from train.commands.sweep import SweepCommand, run_study_file
 
 
 @dataclass(frozen=True)
@@ -33,4 +33,4 @@ class AblateCommand(SweepCommand):
 
 def ablate(arguments: Sequence[str]) -> None:
     """`pursuit ablate`."""
-    run_command(parse(AblateCommand, arguments, "ablate"), arguments, "ablation")
+    run_study_file(parse(AblateCommand, arguments, "ablate"), arguments, "ablation")

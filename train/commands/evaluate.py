@@ -13,6 +13,7 @@ from pursuit.replays.replay import with_suffix
 from pursuit.simulator.policy import Policy
 from pursuit.validation import at_least, check
 from scripted_agents.limits import MAX_EVALUATED_WORK
+from scripted_agents.references import is_known
 from train.commands.parse import parse, print_warnings, warn
 from train.commands.scores import (
     print_bounds,
@@ -20,7 +21,7 @@ from train.commands.scores import (
     print_reference,
     print_scores,
 )
-from train.commands.suites import compared, evaluate_in_mazes, exact_where_known
+from train.commands.suites import compared, evaluate_in_mazes
 from train.evaluation.arm_contest import ArmContest
 from train.evaluation.objective_gap import UNKNOWN, objective_gap
 from train.evaluation.recordings import recorded
@@ -80,11 +81,9 @@ class EvaluateModelCommand(Evaluated):
 def evaluate(arguments: Sequence[str]) -> None:
     """`pursuit evaluate`."""
     is_model = any(argument.endswith(".zip") for argument in arguments)
-    given: EvaluateCommand | EvaluateModelCommand
-    if is_model:
-        given = parse(EvaluateModelCommand, arguments, "evaluate")
-    else:
-        given = parse(EvaluateCommand, arguments, "evaluate")
+    form: type[EvaluateCommand | EvaluateModelCommand]
+    form = EvaluateModelCommand if is_model else EvaluateCommand
+    given = parse(form, arguments, "evaluate")
     if not is_model:
         check_folder(given.run)
     replays = None if given.replays is None else with_suffix(given.replays)
@@ -95,9 +94,10 @@ def evaluate(arguments: Sequence[str]) -> None:
 
 def evaluate_and_print(given: EvaluateCommand | EvaluateModelCommand, replays: Path | None) -> None:
     """Evaluate, print the scores and write the output files."""
-    from train.runs.parts import contest_of, suite_contest_of
+    from train.machine import machine, versions  # torch is slow to import
+    from train.runs.parts import contest_of
     from train.runs.single import evaluation_of
-    from train.runs.versions import machine, versions  # torch is slow to import
+    from train.runs.worlds import GridWorld
 
     loaded = load_run(given) if isinstance(given, EvaluateCommand) else load_model(given)
     task, training, policies = loaded.task, loaded.training, loaded.policies
@@ -106,12 +106,13 @@ def evaluate_and_print(given: EvaluateCommand | EvaluateModelCommand, replays: P
     more: Plain = {}
     print(contest.line())
     if isinstance(contest, SuiteContest):
-        contest = exact_where_known(contest, list(policies.values()))
+        contest = replace(contest, exact=all(map(is_known, policies.values())))
         found = evaluate_in_mazes(contest, policies, given.table)
         scores = [each.score(given.episodes) for each in found]
         more["suite"] = {each.name: summary_of(contest, each) for each in found}
         if isinstance(given, EvaluateCommand) and given.maze is not None:
-            own = suite_contest_of(training, given.episodes, given.seed, contest.exact)
+            world = GridWorld(in_maze(training, "a suite of mazes"))  # also of a single maze
+            own = replace(contest, task=world.task, agent=world.agent, opponents=world.opponents)
             shown = next(each for each in found if each.name == evaluated)
             more["generalisation"] = compared(contest, shown, own, policies[evaluated])
     else:
@@ -122,7 +123,7 @@ def evaluate_and_print(given: EvaluateCommand | EvaluateModelCommand, replays: P
         print_bounds(contest)
     gap = UNKNOWN if loaded.gamma is None else objective_gap(contest, loaded.gamma)
     chosen = "greedy" if loaded.greedy else "sampled"
-    results = evaluation_of(scores, chosen, gap, contest)
+    results = evaluation_of(scores, chosen, contest, gap)
     print_reference(results["reference"], contest)
     if loaded.gamma is not None:
         print_objective_gap(results["evaluation"], loaded.gamma)

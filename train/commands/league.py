@@ -67,9 +67,9 @@ def league(arguments: Sequence[str]) -> None:
     check(bool(given.entries), "no entries; give folders of runs, or astar, random, equilibrium")
     names, out = given.entries, given.out
     check_output_folder(out, lambda folder: (folder / LEAGUE).exists(), given.overwrite)
-    from train.runs.versions import machine, versions  # torch is slow to import
+    from train.machine import machine, versions  # torch is slow to import
     from train.self_play.league import enter, play_league, rate
-    from train.self_play.payoffs import draw_league, league_table, legend_of, ratings_table
+    from train.self_play.payoffs import draw_league, legend_of, payoff_table, ratings_table
 
     with print_warnings():
         how = (given.maze, given.opponent_epsilon, given.greedy)
@@ -91,7 +91,8 @@ def league(arguments: Sequence[str]) -> None:
     }
     write_json(out / LEAGUE, content)
     draw_league(out / "league.png", table, f"League on {task.mazes[0].name}")
-    tables = {"table": league_table(table, content)}
+    payoffs = [content[name] for name in ("chasers", "evaders", "payoff", "ci95", "never")]
+    tables = {"table": payoff_table(*payoffs)}
     tables |= {f"{role}s": ratings_table(role, content) for role in ROLES}
     for stem, each in tables.items():
         each.write(out, stem)

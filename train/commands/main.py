@@ -10,10 +10,8 @@ import re
 import shutil
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 import pursuit
 from pursuit.plugins import Registry, look_in
@@ -74,25 +72,10 @@ Mazes and exact solutions:
 """
 
 
-@dataclass(frozen=True)
-class Command:
-    """A subcommand, as listed in `USAGE`.
-
-    Attributes:
-        does: its description, one line.
-        example: arguments of an example.
-    """
-
-    does: str
-    example: str
-
-
-COMMANDS = {
-    name: Command(does, example)
-    for name, does, example in re.findall(
-        r"^  (\S+) +(\S.*)\n {14}pursuit \S+ ?(.*)$", USAGE, re.MULTILINE
-    )
-}
+COMMANDS: dict[str, str] = dict(
+    re.findall(r"^  (\S+) +\S.*\n {14}pursuit \S+ ?(.*)$", USAGE, re.MULTILINE)
+)
+"""The arguments of the example of each subcommand, as listed in `USAGE`."""
 
 COMMAND_PARTS: Registry[Callable[[Sequence[str]], None]] = Registry(
     "command", "a function that takes the arguments after its name", callable, ours=tuple(COMMANDS)
@@ -128,7 +111,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         except Diverged as error:
             fail(str(error), 1)
         except (ValueError, OSError, ImportError) as error:
-            fail(in_words(error))
+            fail(message_of(error))
         except MemoryError:
             fail("not enough memory on this machine; use smaller settings")
         except KeyboardInterrupt as stop:
@@ -164,7 +147,7 @@ def run_command(given: list[str]) -> None:
     command(name)(rest)
 
 
-def in_words(error: Exception) -> str:
+def message_of(error: Exception) -> str:
     """The message of an error; of system errors without their number."""
     if isinstance(error, OSError) and error.strerror and error.errno is not None:
         return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
@@ -182,7 +165,9 @@ def command(name: str) -> Callable[[Sequence[str]], None]:
     if name not in COMMANDS:
         return COMMAND_PARTS.get(name)
     module = name.replace("-", "_")
-    function: Any = getattr(import_module(f"{__package__}.{module}"), module)
+    function: Callable[[Sequence[str]], None] = getattr(
+        import_module(f"{__package__}.{module}"), module
+    )
     return function
 
 

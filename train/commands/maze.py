@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -15,12 +15,13 @@ from pursuit.mazes.generation import generate_graph, generate_maze
 from pursuit.mazes.graph_generation import GRAPHS
 from pursuit.mazes.maze import MAX_TABLE_CELLS, Maze, load_maze
 from pursuit.mazes.sources import reads_as_text
-from pursuit.rendering.rendering import Scene, draw_scene
+from pursuit.rendering.rendering import Scene
 from pursuit.validation import check
 from scripted_agents.tours.tour import expected_tour_length
 from train.commands.parse import parse
 from train.files import check_new_files, write_text
 from train.reports.figures import BLUE, FORMATS, GREEN, draw_walls, pyplot, save
+from train.reports.tables import in_lines
 from train.settings.checks import check_default
 
 
@@ -98,15 +99,10 @@ def maze(arguments: Sequence[str]) -> None:
         draw_maze(made, picture)
 
 
-def in_lines(facts: Mapping[str, str]) -> str:
-    """Names and their values, one per line."""
-    return "\n".join(f"{name:<26}{text}" for name, text in facts.items())
-
-
 def draw_maze(maze: Maze, path: Path) -> None:
     """Draw a rendered maze (.png), or its lines (.svg), with the marks S and G."""
     if path.suffix == ".png":
-        picture = Image.fromarray(draw_scene(Scene(maze, (), maze.goal_marks, 0, 0)))
+        picture = Image.fromarray(Scene(maze, (), maze.goal_marks, 0, 0).draw())
         write_atomically(path, lambda beside: picture.save(beside, format="png"))
         return
     height, width = (0.5 * side + 0.3 for side in maze.picture_size)
@@ -140,4 +136,4 @@ def describe_maze(maze: Maze) -> str:
             mean = expected_tour_length(maze, goals)
             how = "" if mean.exact else f" (sampled, ± {mean.ci95:.2f})"
             facts[f"mean tour of {goals} goal(s)"] = f"{mean:.4f}{how}"
-    return in_lines(facts)
+    return in_lines(facts, 26)

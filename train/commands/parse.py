@@ -136,7 +136,7 @@ def set_help_texts(form: Any) -> None:
             each.metadata = MappingProxyType({**each.metadata, "help": texts[each.name]})
 
 
-def described(form: type[Any]) -> str:
+def described(form: type[object]) -> str:
     """The docstring of a command, wrapped to the terminal, which tyro does not do.
 
     tyro joins lines, but not those that begin with a space.
@@ -146,7 +146,7 @@ def described(form: type[Any]) -> str:
     return "\n\n".join(textwrap.fill(part, width, subsequent_indent="  ") for part in parts)
 
 
-def forms_in(value: Any) -> Iterator[type[Any]]:
+def forms_in(value: object) -> Iterator[type[object]]:
     """The dataclasses of a default value and its parts."""
     if is_dataclass(value):
         yield type(value)
@@ -176,7 +176,7 @@ def parse(
         if not exit_.code:
             print(ALLOW_HELP)
             raise
-        raise ValueError(f"{in_words(boxed.getvalue())} (see pursuit {prog} --help)") from None
+        raise ValueError(f"{tyro_message(boxed.getvalue())} (see pursuit {prog} --help)") from None
 
 
 def parse_known(default: Form, arguments: Sequence[str]) -> Form:
@@ -194,7 +194,7 @@ def parse_known(default: Form, arguments: Sequence[str]) -> Form:
     return default
 
 
-def in_words(boxed: str) -> str:
+def tyro_message(boxed: str) -> str:
     """tyro's error box as one line, without Python types."""
     text = re.sub(r"\x1b\[[0-9;]*m|[─╭╮╰╯│]+|-{5,}", " ", boxed)
     text = " ".join(text.split("For full helptext")[0].split())

@@ -62,7 +62,15 @@ def play(arguments: Sequence[str]) -> None:
         run = game_of_run(against)
     given = parse(PlayCommand, arguments, "play", PlayCommand(run or TaskSettings()))
     task = settings_of(given, "opponent_epsilon" in options)
-    session = session_for(given, task)
+    from train.play.setup import session_of  # torch is slow to import
+    from train.runs.opponents import is_self_play
+
+    beside = given.beside or "astar"
+    if given.beside is None and given.against and is_self_play(Path(given.against)):
+        beside = given.against
+    seed = secrets.randbelow(2**32) if given.seed is None else given.seed
+    with print_warnings():
+        session = session_of(task, beside, evaluation_seed(seed))
     keeper = None if given.out is None else ReplayFolder(given.out, given.name)
     print(session.title())
     on_page(session, given.port, given.browser, keeper)
@@ -98,19 +106,6 @@ def settings_of(given: PlayCommand, epsilon_given: bool = False) -> TaskSettings
     from train.play.setup import of_side  # torch is slow to import
 
     return of_side(replace(task, opponent=against))
-
-
-def session_for(given: PlayCommand, task: TaskSettings) -> Session:
-    """The session for the options of the command."""
-    from train.play.setup import session_of  # torch is slow to import
-    from train.runs.opponents import is_self_play
-
-    beside = given.beside or "astar"
-    if given.beside is None and given.against and is_self_play(Path(given.against)):
-        beside = given.against
-    seed = secrets.randbelow(2**32) if given.seed is None else given.seed
-    with print_warnings():
-        return session_of(task, beside, evaluation_seed(seed))
 
 
 def on_page(session: Session, port: int, browser: bool, keeper: ReplayFolder | None) -> None:

@@ -10,6 +10,7 @@ from typing import Annotated, Any
 import tyro
 
 from pursuit.reacher.policy import ArmPolicy
+from pursuit.rendering.animation import save_animation
 from pursuit.simulator.policy import Policy
 from pursuit.validation import at_least, check, passes
 from scripted_agents import (
@@ -26,7 +27,6 @@ from train.evaluation.contest import GameContest
 from train.evaluation.contests import AnyContest
 from train.evaluation.maze_contest import MazeContest
 from train.files import check_folder, check_new_files
-from train.runs.pictures import save_replay
 from train.runs.unused_settings import check_unused_task_settings
 from train.settings.checks import Settings
 from train.settings.reading import names_of
@@ -68,7 +68,7 @@ def render(arguments: Sequence[str]) -> None:
     from train.runs.parts import contest_of
     from train.runs.saved import load_settings
 
-    policy: Any
+    policy: Any  # of the kind of its contest
     if given.run is not None:
         with print_warnings():
             policy, contest = load_policy(given.run), contest_of(load_settings(given.run).task, 2)
@@ -78,7 +78,7 @@ def render(arguments: Sequence[str]) -> None:
         policy = scripted_policy(contest)
     if given.optimal:
         policy = optimal_policy(contest)
-    save_replay(given.out, contest, policy, given.episodes)
+    save_animation(given.out, contest.scenes(policy, given.episodes))
     print(f"{given.out}: {given.episodes} episode(s)")
 
 

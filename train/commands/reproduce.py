@@ -57,10 +57,10 @@ def reproduce(arguments: Sequence[str]) -> None:
     """`pursuit reproduce`."""
     options = parse(ReproduceCommand, arguments, "reproduce")
     from train.experiments.replication import (  # torch is slow to import
-        is_folder_of,
+        is_replication,
         keep_rules,
         load_replication,
-        stages_of,
+        replication_stages,
     )
     from train.experiments.replication_page import write_replication
 
@@ -72,8 +72,8 @@ def reproduce(arguments: Sequence[str]) -> None:
         return
     own = "-own-mazes" if options.mazes else ""
     out = options.out or Path("replications") / f"{plan.name}-{options.version}{own}"
-    check_output_folder(out, lambda folder: is_folder_of(plan, folder), options.overwrite)
-    stages = stages_of(plan, out)
+    check_output_folder(out, lambda folder: is_replication(plan, folder), options.overwrite)
+    stages = replication_stages(plan, out)
     if options.dry_run:
         list_stages(stages, out, options.workers or os.cpu_count() or 1)
         return

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, make_dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, cast, get_type_hints
 
 import tyro
 
@@ -84,7 +84,8 @@ def self_play(arguments: Sequence[str]) -> None:
     """`pursuit self-play`."""
     given, settings = parsed(arguments)
     name = f"self-play-{Path(settings.task.maze).stem}"
-    run, final = start_or_resume(SELF_PLAY, settings, given, name)
+    started, final = start_or_resume(SELF_PLAY, settings, given, name)
+    run = cast("Run[SelfPlay]", started)
     task, sampling = run.trainee.task, run.trainee.settings.sampling
     print(
         f"self-play: {task.name} on maze {task.mazes[0].name}, {task.num_chasers} chaser(s), "
@@ -156,13 +157,13 @@ def unchecked(hyper: Hyperparameters, *more: Any) -> Any:
     return made(**vars(hyper))
 
 
-def given_in(arguments: Sequence[str], options: Any) -> Plain:
+def given_in(arguments: Sequence[str], options: object) -> Plain:
     """The values of those options, fields of a dataclass, that are in the arguments."""
     names = {name.removeprefix("no_") for name in options_in(arguments)} | {*options_in(arguments)}
     return {name: value for name, value in vars(options).items() if name in names}
 
 
-def other_options(side: LearningSide, hyper: Hyperparameters) -> Any:
+def other_options(side: LearningSide, hyper: Hyperparameters) -> object:
     """A dataclass with the options of a side's algorithm that `hyper` does not have."""
     hints = get_type_hints(type(side.hyper))
     help_text = f"See --algorithm {side.algorithm} --help."

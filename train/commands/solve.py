@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf
 from pathlib import Path
 from time import perf_counter
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,9 +28,13 @@ from scripted_agents import (
 )
 from train.commands.parse import parse
 from train.commands.progress import ProgressLine
-from train.files import check_new_files
+from train.files import Plain, check_new_files
 from train.reports.figures import BLUE, FORMATS, ORANGE, draw_cells, pyplot, save
+from train.reports.tables import in_lines
 from train.settings.checks import RANDOM_MOVES, Settings, check_default
+
+if TYPE_CHECKING:  # slow to import
+    from matplotlib.axes import Axes
 
 METHODS = ("value-iteration", "double-oracle", "fictitious-play")
 PLAYS = 1000
@@ -38,6 +42,8 @@ PLAYS = 1000
 SHOWN = (1, 3, 10, 30, 100, 300, PLAYS)
 """Those that are printed."""
 
+WIDTH = 32
+"""Of the names of results."""
 SECONDS = rule(lambda value: 0.0 < value < inf, "give a finite number above 0")
 
 
@@ -123,7 +129,7 @@ def solve(arguments: Sequence[str]) -> None:
         text = "more than 3" if number is None else str(number)
     except ValueError as error:
         text = f"not known ({error})"
-    print(f"{'cop number (alternating moves)':<32}{text}")
+    print(f"{'cop number (alternating moves)':<{WIDTH}}{text}")
     if given.num_chasers == 1:
         shown = zip(cells.values(), default_cells(solution), strict=True)
         chaser, evader = (own if cell is None else cell for cell, own in shown)
@@ -160,7 +166,7 @@ def describe_limited_view(maze: Maze, given: SolveCommand) -> str:
     opponent = form(given.opponent_epsilon)
     table = opponent.action_probabilities(maze, given.stay_action)
     alive, name = ProgressLine(), f"radius {given.view_radius}"
-    how: Any = {
+    how: Plain = {
         "discount": given.discount,
         "seconds": given.seconds,
         "role": own,
@@ -183,7 +189,8 @@ def describe_limited_view(maze: Maze, given: SolveCommand) -> str:
             "optimum with full view": f"{full.upper:.4f} steps, discounted",
             "above that with full view": f"{low:+.2f} to {up:+.2f} %",
             "solved in": f"{found.seconds:.1f} s",
-        }
+        },
+        WIDTH,
     )
 
 
@@ -216,25 +223,20 @@ def describe_population(maze: Maze, given: SolveCommand) -> str:
         value, nash_conv = mean_over_starts(met, maze), played.nash_convs[-1]
     stay = "with" if given.stay_action else "no"
     text = {
-        "maze": in_words(maze),
+        "maze": size_in_words(maze),
         "game": f"1 chaser, 1 evader, {order}, {stay} stay, discount {given.discount:g}",
         **lines,
         "value (mean over starts)": f"{value:.6f} steps, discounted; error at most "
         f"{max(nash_conv, 1e-6):.2g}",
         "solved in": f"{perf_counter() - began:.2f} s by {given.method}",
     }
-    return in_lines(text)
+    return in_lines(text, WIDTH)
 
 
-def in_words(maze: Maze) -> str:
+def size_in_words(maze: Maze) -> str:
     """The name and size of a maze."""
     loops = f"{maze.num_loops} loop{'' if maze.num_loops == 1 else 's'}"
     return f"{maze.name}: {maze.num_cells} cells, {loops}"
-
-
-def in_lines(rows: Mapping[str, str]) -> str:
-    """The entries, one per line."""
-    return "\n".join(f"{name:<32}{text}" for name, text in rows.items())
 
 
 def describe(solution: ChaseSolution, seconds: float) -> str:
@@ -250,7 +252,7 @@ def describe(solution: ChaseSolution, seconds: float) -> str:
     escapes = int((values[apart] >= most * (1.0 - 1e-9)).sum())
     states = int(apart.sum())
     text = {
-        "maze": in_words(maze),
+        "maze": size_in_words(maze),
         "game": f"{chasers} chaser{'s' if chasers > 1 else ''}, 1 evader, {solution.move_order}, "
         f"{'with' if solution.stay_action else 'no'} stay, {how}",
         "value (mean over starts)": f"{solution.mean_over_starts:.6f} steps"
@@ -261,7 +263,7 @@ def describe(solution: ChaseSolution, seconds: float) -> str:
         f"(in the other {states - mixed:,} one action is optimal for each side)",
     }
     text["solved in"] = f"{seconds:.2f} s, {solution.sweeps} updates of all states"
-    return in_lines(text)
+    return in_lines(text, WIDTH)
 
 
 def default_cells(solution: ChaseSolution) -> tuple[int, int]:
@@ -297,7 +299,7 @@ def draw_solution(path: Path, solution: ChaseSolution, chaser: int, evader: int)
     save(figure, path)
 
 
-def _draw_arrows(axis: Any, maze: Maze, policy: NDArray[np.float64], other: int) -> None:
+def _draw_arrows(axis: Axes, maze: Maze, policy: NDArray[np.float64], other: int) -> None:
     """Arrows for actions, with lengths by their probability; a square for staying."""
     color = "white" if maze.is_grid else "black"  # on coloured squares, or on paper
     for cell in range(maze.num_cells):

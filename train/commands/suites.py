@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from pursuit.simulator.policy import Policy
-from scripted_agents.references import is_known
 from train.commands.scores import print_scores
 from train.evaluation.suite_contest import InMazes, SuiteContest
 from train.evaluation.suite_report import (
@@ -80,8 +78,3 @@ def compared(
         text += f", {100 * lost['optimality_gap']:+.2f} points of the gap to the optimum"
     print(text)
     return result
-
-
-def exact_where_known(contest: SuiteContest, policies: Sequence[Policy]) -> SuiteContest:
-    """The same contest, exact if the distributions of all these policies are known."""
-    return replace(contest, exact=all(is_known(policy) for policy in policies))

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 import shlex
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -60,10 +59,10 @@ class SweepCommand(Settings):
 
 def sweep(arguments: Sequence[str]) -> None:
     """`pursuit sweep`."""
-    run_command(parse(SweepCommand, arguments, "sweep"), arguments, "sweep")
+    run_study_file(parse(SweepCommand, arguments, "sweep"), arguments, "sweep")
 
 
-def run_command(options: SweepCommand, arguments: Sequence[str], kind: str) -> None:
+def run_study_file(options: SweepCommand, arguments: Sequence[str], kind: str) -> None:
     """`pursuit sweep` and `pursuit ablate`: execute the runs of a file, and write the report.
 
     Args:
@@ -94,7 +93,7 @@ def run_command(options: SweepCommand, arguments: Sequence[str], kind: str) -> N
     stages = stages_of(name, kind, options.version, out)
     check_own(stages[-1], out, options.overwrite)
     if options.dry_run:
-        list_runs(stages[-1].runs(), out)
+        list_runs(stages[-1].expand(), out)
         return
     again = f"pursuit {'ablate' if kind == 'ablation' else kind} {shlex.join(arguments)}"
     done = run_stages(stages, options.workers, again, options.executor, options.address)
@@ -105,7 +104,7 @@ def check_own(stage: Stage, out: Path, overwrite: bool) -> None:
     """ValueError unless `out` is new or the folder of this study."""
     from train.experiments.runs import is_folder_of  # torch is slow to import
 
-    plan = stage.runs()
+    plan = stage.expand()
     check_output_folder(out, lambda folder: is_folder_of(plan, folder), overwrite)
 
 
@@ -148,11 +147,14 @@ def run_stages(
         print(counts(statuses.values()))
         return statuses
 
-    def now() -> str:
-        return "".join(f" ({counts(statuses_of(*each).values())})" for each in running)
-
-    with resumable(again, now):
+    try:
         done = carry_out(stages, execute, lambda line: print(line, flush=True))
+    except KeyboardInterrupt:
+        now = "".join(f" ({counts(statuses_of(*each).values())})" for each in running)
+        print(
+            f"\ninterrupted; completed work is kept{now}. Continue with: {again}", file=sys.stderr
+        )
+        raise
     for folder, _ in done:
         if (folder / "report" / "report.md").exists():
             print(f"report: {folder / 'report' / 'report.md'}")
@@ -174,18 +176,6 @@ def exit_if_failed(done: Iterable[tuple[Path, dict[str, str]]], again: str) -> N
         sys.exit(1)
 
 
-@contextlib.contextmanager
-def resumable(again: str, now: Callable[[], str] = lambda: "") -> Iterator[None]:
-    """Print the progress (`now`) and the command that continues if interrupted."""
-    try:
-        yield
-    except KeyboardInterrupt:
-        print(
-            f"\ninterrupted; completed work is kept{now()}. Continue with: {again}", file=sys.stderr
-        )
-        raise
-
-
 def counts(statuses: Iterable[str]) -> str:
     """The number of runs of each status, as text."""
     found = sorted(Counter(statuses).items())
@@ -201,7 +191,8 @@ def list_runs(plan: Study, out: Path) -> None:
     for run in plan.runs:
         what = " ".join(f"{n}={v}" for n, v in (run.label | {"seed": run.seed}).items())
         print(f"{statuses[run.name]:<12}{what}  {folder_of(out, run.name)}")
-    print("\n".join(out_of_reach(plan)), end="\n" if out_of_reach(plan) else "")
+    for line in out_of_reach(plan):
+        print(line)
     print(
         f"{len(statuses)} runs into {out} ({counts(statuses.values()) or 'none'}); nothing was done"
     )
@@ -214,7 +205,7 @@ def list_stages(stages: Iterable[Stage], out: Path, workers: int) -> None:
 
     total = 0
     for stage in stages:
-        plan = stage.runs()
+        plan = stage.expand()
         done = list(statuses_of(plan, stage.folder).values()).count("complete")
         total += len(plan.runs) - done
         budgets = {(run.settings.seconds, run.settings.frames) for run in plan.runs}
@@ -224,7 +215,8 @@ def list_stages(stages: Iterable[Stage], out: Path, workers: int) -> None:
         )
         print(f"{stage.name:<20}{len(plan.runs):>4} runs, {done} complete; {words}")
         if plan.pinned and stage.folder == out:
-            print("\n".join(out_of_reach(plan)), end="\n" if out_of_reach(plan) else "")
+            for line in out_of_reach(plan):
+                print(line)
     print(f"{total} runs to do into {out}, {workers} in parallel; nothing was done")
 
 
@@ -260,7 +252,9 @@ class SweepWatch:
             if progress:
                 parts.append(" ".join(f"{100 * share:.0f}%" for share in progress.values()))
             if left is not None:
-                parts.append(f"about {_span(left)} left")
+                minutes = round(left / 60)
+                hours = f"{minutes} min" if minutes < 120 else f"{minutes / 60:.1f} h"
+                parts.append(f"about {f'{left:.0f} s' if minutes < 1 else hours} left")
             print(", ".join(parts), flush=True)
 
     def seconds_left(self, statuses: dict[str, str], progress: dict[str, float]) -> float | None:
@@ -272,10 +266,3 @@ class SweepWatch:
         )
         done = len(statuses) - len(self.done_before or ()) - left
         return None if done < 0.05 else (time.monotonic() - self.began) / done * left
-
-
-def _span(seconds: float) -> str:
-    minutes = round(seconds / 60)
-    if minutes < 1:
-        return f"{seconds:.0f} s"
-    return f"{minutes} min" if minutes < 120 else f"{minutes / 60:.1f} h"

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
 
+from pursuit.rendering.animation import save_animation
 from train.commands.parse import (
     default_budget,
     default_task,
@@ -25,7 +26,7 @@ from train.evaluation.arm_contest import ArmContest
 from train.evaluation.scores import Score
 from train.files import Plain
 from train.runs.folder import CURVE, REPLAY, REPORT, RUN
-from train.runs.pictures import draw_learning_curve, save_replay
+from train.runs.pictures import draw_learning_curve
 from train.runs.report import describe_loops, headline, of_solved, write_report
 from train.runs.tasks import default_settings, task_of
 from train.settings.algorithms import Hyperparameters
@@ -76,8 +77,9 @@ def train(arguments: Sequence[str]) -> None:
     default = _defaults(arguments)
     form: Any = TrainCommand[type(default.settings.hyper)]  # type: ignore[misc]
     given: TrainCommand[Hyperparameters] = parse(form, arguments, "train", default)
-    run, final = start_or_resume(RUN, given.settings, given, given.settings.task.label)
-    trainee: SingleAgent = run.trainee
+    started, final = start_or_resume(RUN, given.settings, given, given.settings.task.label)
+    run = cast("Run[SingleAgent]", started)
+    trainee = run.trainee
     print(trainee.contest.line())
     if hint := team_hint(trainee.parts.settings.task):
         print(hint)
@@ -150,7 +152,7 @@ def present(run: Run[SingleAgent], content: Plain) -> None:
         content["objective"]["column"],
         settings.budget_unit,
     )
-    save_replay(folder / REPLAY, contest, trainee.policy)
+    save_animation(folder / REPLAY, contest.scenes(trainee.policy))
     final = trainee.final_contest(content["evaluation"]["episodes"])
     write_report(folder, settings, final, trainee.policy, content)
 

@@ -68,6 +68,7 @@ def report_again(folder: Path, out: Path | None) -> Path:
     from train.runs.parts import contest_of
     from train.runs.saved import load_settings
     from train.self_play.report import write_self_play_report
+    from train.self_play.trainee import SelfPlay
 
     kind, _ = read_config(folder)
     check(
@@ -76,9 +77,10 @@ def report_again(folder: Path, out: Path | None) -> Path:
     )
     if kind == SELF_PLAY:
         results = load_results(folder)
-        run = open_run(folder)
+        trainee = open_run(folder).trainee
+        assert isinstance(trainee, SelfPlay)  # of this kind of run
         title = f"Self-play on {results['maze']} ({results['sampling']})"
-        return write_self_play_report(folder, run.trainee, title, results, out)
+        return write_self_play_report(folder, trainee, title, results, out)
     settings, results = load_settings(folder), load_results(folder)
     policy = load_policy(folder, greedy=settings.evaluate == "greedy")
     contest = contest_of(settings.task, results["evaluation"]["episodes"])

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -12,7 +10,7 @@ from torchrl.data import Bounded, Categorical, Composite
 from pursuit.reacher.observations import space_of
 from pursuit.reacher.simulator import ReacherSimulator
 from train.environments.hooks import EpisodeHook
-from train.environments.lockstep import LockstepEnv
+from train.environments.lockstep import LockstepEnv, StepOutcome
 from train.networks.arm_policy import ArmSeat
 
 
@@ -46,20 +44,14 @@ class ArmEnv(LockstepEnv):
         seen = Bounded(low, high, shape=(batch, *space.shape), dtype=torch.float32)
         self.observation_spec = Composite({"observation": seen}, shape=(batch,))
 
-    def _returns(self, games: NDArray[np.bool_]) -> NDArray[Any]:
+    def _returns(self, games: NDArray[np.bool_]) -> NDArray[np.float64]:
         return self.simulator.returns[games]
 
     def _observe(self) -> dict[str, torch.Tensor]:
         return {"observation": torch.from_numpy(self.simulator.observe(self.encoding))}
 
-    def _step_games(
-        self, actions: torch.Tensor, alive: NDArray[np.bool_] | None = None
-    ) -> tuple[dict[str, torch.Tensor], NDArray[np.bool_]]:
+    def _play(self, actions: torch.Tensor) -> StepOutcome:
         simulator, moves = self.simulator, actions.numpy()
         simulator.step(moves if self.player.continuous else simulator.task.actions_of(moves))
-        over = simulator.ended
-        ending = over if alive is None else over & alive
-        if ending.any():
-            self.finish(ending)
         terminated, truncated = simulator.terminated.copy(), simulator.truncated.copy()
-        return self._after(simulator.rewards.copy(), terminated, truncated), over
+        return StepOutcome(simulator.rewards.copy(), terminated, truncated, simulator.ended)

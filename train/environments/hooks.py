@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,5 +24,5 @@ class EpisodeHook:
     def episode_ended(self, games: NDArray[np.bool_]) -> None:
         """Called with the mask [num_games] of episodes that have just ended."""
 
-    def note_advantages(self, advantages: NDArray[Any], done: NDArray[np.bool_]) -> None:
+    def note_advantages(self, advantages: NDArray[np.float32], done: NDArray[np.bool_]) -> None:
         """Called with the advantages and episode ends of a rollout, both [num_games, steps]."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -12,11 +12,29 @@ from tensordict import TensorDict, TensorDictBase
 from torchrl.data import Binary, Composite, Unbounded
 from torchrl.envs import EnvBase
 
+from pursuit.reacher.simulator import ReacherSimulator
+from pursuit.simulator.simulator import Simulator
 from train.environments.hooks import EpisodeHook
 from train.networks.policy import Player
 
+AnySimulator = Simulator | ReacherSimulator
 FLAGS = ("terminated", "truncated", "done")
 NOT_OBSERVED = {"reward", *FLAGS}
+
+
+class StepOutcome(NamedTuple):
+    """What a step of all games gave.
+
+    Attributes:
+        rewards: [batch] float32, in any shape; a copy.
+        terminated, truncated: [batch] bool, likewise.
+        over: [num_games] bool, the games that ended.
+    """
+
+    rewards: NDArray[np.float32]
+    terminated: NDArray[np.bool_]
+    truncated: NDArray[np.bool_]
+    over: NDArray[np.bool_]
 
 
 class LockstepEnv(EnvBase):
@@ -26,7 +44,7 @@ class LockstepEnv(EnvBase):
     "done" [batch, 1]. After a step, "next" holds the last observation of an episode that ended. The
     partial reset that follows starts the next episode, so nothing is bootstrapped across episodes.
 
-    Subclasses implement observations (`_observe`), steps (`_step_games`) and episode returns
+    Subclasses implement observations (`_observe`), steps (`_play`) and episode returns
     (`_returns`), and define the specs of observations and actions.
 
     Args:
@@ -45,10 +63,12 @@ class LockstepEnv(EnvBase):
         was_reset: whether `reset_games` was called.
     """
 
-    simulator: Any
+    simulator: AnySimulator
     player: Player
 
-    def __init__(self, simulator: Any, hook: EpisodeHook | None = None, members: int = 1) -> None:
+    def __init__(
+        self, simulator: AnySimulator, hook: EpisodeHook | None = None, members: int = 1
+    ) -> None:
         if simulator.auto_restart:
             raise ValueError(
                 "this simulator restarts games automatically, which hides the end of episodes; "
@@ -58,8 +78,8 @@ class LockstepEnv(EnvBase):
         super().__init__(device="cpu", batch_size=[batch])
         self.simulator, self.hook, self.members = simulator, hook or EpisodeHook(), members
         self.num_games = simulator.num_games
-        self.finished_returns: list[NDArray[Any]] = []
-        self.finished_lengths: list[NDArray[Any]] = []
+        self.finished_returns: list[NDArray[np.float64]] = []
+        self.finished_lengths: list[NDArray[np.int32]] = []
         self.resume = self.was_reset = False
         self.reward_spec = Unbounded((batch, 1))
         flag = Binary(n=1, shape=(batch, 1), dtype=torch.bool)
@@ -72,18 +92,11 @@ class LockstepEnv(EnvBase):
         """The observations of the learner's agents, "observation" [batch, ...], and any masks."""
 
     @abstractmethod
-    def _step_games(
-        self, actions: torch.Tensor, alive: NDArray[np.bool_] | None = None
-    ) -> tuple[dict[str, torch.Tensor], NDArray[np.bool_]]:
-        """One step with the learner's actions: all results, and the games that ended [num_games].
-
-        Args:
-            actions: [batch, ...].
-            alive: [num_games], the episodes that were running before the step; None for all.
-        """
+    def _play(self, actions: torch.Tensor) -> StepOutcome:
+        """One step with the learner's actions [batch, ...]."""
 
     @abstractmethod
-    def _returns(self, games: NDArray[np.bool_]) -> NDArray[Any]:
+    def _returns(self, games: NDArray[np.bool_]) -> NDArray[np.float64]:
         """[n] the episode return in each game of the mask [num_games]."""
 
     def _restarted(self, games: NDArray[np.intp]) -> None:
@@ -119,22 +132,28 @@ class LockstepEnv(EnvBase):
     def _batch(self, content: dict[str, torch.Tensor]) -> TensorDictBase:
         return TensorDict(content, batch_size=self.batch_size, device=self.device)
 
-    def _after(
-        self,
-        rewards: NDArray[np.float32],
-        terminated: NDArray[np.bool_],
-        truncated: NDArray[np.bool_],
-    ) -> dict[str, torch.Tensor]:
-        """The results of a step, from arrays with one entry for each of the batch."""
-        done = terminated | truncated
-        flags = dict(zip(FLAGS, (terminated, truncated, done), strict=True))
-        return {
+    def _step_games(
+        self, actions: torch.Tensor, alive: NDArray[np.bool_] | None = None
+    ) -> tuple[dict[str, torch.Tensor], NDArray[np.bool_]]:
+        """One step with the learner's actions: all results, and the games that ended [num_games].
+
+        Args:
+            actions: [batch, ...].
+            alive: [num_games], the episodes that were running before the step; None for all.
+        """
+        rewards, terminated, truncated, over = self._play(actions)
+        ending = over if alive is None else over & alive
+        if ending.any():
+            self.finish(ending)
+        flags = dict(zip(FLAGS, (terminated, truncated, terminated | truncated), strict=True))
+        after = {
             **self._observe(),
             "reward": torch.from_numpy(rewards.reshape(-1, 1)),
             **{name: torch.from_numpy(flag.reshape(-1, 1)) for name, flag in flags.items()},
         }
+        return after, over
 
-    def _reset(self, tensordict: TensorDictBase | None = None, **_: Any) -> TensorDictBase:
+    def _reset(self, tensordict: TensorDictBase | None = None, **_: object) -> TensorDictBase:
         if tensordict is not None and tensordict.get("_reset", None) is not None:
             self.restart(tensordict["_reset"].view(-1, self.members).all(dim=1).numpy())
         elif not self.resume:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import torch
@@ -15,8 +14,8 @@ from pursuit.observations.masks import ACTION_MASK, action_masks, warn_of_masks
 from pursuit.simulator.policy import Policy
 from pursuit.simulator.simulator import Simulator
 from train.environments.hooks import EpisodeHook
-from train.environments.lockstep import LockstepEnv
-from train.networks.frames import FrameStack, shift
+from train.environments.lockstep import LockstepEnv, StepOutcome
+from train.networks.frames import FrameStack, Observations, shift
 from train.networks.policy import Seat
 
 
@@ -101,14 +100,14 @@ class SimulatorEnv(LockstepEnv):
             rows = self.frames.reshape(self.num_games, self.members, *self.frames.shape[1:])
             self.stack.forget(rows, games)
 
-    def _stacked(self, seen: NDArray[Any]) -> NDArray[Any]:
+    def _stacked(self, seen: Observations) -> Observations:
         """[games, k, *shape]: the current observations, stacked with the previous ones."""
         if self.stack is None:
             return seen
         flat = self.stack.with_newest(self.frames, seen.reshape(-1, *seen.shape[2:]))
         return flat.reshape(*seen.shape[:2], *flat.shape[1:])
 
-    def _returns(self, games: NDArray[np.bool_]) -> NDArray[Any]:
+    def _returns(self, games: NDArray[np.bool_]) -> NDArray[np.float64]:
         returns = self.simulator.returns[games, self.seats]
         return returns.mean(axis=1) if self.members > 1 else returns[:, 0]
 
@@ -127,15 +126,8 @@ class SimulatorEnv(LockstepEnv):
             self.action_spec.update_mask(found[ACTION_MASK])
         return found
 
-    def _step_games(
-        self, actions: torch.Tensor, alive: NDArray[np.bool_] | None = None
-    ) -> tuple[dict[str, torch.Tensor], NDArray[np.bool_]]:
-        """One step with the learner's actions [batch]: all results, and the games that ended.
-
-        Args:
-            actions: int64.
-            alive: [num_games], the episodes that were running before the step; None for all.
-        """
+    def _play(self, actions: torch.Tensor) -> StepOutcome:
+        """One step with the learner's actions [batch] int64."""
         simulator = self.simulator
         simulator.act(self.policies, self._actions)
         self._actions[:, self.seats] = actions.numpy().reshape(-1, self.members)
@@ -145,12 +137,8 @@ class SimulatorEnv(LockstepEnv):
         caught = simulator.active[:, self.seats] == 0
         terminated = simulator.terminated[:, None] | caught
         truncated = simulator.truncated[:, None] & ~caught
-        done = terminated | truncated
-        over = done.all(axis=1)
+        over = (terminated | truncated).all(axis=1)
         if self.members > 1:
             self.idle[:] = caught & ~over[:, None]
-        ending = over if alive is None else over & alive
-        if ending.any():
-            self.finish(ending)
         rewards = simulator.rewards[:, self.seats] * np.float32(self.scale)
-        return self._after(rewards, terminated, truncated), over
+        return StepOutcome(rewards, terminated, truncated, over)

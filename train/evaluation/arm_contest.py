@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +31,7 @@ from train.evaluation.scores import (
     Score,
     strongest_reference,
 )
+from train.files import Plain
 from train.settings.checks import EVALUATION_SEED
 
 EPISODES = 1000
@@ -98,7 +98,7 @@ class ArmContest(Contest[ArmPolicy, ReacherSimulator]):
         """As `Contest`."""
         return reference_of(self.task, "arm", {})
 
-    def describe(self) -> dict[str, Any]:
+    def describe(self) -> Plain:
         """The task, the number of joints, and the bounds of the minimum steps."""
         bounds = self.bounds()
         least = {
@@ -149,7 +149,7 @@ class ArmContest(Contest[ArmPolicy, ReacherSimulator]):
         return bounds_of(self.task, self.episodes, self.seed)
 
     @property
-    def is_exact(self) -> bool:
+    def knows_least_steps(self) -> bool:
         """Whether the minimum steps are known from every start."""
         return not self.task.discrete_actions and self.bounds().share_exact == 1.0
 
@@ -186,7 +186,7 @@ class ArmContest(Contest[ArmPolicy, ReacherSimulator]):
     def reference(self, scores: Sequence[Score], learned: Score) -> Reference | None:
         """As `Contest`; a bound if the minimum steps are not known exactly from every start."""
         found = strongest_reference(scores, learned)
-        if found is None or found.kind != "exact" or self.is_exact:
+        if found is None or found.kind != "exact" or self.knows_least_steps:
             return found
         return replace(found, kind="bound")
 

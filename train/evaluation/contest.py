@@ -32,11 +32,12 @@ from scripted_agents.environments import DEFAULTS
 from scripted_agents.limits import MAX_WORK, SEARCH_SECONDS, work_of
 from scripted_agents.references import (
     ExactReference,
-    is_exact,
     is_exact_team,
+    is_table_duel,
     reference_of,
 )
 from train.evaluation.games import (
+    Lengths,
     best_reply,
     half_width,
     table_in,
@@ -83,29 +84,29 @@ class GameContest(MazeContest):
         return replace(self, most_work=most_work)
 
     @property
-    def is_exact(self) -> bool:
+    def is_table_duel(self) -> bool:
         """Whether the mean length over all starts is computed without sampling."""
-        return is_exact(self.task, *self.opponents.values())
+        return is_table_duel(self.task, *self.opponents.values())
 
-    def _means(self, simulator: Simulator) -> dict[str, float | None]:
+    def _means(self, simulator: Simulator) -> tuple[float, float | None]:
         """Mean return and number of goals of the agent in finished games."""
         seat = self.seat
         goals = float(simulator.collected[:, seat].mean()) if self.task.num_goals else None
-        return {"mean_return": float(simulator.returns[:, seat].mean()), "mean_goals": goals}
+        return float(simulator.returns[:, seat].mean()), goals
 
     def _with(self, policy: Policy) -> dict[str, Policy]:
         """The policies of all agents, with `policy` for the evaluated one."""
         return {**self.opponents, self.task.agent_names[self.seat]: policy}
 
     def opponent_table(self) -> NDArray[np.float64]:
-        """[self cell, other cell, action] of the opponent; requires `is_exact`."""
-        assert self.opponent is not None  # is_exact
+        """[self cell, other cell, action] of the opponent; requires `is_table_duel`."""
+        assert self.opponent is not None  # is_table_duel
         return table_in(self.task, self.opponent)
 
     def score(self, name: str, policy: Policy) -> Score:
         """Exact over all starts if that can be computed; otherwise of sampled episodes."""
-        certain: tuple[float, float] | tuple[()] = ()
-        bounded = self.is_limited and self.is_exact
+        certain: tuple[float, float] | tuple[None, None] = (None, None)
+        bounded = self.is_limited and self.is_table_duel
         if (found := exact_match(self.task, self._with(policy))) is not None:
             if bounded:
                 certain = discounted(self.task, self.role, policy, self.opponent_table())
@@ -115,11 +116,10 @@ class GameContest(MazeContest):
         if bounded:
             certain = discounted(self.task, self.role, policy, self.opponent_table(), lengths)
         mean, ci95, share = float(lengths.mean()), half_width(lengths), float(won.mean())
-        score = Score(name, mean, ci95, share, len(lengths), False, *certain)
-        means: dict[str, Any] = self._means(simulator)
-        return replace(score, solved_gap=self._gap_of(lengths, won), **means)
+        more = (*certain, self._gap_of(lengths, won), *self._means(simulator))
+        return Score(name, mean, ci95, share, len(lengths), False, *more)
 
-    def _exact_score(self, name: str, steps: float, caught: float, *certain: float) -> Score:
+    def _exact_score(self, name: str, steps: float, caught: float, *certain: float | None) -> Score:
         """The score of these expectations over all starts."""
         share = 1.0 - caught if self.role == "evader" else caught
         return Score(name, steps, 0.0, share, self.episodes, True, *certain)
@@ -137,17 +137,12 @@ class GameContest(MazeContest):
         The views of the other agents are unchanged.
         """
         task = self.task
-        others = [
-            (name, limit)
-            for seat, (name, limit) in enumerate(
-                zip(task.agent_names, task.sight.limits, strict=True)
-            )
-            if seat != self.seat
-        ]
+        limits = dict(zip(task.agent_names, task.sight.limits, strict=True))
+        del limits[task.agent_names[self.seat]]
         sight: dict[str, Any] = {
-            "view_radius": {name: limit.view_radius for name, limit in others},
-            "line_of_sight": [name for name, limit in others if limit.line_of_sight],
-            "unknown_maze": [name for name, limit in others if limit.unknown_maze],
+            "view_radius": {name: limit.view_radius for name, limit in limits.items()},
+            "line_of_sight": [name for name, limit in limits.items() if limit.line_of_sight],
+            "unknown_maze": [name for name, limit in limits.items() if limit.unknown_maze],
         }
         return replace(self, task=replace(task, **sight))
 
@@ -165,8 +160,8 @@ class GameContest(MazeContest):
         return Certificate(proven.role, proven.discount, proven.lower, proven.upper)
 
     def best_response(self, mask_bumps: bool = False) -> BestResponse | None:
-        """The exact best response to the opponent; None unless `is_exact`."""
-        if not self.is_exact:
+        """The exact best response to the opponent; None unless `is_table_duel`."""
+        if not self.is_table_duel:
             return None
         table, horizon = self.opponent_table(), self.task.max_steps
         return best_reply(self.task, self.role, table, horizon, mask_bumps=mask_bumps)
@@ -176,7 +171,7 @@ class GameContest(MazeContest):
         maze = self.task.mazes[0]
         mean = mean_over_starts(best.values, maze, self.task.min_start_distance)
         found = exact_match(self.task, self._with(TablePolicy(maze, best.policy)))
-        assert found is not None  # the games of `is_exact`
+        assert found is not None  # the games of `is_table_duel`
         return self._exact_score(name, mean, found.caught)
 
     def best_team_response(self) -> TeamResponse | None:
@@ -191,7 +186,7 @@ class GameContest(MazeContest):
 
         `exact_reference` says whether it is known. Also unknown if `max_steps` truncates every
         episode, with a limited view (see `certificate`), and if evaders collect goals (see
-        `optimal_return`).
+        `optimal_in`).
         """
         kind, most = self.exact_reference.kind, self.task.max_steps
         if kind == "duel" and (best := self.best_response()) is not None:
@@ -258,28 +253,23 @@ class GameContest(MazeContest):
         simulator = self.starts()
         expected = best.values_of(simulator.games)
         lengths, won = self.play_from(simulator, best.policy)
-        means: dict[str, Any] = self._means(simulator)
-        if measure is BY_STEPS:
-            mean, ci95 = float(expected.mean()), half_width(expected)
-        else:
-            mean, ci95 = float(lengths.mean()), half_width(lengths)
+        in_steps: Lengths = expected if measure is BY_STEPS else lengths
+        mean, ci95, share = float(in_steps.mean()), half_width(in_steps), float(won.mean())
+        means = dict(zip(("mean_return", "mean_goals"), self._means(simulator), strict=True))
+        if measure is not BY_STEPS:
             means[measure.column] = float(expected.mean())
-        return Score(name, mean, ci95, float(won.mean()), self.episodes, False, **means)
+        return Score(name, mean, ci95, share, self.episodes, False, **means)
 
-    def optimal_return(self) -> Score | None:
-        """The best response in returns: `mean_return` is its exact expectation from the same
-        starts. None if it is not known, or if no other agent competes for goals."""
-        best = self.best_of_returns
-        return None if best is None else self._joint_score(best, BY_RETURN)
-
-    def optimal_goals(self) -> Score | None:
-        """As `optimal_return`, for the goals of a runner in a race."""
-        best = self.best_of_goals
-        return None if best is None else self._joint_score(best, BY_GOALS)
+    def optimal_in(self, measure: Measure) -> Score | None:
+        """The best response in returns, or in the goals of a runner in a race: its exact
+        expectation from the same starts. None if it is not known, or if no other agent competes
+        for goals."""
+        best = self.best_of_goals if measure == BY_GOALS else self.best_of_returns
+        return None if best is None else self._joint_score(best, measure)
 
     def _optima(self) -> list[Score]:
         """The known exact optima in steps, goals and returns."""
-        found = (self.optimal(), self.optimal_goals(), self.optimal_return())
+        found = (self.optimal(), self.optimal_in(BY_GOALS), self.optimal_in(BY_RETURN))
         return [score for score in found if score is not None]
 
     def baselines(self) -> list[Score]:

@@ -18,7 +18,6 @@ from scripted_agents.references import is_table_in
 from train.evaluation.arm_contest import ArmContest
 from train.evaluation.contest import GameContest
 from train.evaluation.games import half_width
-from train.evaluation.scores import BY_GOALS
 from train.settings.checks import evaluation_seed
 
 
@@ -98,7 +97,7 @@ def evaluate(
 def _compared(contest: ArmContest | GameContest, policy: Any) -> Evaluation:
     """The score of a policy in a contest, compared with the optimum."""
     game = contest if isinstance(contest, GameContest) else None
-    if game is not None and game.is_exact and is_table_in(game.task, policy):
+    if game is not None and game.is_table_duel and is_table_in(game.task, policy):
         score, best = contest.score("policy", policy), contest.optimal()
         steps = None if best is None else best.mean_steps
         gap = None if steps is None else score.mean_steps / steps - 1.0
@@ -108,7 +107,8 @@ def _compared(contest: ArmContest | GameContest, policy: Any) -> Evaluation:
         why = None if steps is not None else contest.exact_reference.reason
         return Evaluation(*played, steps, gap, both, "steps", mean, steps, why)
     lengths, won = contest.play(policy)
-    least = contest.optimal_lengths() if game is not None or contest.is_exact else None
+    proven = isinstance(contest, GameContest) or contest.knows_least_steps
+    least = contest.optimal_lengths() if proven else None
     mean, optimum, gap, interval = float(lengths.mean()), None, None, None
     if least is not None:
         optimum = float(least.mean())
@@ -118,7 +118,7 @@ def _compared(contest: ArmContest | GameContest, policy: Any) -> Evaluation:
     measure, value, reached = "steps", mean, optimum
     if game is not None and game.measure.name != "steps":
         measure, value = game.measure.name, float(game.values(policy).mean())
-        best = game.optimal_goals() if game.measure == BY_GOALS else game.optimal_return()
+        best = game.optimal_in(game.measure)
         reached = None if best is None else game.measure.of(best)
     figures = (half_width(lengths), float(won.mean()), optimum, gap, interval)
     unequal = "bounds of the minimum steps are not equal from every start"  # of an arm

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from math import lcm
-from typing import Any, TypeVar
+from typing import TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +22,12 @@ from scripted_agents import (
     mean_over_starts,
     table_of,
 )
+from scripted_agents.duel.best_response import MoveOrder
+from scripted_agents.hidden.game import Role
 
 Mask = NDArray[np.bool_]
+Lengths = NDArray[np.int64] | NDArray[np.float64]
+"""[episodes], played or expected."""
 GamesT = TypeVar("GamesT", Simulator, ReacherSimulator)
 
 
@@ -95,13 +99,23 @@ def won_by(simulator: Simulator, seat: int) -> Mask:
     return np.asarray(simulator.terminated & own)
 
 
-def half_width(lengths: NDArray[np.int64] | NDArray[np.float64]) -> float:
+def half_width(lengths: Lengths) -> float:
     """Half the width of the 95 % confidence interval of the mean; 0 for a single length."""
     return 1.96 * float(lengths.std(ddof=1)) / len(lengths) ** 0.5 if len(lengths) > 1 else 0.0
 
 
+def order_of(task: Task) -> MoveOrder:
+    """The order of moves of a task, by the type of the solvers."""
+    return cast(MoveOrder, task.move_order)
+
+
+def duel_role(role: str) -> Role:
+    """A role by the type of the solvers; a "runner" is solved as a chaser of its goal."""
+    return "evader" if role == "evader" else "chaser"
+
+
 def table_in(task: Task, policy: Policy) -> NDArray[np.float64]:
-    """[self cell, other cell, action] of a policy; requires `is_exact`."""
+    """[self cell, other cell, action] of a policy; requires `is_table_duel`."""
     assert isinstance(policy, TabularPolicy)
     return table_of(policy, task.mazes[0], task.stay_action, task.move_order)
 
@@ -109,7 +123,7 @@ def table_in(task: Task, policy: Policy) -> NDArray[np.float64]:
 def best_reply(
     task: Task,
     role: str,
-    table: NDArray[Any],
+    table: NDArray[np.float64],
     horizon: int | None,
     discount: float = 1.0,
     maze: Maze | None = None,
@@ -119,20 +133,20 @@ def best_reply(
 
     Args:
         task: the rules.
-        role: "chaser" or "evader"; "runner" is solved as a chaser of its goal.
+        role: as of `duel_role`.
         table: of the opponent, [its cell, other cell, action].
         horizon, discount: as in `best_response`.
         maze: the first of the task if left out.
         mask_bumps: whether moves into walls are forbidden.
     """
     return best_response(
-        role,  # type: ignore[arg-type]
+        duel_role(role),
         maze or task.mazes[0],
         table,
         horizon,
         discount,
         task.stay_action,
-        task.move_order,  # type: ignore[arg-type]
+        order_of(task),
         mask_bumps,
     )
 
@@ -140,7 +154,7 @@ def best_reply(
 def values_between(
     task: Task,
     role: str,
-    tables: tuple[NDArray[Any], NDArray[Any]],
+    tables: tuple[NDArray[np.float64], NDArray[np.float64]],
     horizon: int | None,
     discount: float = 1.0,
     maze: Maze | None = None,
@@ -150,14 +164,14 @@ def values_between(
     Arguments are those of `best_reply`.
     """
     chaser, evader = tables[::-1] if role == "evader" else tables
-    order: Any = task.move_order
-    return evaluate_exactly(maze or task.mazes[0], chaser, evader, horizon, discount, order)
+    maze = maze or task.mazes[0]
+    return evaluate_exactly(maze, chaser, evader, horizon, discount, order_of(task))
 
 
 def steps_and_ended(
     task: Task,
     role: str,
-    tables: tuple[NDArray[Any], NDArray[Any]],
+    tables: tuple[NDArray[np.float64], NDArray[np.float64]],
     maze: Maze | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Expected steps, and probability of a capture within the time limit, from every pair of cells.
@@ -175,7 +189,7 @@ def steps_and_ended(
 def mean_steps(
     task: Task,
     role: str,
-    tables: tuple[NDArray[Any], NDArray[Any]],
+    tables: tuple[NDArray[np.float64], NDArray[np.float64]],
     horizon: int | None,
     discount: float = 1.0,
 ) -> float:

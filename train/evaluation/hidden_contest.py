@@ -24,7 +24,14 @@ from scripted_agents import (
 )
 from scripted_agents.limits import MAX_BOUNDED_CELLS, SEARCH_SECONDS, SEARCH_WIDTH
 from scripted_agents.references import is_table_in
-from train.evaluation.games import best_reply, half_width, mean_steps, table_in
+from train.evaluation.games import (
+    best_reply,
+    duel_role,
+    half_width,
+    mean_steps,
+    order_of,
+    table_in,
+)
 
 DISCOUNT = 0.95
 
@@ -71,29 +78,26 @@ def solution_of(
     if task.max_cells > MAX_BOUNDED_CELLS:
         return None
     limit = task.sight.limits[task.seat(agent)]
-    rules = (limit.view_radius, limit.line_of_sight, task.seat_roles[task.seat(agent)])
-    rest = (task.stay_action, task.move_order, task.min_start_distance)
-    return _solution(task.mazes[0], table.tobytes(), table.shape, seconds, *rules, *rest)
+    return _solution(
+        task.mazes[0],
+        table.tobytes(),
+        table.shape,
+        view_radius=limit.view_radius,
+        line_of_sight=limit.line_of_sight,
+        seconds=seconds,
+        role=duel_role(task.seat_roles[task.seat(agent)]),
+        stay_action=task.stay_action,
+        move_order=order_of(task),
+        min_start_distance=task.min_start_distance,
+    )
 
 
 @lru_cache(maxsize=16)
 def _solution(
-    maze: Maze, table: bytes, shape: tuple[int, ...], seconds: float, radius: int | None,
-    in_line: bool, role: Any, stay_action: bool, move_order: Any, min_start_distance: int,
-) -> HiddenChaseSolution:  # fmt: skip
-    return solve_hidden_chase(
-        maze,
-        np.frombuffer(table).reshape(shape),
-        radius,
-        in_line,
-        DISCOUNT,
-        seconds,
-        SEARCH_WIDTH,
-        role,
-        stay_action,
-        move_order,
-        min_start_distance,
-    )
+    maze: Maze, table: bytes, shape: tuple[int, ...], **rules: Any
+) -> HiddenChaseSolution:
+    opponent = np.frombuffer(table).reshape(shape)
+    return solve_hidden_chase(maze, opponent, discount=DISCOUNT, width=SEARCH_WIDTH, **rules)
 
 
 def best_response_interval(

@@ -18,7 +18,7 @@ from scripted_agents import (
     team_survival,
 )
 from scripted_agents.limits import MAX_EXACT_WORK, MAX_FINAL_WORK
-from scripted_agents.references import is_exact, is_exact_team
+from scripted_agents.references import is_exact_team, is_table_duel
 from train.evaluation.games import (
     all_caught,
     half_width,
@@ -51,7 +51,7 @@ class Matchup:
 def can_solve(task: Task, chaser: Policy, evader: Policy, most: int = MAX_FINAL_WORK) -> bool:
     """Whether `match` is exact."""
     pair = {"chaser": chaser, "evader": evader}
-    return is_exact(task, chaser, evader) or is_exact_team(task, pair, most)
+    return is_table_duel(task, chaser, evader) or is_exact_team(task, pair, most)
 
 
 def play_pair(
@@ -79,8 +79,8 @@ def discounted_steps(
     """The expected sum of discount**t over the steps until the game ends: the payoff of the game.
 
     The game has no time limit, as in training (truncated episodes are bootstrapped) and in
-    exploitability. Exact for small duels (`is_exact`); otherwise the mean over `episodes` games,
-    simulated until further steps are negligible.
+    exploitability. Exact for small duels (`is_table_duel`); otherwise the mean over `episodes`
+    games, simulated until further steps are negligible.
 
     Args:
         task: the game; its `max_steps` is ignored.
@@ -88,7 +88,7 @@ def discounted_steps(
         discount: of each step, in (0, 1).
         episodes, seed: of the sampled games.
     """
-    if is_exact(task, chaser, evader):
+    if is_table_duel(task, chaser, evader):
         tables = table_in(task, chaser), table_in(task, evader)
         return mean_steps(task, "chaser", tables, None, discount)
     longest = replace(task, max_steps=ceil(log(NEGLIGIBLE) / log(discount)))
@@ -111,7 +111,7 @@ def exact_match(
             policies.get(agent, policies.get(role))
             for agent, role in zip(task.agent_names, task.seat_roles, strict=True)
         )
-        if chaser is None or evader is None or not is_exact(task, chaser, evader):
+        if chaser is None or evader is None or not is_table_duel(task, chaser, evader):
             return None
         tables = table_in(task, chaser), table_in(task, evader)
         means = (
@@ -132,7 +132,6 @@ def match(
     chaser: Policy,
     evader: Policy,
     episodes: int = 1000,
-    seed: int = EVALUATION_SEED,
     most: int = MAX_FINAL_WORK,
 ) -> Matchup:
     """The result of a match: exact if it can be solved, otherwise the mean over `episodes` games.
@@ -140,11 +139,11 @@ def match(
     Args:
         task: the game.
         chaser, evader: the policies of all agents of each role.
-        episodes, seed: of the games.
+        episodes: number of games, if they are sampled.
         most: the largest size of a team chase that is solved (`is_exact_team`); 0 for none.
     """
     found = exact_match(task, {"chaser": chaser, "evader": evader}, most)
     if found is not None:
         return found
-    lengths, caught = play_pair(task, chaser, evader, episodes, seed)
+    lengths, caught = play_pair(task, chaser, evader, episodes)
     return Matchup(float(lengths.mean()), half_width(lengths), float(caught.mean()), episodes)

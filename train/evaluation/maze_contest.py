@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +16,7 @@ from pursuit.simulator.policy import Policy
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import ROLES, Task
 from scripted_agents import tour_lengths
-from scripted_agents.hidden.references import limited_references
+from scripted_agents.hidden.limited_view_policies import limited_references
 from scripted_agents.limits import is_single_runner, why_no_tour
 from train.evaluation.games import other_role, play_out, stepper, won_by
 from train.evaluation.scores import (
@@ -31,6 +30,7 @@ from train.evaluation.scores import (
     measure_of,
     strongest_reference,
 )
+from train.files import Plain
 from train.settings.checks import EVALUATION_SEED
 
 SCRIPTED = {"chaser": "A* chaser", "evader": "A* evader", "runner": "nearest goal"}
@@ -97,7 +97,7 @@ class MazeContest(Contest[Policy, Simulator]):
         """As `Contest`."""
         return beside_of(self.teammates)
 
-    def describe(self) -> dict[str, Any]:
+    def describe(self) -> Plain:
         """The names of the task, the role and the (first) maze; the policies of teammates."""
         mates = {"teammates": self.teammates} if self.teammates else {}
         maze = self.task.mazes[0].name

@@ -24,7 +24,7 @@ from scripted_agents.tolerances import EQUAL_VALUES
 from scripted_agents.tours.objective import tour_objective_gap
 from train.evaluation.contest import GameContest
 from train.evaluation.contests import AnyContest
-from train.evaluation.games import best_reply
+from train.evaluation.games import best_reply, duel_role, order_of
 
 
 class ObjectiveGap(NamedTuple):
@@ -57,17 +57,15 @@ def objective_gap(contest: AnyContest, discount: float) -> ObjectiveGap:
         return UNKNOWN
     task = contest.task
     rewards = task.role_rewards[contest.role]
-    if len(task.mazes) > 1 or task.start != "random":
-        return UNKNOWN
-    if rewards.distance != 0.0 or task.reward_function is not None:
+    by_time = rewards.distance == 0.0 and task.reward_function is None
+    if len(task.mazes) > 1 or task.start != "random" or not by_time:
         return UNKNOWN
     if is_single_runner(task):
         return ObjectiveGap(_tour_gap(task, rewards, discount))
-    if contest.is_exact and not contest.mask_bumps and task.max_cells <= MAX_OBJECTIVE_CELLS:
+    if contest.is_table_duel and not contest.mask_bumps and task.max_cells <= MAX_OBJECTIVE_CELLS:
         return ObjectiveGap(_duel_gap(contest, rewards, discount))
-    if contest.is_exact or contest.mask_bumps or discount >= 1.0:
-        return UNKNOWN
-    if work_of(task) > MAX_OBJECTIVE_WORK:
+    masked_or_large = contest.mask_bumps or work_of(task) > MAX_OBJECTIVE_WORK
+    if contest.is_table_duel or masked_or_large or discount >= 1.0:
         return UNKNOWN
     return _joint_gap(contest, discount)
 
@@ -95,10 +93,9 @@ def _duel_gap(contest: GameContest, rewards: Rewards, discount: float) -> float 
     if of_capture <= 0.0 if chases else of_capture >= 0.0:
         return None
     table = contest.opponent_table()
-    role: Any = contest.role
+    role = duel_role(contest.role)
     values = best_reply(task, role, table, None, discount).values
-    order: Any = task.move_order
-    moves = list(outcomes(role, maze, table, task.num_actions, order))
+    moves = list(outcomes(role, maze, table, task.num_actions, order_of(task)))
     pick: Any = np.min if chases else np.max
     options = expected_after(moves, values if chases else values.T, task.num_actions)
     goal = pick(options, axis=2, keepdims=True)

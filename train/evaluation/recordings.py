@@ -10,11 +10,11 @@ from pursuit.replays.recorder import Recorder
 from pursuit.replays.replay import Replay
 from pursuit.replays.viewer.data import Side
 from scripted_agents import action_values
-from scripted_agents.references import is_exact
+from scripted_agents.references import is_table_duel
 from train.evaluation.arm_contest import ArmContest
 from train.evaluation.contest import GameContest
 from train.evaluation.contests import AnyContest
-from train.evaluation.games import table_in
+from train.evaluation.games import duel_role, order_of, table_in
 from train.evaluation.scores import label_of
 
 MOST_OVERLAY_CELLS = 225
@@ -64,27 +64,21 @@ def sides_of(contest: AnyContest, policy: Any, most_both: int = MOST_BOTH_CELLS)
     full view; labels say so if the view is limited. Empty unless the game is a duel against a
     tabular policy in a small maze.
     """
-    if not isinstance(contest, GameContest) or not contest.is_exact:
+    if not isinstance(contest, GameContest) or not contest.is_table_duel:
         return []
     task = contest.task
     if task.max_cells > MOST_OVERLAY_CELLS:
         return []
     maze, seat = task.mazes[0], task.seat(contest.agent)
     theirs = contest.opponent_table()
-    tabular = is_exact(task, policy)
+    tabular = is_table_duel(task, policy)
     learned = table_in(task, policy) if tabular else None
-    rules: dict[str, Any] = {
-        "horizon": task.max_steps,
-        "stay_action": task.stay_action,
-        "move_order": task.move_order,
-    }
+    rules = (task.max_steps, task.stay_action, order_of(task))
     names, other = task.agent_names, 1 - seat
-    own: Any = task.seat_roles[seat]
-    found = action_values(own, maze, theirs, **rules)
+    found = action_values(duel_role(task.seat_roles[seat]), maze, theirs, *rules)
     called = {name: f"{name} with full view" if task.hides_from(name) else name for name in names}
     sides = [Side(called[names[seat]], seat, other, found.values, learned, found.optimal)]
     if learned is not None and maze.num_cells <= most_both:
-        role: Any = task.seat_roles[other]
-        found = action_values(role, maze, learned, **rules)
+        found = action_values(duel_role(task.seat_roles[other]), maze, learned, *rules)
         sides.append(Side(called[names[other]], other, seat, found.values, theirs, found.optimal))
     return sides

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, Generic, Literal, Self, TypeVar
+from typing import Generic, Literal, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task
 from scripted_agents.references import ExactReference
 from train.evaluation.hidden_contest import Certificate
+from train.files import Plain
 from train.reports.tables import Column, ResultTable, Row, numeric, words
 
 BEST_RETURN = "optimal return"
@@ -59,9 +60,9 @@ class Measure:
 
     def best(self, scores: Sequence[Score]) -> Score | None:
         """The best score with a value; None if there is none."""
-        known = [score for score in scores if self.of(score) is not None]
-        choose: Any = min if self.less_is_better else max
-        return choose(known, key=self.of) if known else None
+        known = [(value, score) for score in scores if (value := self.of(score)) is not None]
+        sign = 1.0 if self.less_is_better else -1.0
+        return min(known, key=lambda pair: sign * pair[0])[1] if known else None
 
     def distance(self, achieved: Score, best: Score | None) -> float | None:
         """The distance to the best: for steps the ratio - 1, else the difference; None if unknown.
@@ -280,7 +281,7 @@ class Contest(ABC, Generic[PolicyT, GamesT]):
         return ""
 
     @abstractmethod
-    def describe(self) -> dict[str, Any]:
+    def describe(self) -> Plain:
         """The evaluation as plain values: "task", "role", "maze" and others."""
 
     @abstractmethod

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +17,7 @@ from scripted_agents import BestResponse, RandomAgent, mean_over_starts
 from scripted_agents.environments import DEFAULTS
 from scripted_agents.limits import SOLVED_MAZES
 from scripted_agents.references import ExactReference, is_solvable, reference_of
-from train.evaluation.games import best_reply, half_width
+from train.evaluation.games import Lengths, best_reply, half_width
 from train.evaluation.maze_contest import SCRIPTED, MazeContest
 from train.evaluation.scores import Measure, Score
 from train.evaluation.suite_tables import (
@@ -26,6 +25,7 @@ from train.evaluation.suite_tables import (
     pairs_of_values,
     tables_of,
 )
+from train.files import Plain
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +45,7 @@ class InMazes:
     steps: NDArray[np.float64]
     success: NDArray[np.float64]
     exact: bool
-    lengths: NDArray[Any] | None = None
+    lengths: Lengths | None = None
     returns: NDArray[np.float64] | None = None
     goals: NDArray[np.float64] | None = None
 
@@ -93,11 +93,11 @@ class SuiteContest(MazeContest):
         return is_solvable(self.task, self.opponent)
 
     @property
-    def is_exact(self) -> bool:
+    def is_computed(self) -> bool:
         """Whether policies are evaluated exactly, not sampled."""
         return self.exact and self.solvable
 
-    def describe(self) -> dict[str, Any]:
+    def describe(self) -> Plain:
         """As `Contest`."""
         return {**super().describe(), "maze": suite_called(self.task)}
 
@@ -120,7 +120,7 @@ class SuiteContest(MazeContest):
     @cached_property
     def played(self) -> NDArray[np.intp]:
         """[mazes] the indices of the mazes that are evaluated."""
-        return np.arange(len(self.task.mazes)) if self.is_exact else np.unique(self.numbers)
+        return np.arange(len(self.task.mazes)) if self.is_computed else np.unique(self.numbers)
 
     def starts(self) -> Simulator:
         """As `MazeContest`, equally many in each maze."""
@@ -129,9 +129,9 @@ class SuiteContest(MazeContest):
 
     def start(self, number: int) -> Simulator:
         """As `MazeContest`."""
-        return self._in(super().start(number), self.numbers[number % len(self.numbers)])
+        return self._in(super().start(number), self.numbers[[number % len(self.numbers)]])
 
-    def _in(self, simulator: Simulator, mazes: Any) -> Simulator:
+    def _in(self, simulator: Simulator, mazes: NDArray[np.intp]) -> Simulator:
         """Restart the games of a simulator in these mazes."""
         simulator.configure(maze=mazes)
         simulator.reset(self.seed)
@@ -145,7 +145,7 @@ class SuiteContest(MazeContest):
         Raises:
             ValueError: the contest is exact, and the policy is no table.
         """
-        if not self.is_exact:
+        if not self.is_computed:
             simulator = self.starts()
             found = self._over_mazes(name, *self.play_from(simulator, policy))
             goals = simulator.collected[:, self.seat].copy() if self.task.num_goals else None
@@ -164,7 +164,7 @@ class SuiteContest(MazeContest):
         steps, caught = map(np.array, zip(*means, strict=True))
         return InMazes(name, steps, 1.0 - caught if self.role == "evader" else caught, True)
 
-    def _over_mazes(self, name: str, lengths: NDArray[Any], won: NDArray[np.bool_]) -> InMazes:
+    def _over_mazes(self, name: str, lengths: Lengths, won: NDArray[np.bool_]) -> InMazes:
         """The means of the sampled episodes by maze."""
         mazes = len(self.played)
         steps, success = (found.reshape(mazes, -1).mean(axis=1) for found in (lengths, won))
@@ -188,7 +188,7 @@ class SuiteContest(MazeContest):
         task = self.task
         if self.solvable and task.is_duel:
             return self._best_responses()
-        if self.is_exact:
+        if self.is_computed:
             paths = [maze.distances[maze.distances > 0] for maze in task.mazes]
             steps = [float(np.minimum(each, task.max_steps).mean()) for each in paths]
             success = [float((each <= task.max_steps).mean()) for each in paths]
@@ -203,7 +203,7 @@ class SuiteContest(MazeContest):
         """The optimum of a duel; its success rate is that of the policy of the first step."""
         solved = list(self._solutions.values())
         success = self._exactly("optimal", (found.policy for found in solved)).success
-        if not self.is_exact and (found := self._best_lengths()) is not None:
+        if not self.is_computed and (found := self._best_lengths()) is not None:
             lengths = np.minimum(found, self.task.max_steps)
             steps = lengths.reshape(len(self.played), -1).mean(axis=1)
             return InMazes("optimal", steps, success, False, lengths)
@@ -257,7 +257,7 @@ class SuiteContest(MazeContest):
     def references(self) -> list[InMazes]:
         """Random, scripted (A* or nearest goal; if sampled also agents with the same limited view)
         and, if known, the optimum."""
-        others = {} if self.is_exact else self.limited
+        others = {} if self.is_computed else self.limited
         found = [
             self.in_mazes("random", RandomAgent()),
             self.in_mazes(SCRIPTED[self.role], DEFAULTS[self.role](0.0)),

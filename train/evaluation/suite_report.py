@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,18 +10,19 @@ from numpy.typing import NDArray
 from pursuit.mazes.maze import MAX_TABLE_CELLS, Maze
 from pursuit.mazes.suite_files import rows_of, suite_names
 from train.evaluation.suite_contest import InMazes, SuiteContest
+from train.files import Plain
 from train.reports.tables import ResultTable, numeric, words
 
 SOLVED = 1.0 - 1e-9
 """Success rate from which a maze counts as solved from all starts."""
 
 
-def measures_of(maze: Maze) -> dict[str, Any]:
+def measures_of(maze: Maze) -> Plain:
     """The properties of a maze: kind (in a suite), size and path lengths."""
     suite, _, number = maze.name.partition("/")
     of_suite = suite in suite_names() and number.isdigit()
     kind = rows_of(maze.name)[0].kind if of_suite else ""
-    known: dict[str, Any] = {"kind": kind, "cells": maze.num_cells, "loops": maze.num_loops}
+    known: Plain = {"kind": kind, "cells": maze.num_cells, "loops": maze.num_loops}
     if maze.num_cells <= MAX_TABLE_CELLS:
         known["longest_path"] = maze.longest_distance
         known["mean_path"] = float(maze.distances[maze.distances > 0].mean())
@@ -34,7 +34,7 @@ def gaps_of(found: InMazes, best: InMazes) -> NDArray[np.float64]:
     return found.steps / best.steps - 1.0
 
 
-def maze_rows(contest: SuiteContest, policies: Sequence[InMazes]) -> list[dict[str, Any]]:
+def maze_rows(contest: SuiteContest, policies: Sequence[InMazes]) -> list[Plain]:
     """A row for each of the mazes `played`: properties of the maze, and steps, success, gap and the
     measure of each policy.
 
@@ -60,13 +60,13 @@ def maze_rows(contest: SuiteContest, policies: Sequence[InMazes]) -> list[dict[s
     return rows
 
 
-def summary_of(contest: SuiteContest, found: InMazes) -> dict[str, Any]:
+def summary_of(contest: SuiteContest, found: InMazes) -> Plain:
     """The figures of a policy over all mazes, as plain values.
 
     "optimality_gap" is that of the mean steps, "mean_gap" the mean of the gaps of the mazes, and
     "solved_mazes" the share of mazes solved from all starts.
     """
-    summary: dict[str, Any] = {
+    summary: Plain = {
         **{name: contest.describe()[name] for name in ("task", "maze")},
         "mazes": len(contest.played),
         "exact": found.exact,
@@ -88,7 +88,7 @@ def summary_of(contest: SuiteContest, found: InMazes) -> dict[str, Any]:
     return summary
 
 
-def generalisation(seen: dict[str, Any], unseen: dict[str, Any]) -> dict[str, Any]:
+def generalisation(seen: Plain, unseen: Plain) -> Plain:
     """The generalisation gap from training mazes to others; arguments as from `summary_of`."""
     lost = {"success_rate": seen["success_rate"] - unseen["success_rate"]}
     if "optimality_gap" in seen and "optimality_gap" in unseen:
@@ -96,9 +96,9 @@ def generalisation(seen: dict[str, Any], unseen: dict[str, Any]) -> dict[str, An
     return {"seen": seen, "unseen": unseen, "lost": lost}
 
 
-def kind_table(rows: Sequence[dict[str, Any]], name: str = "learned") -> ResultTable:
+def kind_table(rows: Sequence[Plain], name: str = "learned") -> ResultTable:
     """Means over the mazes of each kind."""
-    kinds: dict[str, list[dict[str, Any]]] = {}
+    kinds: dict[str, list[Plain]] = {}
     for row in rows:
         kinds.setdefault(row["kind"], []).append(row)
     found = []

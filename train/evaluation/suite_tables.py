@@ -7,7 +7,6 @@ is a table over (own cell, other cell); that of a network is computed in batches
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,7 +92,9 @@ def stays(maze: Maze) -> NDArray[np.float64]:
     return table
 
 
-def opponent_tables(opponent: Policy | None, task: Task, seat: int) -> Iterator[NDArray[Any]]:
+def opponent_tables(
+    opponent: Policy | None, task: Task, seat: int
+) -> Iterator[NDArray[np.float64]]:
     """The table of the opponent of a duel, or of the goal, for each maze."""
     if opponent is None:
         return (stays(maze) for maze in task.mazes)
@@ -101,7 +102,7 @@ def opponent_tables(opponent: Policy | None, task: Task, seat: int) -> Iterator[
 
 
 def pairs_of_values(
-    task: Task, seat: int, own: Iterator[NDArray[Any]], others: Iterator[NDArray[Any]]
+    task: Task, seat: int, own: Iterator[NDArray[np.float64]], others: Iterator[NDArray[np.float64]]
 ) -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64]]]:
     """Expected steps, and probability of an end within the time limit, for each maze.
 

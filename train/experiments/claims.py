@@ -7,10 +7,10 @@ cells (Holm), is below `LEVEL`; otherwise it is undecided. There is no verdict o
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from statistics import fmean
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from scipy.stats import binomtest
 
@@ -183,7 +183,7 @@ class Decision:
     Attributes:
         groups: the runs that the claim is about, then those of every rival.
         test: of these.
-        corrected: p corrected for the number of cells of the page (`correct`); nan before that,
+        corrected: p corrected for the number of cells of the page (`corrected`); nan before that,
             and if no result could have given a verdict.
         meets: the number of runs that meet a rule with a threshold.
         note: the reason if there is no test.
@@ -203,7 +203,7 @@ class Decision:
         return CONFIRMED if self.test.supports else REFUTED
 
 
-def correct(decisions: Sequence[Decision]) -> list[Decision]:
+def corrected(decisions: Sequence[Decision]) -> list[Decision]:
     """Correct the p of all cells of a page together (Holm, 1979).
 
     Cells whose smallest attainable p is `LEVEL` or more are not counted: no result could have given
@@ -216,7 +216,7 @@ def correct(decisions: Sequence[Decision]) -> list[Decision]:
 def decide(
     claim: Claim, rows: Sequence[Row], varying: Sequence[str], least_frames: int
 ) -> list[Decision]:
-    """Test every cell of a claim; p is not corrected yet (`correct`).
+    """Test every cell of a claim; p is not corrected yet (`corrected`).
 
     If a run lacks a value that the rule needs, there is one decision without a test and with a
     note.
@@ -328,7 +328,7 @@ def _known(value: float) -> object:
     return "" if value != value else value
 
 
-def named(cell: Mapping[str, Any]) -> str:
+def named(cell: Table) -> str:
     """A cell in words."""
     counts = {"joints": "joint", "num_goals": "goal"}
     words = []

@@ -5,27 +5,27 @@ Its folder has the files of every run, but no checkpoint: it is executed whole.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from time import perf_counter, process_time
 from typing import Annotated, Any
 
 import torch
+from filelock import FileLock
 
 from pursuit.validation import at_least, check, choice, one_of, unknown
 from scripted_agents.limits import MAX_EXACT_GOALS
 from train.evaluation.contest import GameContest
 from train.evaluation.scores import BY_STEPS, Score, optimality_gap
 from train.experiments.contestants import CONTESTANTS, OBEYED, Contestant, Trainer
-from train.experiments.study import check_budget
-from train.files import write_csv, write_json
+from train.experiments.study import Table, check_budget
+from train.files import Plain, write_csv, write_json
 from train.kinds import KINDS, Kind
+from train.machine import machine, versions
 from train.runs.folder import METRICS, RESULTS
 from train.runs.forms import RESTORE
 from train.runs.loop import Budget
 from train.runs.threads import keep_freed_memory
-from train.runs.versions import machine, versions
 from train.runs.worlds import GridWorld
 from train.schemas import read_as
 from train.settings.algorithms import PPOSettings
@@ -100,7 +100,7 @@ def settings_of(**flat: Any) -> ContestantSettings:
     return read_as(ContestantSettings, plain, where, remedy)
 
 
-def hyper_of(entry: Contestant, world: GridWorld, drawn: Mapping[str, Any]) -> PPOSettings:
+def hyper_of(entry: Contestant, world: GridWorld, drawn: Table) -> PPOSettings:
     """The defaults of a contestant, overridden by the drawn settings.
 
     A minibatch is at most one rollout. A drawn discount is constant.
@@ -115,7 +115,7 @@ def hyper_of(entry: Contestant, world: GridWorld, drawn: Mapping[str, Any]) -> P
     return replace(base, **values)
 
 
-def from_plain(plain: dict[str, Any], where: str) -> ContestantSettings:
+def from_plain(plain: Plain, where: str) -> ContestantSettings:
     """Settings from the `config.json` at `where`; ValueError if they are damaged."""
     return read_as(ContestantSettings, plain, where, RESTORE)
 
@@ -131,17 +131,17 @@ def world_and_contest(task: TaskSettings, episodes: int) -> tuple[GridWorld, Gam
     """
     world = GridWorld(task)
     contest = world.contest(episodes)
-    one = isinstance(contest, GameContest)
-    check(one, f"maze={task.maze!r} is several mazes; give one of them, such as {task.maze}/0")
-    assert isinstance(contest, GameContest)
+    if not isinstance(contest, GameContest):
+        raise ValueError(
+            f"maze={task.maze!r} is several mazes; give one of them, such as {task.maze}/0"
+        )
     optimum = contest.optimal()
-    check(
-        optimum is not None and contest.measure == BY_STEPS,
-        f"{world.agent} of {task.task} in {task.maze}: a comparison needs a known optimum, and an "
-        "agent that minimises episode length; use a runner with up to "
-        f"{MAX_EXACT_GOALS} goals, or a chaser of one evader",
-    )
-    assert optimum is not None
+    if optimum is None or contest.measure != BY_STEPS:
+        raise ValueError(
+            f"{world.agent} of {task.task} in {task.maze}: a comparison needs a known optimum, and "
+            "an agent that minimises episode length; use a runner with up to "
+            f"{MAX_EXACT_GOALS} goals, or a chaser of one evader"
+        )
     return world, contest, optimum
 
 
@@ -210,11 +210,11 @@ class ContestantRun:
 
     settings: ContestantSettings
     folder: Path
-    lock: Any = None
+    lock: FileLock | None = None
     progress = 1.0
     stopped = False
 
-    def results(self, episodes: int) -> dict[str, Any]:
+    def results(self, episodes: int) -> Plain:
         """Learn, and write `metrics.csv` and `results.json`."""
         settings = self.settings
         _, contest, optimum = world_and_contest(settings.task, episodes)

@@ -14,16 +14,15 @@ settings of `OBEYED`, uses one thread, and takes its seed. It also needs an extr
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
-from typing import Any, Protocol
+from typing import Protocol
 
 from torch import nn
 
 import pursuit
 from pursuit.environments.single_agent import SingleAgentVectorEnv
 from pursuit.simulator.policy import Policy
-from train.evaluation.contest import GameContest
 from train.networks.policy import Seat
 from train.runs.parts import parts_of
 from train.runs.single import SingleAgent
@@ -41,11 +40,6 @@ OBEYED = (
     *("gae_lambda", "clip", "entropy_coef", "value_coef", "max_grad_norm", "width", "activation"),
 )
 """The settings that every contestant implements; a search may draw these."""
-
-
-def seat_of(world: GridWorld) -> Seat:
-    """The seat of the learner, with the observation that all contestants get."""
-    return Seat(world.task, world.agent, OBSERVATION)
 
 
 class Trainer(Protocol):
@@ -68,19 +62,16 @@ class Trainer(Protocol):
 # -- ours ------------------------------------------------------------------------------------------
 
 
-class Clock:
-    """Progress of a run, as `train.runs.trainee.Clock`."""
-
-    progress = seconds = 0.0
-
-
 class Ours:
-    """PPO of `pursuit train`, with the curriculum of its preset if there is one."""
+    """PPO of `pursuit train`, with the curriculum of its preset if there is one.
+
+    It is the `Clock` of its learner, as the comparison counts the budget.
+    """
 
     def __init__(self, world: GridWorld, settings: PPOSettings, seed: int) -> None:
         prepare_torch(1, seed)
         name, own = curriculum_for("ppo", profile_of(world.settings))
-        # The comparison counts the budget. Frames are given so that threads are not chosen by time.
+        # Frames are given so that threads are not chosen by time.
         whole = TrainSettings(
             world.settings,
             settings,
@@ -91,7 +82,8 @@ class Ours:
             seed=seed,
             threads=1,
         )
-        self.learner, self.clock = SingleAgent(parts_of(whole), "greedy"), Clock()
+        self.learner = SingleAgent(parts_of(whole), "greedy")
+        self.progress = self.seconds = 0.0
 
     @property
     def frames(self) -> int:
@@ -100,16 +92,15 @@ class Ours:
 
     def iterate(self, progress: float) -> None:
         """As `Trainer`."""
-        self.clock.progress = progress
-        self.learner.iterate(self.clock)
+        self.progress = progress
+        self.learner.iterate(self)
         # Not used here; they would accumulate.
         self.learner.env.finished_returns.clear()
         self.learner.env.finished_lengths.clear()
 
     def policy(self, greedy: bool) -> Policy:
         """As `Trainer`."""
-        made: Policy = self.learner.learner.policy(greedy=greedy)
-        return made
+        return self.learner.learner.policy(greedy=greedy)
 
     def close(self) -> None:
         """As `Trainer`."""
@@ -126,14 +117,6 @@ def our_defaults(world: GridWorld) -> PPOSettings:
 # -- Stable-Baselines3 -----------------------------------------------------------------------------
 
 
-def vector_env(
-    world: GridWorld | GameContest, games: int, observation: str = OBSERVATION
-) -> SingleAgentVectorEnv:
-    """Games as a Gymnasium vector environment with same-step autoreset."""
-    seats = (world.task, world.agent, world.opponents)
-    return SingleAgentVectorEnv(*seats, games, observation, autoreset_mode="SAME_STEP")
-
-
 class StableBaselines:
     """Stable-Baselines3's PPO with an MlpPolicy."""
 
@@ -146,9 +129,13 @@ class StableBaselines:
         self.world, self.progress = world, 0.0
         self.batch = settings.num_games * settings.rollout_steps
         between = nn.Tanh if settings.activation == "tanh" else nn.ReLU
-        self.learner: Any = PPO(
+        seats = (world.task, world.agent, world.opponents)
+        games = SingleAgentVectorEnv(
+            *seats, settings.num_games, OBSERVATION, autoreset_mode="SAME_STEP"
+        )
+        self.learner = PPO(
             "MlpPolicy",
-            StableBaselinesVecEnv(vector_env(world, settings.num_games)),
+            StableBaselinesVecEnv(games),
             n_steps=settings.rollout_steps,
             batch_size=settings.minibatch_size,
             n_epochs=settings.epochs,
@@ -180,8 +167,7 @@ class StableBaselines:
 
     def policy(self, greedy: bool) -> Policy:
         """As `Trainer`."""
-        made: Policy = seat_of(self.world).policy(self.network, greedy)
-        return made
+        return Seat(self.world.task, self.world.agent, OBSERVATION).policy(self.network, greedy)
 
     def close(self) -> None:
         """As `Trainer`."""
@@ -222,16 +208,14 @@ class Contestant:
             ) from None
 
 
-def library_defaults(world: GridWorld) -> PPOSettings:
-    """Defaults of the libraries for settings that a search leaves out."""
-    plain = PPOSettings(shared=False, activation="tanh", clip=0.2, max_grad_norm=0.5)
-    return replace(plain, value_coef=0.5)
-
-
+LIBRARY_DEFAULTS = PPOSettings(
+    shared=False, activation="tanh", clip=0.2, max_grad_norm=0.5, value_coef=0.5
+)
+"""Defaults of the libraries for settings that a search leaves out."""
 CONTESTANTS = {
     "ours": Contestant("ours", "pursuit", "", Ours, our_defaults),
     "stable-baselines3": Contestant(
-        "Stable-Baselines3", "stable_baselines3", "sb3", StableBaselines, library_defaults
+        "Stable-Baselines3", "stable_baselines3", "sb3", StableBaselines, lambda _: LIBRARY_DEFAULTS
     ),
 }
 """By their names in comparison files."""

@@ -6,7 +6,6 @@ import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, fields, replace
-from typing import Any
 
 from pursuit.validation import check, one_of
 from train.experiments.contestant_runs import CONTESTANT
@@ -19,15 +18,16 @@ from train.experiments.study import (
     ReportHints,
     StudyFile,
     Table,
-    check_seeds,
     check_table,
     choose_version,
     read_file,
 )
 from train.kinds import KINDS
 from train.runs.folder import RUN, SELF_PLAY
+from train.runs.forms import Final
 from train.runs.parts import contest_of
 from train.runs.tasks import task_of
+from train.settings.checks import check_seed
 from train.settings.self_play import LEARN, ROLES
 from train.settings.task import TaskSettings
 
@@ -95,7 +95,9 @@ def multiply_out(file: StudyFile, stem: str, tuned: Tuned) -> Study:
     variants, seeds = file.variants, [0] if file.seeds is None else file.seeds
     check_table(common, "[settings]")
     check_table(grid, "[grid]", values=True)
-    check_seeds(seeds)
+    check(bool(seeds), "seeds is an empty list; give at least one value")
+    for seed in seeds:
+        check_seed(seed)
     check_variants(variants)
     count = math.prod(map(len, grid.values())) * len(variants or [{}]) * len(seeds)
     check(count <= MAX_RUNS, f"{count:,} runs; give values for at most {MAX_RUNS:,}")
@@ -105,12 +107,15 @@ def multiply_out(file: StudyFile, stem: str, tuned: Tuned) -> Study:
         for name in one.keys() & two.keys():
             raise ValueError(f"{name!r} is set by two of grid, search and variants; set it in one")
     check(bool(common or grid or variants), "nothing to do; give [settings] and [grid]")
+    final = Final() if file.episodes is None else Final(file.episodes)
     runs: dict[str, TrainingRun] = {}
     for values in itertools.product(*grid.values()):
         for variant, sample in itertools.product(variants or [{}], drawn):
             label = dict(zip(grid, values, strict=True)) | variant | sample
-            own = with_tuned(kind, common, label, tuned)
-            for run in runs_of(kind, own, label, seeds, episodes_of(file)):
+            of = {**common, **label}.get("contestant" if kind == CONTESTANT else "algorithm")
+            found = tuned.get((str(of), label.get("name", "")), tuned.get((str(of), ""), {}))
+            own = {**common, **found}
+            for run in runs_of(kind, own, label, seeds, final.episodes):
                 same = runs.setdefault(run.name.rsplit("-", 1)[1], run)
                 check(  # equal combinations run once
                     same.label == run.label,
@@ -135,20 +140,6 @@ def alternating(runs: Sequence[TrainingRun]) -> tuple[TrainingRun, ...]:
     return tuple(
         run for n, each in turns for run in (*each[n % len(each) :], *each[: n % len(each)])
     )
-
-
-def with_tuned(kind: str, common: Table, label: Table, tuned: Tuned) -> Table:
-    """Common settings with those that the search found for this algorithm or contestant."""
-    name = "contestant" if kind == CONTESTANT else "algorithm"
-    value, variant = {**common, **label}.get(name), label.get("name", "")
-    return {**common, **tuned.get((value, variant), tuned.get((value, ""), {}))}  # type: ignore[arg-type]
-
-
-def episodes_of(file: StudyFile) -> int:
-    """Episodes of the final evaluation; ValueError if too few for an interval."""
-    episodes = 1000 if file.episodes is None else file.episodes
-    check(episodes >= 2, f"episodes={episodes!r}; give at least 2")
-    return episodes
 
 
 def check_variants(variants: list[Table] | None) -> None:
@@ -188,12 +179,12 @@ def runs_of(
         yield TrainingRun(name, kind, own, episodes, varying, files, inputs)
 
 
-def run_label(label: Mapping[str, Any]) -> str:
+def run_label(label: Table) -> str:
     """The varying settings in one line of text."""
     return ", ".join(f"{name}={value!r}" for name, value in label.items())
 
 
-def flat_plain(nested: Mapping[str, Any]) -> Table:
+def flat_plain(nested: Table) -> Table:
     """Plain settings by name as a flat dictionary; budgets are renamed by `MEASURED`.
 
     What differs between the sides of self-play is chaser.NAME and evader.NAME.

@@ -16,7 +16,7 @@ from typing import Any
 
 from pursuit.validation import check
 from scripted_agents.environments import AGENTS
-from train.files import write_bytes
+from train.files import Plain, write_bytes
 from train.kinds import with_mazes
 from train.runs.folder import CHECKPOINT, CONFIG
 from train.runs.provenance import provenance
@@ -44,7 +44,7 @@ class Input:
     digest: str
 
 
-def named_policies(plain: Mapping[str, Any]) -> dict[str, str]:
+def named_policies(plain: Plain) -> dict[str, str]:
     """The policies in plain settings that are not scripted agents, by the setting's name."""
     named = {name: plain.get(name) for name in ROLES} | {"opponent": plain["task"].get("opponent")}
     return {
@@ -116,10 +116,10 @@ def fingerprint(kind: str, settings: Any, episodes: int, inputs: Mapping[str, In
     return hashlib.sha256(whole.encode()).hexdigest()[:10]
 
 
-def frozen_mazes(settings: Any) -> tuple[Any, dict[str, Any]]:
+def frozen_mazes(settings: Any) -> tuple[Any, Plain]:
     """Settings with mazes as text; and the names as given of mazes and policies, for reports."""
     frozen = with_mazes(settings)
-    names: dict[str, Any] = dict(named_policies(asdict(settings)))
+    names: Plain = {**named_policies(asdict(settings))}
     if settings.task != frozen.task:
         names["maze"] = settings.task.maze
     before, after = (getattr(s, "curriculum_settings", None) for s in (settings, frozen))
@@ -131,7 +131,7 @@ def frozen_mazes(settings: Any) -> tuple[Any, dict[str, Any]]:
 # -- copies ----------------------------------------------------------------------------------------
 
 
-def copy_of(policy: Input, folder: Path) -> Path:
+def copied_input(policy: Input, folder: Path) -> Path:
     """The path of the copy of an input in the folder of a sweep; copied if missing or incomplete.
 
     Runs load the copy, so that an opponent that is still training is the same for all runs.

@@ -7,6 +7,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 
 import msgspec
@@ -14,7 +15,7 @@ import msgspec
 from pursuit.mazes.maze import Maze
 from pursuit.validation import check, one_of, unknown
 from train.experiments.claims import cells_of
-from train.experiments.expansion import Tuned, flat_plain, load_study
+from train.experiments.expansion import flat_plain, load_study
 from train.experiments.runs import TUNING, Study
 from train.experiments.stages import Stage
 from train.experiments.study import (
@@ -27,7 +28,7 @@ from train.experiments.study import (
     Tuning,
     read_file,
 )
-from train.experiments.tuning import choose, search_of
+from train.experiments.tuning import best_trials, search_of
 from train.files import begins_with, read_json, write_json
 from train.reports.tables import in_markdown
 
@@ -123,7 +124,7 @@ def mazes_by_size(folder: Path) -> dict[str, str]:
 # -- runs ------------------------------------------------------------------------------------------
 
 
-def stages_of(plan: Replication, out: Path) -> list[Stage]:
+def replication_stages(plan: Replication, out: Path) -> list[Stage]:
     """The search, then every study; each with the settings found when it starts."""
     stages = []
     if plan.tuning is not None:
@@ -131,21 +132,13 @@ def stages_of(plan: Replication, out: Path) -> list[Stage]:
         stages.append(Stage("settings", lambda: search, out / TUNING))
     for study in plan.studies:
         if not study.exact:
-            stages.append(stage_of(study, plan, out))
+            expand = partial(runs_of_study, study, plan, out)
+            stages.append(Stage(study.id, expand, out / STUDIES / study.id, study.tuned))
     return stages
 
 
-def stage_of(study: ClaimedStudy, plan: Replication, out: Path) -> Stage:
-    """The runs of one study."""
-
-    def runs() -> Study:
-        return runs_of_study(study, plan, choose(out)[1])
-
-    return Stage(study.id, runs, out / STUDIES / study.id, tuned=study.tuned)
-
-
-def runs_of_study(study: ClaimedStudy, plan: Replication, tuned: Tuned) -> Study:
-    """The runs of a study, with the settings that the search found if it is tuned.
+def runs_of_study(study: ClaimedStudy, plan: Replication, out: Path) -> Study:
+    """The runs of a study, with the settings that the search in `out` has found if it is tuned.
 
     Raises:
         ValueError: an invalid study file, or a claim about runs that it does not have.
@@ -155,22 +148,11 @@ def runs_of_study(study: ClaimedStudy, plan: Replication, tuned: Tuned) -> Study
         str(name),
         kind,
         plan.version,
-        lambda file: with_mazes(file, plan.mazes),
-        tuned if study.tuned else None,
+        lambda file: with_own_mazes(file, plan.mazes),
+        best_trials(out)[1] if study.tuned else None,
     )
-    check_cells(study, found, {path: name for name, path in plan.mazes.items()})
-    return found
-
-
-def check_cells(study: ClaimedStudy, runs: Study, names: Mapping[str, str]) -> None:
-    """ValueError for a claim about runs that the study does not have.
-
-    Args:
-        study, runs: with the claims, and with the runs.
-        names: of mazes by path.
-    """
-    rows = []
-    for run in runs.runs:
+    names, rows = {path: name for name, path in plan.mazes.items()}, []
+    for run in found.runs:
         row = {**flat_plain(asdict(run.settings)), **run.files, **run.label}
         rows.append(row | {"maze": names.get(str(row.get("maze")), row.get("maze"))})
     for claim in study.claims:
@@ -180,9 +162,10 @@ def check_cells(study: ClaimedStudy, runs: Study, names: Mapping[str, str]) -> N
                 f"study {study.id!r}: the claim {claim.text!r} is about {cell}, but "
                 f"{study.sweep or study.ablation} has no such run; correct the claim or the file",
             )
+    return found
 
 
-def with_mazes(file: StudyFile, mazes: Mapping[str, str]) -> StudyFile:
+def with_own_mazes(file: StudyFile, mazes: Mapping[str, str]) -> StudyFile:
     """The same study file with user-defined mazes in place of shipped ones."""
 
     def other(table: Table | None) -> Table | None:
@@ -235,7 +218,7 @@ def changed_rules(study: ClaimedStudy, out: Path) -> str:
     return f"The rules of this study were changed after its first run ({kept['written']})."
 
 
-def is_folder_of(plan: Replication, out: Path) -> bool:
+def is_replication(plan: Replication, out: Path) -> bool:
     """Whether `out` is the folder of this replication, or of one with the same title."""
     page = out / "report" / PAGE
     own = not page.exists() or begins_with(page, f"# {in_markdown(plan.title)}\n")

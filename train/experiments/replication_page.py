@@ -15,7 +15,7 @@ from train.experiments.claims import (
     UNDECIDED,
     Decision,
     cell_row,
-    correct,
+    corrected,
     decide,
     named,
 )
@@ -33,7 +33,7 @@ from train.experiments.statistics import (
 )
 from train.experiments.study import COMPARISONS, Claim, ClaimedStudy, Layout
 from train.experiments.summary import note
-from train.experiments.tuning import choose
+from train.experiments.tuning import best_trials
 from train.files import write_bytes, write_csv
 from train.reports.pages import write_markdown
 from train.reports.tables import Column, ResultTable, Row, in_markdown, plain_table, words
@@ -69,7 +69,6 @@ def rows_of(folder: Path, mazes: Mapping[str, str]) -> StudyRows:
         return StudyRows(Layout(folder.name))
     study = read_all(folder)
     names = {path: name for name, path in mazes.items()}
-    study.rows = [row for row in study.everything if row["status"] == "complete"]
     for row in study.rows:
         row["maze"] = names.get(str(row.get("maze")), row.get("maze"))
     return study
@@ -87,8 +86,8 @@ def decide_all(plan: Replication, studies: Mapping[str, StudyRows]) -> list[Deci
                 rows = studies[study.id]
                 cells = decide(claim, rows.rows, rows.varying, study.least_frames)
                 decided.append(Decided(study, claim, tuple(cells)))
-    corrected = iter(correct([cell for each in decided for cell in each.cells]))
-    return [replace(d, cells=tuple(next(corrected) for _ in d.cells)) for d in decided]
+    tested = iter(corrected([cell for each in decided for cell in each.cells]))
+    return [replace(d, cells=tuple(next(tested) for _ in d.cells)) for d in decided]
 
 
 # -- page ------------------------------------------------------------------------------------------
@@ -110,24 +109,19 @@ def write_replication(plan: Replication, out: Path) -> Path:
         for picture in [path for path in drawn if path.exists()][:1]:
             write_bytes(folder / f"{study.id}.png", picture.read_bytes())
     write_csv(folder / "claims.csv", [row for each in decided for row in each.rows()])
-    write_runs(folder, studies)
+    whole = StudyRows(Layout(""), varying=["study"])
+    for name, rows in studies.items():
+        whole.everything += [{"study": name, **row} for row in rows.everything]
+        whole.varying += [column for column in rows.varying if column not in whole.varying]
+        whole.measures += [column for column in rows.measures if column not in whole.measures]
+    whole.write(folder)
     parts = [*head(plan, studies, out), "## Verdicts", *verdicts(decided)]
     parts.append(note("claims.method", level=LEVEL))
-    trials, _ = choose(out)
+    trials, _ = best_trials(out)
     parts += settings_parts(trials) if trials else []
     for study in plan.studies:
         parts += study_part(study, [d for d in decided if d.study is study], out, studies)
     return write_markdown(folder / PAGE, plan.title, parts)
-
-
-def write_runs(folder: Path, studies: Mapping[str, StudyRows]) -> None:
-    """Write `runs.csv` with the runs of all studies."""
-    whole = StudyRows(Layout(""), varying=["study"])
-    for name, study in studies.items():
-        whole.everything += [{"study": name, **row} for row in study.everything]
-        for columns, more in ((whole.varying, study.varying), (whole.measures, study.measures)):
-            columns += [column for column in more if column not in columns]
-    whole.write(folder)
 
 
 def head(plan: Replication, studies: Mapping[str, StudyRows], out: Path) -> list[str]:

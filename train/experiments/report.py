@@ -4,28 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
 
 from train.experiments import figures, summary
 from train.experiments.contestant_runs import CONTESTANT
 from train.experiments.rows import StudyRows, read_several, read_study
-from train.experiments.tuning import choose
+from train.experiments.tuning import best_trials
 from train.experiments.variants import against_control, contestant_rows, first_to_gaps
 from train.files import begins_with, only_one, write_csv
 from train.reports.pages import write_markdown
-from train.reports.tables import ResultTable, Row, in_markdown, plain_table
+from train.reports.tables import ResultTable, Row, in_markdown, plain_table, short
 from train.runs.folder import SELF_PLAY
 
 SEVERAL = "Runs of "
 """Start of the titles of reports on several folders."""
 
 
-class Parts(NamedTuple):
-    """The table of a report, sentences and further tables as Markdown, and the names of figures."""
-
-    table: ResultTable
-    paragraphs: list[str]
-    figures: list[str]
+Content = tuple[ResultTable, list[str], list[str]]
+"""The table of a report, sentences and further tables as Markdown, and the names of figures."""
 
 
 def report_on(out: Path, unit: str | None = None, log: bool = False) -> Path:
@@ -43,7 +38,7 @@ def report_on(out: Path, unit: str | None = None, log: bool = False) -> Path:
     Raises:
         ValueError: no study in `out`, or none of its runs has results.
     """
-    trials, _ = choose(out)
+    trials, _ = best_trials(out)
     return write_study(read_study(out), out / "report", unit, log, trials)
 
 
@@ -78,9 +73,11 @@ def write_study(
         unit = unit or figures.unit_of(study)
         kind = study.rows[0]["kind"]
         if study.layout.control is not None:
-            make = nash_conv_parts if kind == SELF_PLAY else ablation_parts
+            make = nash_conv_content if kind == SELF_PLAY else ablation_content
+        elif kind == CONTESTANT and study.x == "variant":
+            make = contestant_content
         else:
-            make = contestant_parts if kind == CONTESTANT and study.x == "variant" else sweep_parts
+            make = sweep_content
         table, paragraphs, pictures = make(study, folder, unit, log)
         parts = [table.markdown(), ran_on(study.rows), *paragraphs]
         if trials:
@@ -98,7 +95,7 @@ def write_study(
     return folder
 
 
-def sweep_parts(study: StudyRows, folder: Path, unit: str, log: bool) -> Parts:
+def sweep_content(study: StudyRows, folder: Path, unit: str, log: bool) -> Content:
     """The report of a sweep, and of several folders."""
     names, measure = ["learning_curves.png"], summary.measure_of(study.rows)
     table = summary.sweep_table(study.rows, study.x)
@@ -108,10 +105,10 @@ def sweep_parts(study: StudyRows, folder: Path, unit: str, log: bool) -> Parts:
         figures.draw_final(folder / "final.png", study, table.rows, study.x, panels)
         names.insert(0, "final.png")
     figures.draw_curves(folder / "learning_curves.png", study, [measure], unit, log)
-    return Parts(table, summary.sweep_notes(study.rows), names)
+    return table, summary.sweep_notes(study.rows), names
 
 
-def ablation_parts(study: StudyRows, folder: Path, unit: str, log: bool) -> Parts:
+def ablation_content(study: StudyRows, folder: Path, unit: str, log: bool) -> Content:
     """The report of an ablation of single agents."""
     rows = against_control(study)
     panels = {
@@ -121,26 +118,26 @@ def ablation_parts(study: StudyRows, folder: Path, unit: str, log: bool) -> Part
     figures.draw_final(folder / "final.png", study, rows, "variant", panels)
     names = ["final.png", *figures.draw_stages(folder, study, unit, log)]
     table = ResultTable(rows, summary.variant_columns(study.layout))
-    return Parts(table, summary.ablation_notes(study), names)
+    return table, summary.ablation_notes(study), names
 
 
-def nash_conv_parts(study: StudyRows, folder: Path, unit: str, log: bool) -> Parts:
+def nash_conv_content(study: StudyRows, folder: Path, unit: str, log: bool) -> Content:
     """The report of an ablation of self-play, without curves over training time."""
     rows = against_control(study)
     panels = {"NashConv (discounted steps)": ("log", "nash_conv", "each_run")}
     figures.draw_final(folder / "final.png", study, rows, "variant", panels)
     table = ResultTable(rows, summary.nash_conv_columns(study.layout))
-    return Parts(table, summary.nash_conv_notes(study, rows), ["final.png"])
+    return table, summary.nash_conv_notes(study, rows), ["final.png"]
 
 
-def contestant_parts(study: StudyRows, folder: Path, unit: str, log: bool) -> Parts:
+def contestant_content(study: StudyRows, folder: Path, unit: str, log: bool) -> Content:
     """The report of a comparison of libraries."""
     rows = contestant_rows(study)
     first = ResultTable(first_to_gaps(study, rows), summary.first_columns())
     figures.draw_curves(folder / "curves.png", study, figures.POLICIES, unit, log=True)
     paragraphs = [*summary.contestant_notes(study), "## First to each gap", first.markdown()]
     paragraphs.append(summary.note("contestants.first"))
-    return Parts(ResultTable(rows, summary.contestant_columns()), paragraphs, ["curves.png"])
+    return ResultTable(rows, summary.contestant_columns()), paragraphs, ["curves.png"]
 
 
 def settings_parts(trials: Sequence[Row]) -> list[str]:
@@ -153,15 +150,11 @@ def settings_parts(trials: Sequence[Row]) -> list[str]:
         known = sum(r["score"] is not None for r in same)
         if row["chosen"] or (not known and row["trial"] == 0):
             values = {n: v for n, v in row.items() if n not in (of, *own)} if known else {}
-            text = ", ".join(f"{n} {_short(v)}" for n, v in values.items())
+            text = ", ".join(f"{n} {short(v)}" for n, v in values.items())
             line: Row = {of: name, "task": row["task"], "settings": text or "the defaults"}
             rows.append(line | {"trial": row["trial"] if known else "none", "complete": known})
     choice = summary.note("search.choice")
     return ["## Settings", choice, plain_table(rows).markdown()]
-
-
-def _short(value: Any) -> str:
-    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def ran_on(rows: list[Row]) -> str:

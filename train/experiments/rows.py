@@ -8,22 +8,20 @@ machine. Reports are made of rows alone; only figures read the evaluations.
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.files import write_atomically
 from pursuit.plugins import references
 from pursuit.validation import check
 from train.experiments.expansion import MEASURED, flat_plain
 from train.experiments.runs import ERROR, read_label, read_layout, status_of
 from train.experiments.statistics import first_below, mean_over
 from train.experiments.study import Layout
-from train.files import write_csv
+from train.files import write_bytes, write_csv
 from train.kinds import read_settings
 from train.reports.tables import Row
 from train.runs.folder import (
@@ -41,9 +39,6 @@ from train.runs.tasks import maze_called
 from train.self_play.names import entry_names
 from train.settings.self_play import ROLES
 from train.settings.task import learning_agent
-
-if TYPE_CHECKING:
-    import polars
 
 SCORES = {"random": "random_steps", "learned": "greedy_steps", "learned, sampled": "sampled_steps"}
 """Columns of the mean steps of these scores."""
@@ -84,42 +79,21 @@ class StudyRows:
         write_csv(folder / RUNS_CSV, rows, names)
 
 
-def collect(out: Path | str) -> tuple[polars.DataFrame, polars.DataFrame]:
-    """Read all runs in the folder of a study, complete or not, and write both Parquet files.
+def write_parquet(path: Path, rows: list[Row]) -> None:
+    """Write `rows` as a Parquet file, atomically; OSError naming `path` if that fails."""
+    import polars
 
-    Returns:
-        Runs: the rows of `row_of`. Curves: "run" and the columns of `metrics.csv`.
+    data = io.BytesIO()  # with a path, polars raises its own exception on a full disk
+    polars.DataFrame(rows, infer_schema_length=None).write_parquet(data)
+    write_bytes(path, data.getvalue())
+
+
+def read_all(out: Path) -> StudyRows:
+    """All runs of a study, complete or not, with their evaluations.
 
     Raises:
         ValueError: no study in this folder, or a run of an incompatible version.
     """
-    return write_frames(read_all(Path(out)), Path(out))
-
-
-def write_frames(study: StudyRows, out: Path) -> tuple[polars.DataFrame, polars.DataFrame]:
-    """Write the rows and the evaluations of a study as Parquet files; returns both tables."""
-    evaluations = [{"run": run, **row} for run, rows in study.curves.items() for row in rows]
-    runs, curves = _frame(study.everything), _frame(evaluations)
-    write_parquet(out / RUNS, runs)
-    write_parquet(out / CURVES, curves)
-    return runs, curves
-
-
-def _frame(rows: list[Row]) -> polars.DataFrame:
-    import polars
-
-    return polars.DataFrame(rows, infer_schema_length=None)
-
-
-def write_parquet(path: Path, frame: polars.DataFrame) -> None:
-    """Write `frame` as a Parquet file, atomically; OSError naming `path` if that fails."""
-    data = io.BytesIO()  # with a path, polars raises its own exception on a full disk
-    frame.write_parquet(data)
-    write_atomically(path, lambda beside: beside.write_bytes(data.getvalue()))
-
-
-def read_all(out: Path) -> StudyRows:
-    """All runs of a study with their evaluations; ValueError as `collect`."""
     layout = read_layout(out)
     folders = sorted(path.parent for path in out.glob(f"runs/*/{CONFIG}"))
     if layout.runs is not None:  # leave out runs of an earlier version of the file
@@ -128,23 +102,25 @@ def read_all(out: Path) -> StudyRows:
     found = StudyRows(layout)
     labels = [read_label(folder) for folder in folders]
     for folder in folders:
-        settings, results, found.curves[folder.name] = read_run(folder)
-        found.everything.append(settings | results)
-        found.measures += [name for name in results if name not in found.measures]
+        row, measures, found.curves[folder.name] = read_run(folder)
+        found.everything.append(row)
+        found.measures += [name for name in measures if name not in found.measures]
     names = dict.fromkeys(MEASURED.get(name, name) for label in labels for name in label)
     found.varying = [name for name in names if name != "variant"]
     if "variant" in names:
         found.varying.insert(0, "variant")
     columns = dict.fromkeys(name for row in found.everything for name in row)
     found.everything = [{name: row.get(name) for name in columns} for row in found.everything]
+    found.rows = [row for row in found.everything if row["status"] == "complete"]
     return found
 
 
 def read_study(out: Path) -> StudyRows:
     """The runs in a folder, with the Parquet files written; ValueError if none is complete."""
     found = read_all(out)
-    write_frames(found, out)
-    found.rows = [row for row in found.everything if row["status"] == "complete"]
+    write_parquet(out / RUNS, found.everything)
+    evaluations = [{"run": run, **row} for run, rows in found.curves.items() for row in rows]
+    write_parquet(out / CURVES, evaluations)
     check(
         bool(found.rows), f"{out}: no run is complete; repeat the command of the study to continue"
     )
@@ -158,7 +134,7 @@ def read_study(out: Path) -> StudyRows:
     return found
 
 
-def in_words(name: str, value: Any) -> str:
+def in_words(name: str, value: object) -> str:
     """The value of a setting as text, with its name if it is a boolean or a number."""
     if isinstance(value, bool):
         return name if value else f"no {name}"
@@ -174,25 +150,24 @@ def read_several(folders: Sequence[Path]) -> StudyRows:
     names = entry_names([str(folder) for folder in folders], lambda entry: False)
     whole = StudyRows(Layout(", ".join(names)), varying=["_group"])
     for name, folder in zip(names, folders, strict=True):
-        if (folder / CONFIG).exists():
+        single = (folder / CONFIG).exists()
+        if single:
             complete = (folder / RESULTS).exists()
             check(complete, f"{folder}: no results yet; continue this run with --resume {folder}")
-            settings, results, curve = read_run(folder)
-            study = StudyRows(Layout(name), measures=list(results), curves={folder.name: curve})
-            study.rows = [settings | results | {"_group": name, "_x": ""}]
-            variants, label = [], [name]
+            row, measures, curve = read_run(folder)
+            study = StudyRows(Layout(name), measures=measures, curves={folder.name: curve})
+            study.rows = [row | {"_group": name, "_x": ""}]
         else:
             study = read_study(folder)
-            variants, label = study.layout.variants, []
-        for row in sorted(
-            study.rows, key=lambda row: variants.index(row["variant"]) if variants else 0
-        ):
-            run = str(folder if label else folder / row["run"])
-            parts = label or [row["variant"] if variants else row["_group"]]
-            parts = parts + ([in_words(str(study.x), row["_x"])] if study.x else [])
+        if variants := study.layout.variants:
+            study.rows.sort(key=lambda row: variants.index(row["variant"]))
+        for row in study.rows:
+            run = str(folder if single else folder / row["run"])
+            group = row["variant"] if variants else row["_group"]
+            group += f", {in_words(str(study.x), row['_x'])}" if study.x else ""
+            if len(folders) > 1 and not single:
+                group = f"{name}: {group}"
             whole.curves[run] = study.curves.get(row["run"], [])
-            alone = len(folders) == 1 or bool(label)
-            group = ", ".join(parts) if alone else f"{name}: {', '.join(parts)}"
             whole.rows.append(row | {"run": run, "_group": group, "_x": ""})
         whole.measures += [name for name in study.measures if name not in whole.measures]
     objectives = sorted({str(row["objective"]) for row in whole.rows})
@@ -208,14 +183,9 @@ def read_several(folders: Sequence[Path]) -> StudyRows:
 # -- one run ---------------------------------------------------------------------------------------
 
 
-def row_of(folder: Path) -> Row:
-    """One run as a flat row: "run", "kind", "status", all settings, and its results."""
-    settings, results, _ = read_run(folder)
-    return settings | results
-
-
-def read_run(folder: Path) -> tuple[Row, Row, list[Row]]:
-    """The settings of one run as a flat row, its results as one, and its evaluations.
+def read_run(folder: Path) -> tuple[Row, list[str], list[Row]]:
+    """One run as a flat row: "run", "kind", "status", all settings and its results; the names of
+    the results, and the evaluations.
 
     Results are "frames", "seconds", the evaluation ("mean_steps", "optimality_gap", ...),
     "random_steps", "scripted_steps", "greedy_steps" and "sampled_steps", `curve_measures`,
@@ -242,7 +212,8 @@ def read_run(folder: Path) -> tuple[Row, Row, list[Row]]:
         results["machine"] = content["machine"]["processor"]
     elif evaluations:
         results |= evaluations[-1]
-    return settings, results | {"error": error_of(folder)}, evaluations
+    results["error"] = error_of(folder)
+    return settings | results, [*results], evaluations
 
 
 def settings_row(folder: Path) -> Row:
@@ -313,7 +284,7 @@ def column_of(evaluations: Sequence[Row], name: str) -> NDArray[np.float64]:
     return np.array([row.get(name) for row in evaluations], dtype=np.float64)
 
 
-def longer_is_better(row: Mapping[str, Any]) -> bool:
+def longer_is_better(row: Row) -> bool:
     """Whether more steps are better: for "evader" or a single one ("evader_0"), without goals."""
     return str(row.get("role")).startswith("evader") and row.get("num_goals") in (None, 0)
 

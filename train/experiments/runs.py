@@ -6,8 +6,9 @@ resumed. Reports read the folders.
 
 from __future__ import annotations
 
+import contextlib
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,8 +17,8 @@ import msgspec
 
 from pursuit.validation import check
 from train.experiments import contestant_runs  # noqa: F401 (adds its kind of run)
-from train.experiments.identity import INPUTS, Input, copy_of, fingerprint, with_policies
-from train.experiments.study import Layout
+from train.experiments.identity import INPUTS, Input, copied_input, fingerprint, with_policies
+from train.experiments.study import Layout, Table
 from train.files import LOCK, read_json, write_json
 from train.kinds import read_settings, write_config
 from train.runs.folder import CHECKPOINT, CONFIG, is_complete
@@ -56,8 +57,8 @@ class TrainingRun:
     kind: str
     settings: Any
     episodes: int
-    label: dict[str, Any]
-    files: dict[str, Any] = field(default_factory=dict)
+    label: Table
+    files: Table = field(default_factory=dict)
     inputs: dict[str, Input] = field(default_factory=dict)
 
     @property
@@ -83,7 +84,7 @@ class TrainingRun:
                 f"{folder}: contains a run with other settings than its name; remove that folder",
             )
         folder.mkdir(parents=True, exist_ok=True)
-        copies = {name: str(copy_of(policy, study)) for name, policy in self.inputs.items()}
+        copies = {name: str(copied_input(policy, study)) for name, policy in self.inputs.items()}
         settings = with_policies(self.settings, copies)
         if before != settings:  # new, or the folder of the study was moved
             write_config(self.kind, settings, folder, Final(self.episodes))
@@ -105,7 +106,7 @@ class Study:
     pinned: bool = False
 
 
-def job_name(label: Mapping[str, Any], seed: int, print_: str, without: str) -> str:
+def job_name(label: Table, seed: int, print_: str, without: str) -> str:
     """A readable and unique folder name; `without` replaces an empty label."""
     parts = [str(value) for value in label.values()] or [without]
     text = "-".join([*parts, f"seed{seed}"])
@@ -131,7 +132,14 @@ def prepare(study: Study, out: Path | str) -> list[tuple[TrainingRun, Path]]:
     there = {path.name for path in out.iterdir()} if out.is_dir() else set[str]()
     if there - {LOCK, INPUTS, TUNING} and "runs" not in there:
         raise ValueError(f"{out}: not empty, and not a sweep; give a new folder")
-    check_format(out)
+    found = FORMAT
+    with contextlib.suppress(ValueError):  # a damaged `sweep.json` is written again
+        found = read_layout(out).format if (out / LAYOUT).exists() else FORMAT
+    check(
+        found == FORMAT,
+        f"{out}: has format {found}, this version of pursuit needs {FORMAT}; use the version that "
+        "made it, or a new folder",
+    )
     out.mkdir(parents=True, exist_ok=True)
     names = [run.name for run in study.runs]
     layout = msgspec.structs.replace(study.layout, format=FORMAT, runs=names)
@@ -140,22 +148,6 @@ def prepare(study: Study, out: Path | str) -> list[tuple[TrainingRun, Path]]:
     for run, folder in folders:
         run.write(folder, out)
     return folders
-
-
-def check_format(out: Path) -> None:
-    """ValueError if the study in a folder has another format.
-
-    A damaged `sweep.json` is ignored, because it is written again.
-    """
-    try:
-        found = read_layout(out).format if (out / LAYOUT).exists() else FORMAT
-    except ValueError:
-        return
-    check(
-        found == FORMAT,
-        f"{out}: has format {found}, this version of pursuit needs {FORMAT}; use the version that "
-        "made it, or a new folder",
-    )
 
 
 def is_folder_of(study: Study, out: Path) -> bool:

@@ -73,7 +73,7 @@ def draw_samples(search: Table, limit: int) -> list[Table]:
     return [{name: draw(spec, generator) for name, spec in ranges.items()} for _ in range(samples)]
 
 
-def range_of(name: str, spec: Any) -> Range | Choices:
+def range_of(name: str, spec: object) -> Range | Choices:
     """The distribution of one setting; ValueError for another form, or an empty list."""
     where = f"search of {name}"
     if isinstance(spec, dict) and "choices" in spec:

@@ -15,7 +15,7 @@ from train.experiments.expansion import Change, load_study
 from train.experiments.report import report_on
 from train.experiments.runs import TUNING, Study
 from train.experiments.study import StudyFile, choose_version, read_file
-from train.experiments.tuning import choose, search_of
+from train.experiments.tuning import best_trials, search_of
 
 Statuses = dict[str, str]
 Execute = Callable[[Study, Path], Statuses]
@@ -28,13 +28,13 @@ class Stage:
 
     Attributes:
         name: in the output.
-        runs: makes the study, with the settings that a search has found so far.
+        expand: makes the study, with the settings that a search has found so far.
         folder: of the study.
         tuned: whether it is left out if trials of the search failed.
     """
 
     name: str
-    runs: Callable[[], Study]
+    expand: Callable[[], Study]
     folder: Path
     tuned: bool = False
 
@@ -67,7 +67,7 @@ def stages_of(
         raise ValueError(f"{path}: {error}") from None
 
     def tuned() -> Study:
-        return load_study(name, kind, version, change, choose(out)[1])
+        return load_study(name, kind, version, change, best_trials(out)[1])
 
     return [Stage("search", lambda: search, out / TUNING), Stage(path.stem, tuned, out)]
 
@@ -95,24 +95,19 @@ def carry_out(
         if stage.tuned and not searched:
             tell(f"{stage.name}: skipped, as trials of the search for its settings have failed")
             continue
-        study = stage.runs()
+        study = stage.expand()
         tell(f"{study.layout.title}: {len(study.runs)} runs into {stage.folder}")
         statuses = execute(study, stage.folder)
         done.append((stage.folder, statuses))
         if stage.folder.name == TUNING:
             searched = {*statuses.values()} == {"complete"}
-            check_chosen(stage.folder, study)
+            trials, tuned = best_trials(stage.folder.parent)
+            for row in trials if study.pinned else ():
+                check(
+                    (row["contestant"], row["task"]) in tuned,
+                    f"{row['contestant']} failed in every trial on {row['task']!r}; see the "
+                    f"error.txt files in {stage.folder}",
+                )
         elif "complete" in statuses.values():
             report_on(stage.folder)
     return done
-
-
-def check_chosen(folder: Path, search: Study) -> None:
-    """ValueError unless every contestant has a trial that succeeded, for each task."""
-    trials, tuned = choose(folder.parent)
-    for row in trials if search.pinned else ():
-        check(
-            (row["contestant"], row["task"]) in tuned,
-            f"{row['contestant']} failed in every trial on {row['task']!r}; see the error.txt "
-            f"files in {folder}",
-        )

@@ -18,6 +18,8 @@ from scipy.optimize import brentq
 from scipy.stats import monte_carlo_test, norm, permutation_test, trim_mean
 from scipy.stats import t as student
 
+from train.files import Plain
+
 NAN = float("nan")
 LEVEL = 0.05
 """Of significance: corrected values of p below it decide."""
@@ -167,7 +169,7 @@ def permutation_p(ours: Sequence[Sequence[float]], theirs: Sequence[Sequence[flo
         halves = [np.split(pool, [size], axis) for pool, size in zip(pools, sizes, strict=True)]
         return apart(*zip(*halves, strict=True))
 
-    options: Any = {"n_resamples": PERMUTATIONS, "vectorized": True, "alternative": "greater"}
+    options: Plain = {"n_resamples": PERMUTATIONS, "vectorized": True, "alternative": "greater"}
     exact = len(pools) == 1 and comb(len(pools[0]), sizes[0]) <= PERMUTATIONS
     if exact and min(sizes[0], len(theirs[0])) > 1:
         return float(
@@ -189,7 +191,7 @@ def sign_flip_p(differences: ArrayLike) -> float:
     `least_sign_flip_p`.
     """
     values = np.asarray(differences, dtype=np.float64)
-    options: Any = {"n_resamples": PERMUTATIONS, "permutation_type": "samples", "rng": 0}
+    options: Plain = {"n_resamples": PERMUTATIONS, "permutation_type": "samples", "rng": 0}
     return float(permutation_test((values,), np.mean, vectorized=True, **options).pvalue)
 
 

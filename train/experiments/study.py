@@ -9,7 +9,7 @@ that their runs decide.
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterable
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -18,7 +18,6 @@ import msgspec
 from pursuit.plugins import check_trusted
 from pursuit.validation import check, one_of
 from train.schemas import read_as
-from train.settings.checks import check_seed
 from train.settings.self_play import unnested_sides
 
 FOLDERS = {
@@ -332,7 +331,7 @@ def check_table(table: Table, where: str, values: bool = False) -> None:
             check_plain(name, item, where)
 
 
-def check_plain(name: str, value: Any, where: str) -> None:
+def check_plain(name: str, value: object, where: str) -> None:
     """ValueError unless a setting is a number, a string, a boolean, or a list of strings."""
     plain = isinstance(value, bool | int | float | str)
     texts = isinstance(value, list) and all(isinstance(item, str) for item in value)
@@ -342,13 +341,6 @@ def check_plain(name: str, value: Any, where: str) -> None:
         f"{name}={value!r} in {where}; give "
         + ("a name" if named else "a number, a string, true or false"),
     )
-
-
-def check_seeds(seeds: Iterable[int]) -> None:
-    """ValueError for an empty list, or for a seed that is out of range."""
-    check(bool(seeds), "seeds is an empty list; give at least one value")
-    for seed in seeds:
-        check_seed(seed)
 
 
 def check_budget(seconds: float | None, frames: int | None, where: str = "") -> None:
@@ -361,6 +353,6 @@ def check_budget(seconds: float | None, frames: int | None, where: str = "") -> 
     check(0 < float(budget or 0) < 1e9, f"budget {budget}{where}; give one above 0")
 
 
-def check_once(name: str, values: list[Any]) -> None:
+def check_once(name: str, values: Sequence[object]) -> None:
     """ValueError for an empty list or repeated values."""
     check(len(set(values)) == len(values) > 0, f"{name}={values}; give one or more, each once")

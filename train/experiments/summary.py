@@ -5,9 +5,8 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -23,7 +22,7 @@ from train.experiments.statistics import (
 )
 from train.experiments.study import THRESHOLDS, Layout
 from train.experiments.variants import LEAST, TARGETS, equal_results, p_text
-from train.reports.tables import Column, ResultTable, Row, in_markdown, numeric, words
+from train.reports.tables import Column, ResultTable, Row, in_markdown, numeric, short, words
 from train.runs.folder import RUN
 
 REFERENCES = {
@@ -41,6 +40,7 @@ HEADS = {
     "less": "less than at the start, %",
     "least": "of the worst seed, %",
 }
+NOTES = tomllib.loads(Path(__file__).with_name("notes.toml").read_text(encoding="utf-8"))
 SPENT = 0.8
 """Variants with a smaller share of frames on the hardest stage are marked."""
 
@@ -89,7 +89,7 @@ def measure_of(rows: list[Row]) -> Measure:
     return Measure(column, column, label, "linear" if column == "mean_return" else "from 0")
 
 
-def size_of(value: Any) -> tuple[Any, ...]:
+def size_of(value: object) -> tuple[float, str]:
     """A sort key that orders 3x3 before 10x10, and numbers by value."""
     text = str(value)
     digits = "".join(c if c.isdigit() or c == "." else " " for c in text).split()
@@ -119,7 +119,8 @@ def summary(rows: list[Row], x: str | None) -> list[Row]:
         line["each_run"] = values
         before = f"{measure.column}_at_start"
         if before in known:
-            less = [reduction(row[before], row[measure.column]) for row in chosen]
+            ratios = [row[measure.column] / row[before] if row[before] else 1.0 for row in chosen]
+            less = [100.0 * (1.0 - ratio) for ratio in ratios]
             line |= {"less": float(np.mean(less)), "least": min(less)}
         if measure is GAP and "objective_gap" in known:
             line["objective_gap"] = 100.0 * mean("objective_gap")
@@ -127,11 +128,6 @@ def summary(rows: list[Row], x: str | None) -> list[Row]:
             line["success"] = 100.0 * mean("success_rate")
         table.append(line | {"seconds": mean("seconds"), "frames": mean("frames")})
     return table
-
-
-def reduction(before: float, after: float) -> float:
-    """The reduction in per cent; 0 if it was 0."""
-    return 100.0 * (1.0 - after / before) if before else 0.0
 
 
 def sweep_table(rows: list[Row], x: str | None) -> ResultTable:
@@ -153,7 +149,7 @@ def sweep_table(rows: list[Row], x: str | None) -> ResultTable:
 
 
 def _setting(name: str, row: Row) -> str:
-    return f"{row[name]:g}" if isinstance(row[name], float) else str(row[name])
+    return short(row[name])
 
 
 def _with_interval(name: str, form: str, row: Row) -> str:
@@ -192,17 +188,11 @@ def policies_of(rows: list[Row]) -> str:
     return " or ".join(sorted({row["evaluate"] for row in rows if row.get("evaluate")}))
 
 
-def note(place: str, **values: Any) -> str:
+def note(place: str, **values: object) -> str:
     """An explanation of `notes.toml`, by "section.name", with its values."""
     section, _, key = place.partition(".")
-    text: str = notes()[section][key]
+    text: str = NOTES[section][key]
     return text.strip().format(**values)
-
-
-@cache
-def notes() -> dict[str, dict[str, str]]:
-    """The content of `notes.toml`."""
-    return tomllib.loads(Path(__file__).with_name("notes.toml").read_text(encoding="utf-8"))
 
 
 # -- variants of an ablation -----------------------------------------------------------------------

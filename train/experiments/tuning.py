@@ -95,20 +95,20 @@ def mazes_of(tuning: Tuning, trials: Trials, task: Table) -> list[str]:
     where = f"mazes of {name!r} in [tuning]" if name else "mazes in [tuning]"
     chosen = mazes[: trials.mazes]
     check(bool(chosen), f"{where}: none; give mazes for the search")
-    copies = {copy_of(own): own} if isinstance(own, str) else {}
+    copies = {least_copy_of(own): own} if isinstance(own, str) else {}
     for maze in chosen:
-        before = copies.get(copy_of(maze))
+        before = copies.get(least_copy_of(maze))
         check(
             before is None or before != own,
             f"{where}: {maze!r} is the maze of the study; give another",
         )
         same = "is given twice" if before == maze else f"is a copy of {before!r}"
         check(before is None, f"{where}: {maze!r} {same}; give each once")
-        copies[copy_of(maze)] = maze
+        copies[least_copy_of(maze)] = maze
     return chosen
 
 
-def copy_of(maze: str) -> bytes:
+def least_copy_of(maze: str) -> bytes:
     """A key that is equal for a maze and its rotated and mirrored copies."""
     found = load_suite(maze) if is_suite(maze) else (load_maze(maze),)
     check(len(found) == 1, f"maze={maze!r} is several mazes; give one of them, as {maze}/0")
@@ -118,7 +118,7 @@ def copy_of(maze: str) -> bytes:
 # -- the choice ------------------------------------------------------------------------------------
 
 
-def choose(out: Path) -> tuple[list[Row], Tuned]:
+def best_trials(out: Path) -> tuple[list[Row], Tuned]:
     """The trials of the search of a study as rows, and the settings of the best ones.
 
     Args:
@@ -148,13 +148,12 @@ def choose(out: Path) -> tuple[list[Row], Tuned]:
         # Absolute, as evaders have negative gaps.
         logs = [math.log(max(abs(gap), LEAST_GAP)) for gap in row["gaps"] if gap is not None]
         row["score"] = sum(logs) / len(logs) if len(logs) == len(row["gaps"]) else None
-    tuned: dict[tuple[str, str], Table] = {}
-    for group in dict.fromkeys(key[:2] for key in trials):
-        scores = {k: r["score"] for k, r in trials.items() if k[:2] == group}
-        known = [key for key, score in scores.items() if score is not None]
-        best = min(known, key=lambda key: scores[key]) if known else None
-        for key in scores:
-            trials[key]["chosen"] = key == best
-        if best is not None:
-            tuned[group] = settings[best]
-    return list(trials.values()), tuned
+    best: dict[tuple[str, str], tuple[str, str, int]] = {}
+    for key, row in trials.items():
+        if row["score"] is not None:
+            lowest = best.setdefault(key[:2], key)
+            if row["score"] < trials[lowest]["score"]:
+                best[key[:2]] = key
+    for key, row in trials.items():
+        row["chosen"] = best.get(key[:2]) == key
+    return list(trials.values()), {group: settings[key] for group, key in best.items()}

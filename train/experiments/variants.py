@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from itertools import combinations, product
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,7 +65,7 @@ def against_control(study: StudyRows) -> list[Row]:
     control = variants.get(str(layout.control), [])
     if study.rows[0]["kind"] == SELF_PLAY:
         rows = [nash_conv_row(name, own, control) for name, own in variants.items()]
-        correct(rows, layout, {"p_holm": "p"})
+        add_corrected(rows, layout, {"p_holm": "p"})
         return [row | {"verdict": nash_conv_verdict(row, layout)} for row in rows]
     for row in study.rows:
         check(
@@ -80,11 +79,11 @@ def against_control(study: StudyRows) -> list[Row]:
             "use a single runner, or one chaser against one evader",
         )
     rows = [gap_row(name, own, control) for name, own in variants.items()]
-    correct(rows, layout, {"p_holm": "p", "p_time": f"p_to_{layout.threshold:g}"})
+    add_corrected(rows, layout, {"p_holm": "p", "p_time": f"p_to_{layout.threshold:g}"})
     return [row | {"verdict": gap_verdict(row, layout)} for row in rows]
 
 
-def correct(rows: list[Row], layout: Layout, names: dict[str, str]) -> None:
+def add_corrected(rows: list[Row], layout: Layout, names: dict[str, str]) -> None:
     """Add p corrected for the number of variants, except that of the primary one, under new names.
 
     Args:
@@ -183,7 +182,7 @@ def p_text(p: float) -> str:
 def equal_results(study: StudyRows) -> list[tuple[str, str]]:
     """The pairs of variants with equal results in all evaluations of all runs."""
 
-    def results(rows: list[Row]) -> list[Any]:
+    def results(rows: list[Row]) -> list[tuple[object, ...]]:
         names = ("frames", "optimality_gap")
         return sorted(
             (str(row["_x"]), row["seed"], *(e.get(name) or 0 for name in names for e in curve))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from math import log, pi
+from typing import ClassVar
 
 import torch
 from torch import nn
@@ -14,18 +15,24 @@ LOG_STD = (-20.0, 2.0)
 """Bounds of the logarithms of standard deviations (Haarnoja et al., 2018, their code)."""
 
 
-class DeterministicActor(nn.Module):
-    """A deterministic policy, squashed by tanh.
+class SquashedActor(nn.Module):
+    """The base of policies of continuous actions, squashed by tanh.
 
     Attributes:
         trunk: the hidden layers.
-        head: [..., width] -> [..., actions], before tanh.
+        head: [..., width] -> [..., OUTPUTS * actions].
     """
+
+    OUTPUTS: ClassVar[int] = 1
 
     def __init__(self, features: Features, num_actions: int, hidden: Hidden) -> None:
         super().__init__()
         self.trunk = Trunk(features, hidden)
-        self.head = head(hidden.width, num_actions, 0.01)
+        self.head = head(hidden.width, self.OUTPUTS * num_actions, 0.01)
+
+
+class DeterministicActor(SquashedActor):
+    """A deterministic policy: the head gives the actions before tanh."""
 
     def forward(self, prepared: torch.Tensor) -> torch.Tensor:
         """[..., actions] in [-1, 1], from `trunk.prepare(observation)`."""
@@ -37,18 +44,10 @@ class DeterministicActor(nn.Module):
         return self(self.trunk.prepare(observation))
 
 
-class GaussianActor(nn.Module):
-    """A Gaussian policy, squashed by tanh.
+class GaussianActor(SquashedActor):
+    """A Gaussian policy: the head gives means and logarithms of standard deviations."""
 
-    Attributes:
-        trunk: the hidden layers.
-        head: [..., width] -> [..., 2 * actions], means and logarithms of standard deviations.
-    """
-
-    def __init__(self, features: Features, num_actions: int, hidden: Hidden) -> None:
-        super().__init__()
-        self.trunk = Trunk(features, hidden)
-        self.head = head(hidden.width, 2 * num_actions, 0.01)
+    OUTPUTS = 2
 
     def forward(self, prepared: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Means and logarithms of standard deviations, [..., actions] each, before tanh.

@@ -56,8 +56,7 @@ def features_of(encoder: Encoder, num_agents: int) -> Features:
     shape, high = tuple(encoder.shape), np.asarray(encoder.space.high)
     if not is_builtin(encoder.encoding):  # user-defined: its bounds may be infinite
         largest = np.maximum(np.abs(encoder.space.low.astype(np.float64)), np.abs(high))
-        bounds = np.where(np.isfinite(largest), largest, 1.0)
-        return Features("planes" if len(shape) == 3 else "flat", shape, bounds)
+        high = np.where(np.isfinite(largest), largest, 1.0)
     if encoder.encoding != "index":
         return Features("planes" if len(shape) == 3 else "flat", shape, high)
     cells, entities = encoder.num_cells, encoder.num_entities

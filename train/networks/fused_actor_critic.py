@@ -48,7 +48,7 @@ class LossCoefficients(NamedTuple):
         entropy_coef: weight of the entropy bonus.
         standardize: whether advantages are scaled to mean 0 and standard deviation 1 first; those
             of a single frame are not.
-        kl_coef: weight of KL(collecting policy, policy); only `TorchUpdate` supports it.
+        kl_coef: weight of KL(collecting policy, policy); only `TorchEngine` supports it.
     """
 
     clip: float

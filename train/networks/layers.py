@@ -220,6 +220,14 @@ class Own(nn.Module):
             raise ValueError(f"network {self.name!r} raised {raised(error)}; mend it") from error
 
 
+FIRST_LAYERS: dict[str, type[Flat | Convolutions | Planning]] = {
+    "planes": Convolutions,
+    "grid": Planning,
+    "flat": Flat,
+}
+"""The first layers by the kind of features, but for "index"."""
+
+
 class Trunk(nn.Module):
     """Two hidden layers on any features, or a user-defined network; outputs are float32."""
 
@@ -232,21 +240,18 @@ class Trunk(nn.Module):
         if features.network:
             self.first, self.rest = Own(features, width), nn.Sequential()
             return
-        first: IndexLayer | Flat | Convolutions | Planning
         if features.kind == "index":
             auto = hidden.form == "auto"
             form = first_layer_form(features.num_rows) if auto else hidden.form
-            first = IndexLayer(features, width, form, hidden.std)
+            self.first = IndexLayer(features, width, form, hidden.std)
         else:
-            kinds: dict[str, type[Flat | Convolutions | Planning]]
-            kinds = {"planes": Convolutions, "grid": Planning, "flat": Flat}
-            first = kinds[features.kind](features, width)
+            self.first = FIRST_LAYERS[features.kind](features, width)
         second = nn.Linear(width, width)
         nn.init.orthogonal_(second.weight, 2.0**0.5)
         nn.init.zeros_(second.bias)
         between = nn.Tanh if hidden.activation == "tanh" else nn.ReLU
-        self.first, self.rest = first, nn.Sequential(between(), second, between())
-        self.dense = isinstance(first, IndexLayer) and first.form == "dense"
+        self.rest = nn.Sequential(between(), second, between())
+        self.dense = isinstance(self.first, IndexLayer) and self.first.form == "dense"
 
     def prepare(self, observation: torch.Tensor) -> torch.Tensor:
         """The input of the first layer; without parameters, so computed once per rollout."""
@@ -270,15 +275,18 @@ class Trunk(nn.Module):
         return hidden.float()
 
 
-class HasModules(Protocol):
-    """A network."""
+class Network(Protocol):
+    """What policies use of a module."""
 
     def modules(self) -> Iterator[nn.Module]:
         """It and all its parts."""
 
+    def parameters(self) -> Iterator[nn.Parameter]:
+        """All weights."""
+
 
 @contextmanager
-def evaluation_mode(network: HasModules) -> Iterator[None]:
+def evaluation_mode(network: Network) -> Iterator[None]:
     """Evaluation mode of a network and all its parts; then each has its own mode again."""
     switched = [each for each in network.modules() if each.training]
     for module in switched:
@@ -291,7 +299,7 @@ def evaluation_mode(network: HasModules) -> Iterator[None]:
 
 
 @contextmanager
-def float32_inference(network: HasModules) -> Iterator[None]:
+def float32_inference(network: Network) -> Iterator[None]:
     """Forward passes in float32 and evaluation mode, also of a network that is trained in bfloat16.
 
     All policies use it, so that a policy in training acts as it does when loaded from its run.

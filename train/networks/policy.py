@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any, ClassVar, Protocol
@@ -11,7 +10,6 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import nn
 
 from pursuit.mazes.maze import Maze
 from pursuit.mazes.maze_arrays import lay_out
@@ -24,7 +22,7 @@ from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task
 from train.networks.features import Features, features_for, features_of
 from train.networks.frames import Observations, stacked
-from train.networks.layers import float32_inference
+from train.networks.layers import Network, float32_inference
 from train.networks.recurrent_policy import (
     RecurrentPolicy,
     check_looks,
@@ -38,16 +36,6 @@ GAMES_AT_ONCE, NUMBERS_AT_ONCE = 65_536, 2**23
 
 NO_WALLS = ("index", "one_hot", "positions", "cells")
 """Encodings that do not contain the walls between cells."""
-
-
-class Network(Protocol):
-    """What policies use of a module."""
-
-    def modules(self) -> Iterator[nn.Module]:
-        """It and all its parts."""
-
-    def parameters(self) -> Iterator[nn.Parameter]:
-        """All weights."""
 
 
 class PolicyNetwork(Network, Protocol):

@@ -8,15 +8,15 @@ from pathlib import Path
 from pursuit.validation import check
 from scripted_agents.environments import agent_name
 from train.evaluation.contest import GameContest
+from train.evaluation.games import other_role
 from train.play.session import Session
 from train.runs.folder import CONFIG
 from train.runs.opponents import check_fits, is_self_play, policy_in_seat
 from train.runs.saved import load_settings
 from train.runs.tasks import check_one_maze
 from train.runs.worlds import GridWorld
+from train.settings.self_play import ROLES
 from train.settings.task import TaskSettings, in_maze
-
-ROLES = ("chaser", "evader")
 
 
 def session_of(settings: TaskSettings, beside: str, seed: int) -> Session:
@@ -60,7 +60,7 @@ def game_of_run(against: str) -> TaskSettings | None:
         folder = next((folder / r for r in ROLES if (folder / r / CONFIG).exists()), folder)
     learned = in_maze(load_settings(folder).task, against)
     role = learned.agent.split("_")[0]
-    other = {"chaser": "evader", "evader": "chaser"}.get(role, role)
+    other = other_role(role) if role in ROLES else role
     return replace(learned, role=other, opponent=None, mask_bumps=False)
 
 
@@ -70,8 +70,7 @@ def of_side(settings: TaskSettings) -> TaskSettings:
     role = settings.agent.split("_")[0]
     if settings.opponent is None or not is_self_play(folder) or role not in ROLES:
         return settings
-    other = ROLES[1 - ROLES.index(role)]
-    return replace(settings, opponent=str(folder / other))
+    return replace(settings, opponent=str(folder / other_role(role)))
 
 
 def name_of(given: str, role: str) -> str:

@@ -9,12 +9,14 @@ from textwrap import fill
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pursuit.rules.arrays import Array
+from train.files import Plain
 from train.reports.figures import (
     BLUE,
     gap_axis,
     in_legend,
+    legend_beside,
     log_axis,
     pyplot,
     save,
@@ -25,7 +27,7 @@ from train.reports.figures import (
 if TYPE_CHECKING:  # slow to import
     from matplotlib.axes import Axes
 
-Curve = tuple[NDArray[Any], NDArray[Any]]
+Curve = tuple[Array, Array]
 """Points on the axis, and values."""
 
 LineStyle = str | tuple[int, tuple[int, ...]]
@@ -163,16 +165,11 @@ def draw_panels(
     figure.suptitle(fill(title, int(CHARACTERS * width)), fontsize=11)
     figure.supxlabel(fill(note, int(CHARACTERS * width)), fontsize=8)
     if beside:
-        labels: dict[str, Any] = {}
-        for axis in axes.flat:
-            for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
-                labels.setdefault(label, handle)
-        where = "outside right upper"
-        figure.legend(labels.values(), labels.keys(), loc=where, frameon=False, fontsize=9)
+        legend_beside(figure, axes.flat)
     save(figure, path, also_svg=True)
 
 
-def _draw_panel(axis: Axes, panel: Panel, log: bool, gaps: Sequence[NDArray[Any]]) -> None:
+def _draw_panel(axis: Axes, panel: Panel, log: bool, gaps: Sequence[Array]) -> None:
     """Draw one panel; panels of scale "gap" share the limits of all `gaps` in the figure."""
     for series in panel.series:
         _draw_series(axis, series, log)
@@ -198,7 +195,7 @@ def _draw_panel(axis: Axes, panel: Panel, log: bool, gaps: Sequence[NDArray[Any]
 
 def _draw_series(axis: Axes, series: Series, log: bool) -> None:
     """Draw the middle of the runs, and every run, or a band for at least `BAND_FROM` runs."""
-    style: dict[str, Any] = {"ls": series.style, "color": series.color}
+    style: Plain = {"ls": series.style, "color": series.color}
     thick = {**style, "lw": series.width, "label": in_legend(series.label)}
     if len(series.curves) == 1:
         few = len(series.curves[0][0]) <= GRID

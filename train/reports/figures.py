@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from textwrap import fill
+from types import ModuleType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -16,6 +17,7 @@ from pursuit.mazes.maze import Maze
 from pursuit.validation import one_of
 
 if TYPE_CHECKING:  # slow to import
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure
@@ -35,7 +37,7 @@ LABEL_WIDTH = 24
 """Characters per line of a label."""
 
 
-def pyplot() -> Any:
+def pyplot() -> ModuleType:
     """Matplotlib's pyplot, drawing to files; imported here, as it takes half a second."""
     import matplotlib
 
@@ -129,6 +131,16 @@ def in_legend(label: str | None) -> str | None:
     return f" {label}" if label is not None and label.startswith("_") else label
 
 
+def legend_beside(figure: Figure, axes: Iterable[Axes]) -> None:
+    """Draw one legend of these axes beside all axes, each label once."""
+    handles: dict[str, Artist] = {}
+    for axis in axes:
+        for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
+            handles.setdefault(label, handle)
+    where = "outside right upper"
+    figure.legend(handles.values(), handles.keys(), loc=where, frameon=False, fontsize=9)
+
+
 def time_scale(unit: str) -> float:
     """The factor from seconds or frames to the unit of the axis."""
     return 1e-6 if unit == "frames" else 1.0
@@ -155,7 +167,7 @@ def save(figure: Figure, path: Path, also_svg: bool = False, dpi: int = 130) -> 
     for form in dict.fromkeys([path.suffix.lstrip("."), *["svg"] * also_svg]):
         for text in figure.findobj(Text):
             text.set_parse_math(False)
-        undated: Any = {"Date": None} if form == "svg" else None
+        undated = {"Date": None} if form == "svg" else None
         write = partial(figure.savefig, dpi=dpi, format=form, metadata=undated)
         settings = {"svg.fonttype": "none", "svg.hashsalt": "pursuit", "text.parse_math": False}
         with matplotlib.rc_context(settings):
@@ -235,10 +247,7 @@ def draw_intervals(
     axes[0, 0].set_ylim(len(lines) - 0.5, -0.5)
     axes[0, 0].set_ylabel(ylabel)
     if len(groups) > 1:
-        handles, labels = axes[0, 0].get_legend_handles_labels()
-        once = dict(zip(labels, handles, strict=True))
-        where = "outside right upper"
-        figure.legend(once.values(), once.keys(), loc=where, frameon=False, fontsize=9)
+        legend_beside(figure, axes[0, :1])
     figure.suptitle(title, fontsize=11)
     save(figure, path, also_svg=True)
 

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import base64
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from html import escape, unescape
 from pathlib import Path
-from typing import Any
 
 import markdown
 
 from pursuit.replays.viewer.page import PLAYER, page
-from train.files import write_text
+from train.files import Plain, write_text
 from train.reports.tables import ResultTable, in_markdown, words
 
 KINDS = {".png": "image/png", ".svg": "image/svg+xml"}
@@ -39,7 +38,7 @@ def in_html(text: str) -> Html:
     return Html(found.replace("</table>", "</table></div>"))
 
 
-def pairs(found: Mapping[str, Any]) -> str:
+def pairs(found: Plain) -> str:
     """Names and values as a table, one row each."""
     rows = [{"name": name, "value": value} for name, value in found.items()]
     return ResultTable(rows, [words("", "name"), words("", "value")]).markdown()
@@ -62,7 +61,7 @@ def details(title: str, text: str) -> Html:
     return Html(f"<details><summary>{escape(title)}</summary>\n{in_html(text)}\n</details>")
 
 
-def write_page(path: Path, title: str, parts: Iterable[str], data: Any = None) -> None:
+def write_page(path: Path, title: str, parts: Iterable[str], data: object = None) -> None:
     """Write a page atomically; with `data` it contains the player.
 
     Args:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import sys
 import unicodedata
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -77,6 +77,16 @@ def numeric(head: str, name: str, form: str = "", scale: float = 1, unit: str = 
         return f"{scale * value:{form}}{unit}"
 
     return Column(head, cell)
+
+
+def short(value: object) -> str:
+    """A setting as text; at most six digits of a float."""
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def in_lines(facts: Mapping[str, str], width: int) -> str:
+    """Names and their values, one per line; values begin at column `width`."""
+    return "\n".join(f"{name:<{width}}{text}" for name, text in facts.items())
 
 
 def plain_table(rows: list[Row]) -> ResultTable:

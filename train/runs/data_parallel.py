@@ -173,7 +173,7 @@ class OtherProcesses(Replica):
 
     def iterate(
         self, progress: float, seconds: float
-    ) -> tuple[dict[str, float], list[NDArray[Any]], list[NDArray[Any]]]:
+    ) -> tuple[dict[str, float], list[NDArray[np.float64]], list[NDArray[np.int32]]]:
         """An iteration of all processes: the values for the log, and the returns and lengths of the
         episodes that ended in the others."""
         for number in range(len(self.connections)):

@@ -14,7 +14,6 @@ import msgspec
 
 from pursuit.mazes.maze import library_names
 from pursuit.mazes.suite_files import is_suite
-from pursuit.plugins import check_trusted
 from pursuit.validation import check
 from train.files import (
     LOCK,
@@ -80,22 +79,14 @@ def save_config(
     write_json(folder / CONFIG, {**plain, PARTS: provenance(settings), COMMAND: command_line()})
 
 
-def load_config(folder: Path | str) -> tuple[str, Plain]:
-    """The kind of a run, and its settings; a maze file is replaced by its text, with
-    its name.
+def read_config(folder: Path) -> tuple[str, Plain]:
+    """The kind of a run, and its settings; a maze file is replaced by its text, with its name.
+
+    User-defined parts are not checked: call `check_trusted` before one is loaded.
 
     Raises:
-        ValueError: no run in this folder, a damaged one, or one with user-defined parts from
-            modules that are not allowed.
+        ValueError: no run in this folder, or a damaged one.
     """
-    folder = Path(folder)
-    kind, plain = read_config(folder)
-    check_trusted(folder / CONFIG, plain)
-    return kind, plain
-
-
-def read_config(folder: Path) -> tuple[str, Plain]:
-    """As `load_config`, but without checking user-defined parts, which the caller must not load."""
     path = folder / CONFIG
     if not os.path.exists(path):  # unlike Path.exists() also for names that are too long
         raise ValueError(f"{folder}: no run here ({CONFIG} is missing); give the folder of a run")

@@ -28,14 +28,18 @@ class Diverged(ArithmeticError):
 
 
 class Signals:
-    """A context in which Ctrl-C and SIGTERM call `handle`, which raises `Stopped`.
+    """A context in which Ctrl-C and SIGTERM raise `Stopped`.
+
+    Args:
+        patient: whether the first signal only sets `asked`.
 
     Attributes:
         status: the exit status for the last signal; 0 before the first one.
+        asked: whether there was a signal.
     """
 
-    def __init__(self) -> None:
-        self.status = 0
+    def __init__(self, patient: bool = False) -> None:
+        self.status, self.asked, self.patient = 0, False, patient
         self._previous: dict[int, SignalHandler] = {}
 
     def __enter__(self) -> Self:
@@ -50,22 +54,6 @@ class Signals:
 
     def _note(self, number: int, frame: FrameType | None) -> None:
         self.status = 128 + number
-        self.handle(number)
-
-    def handle(self, number: int) -> None:
-        """Raise `Stopped`."""
-        raise Stopped(number)
-
-
-class Interruption(Signals):
-    """A context in which the first signal sets `asked`, and a second one raises `Stopped`."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.asked = False
-
-    def handle(self, number: int) -> None:
-        """Set `asked`, or raise `Stopped` if it is set."""
-        if self.asked:
+        if self.asked or not self.patient:
             raise Stopped(number)
         self.asked = True

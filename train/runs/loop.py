@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter, process_time
-from typing import Any, Generic
+from typing import Generic
 
 import torch
 from filelock import BaseFileLock
@@ -20,6 +20,7 @@ from typing_extensions import TypeVar  # with defaults, which Python has from 3.
 
 from pursuit.files import cannot_write
 from train.files import Plain, write_csv, write_json
+from train.machine import machine, versions
 from train.runs.folder import (
     CHECKPOINT,
     CONFIG,
@@ -32,7 +33,7 @@ from train.runs.folder import (
     read_metrics,
     save_checkpoint,
 )
-from train.runs.interruption import Diverged, Interruption
+from train.runs.interruption import Diverged, Signals
 from train.runs.provenance import recorded_parts
 from train.runs.threads import (
     ThreadChoice,
@@ -42,7 +43,6 @@ from train.runs.threads import (
     set_random_states,
 )
 from train.runs.trainee import Parts, Trainee
-from train.runs.versions import machine, versions
 from train.settings.run import TrainSettings
 from train.settings.self_play import WholeSettings
 from train.tensors import first_not_finite
@@ -97,7 +97,7 @@ class Budget:
         return min(seconds / (self.seconds or 1.0), 1.0)
 
 
-T = TypeVar("T", bound=Trainee, default=Any)
+T = TypeVar("T", bound=Trainee, default=Trainee, covariant=True)
 P = TypeVar("P", bound=Parts)
 S = TypeVar("S", bound=WholeSettings)
 
@@ -172,7 +172,7 @@ class Run(Generic[T]):
         free = self.budget.free_threads and cores > 1
         choice = ThreadChoice(cores) if free else None
         with (
-            Interruption() as interruption,
+            Signals(patient=True) as signals,
             contextlib.closing(trainee),
             self._tensorboard() as board,
         ):
@@ -190,7 +190,7 @@ class Run(Generic[T]):
                 if choice is not None:
                     choice.learn(spent)
                 self._check_figures(figures)
-                self.stopped, self.exit_status = interruption.asked, interruption.status
+                self.stopped, self.exit_status = signals.asked, signals.status
                 report(self, {})
                 # Counted by progress, so that a resumed run has the same evaluations.
                 done = int(self.progress * EVALUATIONS)

@@ -14,21 +14,19 @@ from typing import Any
 from pursuit.memory import check_memory
 from pursuit.validation import check
 from train.algorithms.registry import Algorithm, Build, entry
-from train.environments.arm_env import ArmEnv
-from train.environments.simulator_env import SimulatorEnv
 from train.evaluation.contests import AnyContest
-from train.evaluation.suite_contest import SuiteContest
-from train.networks.arm_policy import ArmSeat
-from train.networks.policy import NO_WALLS, Player, Seat
+from train.files import Plain
+from train.networks.arm_policy import AnySeat
+from train.networks.policy import NO_WALLS, Player
 from train.runs.saved import player_of, unchecked_settings
 from train.runs.threads import uses_bfloat16
-from train.runs.worlds import GridWorld, World, world_of
+from train.runs.worlds import AnyEnv, World, world_of
 from train.settings.algorithms import Hyperparameters
 from train.settings.checks import evaluation_seed
 from train.settings.common import check_min_probability
 from train.settings.off_policy import ReplaySettings
 from train.settings.run import SHARED_OUT, AgentSettings
-from train.settings.task import AnyTask, in_maze
+from train.settings.task import AnyTask
 from train.teaching.plan import Plan, plan_curriculum
 from train.teaching.teacher import Teacher
 
@@ -53,13 +51,13 @@ class Parts:
     settings: AgentSettings
     world: World
     plan: Plan | None
-    seat: Seat | ArmSeat
+    seat: AnySeat
     algorithm: Algorithm
     hyper: Hyperparameters
     build: Build
     rank: int = 0
 
-    def games(self) -> tuple[SimulatorEnv | ArmEnv, Teacher | None]:
+    def games(self) -> tuple[AnyEnv, Teacher | None]:
         """The training environment, and the teacher in it."""
         games = self.hyper.num_games
         first_game = self.rank * games
@@ -139,7 +137,7 @@ def check_sizes(hyper: Hyperparameters, seat: Player) -> None:
     Raises:
         ValueError: one does not; names the bytes and the setting.
     """
-    given: dict[str, Any] = vars(hyper)
+    given: Plain = vars(hyper)
     observation, games = 4 * prod(seat.features.shape), hyper.num_games
     frame = 2 * observation + 32 + 4 * seat.num_actions
     steps, width = given.get("rollout_steps", 1), given.get("width", 0)
@@ -191,19 +189,6 @@ def build_of(settings: AgentSettings) -> Build:
     bfloat16 = uses_bfloat16(settings.precision, settings.device)
     fused = settings.fused == "auto"
     return Build(settings.device, bfloat16, settings.first_layer, settings.seed, fused)
-
-
-def suite_contest_of(
-    settings: AnyTask, episodes: int, seed: int = 0, exact: bool = False
-) -> SuiteContest:
-    """As `contest_of`, but always a contest over a suite of mazes, even of one maze.
-
-    Raises:
-        ValueError: a task without mazes.
-    """
-    world = GridWorld(in_maze(settings, "a suite of mazes"))
-    opponents = (world.task, world.agent, world.opponents)
-    return SuiteContest(*opponents, episodes, evaluation_seed(seed), exact)
 
 
 def contest_of(settings: AnyTask, episodes: int, seed: int = 0) -> AnyContest:

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import itertools
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from pursuit.rendering.animation import save_animation
-from train.evaluation.contests import AnyContest
 from train.files import Plain
 from train.reports.curves import Level, Panel, Series, draw_panels
 from train.reports.figures import BLACK, GREEN, GREY, ORANGE, PINK, SKY, YELLOW, time_scale
@@ -78,8 +75,3 @@ def curriculum_panel(stages: list[Plain], end: float, taught: str, unit: str) ->
     ]
     label = taught.replace("-", "\n", 1).replace("-", " ")
     return Panel(series, label, height=2.0)
-
-
-def save_replay(path: Path, contest: AnyContest, policy: Any, episodes: int = 3) -> None:
-    """Write a replay as .gif or .mp4, by the suffix of `path`."""
-    save_animation(path, contest.scenes(policy, episodes))

@@ -91,16 +91,10 @@ def describe_loops(content: Plain) -> str:
     solved = {score["name"]: score["success_rate"] for score in content["scores"]}
     greedy, drawn = solved.get("learned"), solved.get("learned, sampled")
     by_steps = content["objective"]["column"] == "mean_steps"
-    if (
-        content["role"] != "runner"
-        or not by_steps
-        or greedy is None
-        or drawn is None
-        or greedy < LEARNED
-    ):
+    if content["role"] != "runner" or not by_steps or greedy is None or drawn is None:
         return ""
     loops = f"{100 * (drawn - greedy):.1f}"
-    if drawn <= greedy or loops == "0.0":
+    if greedy < LEARNED or drawn <= greedy or loops == "0.0":
         return ""
     return (
         f"the greedy policy loops forever from {loops} % of the starts that the sampled policy "

@@ -10,7 +10,7 @@ from pursuit.plugins import check_trusted
 from pursuit.validation import check
 from train.algorithms.registry import entry
 from train.files import Plain
-from train.networks.arm_policy import ArmSeat
+from train.networks.arm_policy import AnySeat, ArmSeat
 from train.networks.policy import Seat
 from train.runs.folder import CONFIG, RUN, SIDE, read_config
 from train.runs.forms import RESTORE
@@ -94,7 +94,7 @@ def load_settings(folder: Path | str) -> AgentSettings:
     return from_plain(plain, str(folder / CONFIG))
 
 
-def player_of(settings: AgentSettings) -> Seat | ArmSeat:
+def player_of(settings: AgentSettings) -> AnySeat:
     """The learning agent in the training games of a run; ValueError if there is none."""
     given = settings.task
     if isinstance(given, ReacherSettings):

@@ -25,7 +25,7 @@ from train.evaluation.scores import (
     Score,
     optimality_gap,
 )
-from train.files import Plain
+from train.files import Plain, write_csv
 from train.runs.data_parallel import OtherProcesses
 from train.runs.folder import RUN
 from train.runs.forms import Objective
@@ -35,7 +35,7 @@ from train.runs.trainee import Clock
 from train.runs.training_state import build_env_and_learner, training_state
 from train.runs.worlds import GridWorld
 from train.settings.task import TaskSettings
-from train.teaching.teacher import write_log
+from train.teaching.teacher import COLUMNS, LOG
 
 EPISODES = 500
 """Episodes of an evaluation during training."""
@@ -65,11 +65,11 @@ class SingleAgent:
     def __init__(self, parts: Parts, evaluate: str, state: Plain | None = None) -> None:
         self.parts, self.evaluated = parts, evaluate
         self.replicas: OtherProcesses | None = None
-        self._final_contest: AnyContest | None = None
-        self._final_episodes = self._solved_work = 0
+        self._final: AnyContest | None = None
+        self._solved_work = 0
         self.env, self.teacher, self.learner = build_env_and_learner(parts, state)
         self.simulator = self.env.simulator
-        self.policy = self.learner.policy(greedy=evaluate == "greedy")
+        self.policy: Any = self.learner.policy(greedy=evaluate == "greedy")  # as its contest needs
         if self.teacher is not None:
             draws = parts.algorithm.learns_distribution
             self.teacher.scored_policy = self.learner.policy(greedy=not draws)
@@ -104,8 +104,7 @@ class SingleAgent:
     def evaluate(self) -> dict[str, float]:
         """The objective, steps, success rate and gap; and means of the training games since the
         last evaluation."""
-        policy: Any = self.policy  # of the kind of its contest
-        score, measure = self.contest.score("learned", policy), self.contest.measure
+        score, measure = self.contest.score("learned", self.policy), self.contest.measure
         row = {"mean_steps": score.mean_steps, "success_rate": score.success_rate}
         row[measure.column] = measured(measure, score)
         gap = optimality_gap(score, self.optimum)
@@ -148,11 +147,10 @@ class SingleAgent:
 
         It is cached with its solutions for later calls with at most this work.
         """
-        kept, known = self._final_contest, self._final_episodes == episodes
-        if kept is None or not known or self._solved_work < most_work:
-            kept = self.parts.world.contest(episodes).solved_up_to(most_work)
-            self._final_contest = kept
-            self._final_episodes, self._solved_work = episodes, most_work
+        kept = self._final
+        if kept is None or kept.episodes != episodes or self._solved_work < most_work:
+            kept = self._final = self.parts.world.contest(episodes).solved_up_to(most_work)
+            self._solved_work = most_work
         return kept
 
     def results(self, interrupted: bool, episodes: int) -> Plain:
@@ -160,11 +158,10 @@ class SingleAgent:
         # An interrupted run should end soon.
         most = MAX_WORK if interrupted else MAX_EVALUATED_WORK
         contest = self.final_contest(episodes, most)
-        greedy: Any = self.learner.policy()
-        scores = [*contest.baselines(), contest.score("learned", greedy)]
+        policies: dict[str, Any] = {"learned": self.learner.policy()}
         if self.parts.algorithm.learns_distribution:
-            sampled: Any = self.learner.policy(greedy=False)
-            scores.append(contest.score("learned, sampled", sampled))
+            policies["learned, sampled"] = self.learner.policy(greedy=False)
+        scores = [*contest.baselines(), *(contest.score(*each) for each in policies.items())]
         build, plan = self.parts.build, self.parts.plan
         objective = objective_gap(contest, self.parts.hyper.last_gamma)
         return {
@@ -173,7 +170,7 @@ class SingleAgent:
             "curriculum": "none" if plan is None else plan.name,
             "seed": build.seed,
             **({} if self.replicas is None else {"processes": self.replicas.processes}),
-            **evaluation_of(scores, self.evaluated, objective, contest),
+            **evaluation_of(scores, self.evaluated, contest, objective),
             "device": build.device,
             "precision": build.precision,
             **({} if self.update_form is None else {"update": self.update_form}),
@@ -194,8 +191,8 @@ class SingleAgent:
             )
         if isinstance(contest, GameContest):
             contest = replace(contest, most_work=0, search_seconds=0.0)
-        small.contest = small._final_contest = contest
-        small._final_episodes, small._solved_work = BRIEF_EPISODES, MAX_EVALUATED_WORK
+        small.contest = small._final = contest
+        small._solved_work = MAX_EVALUATED_WORK
         return small
 
     def state_dict(self) -> Plain:
@@ -213,7 +210,7 @@ class SingleAgent:
     def save_beside(self, folder: Path) -> None:
         """Write `curriculum.csv`."""
         if self.teacher is not None:
-            write_log(folder, self.teacher.rows)
+            write_csv(folder / LOG, self.teacher.rows, COLUMNS)
 
     def close(self) -> None:
         """Release the resources of the learner, and end the other processes."""
@@ -232,17 +229,17 @@ def measured(measure: Measure, score: Score) -> float:
 def evaluation_of(
     scores: list[Score],
     evaluated: str,
+    contest: AnyContest,
     objective: ObjectiveGap = UNKNOWN,
-    contest: AnyContest | None = None,
 ) -> Plain:
     """ "evaluation", "reference" and "scores" of `results.json`; `objective` is the objective gap.
 
-    With a limited view the optimum is an interval. Without `contest` there is no reference.
+    With a limited view the optimum is an interval.
     """
     by_name = {score.name: score for score in scores}
     learned = by_name["learned" if evaluated == "greedy" else "learned, sampled"]
     optimum = by_name.get("optimal")
-    certificate, certified = None if contest is None else contest.certificate(), {}
+    certificate, certified = contest.certificate(), {}
     if certificate is not None and learned.discounted_steps is not None:
         certified = {
             "discount": certificate.discount,
@@ -253,9 +250,8 @@ def evaluation_of(
             "certified_gap": certificate.gap(learned.discounted_steps),
         }
     best = by_name.get(BEST_RETURN)
-    others: dict[str, float | None] = {}
-    if contest is not None:
-        others[contest.measure.column] = measured(contest.measure, learned)
+    measure = contest.measure
+    others: dict[str, float | None] = {measure.column: measured(measure, learned)}
     for by in (BY_GOALS, BY_RETURN):
         most = by_name.get(by.optimum)
         if most is not None:
@@ -264,7 +260,7 @@ def evaluation_of(
                 f"optimal_{by.name}": by.of(most),
                 f"{by.name}_regret": by.distance(learned, most),
             }
-    held = None if contest is None else contest.reference(scores, learned)
+    held = contest.reference(scores, learned)
     return {
         "evaluation": {
             "episodes": learned.episodes,

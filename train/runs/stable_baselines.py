@@ -166,7 +166,7 @@ def _policy_in(path: Path, seat: Seat) -> Any:
     return policy
 
 
-def _weights_in(path: Path) -> dict[str, Any]:
+def _weights_in(path: Path) -> dict[str, torch.Tensor]:
     """The weights in the zip of a model.
 
     Raises:

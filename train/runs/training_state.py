@@ -9,16 +9,14 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from pursuit.reacher.simulator import ReacherSimulator
-from pursuit.simulator.simulator import Simulator
 from pursuit.validation import check
 from train.algorithms.learner import Learner
-from train.environments.arm_env import ArmEnv
-from train.environments.lockstep import LockstepEnv
+from train.environments.lockstep import AnySimulator, LockstepEnv
 from train.environments.simulator_env import SimulatorEnv
 from train.files import Plain
 from train.runs.folder import check_learned
 from train.runs.parts import Parts
+from train.runs.worlds import AnyEnv
 from train.teaching.teacher import Teacher
 
 FINISHED = ("returns", "lengths")
@@ -27,7 +25,7 @@ FINISHED = ("returns", "lengths")
 
 def build_env_and_learner(
     parts: Parts, state: Plain | None
-) -> tuple[SimulatorEnv | ArmEnv, Teacher | None, Learner]:
+) -> tuple[AnyEnv, Teacher | None, Learner]:
     """The environment, the teacher and the learner: new, or restored from a `training_state`.
 
     Raises:
@@ -68,18 +66,14 @@ def training_state(env: LockstepEnv, teacher: Teacher | None, learner: Learner) 
     }
 
 
-def simulator_tensors(simulator: Simulator | ReacherSimulator) -> dict[str, torch.Tensor]:
+def simulator_tensors(simulator: AnySimulator) -> dict[str, torch.Tensor]:
     """The state of the games for a checkpoint; random streams are stored as int64, as torch has
     few operations on uint64."""
-    return {
-        name: torch.from_numpy(array.view(np.int64) if array.dtype == np.uint64 else array)
-        for name, array in vars(simulator.get_state()).items()
-    }
+    state = vars(simulator.get_state())
+    return {name: torch.from_numpy(_plain(array)) for name, array in state.items()}
 
 
-def restore_simulator(
-    simulator: Simulator | ReacherSimulator, saved: dict[str, torch.Tensor]
-) -> None:
+def restore_simulator(simulator: AnySimulator, saved: dict[str, torch.Tensor]) -> None:
     """Restore the state of `simulator` from `simulator_tensors`; the simulator checks it."""
     arrays = {name: tensor.numpy() for name, tensor in saved.items()}
     form = type(simulator.get_state())
@@ -112,12 +106,14 @@ def restore_policy_memories(env: LockstepEnv, saved: Memories) -> None:
 
 def _arrays(env: LockstepEnv) -> Iterator[tuple[str, dict[str, NDArray[Any]]]]:
     """The memory arrays in use, by agent index (and opponent)."""
-    if getattr(env, "stack", None) is not None:
+    if not isinstance(env, SimulatorEnv):
+        return
+    if env.stack is not None:
         yield "stack", {"frames": env.frames}
-    for seat, policy in enumerate(getattr(env, "policies", ())):
+    for seat, policy in enumerate(env.policies):
         # A pool of opponents lists its members with memory.
         several = getattr(policy, "recurrent_members", None)
-        found = {"": policy} if hasattr(policy, "memory") else {}
+        found: dict[str, Any] = {"": policy} if hasattr(policy, "memory") else {}
         for name, one in (found if several is None else several()).items():
             yield f"{seat} {name}".strip(), one.memory.of(env.simulator.view(seat))
 

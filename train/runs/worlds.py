@@ -19,7 +19,7 @@ from train.evaluation.contest import GameContest
 from train.evaluation.games import won_by
 from train.evaluation.scores import BY_MOST_STEPS, measure_of
 from train.evaluation.suite_contest import SuiteContest
-from train.networks.arm_policy import ArmSeat
+from train.networks.arm_policy import AnySeat, ArmSeat
 from train.networks.policy import Seat
 from train.runs.opponents import opponents_of
 from train.runs.tasks import agent_of, task_of
@@ -68,7 +68,7 @@ class GridWorld:
 
     def games(
         self,
-        seat: Seat | ArmSeat,
+        seat: AnySeat,
         num_games: int,
         seed: int,
         plan: Plan | None,
@@ -96,10 +96,10 @@ class GridWorld:
 
     def contest(self, episodes: int, seed: int = EVALUATION_SEED) -> GameContest | SuiteContest:
         """The contest of evaluations: in the task itself, independent of the curriculum."""
-        masks, one = self.settings.mask_bumps, len(self.task.mazes) == 1
-        if not one:
-            return SuiteContest(self.task, self.agent, self.opponents, episodes, seed)
-        return GameContest(self.task, self.agent, self.opponents, episodes, seed, mask_bumps=masks)
+        given = (self.task, self.agent, self.opponents, episodes, seed)
+        if len(self.task.mazes) > 1:
+            return SuiteContest(*given)
+        return GameContest(*given, mask_bumps=self.settings.mask_bumps)
 
 
 @dataclass(frozen=True)
@@ -120,7 +120,7 @@ class ArmWorld:
 
     def games(
         self,
-        seat: Seat | ArmSeat,
+        seat: AnySeat,
         num_games: int,
         seed: int,
         plan: Plan | None,
@@ -139,6 +139,7 @@ class ArmWorld:
 
 
 World = GridWorld | ArmWorld
+AnyEnv = SimulatorEnv | ArmEnv
 
 
 def world_of(settings: AnyTask) -> World:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
 from itertools import combinations
 from typing import Any
 
@@ -15,7 +14,7 @@ from pursuit.tasks.task import Task
 from scripted_agents import evaluate_exactly, mean_over_starts, solve_matrix_game
 from scripted_agents.duel.action_values import outcomes
 from scripted_agents.duel.best_response import MoveOrder
-from scripted_agents.references import is_exact
+from scripted_agents.references import is_table_duel
 from train.evaluation.games import table_in
 from train.self_play.pool import Member
 from train.self_play.ratings import pairwise_wins
@@ -27,28 +26,19 @@ MOST_SNAPSHOTS = 8
 """Snapshots per role, spread from the first to the last: each pair of them is solved exactly."""
 
 
-@dataclass(frozen=True)
-class Diversity:
-    """Measures of the snapshots of one role.
+Measures = dict[str, float | None]
+"""Measures of the snapshots of one role.
 
-    Attributes:
-        snapshots: their number.
-        distance: `mean_distance`, in [0, 1].
-        effective_number: `effective_number` of the Nash mixture of the payoff matrix of all
-            snapshots, from 1 to `snapshots`. The mixture is a vertex of the set of equilibria, so
-            copies of a policy count once.
-        cycles: `cyclic_share` of the triples, in [0, 1]; None for fewer than three snapshots.
-    """
-
-    snapshots: int
-    distance: float
-    effective_number: float
-    cycles: float | None
+"snapshots": their number. "distance": `mean_distance`, in [0, 1]. "effective_number": that of the
+Nash mixture of the payoff matrix of all snapshots, from 1 to their number; the mixture is a vertex
+of the set of equilibria, so copies of a policy count once. "cycles": `cyclic_share` of the triples,
+in [0, 1]; None for fewer than three snapshots.
+"""
 
 
 def diversity(
     maze: Maze, chasers: Table, evaders: Table, discount: float, move_order: MoveOrder
-) -> dict[str, Diversity]:
+) -> dict[str, Measures]:
     """The diversity of both populations by role, from all pairs of a chaser and an evader, exactly.
 
     Args:
@@ -71,19 +61,18 @@ def diversity(
             visits[i, j] = visited_states(maze, chaser, evader, discount, move_order)
     payoff = payoff.round(6)  # errors of the solver decide no comparison
     game = solve_matrix_game(payoff.T)  # the evaders maximise
+    sides = {
+        "chaser": (chasers, visits.mean(axis=1), game.column, -payoff),
+        "evader": (evaders, visits.mean(axis=0).swapaxes(1, 2), game.row, payoff.T),
+    }
     return {
-        "chaser": Diversity(
-            len(chasers),
-            mean_distance(maze, chasers, visits.mean(axis=1)),
-            effective_number(game.column),
-            cyclic_share(-payoff),
-        ),
-        "evader": Diversity(
-            len(evaders),
-            mean_distance(maze, evaders, visits.mean(axis=0).swapaxes(1, 2)),
-            effective_number(game.row),
-            cyclic_share(payoff.T),
-        ),
+        role: {
+            "snapshots": len(tables),
+            "distance": mean_distance(maze, tables, seen),
+            "effective_number": effective_number(mixture),
+            "cycles": cyclic_share(results),
+        }
+        for role, (tables, seen, mixture, results) in sides.items()
     }
 
 
@@ -184,23 +173,22 @@ def spread(members: Sequence[Member], most: int) -> list[Member]:
 
 def diversity_of(
     task: Task, discount: float, kept: Mapping[str, Sequence[Member]]
-) -> dict[str, dict[str, float | None]]:
-    """The fields of `Diversity` by role, for snapshots in the pools, spread over the run.
+) -> dict[str, Measures]:
+    """The diversity of both roles, for snapshots in the pools, spread over the run.
 
     {} if a side does not learn, or has fewer than two snapshots that are tables.
     """
     chosen = {role: spread(members, MOST_SNAPSHOTS) for role, members in kept.items()}
     policies = [member.policy for members in chosen.values() for member in members]
-    if len(kept) < 2 or min(map(len, chosen.values())) < 2 or not is_exact(task, *policies):
+    if len(kept) < 2 or min(map(len, chosen.values())) < 2 or not is_table_duel(task, *policies):
         return {}
     tables = [np.stack([table_in(task, one.policy) for one in chosen[role]]) for role in ROLES]
     order: Any = task.move_order
-    measures = diversity(task.mazes[0], tables[0], tables[1], discount, order)
-    return {role: asdict(one) for role, one in measures.items()}
+    return diversity(task.mazes[0], tables[0], tables[1], discount, order)
 
 
-def describe_diversity(found: Mapping[str, Mapping[str, float | None]]) -> str:
-    """The fields of both roles as one line of text."""
+def describe_diversity(found: Mapping[str, Measures]) -> str:
+    """The measures of both roles as one line of text."""
     parts = []
     for role, one in found.items():
         cycles = "" if one["cycles"] is None else f", {100 * one['cycles']:.0f} % of triples cyclic"

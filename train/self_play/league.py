@@ -240,12 +240,12 @@ def rate(table: LeagueTable, seed: int = 0) -> Plain:
     average = nash_average(table.payoff)
     content["nash"] = {
         "value": average.value,
-        "chaser_mixture": average.chasers.tolist(),
-        "evader_mixture": average.evaders.tolist(),
+        "chaser_mixture": average.column.tolist(),
+        "evader_mixture": average.row.tolist(),
     }
     for role, names, results, nash in (
-        ("chaser", table.chasers, -table.lengths, table.payoff @ average.evaders),
-        ("evader", table.evaders, table.lengths.swapaxes(0, 1), average.chasers @ table.payoff),
+        ("chaser", table.chasers, -table.lengths, table.payoff @ average.row),
+        ("evader", table.evaders, table.lengths.swapaxes(0, 1), average.column @ table.payoff),
     ):
         wins = pairwise_wins(results)
         elo = elo_ratings(wins, seed)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
 from pursuit.validation import check
 from train.files import Plain
 from train.runs.tasks import profile_of
-from train.settings.algorithms import hyperparameter_form
+from train.settings.algorithms import Hyperparameters, hyperparameter_form
 from train.settings.common import with_memory
 from train.settings.presets import hyperparameters
 from train.settings.reading import check_names, names_of, settings_with, typed
@@ -26,9 +26,7 @@ from train.settings.task import TaskSettings
 ALGORITHM = "algorithm"
 
 
-def learning_side(
-    role: str, task: TaskSettings, common: Mapping[str, Any], own: Mapping[str, Any]
-) -> LearningSide:
+def learning_side(role: str, task: TaskSettings, common: Plain, own: Plain) -> LearningSide:
     """A side that learns, with tuned hyperparameters where none are given.
 
     Args:
@@ -49,10 +47,10 @@ def learning_side(
     if common.get("gamma_end") is not None and "gamma_end" not in names:
         given["gamma"] = common["gamma_end"]  # both sides end with the same discount
     given |= {name: value for name, value in own.items() if name != ALGORITHM}
-    hyper: Any = default
+    hyper: Hyperparameters = default
     if algorithm != "ppo":
         tuned = hyperparameters(algorithm, profile_of(replace(task, role=role)))
-        same: Any = {"gamma": default.gamma, "gamma_end": None, "recurrent": None}
+        same: Plain = {"gamma": default.gamma, "gamma_end": None, "recurrent": None}
         hyper = replace(tuned, **{name: same[name] for name in same if name in names})
     return LearningSide(algorithm, settings_with(form, given, vars(hyper)))
 

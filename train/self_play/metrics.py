@@ -22,7 +22,7 @@ from scripted_agents.limits import (
     MAX_WORK,
     SEARCH_SECONDS,
 )
-from scripted_agents.references import is_exact, is_exact_team, why_not_joint
+from scripted_agents.references import is_exact_team, is_table_duel, why_not_joint
 from train.evaluation.exploitability import exploitability, nash_conv, team_exploitability
 from train.evaluation.games import other_role, table_in
 from train.evaluation.hidden_contest import best_response_interval
@@ -59,7 +59,7 @@ def exploited(task: Task, chaser: Policy, evader: Policy, discount: float) -> di
 
     In mazes above `MAX_GAME_CELLS` cells only "nash_conv", which does not need the game's value.
     """
-    if is_exact(task, chaser, evader):
+    if is_table_duel(task, chaser, evader):
         maze = task.mazes[0]
         tables = [table_in(task, policy) for policy in (chaser, evader)]
         order: Any = task.move_order
@@ -153,7 +153,7 @@ def limited_best_responses(
     """
     intervals: Plain = {}
     for role, policy in pair.items():
-        if is_exact(task, policy):
+        if is_table_duel(task, policy):
             table = table_in(task, policy)
             bounds = best_response_interval(task, other_role(role), table, seconds)
             intervals |= {} if bounds is None else {f"against_{role}": bounds}

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from pursuit.tasks.task import Task
 from scripted_agents import PairValues, mean_over_starts, solve_chase
-from scripted_agents.references import is_exact
+from scripted_agents.references import is_table_duel
 from train.evaluation.games import best_reply, other_role, table_in, values_between
 from train.files import Plain
 from train.networks.recurrent_policy import without_improbable
@@ -99,7 +99,7 @@ def mixture_nash_conv(
         by_name = equal if mixtures is None else mixtures.get(role, {})
         shares = np.array([by_name.get(member.name, 0.0) for member in members])
         policies = [member.policy_once() for member in members]
-        if shares.sum() < 1.0 - 1e-6 or not all(is_exact(task, policy) for policy in policies):
+        if shares.sum() < 1.0 - 1e-6 or not all(is_table_duel(task, policy) for policy in policies):
             return None
         tables = np.stack(
             [without_improbable(table_in(task, policy), min_probability) for policy in policies]

@@ -21,6 +21,7 @@ from scripted_agents.environments import (
 )
 from train.algorithms.registry import entry
 from train.evaluation.games import other_role
+from train.files import Plain
 from train.networks.policy import Seat
 from train.runs.forms import RESTORE
 from train.runs.opponents import policy_in_seat
@@ -31,7 +32,7 @@ from train.self_play.side import SideParts
 from train.settings.algorithms import Hyperparameters, PPOSettings
 from train.settings.common import RunSettings, check_min_probability
 from train.settings.reading import complete_settings, read_from
-from train.settings.run import TrainSettings
+from train.settings.run import AgentSettings, TrainSettings
 from train.settings.self_play import ROLES, LearningSide, SelfPlaySettings, self_play_ppo
 from train.settings.task import TaskSettings
 
@@ -105,7 +106,6 @@ def self_play_parts(settings: SelfPlaySettings) -> SelfPlayParts:
         seat = Seat(task, role, own.observation, played.mask_bumps, own.frame_stack, own.network)
         check_sizes(own.hyper, seat)
         entry(own.algorithm).check_memory(own.hyper, seat)
-        steps = settings.episode_steps or (task.max_steps if task.num_goals else SHORT)
         sides[role] = SideParts(
             seat,
             entry(own.algorithm),
@@ -141,7 +141,7 @@ def check_sides(settings: SelfPlaySettings, task: Task) -> None:
         entry(settings.side(role).algorithm).check_self_play(role, task.count(role))
 
 
-def side_settings(settings: SelfPlaySettings, role: str) -> TrainSettings[Any]:
+def side_settings(settings: SelfPlaySettings, role: str) -> AgentSettings:
     """The settings of the learner of one role, as those of a single-agent run."""
     task = replace(settings.task, role=role)
     played = task_of(task)
@@ -172,7 +172,7 @@ def response_settings(settings: SelfPlaySettings, role: str, folder: Path) -> Se
     of_ppo: Hyperparameters = replace(self_play_ppo(), gamma=settings.discount)
     learning = [side_settings(settings, each) for each in settings.learning]
     of_ppo = next((side.hyper for side in learning if side.algorithm == "ppo"), of_ppo)
-    sides: dict[str, Any] = {role: str(folder), other_role(role): LearningSide(hyper=of_ppo)}
+    sides: Plain = {role: str(folder), other_role(role): LearningSide(hyper=of_ppo)}
     seconds, frames = settings.best_response_seconds or None, settings.frames
     if frames is not None:  # equal settings have equal results
         frames = min(max(round(RESPONSE_FRAMES * (seconds or 0.0)), 1), frames)
@@ -208,22 +208,24 @@ def self_play_settings_of(**flat: Any) -> SelfPlaySettings:
     return settings
 
 
-def self_play_from_plain(plain: Mapping[str, Any], where: str) -> SelfPlaySettings:
+def self_play_from_plain(plain: Plain, where: str) -> SelfPlaySettings:
     """Settings from the plain values of `config.json`; ValueError if these are invalid."""
     with read_from(where, RESTORE):
         own = complete_settings(SelfPlaySettings, plain)
         task = TaskSettings(**complete_settings(TaskSettings, plain.get("task"), "task"))
-        sides: Any = {role: _side_from_plain(role, plain.get(role)) for role in ROLES}
+        sides: Plain = {role: _side_from_plain(role, plain.get(role)) for role in ROLES}
         settings = SelfPlaySettings(task=task, **sides, **own)
         check_sides(settings, task_of(settings.task))
     return settings
 
 
-def _side_from_plain(role: str, plain: Any) -> str | LearningSide:
+def _side_from_plain(role: str, plain: object) -> str | LearningSide:
     if isinstance(plain, str):
         return plain
-    good = isinstance(plain, Mapping) and set(plain) == {"algorithm", "hyper"}
-    check(good, f"{role}={shortened(plain)}; give a name, or a table of algorithm and hyper")
+    if not isinstance(plain, Mapping) or set(plain) != {"algorithm", "hyper"}:
+        raise ValueError(
+            f"{role}={shortened(plain)}; give a name, or a table of algorithm and hyper"
+        )
     form = entry(plain["algorithm"]).settings
     return LearningSide(
         plain["algorithm"], form(**complete_settings(form, plain["hyper"], f"{role}.hyper"))

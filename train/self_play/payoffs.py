@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
 
+from train.files import Plain
 from train.reports.figures import draw_matrix
 from train.reports.tables import Column, ResultTable, Row, words
 from train.self_play.league import LeagueTable
@@ -46,14 +46,7 @@ def _cell(name: str, row: Row) -> str:
     return value + (f" ± {half:.2f}" if half else "")
 
 
-def league_table(table: LeagueTable, content: Mapping[str, Any]) -> ResultTable:
-    """The payoffs of a league; `content` is its `league.json`."""
-    return payoff_table(
-        table.chasers, table.evaders, table.payoff.tolist(), table.ci95.tolist(), content["never"]
-    )
-
-
-def matches_table(matches: Sequence[Mapping[str, Any]]) -> ResultTable:
+def matches_table(matches: Sequence[Plain]) -> ResultTable:
     """The "matches" of the results of self-play."""
     chasers = list(dict.fromkeys(str(row["chaser"]) for row in matches))
     evaders = list(dict.fromkeys(str(row["evader"]) for row in matches))
@@ -75,7 +68,7 @@ def legend_of(names: Iterable[str], epsilon: float) -> str:
     return "; ".join(f"{name}: {meanings[name]}" for name in meanings if name in {*names})
 
 
-def ratings_table(role: str, content: Mapping[str, Any]) -> ResultTable:
+def ratings_table(role: str, content: Plain) -> ResultTable:
     """The ratings of one role of a league, the best by Elo first."""
     ratings, shares = content[f"{role}_ratings"], content["nash"][f"{role}_mixture"]
     rows = [{**row, "nash_share": share} for row, share in zip(ratings, shares, strict=True)]

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pursuit.rules.arrays import Array
 from pursuit.simulator.policy import GameView, Policy, play
 from pursuit.validation import check, raised
 from train.files import Plain
@@ -233,7 +234,7 @@ def weights(
     window: int = 5,
     power: float = 2.0,
     mixture: NDArray[np.float64] | None = None,
-    payoffs: Any = None,
+    payoffs: object = None,
     progress: float = 0.0,
 ) -> NDArray[np.float64]:
     """[members] float64 with sum 1: the sampling probabilities.
@@ -279,9 +280,7 @@ def weights(
     return np.asarray(chosen / chosen.sum())
 
 
-def _custom_weights(
-    sampling: str, pool: OpponentPool, payoffs: Any, progress: float
-) -> NDArray[Any]:
+def _custom_weights(sampling: str, pool: OpponentPool, payoffs: object, progress: float) -> Array:
     """[members]: what a user-defined function returns; ValueError as `weights`."""
     members, chosen = pool.members, np.zeros(0)
     try:
@@ -348,7 +347,7 @@ class PoolPolicy:
         actions = np.empty(view.num_games, dtype=np.int32)
         order = np.argsort(self.opponents, kind="stable")
         bounds = np.searchsorted(self.opponents[order], [*present, len(policies)])
-        observed: dict[str, NDArray[Any]] = {}
+        observed: dict[str, Array] = {}
         for place, first, last in zip(present, bounds, bounds[1:], strict=False):
             games, policy = order[first:last], policies[place]
             if places[place] >= 0:

@@ -6,18 +6,19 @@ better result wins the comparison. So ratings need no threshold for winning a ch
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scripted_agents import solve_matrix_game
+from pursuit.rules.arrays import Array
+from scripted_agents import MatrixGame, solve_matrix_game
 
 BOOTSTRAPS = 200
 
 
-def pairwise_wins(results: NDArray[Any]) -> NDArray[np.float64]:
+def pairwise_wins(results: Array) -> NDArray[np.float64]:
     """[players, players, games] float64: the share of opponents with a better result.
 
     Args:
@@ -75,32 +76,20 @@ def _elo(won: NDArray[np.float64]) -> NDArray[np.float64]:
     return 1500.0 + found - found.mean()
 
 
-@dataclass(frozen=True, eq=False)
-class NashAverage:
-    """The equilibrium of a payoff matrix with the greatest entropy.
-
-    Attributes:
-        value: of the game.
-        chasers, evaders: their mixtures.
-    """
-
-    value: float
-    chasers: NDArray[np.float64]
-    evaders: NDArray[np.float64]
-
-
-def nash_average(payoff: NDArray[np.float64]) -> NashAverage:
+def nash_average(payoff: NDArray[np.float64]) -> MatrixGame:
     """Nash averaging (Balduzzi et al., 2018): opponents count by the maximum entropy equilibrium.
 
     So copies of an entry do not change the ratings, and weak opponents do not count.
 
     Args:
         payoff: [chasers, evaders], which the evaders maximise.
+
+    Returns:
+        The equilibrium with the greatest entropy; the evaders are its row player.
     """
     game = solve_matrix_game(payoff.T)
     chasers = _widest(-payoff.T, -game.value, game.column)
-    evaders = _widest(payoff, game.value, game.row)
-    return NashAverage(game.value, chasers, evaders)
+    return replace(game, row=_widest(payoff, game.value, game.row), column=chasers)
 
 
 def _widest(

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -24,6 +23,7 @@ from train.runs.report import made_with
 from train.self_play.diversity import describe_diversity, spread
 from train.self_play.league import Entry, LeagueTable, cycle_of, play_league
 from train.self_play.payoffs import draw_league, legend_of, matches_table
+from train.self_play.trainee import SelfPlay
 from train.settings.self_play import ROLES
 
 PAYOFF = "payoff.png"
@@ -35,13 +35,17 @@ GAMES = 20
 """Games per pair of snapshots, for results that are not exact."""
 
 
-COLORS = {"nash_conv": BLACK, "chaser": ORANGE, "evader": BLUE}
 EXPLOITABILITY = {
     "nash_conv": Series((), "NashConv", BLACK, "-", 2.2),
     "chaser_exploitability": Series((), "of the chaser", ORANGE, "--", 1.3),
     "evader_exploitability": Series((), "of the evader", BLUE, "--", 1.3),
 }
 SCRIPTED = {"astar": ("A*", "-"), "random": ("random", ":"), "equilibrium": ("equilibrium", "--")}
+AGAINST_SCRIPTED = {
+    f"{role}_vs_{name}": Series((), f"{role} against {called}", color, style)
+    for role, color in (("chaser", ORANGE), ("evader", BLUE))
+    for name, (called, style) in SCRIPTED.items()
+}
 
 
 def draw_self_play(
@@ -53,29 +57,22 @@ def draw_self_play(
     """
     times = np.array([row[unit] for row in rows]) * time_scale(unit)
 
-    def curve(name: str, like: Series) -> list[Series]:
-        if name not in rows[0]:
-            return []
-        return [replace(like, curves=[(times, np.array([row[name] for row in rows]))])]
+    def known(lines: Mapping[str, Series]) -> list[Series]:
+        return [
+            replace(line, curves=[(times, np.array([row[name] for row in rows]))])
+            for name, line in lines.items()
+            if name in rows[0]
+        ]
 
-    panels = []
-    if "nash_conv" in rows[0]:
-        series = [one for name, like in EXPLOITABILITY.items() for one in curve(name, like)]
-        panels.append(Panel(series, "exploitability, exact\n(discounted steps)", scale="from 0"))
-    series = [
-        one
-        for role in ROLES
-        for name, (called, style) in SCRIPTED.items()
-        for one in curve(
-            f"{role}_vs_{name}", Series((), f"{role} against {called}", COLORS[role], style)
-        )
-    ]
-    panels.append(Panel(series, "steps until capture (log)", scale="log"))
+    panels = [Panel(known(AGAINST_SCRIPTED), "steps until capture (log)", scale="log")]
+    if exploitability := known(EXPLOITABILITY):
+        label = "exploitability, exact\n(discounted steps)"
+        panels.insert(0, Panel(exploitability, label, scale="from 0"))
     draw_panels(path, [[panel] for panel in panels], unit, title)
 
 
 def write_self_play_report(
-    folder: Path, trainee: Any, title: str, results: Plain, path: Path | None = None
+    folder: Path, trainee: SelfPlay, title: str, results: Plain, path: Path | None = None
 ) -> Path:
     """Write `report.html`, `replays.json` and `payoff.png` into the folder of self-play.
 
@@ -124,7 +121,7 @@ def write_self_play_report(
     return path
 
 
-def snapshots_league(trainee: Any, task: Task, pair: Mapping[str, Policy]) -> LeagueTable:
+def snapshots_league(trainee: SelfPlay, task: Task, pair: Mapping[str, Policy]) -> LeagueTable:
     """A league of snapshots of both sides, from old to new, and of the current policies."""
     entries = []
     for role in ROLES:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, ClassVar
 
 from pursuit.plugins import Registry
@@ -105,6 +105,17 @@ class PPOSettings(RolloutSettings):
             "each minibatch, which needs at least 2 frames; raise it",
         )
 
+    def as_ppo(self) -> PPOSettings:
+        """These."""
+        return self
+
+
+def ppo_settings(settings: ActorCriticSettings, **own: float) -> PPOSettings:
+    """The settings of a PPO with the same rollouts, network and optimiser, changed by `own`."""
+    names = {field.name for field in fields(PPOSettings)}
+    shared = {name: value for name, value in vars(settings).items() if name in names} | own
+    return PPOSettings(**shared, minibatch_size=shared["num_games"] * shared["rollout_steps"])
+
 
 @dataclass(frozen=True)
 class A2CSettings(RolloutSettings):
@@ -130,6 +141,10 @@ class A2CSettings(RolloutSettings):
             "rollout_steps",
         )
 
+    def as_ppo(self) -> PPOSettings:
+        """The same rollouts and loss in the terms of PPO."""
+        return ppo_settings(self) if self.gae else ppo_settings(self, gae_lambda=1.0)
+
 
 @dataclass(frozen=True)
 class ReinforceSettings(ActorCriticSettings):
@@ -141,6 +156,10 @@ class ReinforceSettings(ActorCriticSettings):
     """Initial learning rate of Adam."""
     baseline: bool = True
     """Subtract a learned value function from the returns."""
+
+    def as_ppo(self) -> PPOSettings:
+        """As of A2C; there are no rollouts of a fixed length, so that their steps are unused."""
+        return ppo_settings(self, critic=self.baseline, rollout_steps=2)
 
 
 @dataclass(frozen=True)
@@ -265,7 +284,7 @@ HYPERPARAMETERS: dict[str, type[Hyperparameters]] = {
 """The hyperparameters of every algorithm by name; see `algorithms/registry.py` for the learners."""
 
 
-def is_algorithm(part: Any) -> bool:
+def is_algorithm(part: object) -> bool:
     """Whether a part is an `Algorithm`."""
     form = getattr(part, "settings", None)
     return isinstance(form, type) and issubclass(form, Hyperparameters)

@@ -57,7 +57,7 @@ class Axis:
         return list(dict.fromkeys((np.round(values) if self.whole else values).tolist()))
 
 
-def is_axis(part: Any) -> bool:
+def is_axis(part: object) -> bool:
     """Whether a user-defined object is a `Maker` of an axis."""
     return callable(getattr(part, "make", None)) and hasattr(part, "scripted")
 

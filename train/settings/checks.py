@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from math import inf
-from typing import Annotated, Any
+from typing import Annotated
 
 from pursuit.validation import Rule, check, check_fields, is_int, rule
 
@@ -36,7 +36,7 @@ class Settings:
         check_fields(self)
 
 
-def check_default(settings: Any, default: Any, names: Iterable[str], why: str) -> None:
+def check_default(settings: object, default: object, names: Iterable[str], why: str) -> None:
     """ValueError unless these settings have the values of `default`."""
     for name in names:
         value = getattr(settings, name)

@@ -10,6 +10,7 @@ from typing import Annotated, Any
 
 from pursuit.plugins import Registry
 from pursuit.validation import check, choice, passes, rule
+from train.files import Plain
 from train.settings.checks import CLOCKS, MOST_FRAMES, PRECISIONS, SEED, SHARE, Settings
 
 NETWORKS: Registry[Any] = Registry(
@@ -21,7 +22,7 @@ NETWORKS: Registry[Any] = Registry(
 """Networks between observations and heads: built-in names, and user-defined ones."""
 
 
-def with_memory(given: Mapping[str, Any]) -> dict[str, Any]:
+def with_memory(given: Mapping[str, object]) -> Plain:
     """Settings by name, with network "recurrent" expanded into network "auto" with a GRU."""
     if given.get("network") != "recurrent":
         return dict(given)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from pursuit.validation import check, one_of
+from train.files import Plain
 from train.settings.algorithms import (
     HYPERPARAMETERS,
     ActorCriticSettings,
@@ -20,7 +21,7 @@ from train.settings.algorithms import (
 from train.settings.curricula import CurriculumSettings, ScheduleSettings, curriculum_form
 
 
-def _content_of(name: str) -> dict[str, Any]:
+def _content_of(name: str) -> Plain:
     """The content of a TOML file beside this module."""
     return tomllib.loads(Path(__file__).with_name(name).read_text("utf-8"))
 

@@ -10,6 +10,7 @@ from typing import Any, TypeVar, get_type_hints
 import msgspec
 
 from pursuit.validation import check, did_you_mean, rules_of, shortened
+from train.files import Plain
 from train.schemas import WORDS
 from train.settings.common import RunSettings
 
@@ -45,7 +46,7 @@ def check_names(given: Iterable[str], known: Iterable[str], where: str = "") -> 
         )
 
 
-def typed(form: Any, given: Mapping[str, Any]) -> dict[str, Any]:
+def typed(form: Any, given: Mapping[str, object]) -> Plain:
     """Those entries of `given` that are fields of `form`, converted to the types of the fields.
 
     Raises:
@@ -67,12 +68,14 @@ def typed(form: Any, given: Mapping[str, Any]) -> dict[str, Any]:
     return converted
 
 
-def settings_with(form: type[Form], given: Mapping[str, Any], default: Mapping[str, Any]) -> Form:
+def settings_with(
+    form: type[Form], given: Mapping[str, object], default: Mapping[str, object]
+) -> Form:
     """A `form` with `default` values, overridden by `given`; ValueError as `typed`."""
     return form(**{**default, **typed(form, given)})
 
 
-def complete_settings(form: type[Any], given: Any, name: str = "") -> dict[str, Any]:
+def complete_settings(form: type[Any], given: Any, name: str = "") -> Plain:
     """All plain fields of `form`, from a table that has exactly these.
 
     Args:

@@ -10,6 +10,7 @@ from pursuit.observations.custom import check_observation
 from pursuit.plugins import Registry, accepts
 from pursuit.validation import Rule, at_least, check, passes
 from scripted_agents.environments import AGENTS, agent_name, is_custom_policy
+from train.files import Plain
 from train.settings.algorithms import Hyperparameters, PPOSettings, hyperparameter_form
 from train.settings.checks import NotNegative, threads_from
 from train.settings.common import RunSettings
@@ -57,9 +58,9 @@ class LearningSide:
         )
 
 
-def unnested_sides(given: Mapping[str, Any]) -> dict[str, Any]:
+def unnested_sides(given: Mapping[str, object]) -> Plain:
     """Settings by name, with a table chaser = {entropy_coef = 0.05} as chaser.entropy_coef."""
-    flat: dict[str, Any] = {}
+    flat: Plain = {}
     for name, value in given.items():
         if name in ROLES and isinstance(value, Mapping):
             flat |= {f"{name}.{own}": setting for own, setting in value.items()}

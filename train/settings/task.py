@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, ClassVar
 
 from pursuit.mazes.suite_files import PREFIX, is_suite
 from pursuit.observations.custom import check_observation
@@ -36,7 +36,7 @@ Steps = Annotated[
 ]
 
 
-def _text_of_rewards(name: str, given: Any) -> str:
+def _text_of_rewards(name: str, given: object) -> str:
     text = rewards_text(given)
     if text != "default":
         check_rewards(name, text)
@@ -198,6 +198,6 @@ def in_maze(task: AnyTask, what: str) -> TaskSettings:
     return task
 
 
-def task_form(name: Any) -> type[AnyTask]:
+def task_form(name: object) -> type[AnyTask]:
     """The settings class of a task; `TaskSettings` for an unknown name, which it refuses."""
     return ReacherSettings if name == REACHER else TaskSettings

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from pursuit.mazes.maze import Maze, table_of_distances
 from pursuit.reacher.task import LEAST_TOLERANCE
 from pursuit.rules import UNREACHABLE
+from pursuit.rules.arrays import Array
 from pursuit.tasks.placements import check_placeable
 from pursuit.tasks.task import Task
 from pursuit.validation import check
@@ -130,7 +131,7 @@ def configure(setting: str, limit: float = math.inf, whole: bool = True, **const
     """
 
     def apply(simulator: Any, games: NDArray[np.intp], values: NDArray[np.float64]) -> None:
-        limited: NDArray[Any] = np.where(values >= limit, -1.0, values)
+        limited: Array = np.where(values >= limit, -1.0, values)
         limited = limited.astype(np.int64) if whole else limited
         simulator.configure(games, **{setting: limited}, **constant)
 

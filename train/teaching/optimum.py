@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.mazes.maze import Maze
 from pursuit.reacher.simulator import ReacherSimulator
 from pursuit.reacher.task import ReacherTask
+from pursuit.rules.arrays import Array
 from pursuit.simulator.policy import Policy, TabularPolicy
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task
 from scripted_agents import least_steps_of, tour_lengths
+from scripted_agents.joint.optimal import table_of
 from scripted_agents.limits import (
     MAX_CURRICULUM_JOINTS,
     MAX_EXACT_CELLS,
@@ -36,21 +37,19 @@ class Optimum:
         steps: (those arrays) -> [n] float64, the optimal steps of each start.
     """
 
-    starts: Callable[[Any, NDArray[np.intp]], tuple[NDArray[Any], ...]]
+    starts: Callable[[Any, NDArray[np.intp]], tuple[Array, ...]]
     steps: Callable[..., NDArray[np.float64]]
 
 
-def _maze_starts(simulator: Simulator, games: NDArray[np.intp]) -> tuple[NDArray[Any], ...]:
+def _maze_starts(simulator: Simulator, games: NDArray[np.intp]) -> tuple[Array, ...]:
     """The maze indices [n], and the cells of agents and goals [n, ...], of games."""
     return simulator.maze_index[games], simulator.positions[games], simulator.goals[games]
 
 
-def _optimum(task: Task, steps: Callable[..., NDArray[Any]]) -> Optimum:
+def _optimum(task: Task, steps: Callable[..., Array]) -> Optimum:
     """The optimum by `steps`: (maze index, maze, cells of agents, cells of goals) -> [n]."""
 
-    def all_steps(
-        mazes: NDArray[Any], cells: NDArray[Any], goals: NDArray[Any]
-    ) -> NDArray[np.float64]:
+    def all_steps(mazes: Array, cells: Array, goals: Array) -> NDArray[np.float64]:
         found = np.empty(len(mazes))
         for number, maze in enumerate(task.mazes):
             here = mazes == number
@@ -73,7 +72,11 @@ def optimum_of(task: Task, agent: str, opponents: Mapping[str, Policy]) -> Optim
         opponents: the fixed policy of every other role.
     """
     if is_single_runner(task):
-        return _optimum(task, _tours) if why_no_tour(task.num_goals) is None else None
+        if why_no_tour(task.num_goals) is not None:
+            return None
+        return _optimum(
+            task, lambda number, maze, cells, goals: tour_lengths(maze, cells[:, 0], goals)
+        )
     if not task.is_duel or task.max_cells > MAX_EXACT_CELLS:
         return None
     role = task.seat_roles[task.seat(agent)]
@@ -81,20 +84,11 @@ def optimum_of(task: Task, agent: str, opponents: Mapping[str, Policy]) -> Optim
     if not isinstance(policy, TabularPolicy):
         return None
     tables = [
-        best_reply(
-            task,
-            role,
-            policy.action_probabilities(maze, task.stay_action),
-            task.max_steps,
-            maze=maze,
-        ).values
+        best_reply(task, role, table, task.max_steps, maze=maze).values
         for maze in task.mazes
+        for table in [table_of(policy, maze, task.stay_action, task.move_order)]
     ]
     return _optimum(task, lambda number, maze, cells, goals: tables[number][tuple(cells.T)])
-
-
-def _tours(number: int, maze: Maze, cells: NDArray[Any], goals: NDArray[Any]) -> NDArray[np.int64]:
-    return tour_lengths(maze, cells[:, 0], goals)
 
 
 def arm_optimum(task: ReacherTask) -> Optimum | None:
@@ -103,11 +97,11 @@ def arm_optimum(task: ReacherTask) -> Optimum | None:
         return None
 
     def steps(
-        angles: NDArray[Any],
-        target: NDArray[Any],
-        tolerance: NDArray[Any],
-        free_joints: NDArray[Any],
-        hold: NDArray[Any],
+        angles: Array,
+        target: Array,
+        tolerance: Array,
+        free_joints: Array,
+        hold: Array,
     ) -> NDArray[np.float64]:
         least, _, _ = least_steps_of(angles, target, task.max_turn, tolerance, free_joints)
         lengths: NDArray[np.float64] = np.maximum(least, 1.0) + hold - 1.0
@@ -116,7 +110,7 @@ def arm_optimum(task: ReacherTask) -> Optimum | None:
     return Optimum(_arm_starts, steps)
 
 
-def _arm_starts(simulator: ReacherSimulator, games: NDArray[np.intp]) -> tuple[NDArray[Any], ...]:
+def _arm_starts(simulator: ReacherSimulator, games: NDArray[np.intp]) -> tuple[Array, ...]:
     """The arrays that determine the least length of an episode of `games`."""
     arms = simulator.arms
     start = (arms.angles, arms.target, arms.tolerance, arms.free_joints, arms.hold)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,7 +55,7 @@ class RegretScorer:
         )
         self._optima: dict[int, float] = {}
 
-    def scores(self, policy: Any, mazes: NDArray[np.int64]) -> NDArray[np.float64]:
+    def scores(self, policy: Policy, mazes: NDArray[np.int64]) -> NDArray[np.float64]:
         """[mazes] float64, at least 0, the scores of the mazes with these indices.
 
         Raises:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,9 +11,11 @@ import torch
 from numpy.typing import NDArray
 
 from curricula import Change, Outcomes, Progress
+from pursuit.rules.arrays import Array
+from pursuit.simulator.policy import Policy
 from pursuit.validation import as_array, check
 from train.environments.hooks import EpisodeHook
-from train.files import write_csv
+from train.files import Plain
 from train.settings.curricula import MazeReplaySettings
 from train.teaching.plan import Plan
 
@@ -64,7 +65,7 @@ class Teacher(EpisodeHook):
         self.curriculum, self.simulator, self.metrics = plan.curriculum(), simulator, metrics
         self.solved_within = plan.settings.solved_within
         self.scorer, self.score_every = plan.scorer, 0
-        self.scored_policy: Any = None
+        self.scored_policy: Policy | None = None
         if isinstance(plan.settings, MazeReplaySettings):
             self.score_every = plan.settings.score_every
         self.wants_advantages = plan.settings.needs_advantages
@@ -74,19 +75,19 @@ class Teacher(EpisodeHook):
         self.playing = np.zeros(games)
         # The starts of the current episodes, and their optima where they have been computed.
         self.optimum, self._optima = plan.optimum, np.full(games, np.nan)
-        self._starts: tuple[NDArray[Any], ...] = ()
+        self._starts: tuple[Array, ...] = ()
         if self.optimum is not None:
             self._starts = self.optimum.starts(simulator, np.arange(games))
         self.applied = np.full(games, np.nan)
         self.error_sums, self.error_counts = np.zeros(games), np.zeros(games)
-        self.rows: list[dict[str, Any]] = []
+        self.rows: list[Plain] = []
         self._clear()
         self._played: list[NDArray[np.float64]] = []
         self._won: list[NDArray[np.bool_]] = []
 
     def _clear(self) -> None:
-        self._ended: list[tuple[NDArray[Any], ...]] = []
-        self._outcomes: list[tuple[NDArray[Any], ...]] = []
+        self._ended: list[tuple[Array, ...]] = []
+        self._outcomes: list[tuple[Array, ...]] = []
         self._errors: list[NDArray[np.float64]] = []
 
     @property
@@ -134,7 +135,7 @@ class Teacher(EpisodeHook):
         return self._optima
 
     def _with_optima(
-        self, optima: NDArray[np.float64], starts: Sequence[NDArray[Any]]
+        self, optima: NDArray[np.float64], starts: Sequence[Array]
     ) -> NDArray[np.float64]:
         """`optima` [n] with those of `starts` [n, ...] where they are NaN, solved together."""
         missing = np.isnan(optima)
@@ -163,7 +164,7 @@ class Teacher(EpisodeHook):
         self._played.append(np.stack([values, lengths]))
         self._won.append(won)
 
-    def note_advantages(self, advantages: NDArray[Any], done: NDArray[np.bool_]) -> None:
+    def note_advantages(self, advantages: Array, done: NDArray[np.bool_]) -> None:
         """Record the mean positive advantage of each episode that ended in a rollout, in order.
 
         Args:
@@ -198,7 +199,7 @@ class Teacher(EpisodeHook):
         progress = Progress(share, frames, self.episodes, seconds)
         outcomes = Outcomes(values, won, returns, lengths, regrets, errors)
         for change in self.curriculum.update(outcomes, progress):
-            self.rows.append(row_of(change, progress))
+            self.rows.append(change_row(change, progress))
 
     def figures(self) -> dict[str, float]:
         """Means over the episodes since `forget_episodes`, for `metrics.csv`."""
@@ -217,11 +218,11 @@ class Teacher(EpisodeHook):
         self._collect()
         self._played, self._won = [], []
 
-    def state_dict(self) -> dict[str, Any]:
+    def state_dict(self) -> Plain:
         """Tensors and plain values: everything needed to resume exactly."""
         self._collect()
         names = ("playing", "optima", "error_sums", "error_counts")
-        state: dict[str, Any] = {
+        state: Plain = {
             "name": self.name,
             "curriculum": self.curriculum.state_dict(),
             "arrays": {name: getattr(self, name) for name in names},
@@ -237,7 +238,7 @@ class Teacher(EpisodeHook):
         state = converted(state, np.ndarray, lambda array: torch.from_numpy(array.copy()))
         return state
 
-    def load_state_dict(self, state: dict[str, Any]) -> None:
+    def load_state_dict(self, state: Plain) -> None:
         """Restore the state.
 
         Raises:
@@ -272,7 +273,7 @@ def converted(value: Any, kind: type, convert: Callable[[Any], Any]) -> Any:
     return value
 
 
-def row_of(change: Change, progress: Progress) -> dict[str, Any]:
+def change_row(change: Change, progress: Progress) -> Plain:
     """One row of `curriculum.csv`."""
     return {
         "frames": int(progress.frames),
@@ -281,8 +282,3 @@ def row_of(change: Change, progress: Progress) -> dict[str, Any]:
         "progress": round(progress.share, 6),
         **vars(change),
     }
-
-
-def write_log(folder: Path, rows: Sequence[dict[str, Any]]) -> None:
-    """Write `curriculum.csv`."""
-    write_csv(folder / LOG, rows, COLUMNS)

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from functools import cache
 from html import escape
 from importlib.resources import files
-from typing import Any
 
 PLAYER = ("board.js", "maze_board.js", "arm_board.js", "player.js")
 """The scripts of the replay viewer, in the order of their dependencies."""
@@ -22,7 +21,7 @@ def resource(name: str) -> str:
     return files("pursuit.replays.viewer").joinpath(name).read_text(encoding="utf-8")
 
 
-def json_for_html(data: Any) -> str:
+def json_for_html(data: object) -> str:
     """`data` as JSON, escaped so that no text can end the script element.
 
     Raises:
@@ -41,7 +40,7 @@ def digest(text: str) -> str:
 
 def page(
     title: str,
-    data: Any,
+    data: object,
     scripts: Sequence[str] = PLAYER,
     body: str = '<main id="pursuit"></main>',
     connects: bool = False,

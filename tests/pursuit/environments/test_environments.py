@@ -15,7 +15,6 @@ from pursuit import chase_v0, heist_v0, maze_v0, race_v0
 from pursuit.environments.parallel import PursuitParallelEnv, environment_makers, scene_of
 from pursuit.mazes.maze import Maze
 from pursuit.observations.observations import ENCODINGS
-from pursuit.rendering.rendering import draw_scene
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import make_task
 
@@ -110,7 +109,7 @@ def test_what_render_returns() -> None:
     assert text.render() == "+-+-+-+-+\n|  C E  |\n+-+-+-+-+\nstep 1 / 200\n"
     pixels = picture.render()
     assert isinstance(pixels, np.ndarray) and pixels.dtype == np.uint8 and pixels.shape[2] == 3
-    assert (pixels == draw_scene(scene_of(picture.simulator))).all()
+    assert (pixels == scene_of(picture.simulator).draw()).all()
 
 
 def test_a_window_follows_the_game_and_closes(monkeypatch: pytest.MonkeyPatch) -> None:

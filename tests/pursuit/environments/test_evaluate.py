@@ -182,14 +182,14 @@ def test_the_folder_of_a_run_is_an_opponent_in_gymnasium(evader: str) -> None:
 
 
 def test_paths_are_texts_too(evader: str) -> None:
-    from train.experiments.rows import row_of
+    from train.experiments.rows import read_run
     from train.kinds import read_settings
-    from train.runs.folder import load_checkpoint, load_config, read_metrics
+    from train.runs.folder import load_checkpoint, read_metrics
     from train.runs.saved import load_settings
 
     run = train.open_run(evader)
     run.results()
     assert train.load_policy(evader).agent == "evader"
-    for read in (read_settings, load_settings, load_config, load_checkpoint, read_metrics):
+    for read in (read_settings, load_settings, load_checkpoint, read_metrics):
         assert read(evader)
-    assert row_of(Path(evader))["role"] == "evader"
+    assert read_run(Path(evader))[0]["role"] == "evader"

@@ -10,8 +10,9 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.stats import chisquare
+from shipped_mazes import library_mazes
 
-from pursuit.mazes.generation import generate_maze, library_mazes
+from pursuit.mazes.generation import generate_maze
 from pursuit.mazes.maze import LIBRARY, MAX_TABLE_CELLS, Maze, library_names, load_maze
 from pursuit.rules import EAST, NORTH, SOUTH, STAY, UNREACHABLE, WEST
 

@@ -6,13 +6,14 @@ from collections import Counter
 
 import numpy as np
 import pytest
+from shipped_mazes import suite_tables, sums_text
 
 import pursuit
 from pursuit import chase_v0
 from pursuit.mazes.generation import generate_maze
 from pursuit.mazes.maze import Maze, load_maze
-from pursuit.mazes.suite_files import SIZES, SPLITS, SUITES, SUMS, read_rows, suite_names, sums_text
-from pursuit.mazes.suites import least_copy, load_mazes, load_suite, suite_tables
+from pursuit.mazes.suite_files import SIZES, SPLITS, SUITES, SUMS, read_rows, suite_names
+from pursuit.mazes.suites import least_copy, load_mazes, load_suite
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task, make_task
 from scripted_agents import shortest_path

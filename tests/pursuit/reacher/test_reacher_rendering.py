@@ -25,9 +25,7 @@ from pursuit.reacher.rendering import (
     TARGET,
     TIP,
     ArmScene,
-    draw_arm,
     scene_of,
-    scene_to_text,
 )
 from pursuit.rendering.animation import save_animation
 from pursuit.rendering.rendering import WALL, Scene
@@ -43,7 +41,7 @@ def middle_of(picture: NDArray[np.uint8], color: tuple[int, int, int]) -> tuple[
 
 
 def test_the_text_of_an_arm() -> None:
-    lines = scene_to_text(replace(SCENE, caption="a caption")).splitlines()
+    lines = replace(SCENE, caption="a caption").text().splitlines()
     assert len(lines) == 18 and max(map(len, lines[:17])) <= 33
     assert lines[4] == " " * 16 + "o-------@"  # a link of two is half the way to the rim
     assert [line[16] for line in lines[5:8]] == ["|"] * 3 and lines[8][16] == "#"
@@ -51,8 +49,8 @@ def test_the_text_of_an_arm() -> None:
     assert not any(lines[:4]) and not any(lines[13:17])
     assert lines[17] == "step 12 / 400, distance 2.83, angles 1.57 -1.57  a caption"
     held = replace(SCENE, target=(1.0, 1.0), held=2, hold=5)
-    assert "distance 0.00, held 2 / 5, angles" in scene_to_text(held)
-    assert scene_to_text(held).splitlines()[4][24] == "*"
+    assert "distance 0.00, held 2 / 5, angles" in held.text()
+    assert held.text().splitlines()[4][24] == "*"
 
 
 @settings(max_examples=60)
@@ -62,7 +60,7 @@ def test_every_mark_of_the_text_stands_where_it_is(angles: list[float]) -> None:
     ends = reference_arm.ends(angles)
     target = 0.9 * joints * np.exp(1j * sum(angles))
     scene = ArmScene(tuple(angles), (target.real, target.imag), 0.2, 0, 9)
-    lines = [line.ljust(33) for line in scene_to_text(scene).splitlines()]
+    lines = [line.ljust(33) for line in scene.text().splitlines()]
 
     def character(place: complex) -> str:
         row, column = 8 - place.imag / joints * 8, 16 + place.real / joints * 16
@@ -85,7 +83,7 @@ def test_tip_and_target_show_where_they_are(joints: int, size: int) -> None:
     rng = np.random.default_rng(joints)
     angles = tuple(rng.uniform(-math.pi / 3, math.pi / 3, joints))
     scene = ArmScene(angles, (-0.7 * joints, 0.1), 0.2, 3, 400, caption="a caption")
-    picture = draw_arm(scene, size)
+    picture = scene.draw(size)
     assert picture.dtype == np.uint8 and picture.shape[1] == size - size % 2
     assert picture.shape[0] % 2 == 0 and picture.flags.writeable
     unit = (picture.shape[1] / 2 - 12) / (joints + 0.2)
@@ -93,31 +91,31 @@ def test_tip_and_target_show_where_they_are(joints: int, size: int) -> None:
     assert middle_of(picture, TIP) == pytest.approx((unit * tip.real, unit * tip.imag), abs=1.5)
     target = (-0.7 * joints * unit, 0.1 * unit)
     assert middle_of(picture, TARGET) == pytest.approx(target, abs=1.5)
-    assert (picture == draw_arm(scene, size)).all()
+    assert (picture == scene.draw(size)).all()
     assert (picture == LINK).all(axis=-1).sum() > 4
 
 
 def test_the_target_disc_shows_tolerance_and_reach() -> None:
-    picture = draw_arm(replace(SCENE, tolerance=0.5))
+    picture = replace(SCENE, tolerance=0.5).draw()
     unit = (480 / 2 - 12) / 2.5
     area = (picture == TARGET).all(axis=-1).sum()
     assert area == pytest.approx(math.pi * (0.5 * unit) ** 2, rel=0.08)
     assert not (picture == REACHED).all(axis=-1).any()
-    there = draw_arm(replace(SCENE, target=(1.0, 0.85)))
+    there = replace(SCENE, target=(1.0, 0.85)).draw()
     assert (there == REACHED).all(axis=-1).any() and not (there == TARGET).all(axis=-1).any()
 
 
 def test_footer_and_trace_are_drawn() -> None:
-    plain = draw_arm(SCENE)
-    assert (draw_arm(replace(SCENE, steps=13))[480:] != plain[480:]).any()
-    assert (draw_arm(replace(SCENE, caption="mine"))[480:] != plain[480:]).any()
-    traced = draw_arm(replace(SCENE, trace=((1.0, -1.0), (1.0, 0.0), (1.0, 1.0))))
+    plain = SCENE.draw()
+    assert (replace(SCENE, steps=13).draw()[480:] != plain[480:]).any()
+    assert (replace(SCENE, caption="mine").draw()[480:] != plain[480:]).any()
+    traced = replace(SCENE, trace=((1.0, -1.0), (1.0, 0.0), (1.0, 1.0))).draw()
     changed = np.argwhere((traced[:480] != plain[:480]).any(axis=-1))
     unit = 228 / 2.2
     assert changed[:, 1].mean() == pytest.approx(240 + unit, abs=1.5)
     assert changed[:, 0].max() == pytest.approx(240 + unit, abs=3)
     with pytest.raises(ValueError, match="size=95; a picture of an arm needs at least 96"):
-        draw_arm(SCENE, 95)
+        SCENE.draw(95)
 
 
 def test_scenes_of_a_simulator() -> None:
@@ -174,9 +172,9 @@ def test_rendering_of_environments(kind: str, monkeypatch: pytest.MonkeyPatch) -
         shown = env.render()
         assert isinstance(shown, form)
         if mode == "ansi":
-            assert shown == scene_to_text(scene_of(env.simulator)) and "step 1 / 400" in shown
+            assert shown == scene_of(env.simulator).text() and "step 1 / 400" in shown
         if mode == "rgb_array":
-            assert (shown == draw_arm(scene_of(env.simulator))).all()
+            assert (shown == scene_of(env.simulator).draw()).all()
             assert (shown == WALL).all(axis=-1).any()
         env.close()
         env.close()

@@ -18,8 +18,6 @@ from pursuit.rendering.rendering import (
     WALL,
     AgentMark,
     Scene,
-    draw_scene,
-    scene_to_text,
 )
 from pursuit.rendering.windows import Window
 
@@ -49,7 +47,7 @@ def count(picture: NDArray[np.uint8], color: tuple[int, int, int]) -> int:
 
 def cell_origin(maze: Maze) -> tuple[int, int]:
     """The first row and the first column of a picture that hold the colour of walls."""
-    picture = draw_scene(Scene(maze, (), (), 0, 1), cell_pixels=CELL)
+    picture = Scene(maze, (), (), 0, 1).draw(cell_pixels=CELL)
     dark = (picture == WALL).all(axis=-1)
     longest = CELL * min(maze.height, maze.width)
     return int((dark.sum(axis=1) >= longest).argmax()), int((dark.sum(axis=0) >= longest).argmax())
@@ -62,7 +60,7 @@ def test_a_picture_is_rgb_bytes_with_even_sides(
 ) -> None:
     maze = open_maze(height, width)
     scene = Scene(maze, (AgentMark("chaser_0", maze.num_cells - 1),), (), 3, 200, "a caption")
-    picture = draw_scene(scene, cell_pixels=cell_pixels, size=300)
+    picture = scene.draw(cell_pixels=cell_pixels, size=300)
     assert picture.dtype == np.uint8
     assert picture.ndim == 3 and picture.shape[2] == 3
     assert picture.shape[0] % 2 == picture.shape[1] % 2 == 0
@@ -76,10 +74,10 @@ def test_a_picture_is_rgb_bytes_with_even_sides(
 
 @pytest.mark.parametrize("cell_pixels", [6, 13, 40, 100])
 def test_every_role_and_goal_shows_its_colour(cell_pixels: int) -> None:
-    picture = draw_scene(SCENE, cell_pixels=cell_pixels)
+    picture = SCENE.draw(cell_pixels=cell_pixels)
     for color in ROLE_COLORS.values():
         assert count(picture, color) >= 8
-    empty = draw_scene(replace(SCENE, agents=(), goals=()), cell_pixels=cell_pixels)
+    empty = replace(SCENE, agents=(), goals=()).draw(cell_pixels=cell_pixels)
     for color in ROLE_COLORS.values():
         assert count(empty, color) == 0
 
@@ -87,7 +85,7 @@ def test_every_role_and_goal_shows_its_colour(cell_pixels: int) -> None:
 def test_agents_show_in_a_maze_of_100_by_100() -> None:
     maze = open_maze(100, 100)
     agents = (AgentMark("chaser_0", 0), AgentMark("evader_0", 9999), AgentMark("runner_0", 4567))
-    picture = draw_scene(Scene(maze, agents, (99,), 0, 200))
+    picture = Scene(maze, agents, (99,), 0, 200).draw()
     for color in ROLE_COLORS.values():
         assert count(picture, color) >= 8
 
@@ -96,8 +94,8 @@ def test_agents_show_in_a_maze_of_100_by_100() -> None:
 def test_a_move_changes_the_two_cells_and_nothing_else(agent: int) -> None:
     marks = list(SCENE.agents)
     marks[agent] = replace(marks[agent], cell=11)
-    before = draw_scene(SCENE, cell_pixels=CELL)
-    after = draw_scene(replace(SCENE, agents=tuple(marks)), cell_pixels=CELL)
+    before = SCENE.draw(cell_pixels=CELL)
+    after = replace(SCENE, agents=tuple(marks)).draw(cell_pixels=CELL)
     top, left = cell_origin(MAZE)
     changed = np.argwhere((before != after).any(axis=-1))
     cells = {((y - top) // CELL, (x - left) // CELL) for y, x in changed.tolist()}
@@ -106,7 +104,7 @@ def test_a_move_changes_the_two_cells_and_nothing_else(agent: int) -> None:
 
 @pytest.mark.parametrize("maze", [MAZE, BLOCKED])
 def test_walls_stand_where_the_maze_has_them(maze: Maze) -> None:
-    picture = draw_scene(Scene(maze, (), (), 0, 200), cell_pixels=CELL)
+    picture = Scene(maze, (), (), 0, 200).draw(cell_pixels=CELL)
     top, left = cell_origin(maze)
     blocked = maze.cell_numbers < 0
     for row in range(maze.height):
@@ -126,7 +124,7 @@ def test_walls_stand_where_the_maze_has_them(maze: Maze) -> None:
 
 
 def test_blocked_cells_differ_from_the_floor() -> None:
-    picture = draw_scene(Scene(BLOCKED, (), (), 0, 200), cell_pixels=CELL)
+    picture = Scene(BLOCKED, (), (), 0, 200).draw(cell_pixels=CELL)
     top, left = cell_origin(BLOCKED)
     cell = picture[top + 10 : top + CELL - 2, left + 2 * CELL + 10 : left + 3 * CELL - 2]
     assert not (cell == 255).all(axis=-1).any()
@@ -138,7 +136,7 @@ def test_agents_in_the_same_cell_are_visible(cell_pixels: int) -> None:
     for cell in (0, 6, 11):
         marks = tuple(replace(mark, cell=cell) for mark in SCENE.agents)
         scene = replace(SCENE, agents=marks, goals=(cell,))
-        picture = draw_scene(scene, cell_pixels=cell_pixels)
+        picture = scene.draw(cell_pixels=cell_pixels)
         for color in ROLE_COLORS.values():
             assert count(picture, color) >= 8
 
@@ -146,21 +144,21 @@ def test_agents_in_the_same_cell_are_visible(cell_pixels: int) -> None:
 def test_agents_of_one_role_carry_numbers() -> None:
     pair = (AgentMark("chaser_0", 0), AgentMark("chaser_1", 5))
     exchanged = (AgentMark("chaser_0", 5), AgentMark("chaser_1", 0))
-    first = draw_scene(replace(SCENE, agents=pair), cell_pixels=CELL)
-    second = draw_scene(replace(SCENE, agents=exchanged), cell_pixels=CELL)
+    first = replace(SCENE, agents=pair).draw(cell_pixels=CELL)
+    second = replace(SCENE, agents=exchanged).draw(cell_pixels=CELL)
     assert (first != second).any()
 
 
 def test_a_captured_evader_turns_grey() -> None:
     marks = (SCENE.agents[0], replace(SCENE.agents[1], active=False))
-    picture = draw_scene(replace(SCENE, agents=marks), cell_pixels=CELL)
+    picture = replace(SCENE, agents=marks).draw(cell_pixels=CELL)
     assert count(picture, ROLE_COLORS["evader"]) == 0
     assert count(picture, CAPTURED) >= 8
 
 
 def test_the_footer_shows_steps_and_caption_and_keeps_its_size() -> None:
     pictures = [
-        draw_scene(replace(SCENE, steps=steps, caption=caption))
+        replace(SCENE, steps=steps, caption=caption).draw()
         for steps, caption in ((0, ""), (200, ""), (0, "short"), (0, "far too long " * 20))
     ]
     assert len({picture.shape for picture in pictures}) == 1
@@ -168,17 +166,17 @@ def test_the_footer_shows_steps_and_caption_and_keeps_its_size() -> None:
 
 
 def test_a_picture_depends_on_the_scene_alone() -> None:
-    first = draw_scene(SCENE)
+    first = SCENE.draw()
     first_bytes = first.tobytes()
     first[:] = 0  # the caller's array is its own
-    draw_scene(replace(SCENE, agents=()))
+    replace(SCENE, agents=()).draw()
     rendering._background.cache_clear()
     rendering._token.cache_clear()
-    assert draw_scene(SCENE).tobytes() == first_bytes
+    assert SCENE.draw().tobytes() == first_bytes
 
 
 def test_text_shows_every_agent_goal_and_the_step_count() -> None:
-    assert scene_to_text(SCENE) == (
+    assert SCENE.text() == (
         "+-+-+-+-+\n|C  |  G|\n+ +-+ + +\n| |R  | |\n+ + +-+ +\n|   |E  |\n+-+-+-+-+\n"
         "step 12 / 200\n"
     )
@@ -191,7 +189,7 @@ def test_text_lists_agents_in_the_same_cell() -> None:
         AgentMark("evader_1", 2, active=False),
         *(AgentMark(f"runner_{i}", 11) for i in range(10)),
     )
-    lines = scene_to_text(replace(SCENE, agents=marks, caption="final")).splitlines()
+    lines = replace(SCENE, agents=marks, caption="final").text().splitlines()
     assert lines[1] == "|   |e G|"
     assert lines[3] == "| |2  | |"
     assert lines[5] == "|   |  +|"
@@ -210,9 +208,9 @@ def test_invalid_cells_and_sizes_are_refused() -> None:
     with pytest.raises(ValueError, match="the cells are 0 to 11"):
         replace(SCENE, goals=(12,))
     with pytest.raises(ValueError, match="cell_pixels=2"):
-        draw_scene(SCENE, cell_pixels=2)
+        SCENE.draw(cell_pixels=2)
     with pytest.raises(ValueError, match="size=5"):
-        draw_scene(SCENE, size=5)
+        SCENE.draw(size=5)
 
 
 # -- animations --------------------------------------------------------------------------------
@@ -234,7 +232,7 @@ def test_a_gif_has_every_frame_in_true_colours(tmp_path: Path) -> None:
         gif.seek(29)
         assert gif.info["duration"] == 1500
         shown = np.array(gif.convert("RGB"))
-    drawn = draw_scene(list(episode(30))[29], size=200)
+    drawn = list(episode(30))[29].draw(size=200)
     assert abs(shown.astype(int) - drawn).max() < 64  # blends at the edges are rounded
     for color in (WALL, *ROLE_COLORS.values()):
         assert abs(count(shown, color) - count(drawn, color)) < 0.2 * count(drawn, color)
@@ -317,7 +315,7 @@ def test_a_window_shows_scenes_until_its_button_closes_it(monkeypatch: pytest.Mo
     window = Window(size=200)
     window.show(SCENE, fps=0)
     shown = pygame.surfarray.array3d(pygame.display.get_surface()).swapaxes(0, 1)
-    assert (shown == draw_scene(SCENE, size=200)).all()
+    assert (shown == SCENE.draw(size=200)).all()
     window.show(replace(SCENE, maze=open_maze(12, 1)), fps=0)
     assert window.is_open
     pygame.event.post(pygame.event.Event(pygame.QUIT))

@@ -24,7 +24,7 @@ from scripted_agents import (
     WaryEvader,
 )
 from scripted_agents.environments import scripted_policy
-from scripted_agents.hidden.references import limited_references
+from scripted_agents.hidden.limited_view_policies import limited_references
 from train.evaluation import hidden_contest
 from train.evaluation.contest import GameContest
 from train.runs.opponents import opponents_of
@@ -289,5 +289,5 @@ def test_they_stand_beside_learners_of_limited_sight(monkeypatch: pytest.MonkeyP
     assert not limited_references(TEAMS, "chaser", {"evader": evader})
     # A searcher is no table: who plays against it is scored by games, without a best response.
     against = GameContest(hidden, "evader", {"chaser": SearchingChaser()}, episodes=300)
-    assert not against.is_exact and against.optimal() is None
+    assert not against.is_table_duel and against.optimal() is None
     assert 1 < against.score("wary", WaryEvader(view_radius=2)).mean_steps <= 60

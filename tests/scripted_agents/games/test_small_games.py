@@ -261,85 +261,68 @@ def test_a_parallel_environment_as_a_small_game() -> None:
 
 
 class Broken(Chase):
-    """A chase with one fault."""
+    """A chase of which some functions return something else."""
 
-    def __init__(self, fault: str) -> None:
+    def __init__(self, **returned: Any) -> None:
         super().__init__(pursuit.load_maze("2x2"))
-        self.fault = fault
-        if fault == "players":
-            self.players = ()  # type: ignore[assignment]
-        if fault == "same players":
-            self.players = ("a", "a")
+        self.players, self.returned = returned.get("players", self.players), returned
 
     def starts(self) -> list[Any]:
-        if self.fault == "starts":
-            return [(0.5, (0, 1))]
-        if self.fault == "bare starts":
-            return [(0, 1)]
-        if self.fault == "number":
-            return [7]
-        return [] if self.fault == "no starts" else super().starts()
+        return self.returned.get("starts", super().starts())
 
     def legal_actions(self, state: Any, player: int) -> Sequence[int]:
-        wrong: dict[str, Any] = {"actions": [], "same actions": [1, 1], "odd": [[1]], "None": None}
-        return wrong.get(self.fault, [0, 1, 2, 3])  # type: ignore[no-any-return]
+        return self.returned.get("actions", super().legal_actions(state, player))
 
     def transitions(self, state: Any, actions: Any) -> list[Any]:
-        if self.fault == "endless":
-            return [(1.0, (state[0] + 1, state[1]), (0.0, 0.0), False)]
-        [(chance, after, rewards, ended)] = super().transitions(state, actions)
-        if self.fault == "sum":
-            return [(0.7, after, rewards, ended)]
-        if self.fault == "negative":
-            return [(1.5, after, rewards, ended), (-0.5, after, rewards, ended)]
-        if self.fault == "list":
-            return [(chance, list(after), rewards, ended)]
-        if self.fault == "rewards":
-            return [(chance, after, (1.0,), ended)]
-        if self.fault == "three":
-            return [(chance, after, rewards)]
-        if self.fault == "no list":
-            return None  # type: ignore[return-value]
-        if self.fault == "text":
-            return [("1", after, rewards, ended)]
-        if self.fault == "ended":
-            return [(chance, after, rewards, "no")]
-        if self.fault == "dict":
-            return [(chance, after, {"chaser": 1.0, "evader": 0.0}, ended)]
-        if self.fault == "nan":
-            return [(chance, after, (float("nan"), 0.0), ended)]
-        return [(chance, after, (1.0, 1.0), ended)]
+        if "endless" in self.returned:
+            return [(1.0, (state[0] + 1, state[1]), EVEN, False)]
+        return self.returned.get("transitions", [(1.0, (0, 1), EVEN, False)])
+
+
+EVEN = (0.0, 0.0)
 
 
 @pytest.mark.parametrize(
-    ("fault", "problem"),
+    ("returned", "problem"),
     [
-        ("players", r"players=\(\); give the name of each"),
-        ("same players", "all different"),
-        ("bare starts", "add up to 0"),
-        ("number", r"starts\(\) returned \[7\]; give a list of \(probability, state\)"),
-        ("same actions", r"returned \[1, 1\]; give chaser a list of hashable actions"),
-        ("None", r"legal_actions\(\(0, 1\), 0\) returned None; give a list of hashable actions"),
-        ("odd", r"returned \[\[1\]\]; give chaser a list of hashable actions"),
-        ("three", r"give a list of \(probability, next state, rewards, ended\)"),
-        ("no list", "returned None; give a list"),
-        ("text", r"the probabilities \['1'\] are not numbers"),
-        ("ended", "ended='no'; give True or False"),
-        ("dict", "one finite number for each of chaser, evader"),
-        ("starts", r"starts\(\): the probabilities .* add up to 3|add up to 0.5"),
-        ("no starts", "is empty"),
-        ("actions", r"returned \[\]; give chaser a list of .* at least one"),
-        ("sum", r"transitions\(\(0, 1\), \(0, 0\)\): the probabilities \[0.7\] add up to 0.7"),
-        ("negative", "non-negative"),
-        ("list", r"the state \[.*\] is not hashable; give a tuple"),
-        ("endless", "more than 1,000 states"),
-        ("rewards", "one finite number for each of chaser, evader"),
-        ("nan", "one finite number"),
+        ({"players": ()}, r"players=\(\); give the name of each"),
+        ({"players": ("a", "a")}, "all different"),
+        ({"starts": [(0, 1)]}, "add up to 0"),
+        ({"starts": [7]}, r"starts\(\) returned \[7\]; give a list of \(probability, state\)"),
+        ({"starts": [(0.5, (0, 1))]}, r"starts\(\): the probabilities .* add up to 0.5"),
+        ({"starts": []}, "is empty"),
+        ({"actions": []}, r"returned \[\]; give chaser a list of .* at least one"),
+        ({"actions": [1, 1]}, r"returned \[1, 1\]; give chaser a list of hashable actions"),
+        ({"actions": None}, r"legal_actions\(\(0, 1\), 0\) returned None; give a list of hashable"),
+        ({"actions": [[1]]}, r"returned \[\[1\]\]; give chaser a list of hashable actions"),
+        ({"endless": True}, "more than 1,000 states"),
+        *(
+            ({"transitions": outcomes}, problem)
+            for outcomes, problem in (
+                ([(1.0, (0, 1), EVEN)], r"a list of \(probability, next state, rewards, ended\)"),
+                (None, "returned None; give a list"),
+                ([("1", (0, 1), EVEN, False)], r"the probabilities \['1'\] are not numbers"),
+                ([(1.0, (0, 1), EVEN, "no")], "ended='no'; give True or False"),
+                (
+                    [(0.7, (0, 1), EVEN, False)],
+                    r"transitions\(\(0, 1\), \(0, 0\)\): the probabilities \[0.7\] add up to 0.7",
+                ),
+                ([(1.5, 0, EVEN, False), (-0.5, 0, EVEN, False)], "non-negative"),
+                ([(1.0, [0, 1], EVEN, False)], r"the state \[.*\] is not hashable; give a tuple"),
+                *(
+                    (
+                        [(1.0, (0, 1), rewards, False)],
+                        "one finite number for each of chaser, evader",
+                    )
+                    for rewards in ((1.0,), {"chaser": 1.0, "evader": 0.0}, (float("nan"), 0.0))
+                ),
+            )
+        ),
     ],
 )
-def test_faulty_games_are_refused(fault: str, problem: str) -> None:
+def test_faulty_games_are_refused(returned: dict[str, Any], problem: str) -> None:
     with pytest.raises(ValueError, match=problem):
-        enumerate_game(Broken(fault), most_states=1000)
+        enumerate_game(Broken(**returned), most_states=1000)
 
 
 def test_an_error_of_the_game_names_the_call_and_one_step_can_end_it() -> None:
@@ -388,7 +371,7 @@ def test_invalid_questions_are_refused() -> None:
         with pytest.raises(ValueError, match=problem):
             returns_of(small, {**even, "chaser": wrong})
     with pytest.raises(ValueError, match="two players with opposite rewards"):
-        equilibrium(enumerate_game(Broken("general")))
+        equilibrium(enumerate_game(Broken(transitions=[(1.0, (0, 1), (1.0, 1.0), False)])))
     with pytest.raises(ValueError, match="3 players; equilibria are computed for two"):
         equilibrium(enumerate_game(RandomGame(3, 4, 0)))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -113,6 +114,27 @@ def test_the_weight_of_the_divergence_follows_its_target() -> None:
     learner.close()
 
 
+@dataclass(frozen=True)
+class OwnA2CSettings(A2CSettings):
+    bonus: float = 0.5
+
+
+@dataclass(frozen=True)
+class OwnReinforceSettings(ReinforceSettings):
+    bonus: float = 0.5
+
+
+@pytest.mark.parametrize(
+    "form, settings", [(A2C, OwnA2CSettings(16)), (Reinforce, OwnReinforceSettings(16))]
+)
+def test_own_fields_of_settings_reach_the_learner(form: Any, settings: Any) -> None:
+    env = make_env(16)
+    learner = form(settings, env, make_network(env))
+    assert learner.settings is settings and learner.settings.bonus == 0.5
+    assert "loss_objective" in learner.iterate(0.0)
+    learner.close()
+
+
 @pytest.mark.parametrize("gae", [True, False])
 @pytest.mark.parametrize("critic", [True, False])
 def test_advantages_with_and_without_gae_and_critic_equal_a_plain_loop(
@@ -122,7 +144,7 @@ def test_advantages_with_and_without_gae_and_critic_equal_a_plain_loop(
     network = make_network(env, hidden=NOT_FUSED)
     chosen = A2CSettings(16, 0.9, rollout_steps=20, gae=gae, critic=critic, gae_lambda=0.8)
     learner = A2C(chosen, env, network, "cpu")
-    collector = learner.update.collector
+    collector = learner.engine.collector
     collector.keep_next = True
     rollout = collector.rollout()
     collector.rollout = lambda: rollout

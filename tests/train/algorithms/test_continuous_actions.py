@@ -22,7 +22,7 @@ from pursuit.reacher.simulator import ReacherSimulator
 from pursuit.reacher.task import ReacherTask
 from train.algorithms.ppo import PPO, ppo_loss
 from train.algorithms.registry import Build, entry
-from train.algorithms.rollouts import TorchUpdate
+from train.algorithms.rollouts import TorchEngine
 from train.environments.arm_env import ArmEnv
 from train.networks.actor_critic import ActorCritic
 from train.networks.arm_policy import ArmSeat
@@ -226,8 +226,8 @@ def test_without_a_critic_ppo_has_returns_for_advantages() -> None:
     settings = PPOSettings(16, 0.9, minibatch_size=64, rollout_steps=12, critic=False, width=8)
     learner = entry("ppo").build(settings, env, Build())
     assert isinstance(learner, PPO)
-    assert isinstance(learner.update, TorchUpdate)
-    collector = learner.update.collector
+    assert isinstance(learner.engine, TorchEngine)
+    collector = learner.engine.collector
     rollout = collector.rollout()
     collector.rollout = lambda: rollout  # type: ignore[method-assign]
     frames = learner.collect()

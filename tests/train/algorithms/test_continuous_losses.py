@@ -18,11 +18,11 @@ from train.algorithms.continuous_losses import (
     critic_loss,
     deterministic_actor_loss,
     next_action,
-    returns_to_expect,
     soft_actor_loss,
     temperature_loss,
 )
 from train.algorithms.learner import clip_gradients
+from train.algorithms.replay import returns_to_expect
 from train.networks.continuous import Critics, DeterministicActor, GaussianActor, polyak_update
 from train.networks.features import Features
 from train.networks.layers import Hidden

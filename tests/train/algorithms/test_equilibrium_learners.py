@@ -160,7 +160,7 @@ def test_the_rewards_of_rnad_have_the_log_ratio_of_both_policies() -> None:
     learner = learner_of("rnad", minibatch_size=64, reward_coef=0.5)
     with torch.no_grad():
         learner.reference.policy_head.bias += torch.tensor([0.0, 1.0, -1.0])
-    rollout = learner.update.edit(learner.update.collector.rollout())
+    rollout = learner.engine.edit(learner.engine.collector.rollout())
     policies = [
         learner.env.player.policy(network, greedy=False)
         for network in (learner.network, learner.reference)

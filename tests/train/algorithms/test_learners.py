@@ -61,7 +61,7 @@ def test_fused_reinforce_has_the_gradients_of_its_loss() -> None:
     assert (learner.update_form, plain.update_form) == ("fused", "torch")
     frames = learner.collect()
     coefficients = LossCoefficients(math.inf, 0.5, 0.01)
-    learner.update.set_gradients(frames, coefficients)
+    learner.engine.set_gradients(frames, coefficients)
     found = {name: weight.grad for name, weight in learner.network.named_parameters()}
     learner.network.zero_grad()
     ppo_loss(learner.network, frames, coefficients)[0].backward()

@@ -22,7 +22,7 @@ from scripted_agents import AStarChaser, AStarEvader, RandomAgent, TourRunner
 from scripted_agents.environments import default_policies
 from train.algorithms.advantages import advantages
 from train.algorithms.ppo import PPO, ppo_loss
-from train.algorithms.rollouts import TorchUpdate
+from train.algorithms.rollouts import TorchEngine
 from train.environments.simulator_env import SimulatorEnv
 from train.evaluation.contest import GameContest
 from train.networks.actor_critic import ActorCritic
@@ -119,8 +119,8 @@ def test_advantages_equal_a_plain_loop_and_never_cross_an_episode() -> None:
         num_games=16, rollout_steps=30, minibatch_size=64, gamma=0.9, gae_lambda=0.8
     )
     learner = PPO(settings, env, network, "cpu")
-    assert isinstance(learner.update, TorchUpdate)
-    collector = learner.update.collector
+    assert isinstance(learner.engine, TorchEngine)
+    collector = learner.engine.collector
     collector.keep_next = True
     rollout = collector.rollout()
     advantage, _ = advantages(rollout, 0.9, 0.8)
@@ -196,11 +196,11 @@ def test_actions_are_drawn_from_the_softmax_of_its_logits() -> None:
     env.simulator.place([0, 8])
     settings = PPOSettings(20_000, minibatch_size=64, rollout_steps=1)
     learner = PPO(settings, env, network, fused=False)
-    assert isinstance(learner.update, TorchUpdate)
+    assert isinstance(learner.engine, TorchEngine)
     env.reset()
     seen = torch.from_numpy(env.simulator.observe("index", 0))[:1].expand(20_000, -1)
     with torch.no_grad():
-        drawn = learner.update.act({"observation": seen})
+        drawn = learner.engine.act({"observation": seen})
         logits, value = network(seen)
     share = torch.bincount(drawn["action"], minlength=4) / 20_000
     torch.testing.assert_close(share, logits[0].softmax(-1), atol=0.015, rtol=0)

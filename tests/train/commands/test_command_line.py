@@ -20,7 +20,7 @@ import pytest
 import torch
 
 from pursuit.files import write_atomically
-from train.commands.main import COMMANDS, in_words, main
+from train.commands.main import COMMANDS, main, message_of
 from train.experiments.executors import check_answers
 from train.runs.folder import CHECKPOINT, load_checkpoint, read_metrics
 from train.runs.report import describe_loops
@@ -423,7 +423,7 @@ def test_an_address_without_a_cluster_is_refused_at_once() -> None:
 def test_system_errors_are_reported_without_their_number(tmp_path: Path) -> None:
     with pytest.raises(OSError) as caught:
         (tmp_path / "missing").read_text()
-    assert in_words(caught.value) == f"{tmp_path / 'missing'}: No such file or directory"
+    assert message_of(caught.value) == f"{tmp_path / 'missing'}: No such file or directory"
 
 
 def test_every_command_has_a_help_that_names_its_options(

@@ -26,6 +26,7 @@ from train.evaluation.contest import GameContest
 from train.evaluation.games import won_by
 from train.evaluation.objective_gap import objective_gap
 from train.evaluation.scores import (
+    BY_GOALS,
     BY_MOST_STEPS,
     BY_RETURN,
     Score,
@@ -34,7 +35,7 @@ from train.evaluation.scores import (
     strongest_reference,
 )
 from train.evaluation.suite_contest import SuiteContest
-from train.experiments.rows import row_of
+from train.experiments.rows import read_run
 from train.experiments.summary import measure_of as measure_of_rows
 from train.runs.folder import RUN, read_metrics
 from train.runs.pictures import draw_learning_curve
@@ -49,7 +50,7 @@ HEIST = GameContest(
 
 
 def test_a_race_has_a_gap_in_steps_and_a_regret_in_returns() -> None:
-    optimum, paid = RACE.optimal(), RACE.optimal_return()
+    optimum, paid = RACE.optimal(), RACE.optimal_in(BY_RETURN)
     assert optimum is not None and paid is not None and RACE.best_of_steps is not None
     alone = solve_joint(RACE.task, "runner_0", RACE.opponents)  # not both runners as one
     assert alone.mean_over_starts == RACE.best_of_steps.mean_over_starts
@@ -65,7 +66,7 @@ def test_a_race_has_a_gap_in_steps_and_a_regret_in_returns() -> None:
 
 
 def test_a_heist_has_no_gap_in_steps() -> None:
-    best = HEIST.optimal_return()
+    best = HEIST.optimal_in(BY_RETURN)
     assert HEIST.optimal() is None and best is not None
     names = [score.name for score in HEIST.baselines()]
     assert names == ["random", "A* evader", "optimal return"]
@@ -80,7 +81,7 @@ def test_each_of_several_evaders_is_judged_by_its_own_life() -> None:
     opponents: dict[str, Policy] = {"chaser": AStarChaser(0.2), "evader": AStarEvader(0.2)}
     contest = GameContest(task, "evader_1", opponents, 1000)
     optimum = contest.optimal()
-    assert optimum is not None and contest.optimal_return() is None
+    assert optimum is not None and contest.optimal_in(BY_RETURN) is None
     lengths, _ = contest.play(contest.best_of_steps.policy)  # type: ignore[union-attr]
     assert abs(lengths.mean() - optimum.mean_steps) < 4.0 * lengths.std() / len(lengths) ** 0.5
     assert optimum.mean_steps > contest.score("A*", AStarEvader(0.2)).mean_steps
@@ -88,7 +89,7 @@ def test_each_of_several_evaders_is_judged_by_its_own_life() -> None:
 
 def test_a_game_that_is_too_large_says_how_large_it_is(capsys: pytest.CaptureFixture[str]) -> None:
     contest = replace(RACE, most_work=10_000)
-    assert contest.optimal() is None and contest.optimal_return() is None
+    assert contest.optimal() is None and contest.optimal_in(BY_RETURN) is None
     print_whole_game(contest)
     told = capsys.readouterr().out
     assert "distinct states: 3,645" in told and "no exact optimum: 3,645 states" in told
@@ -161,7 +162,7 @@ def test_full_sight_is_a_bound_where_sight_is_limited() -> None:
     limited = GameContest(task, "evader", {"chaser": AStarChaser(0.2)}, 500)
     scores = limited.baselines()
     full = next(s for s in scores if s.name == "optimal return, full view")
-    whole = replace(HEIST, episodes=500).optimal_return()
+    whole = replace(HEIST, episodes=500).optimal_in(BY_RETURN)
     assert whole is not None and full.mean_return == pytest.approx(whole.mean_return)
     found = limited.reference(scores, scores[0])
     assert found is not None and (found.kind, found.unit) == ("bound", "return")
@@ -278,7 +279,7 @@ def test_shared_goals_are_counted_exactly(runners: int) -> None:
 
 
 def test_the_optimum_of_a_race_collects_most_goals() -> None:
-    best, response = RACE.optimal_goals(), RACE.best_of_goals
+    best, response = RACE.optimal_in(BY_GOALS), RACE.best_of_goals
     assert best is not None and best.mean_goals is not None and response is not None
     goals = RACE.values(response.policy)
     assert abs(goals.mean() - best.mean_goals) < 4.0 * goals.std() / len(goals) ** 0.5
@@ -290,7 +291,8 @@ def test_the_optimum_of_a_race_collects_most_goals() -> None:
         "optimal goals",
         "goals",
     )
-    assert HEIST.optimal_goals() is None and replace(RACE, most_work=1).optimal_goals() is None
+    assert HEIST.optimal_in(BY_GOALS) is None
+    assert replace(RACE, most_work=1).optimal_in(BY_GOALS) is None
 
 
 @pytest.mark.parametrize(
@@ -314,7 +316,7 @@ def test_a_run_is_judged_by_the_measure_of_its_contest(
     assert f"Learned: {unit} {found[column]:.3f}" in summary(content)
     scores = [Score(**score) for score in content["scores"]]
     assert unit in score_table(scores, measure=run.trainee.contest.measure).markdown().split("|")[2]
-    row = row_of(tmp_path)
+    row = read_run(tmp_path)[0]
     measure = measure_of_rows([row])
     assert measure.column == column and row[column] == found[column]
     draw_learning_curve(tmp_path / "c.png", rows, content["scores"], "", column=column)

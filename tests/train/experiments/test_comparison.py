@@ -8,18 +8,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import polars
 import pytest
 
 from train.commands.main import main
-from train.experiments import contestant_runs, executors
+from train.experiments import contestant_runs
 from train.experiments.contestant_runs import hyper_of, learn, settings_of, world_and_contest
 from train.experiments.contestants import CONTESTANTS
-from train.experiments.executors import run_locally
-from train.experiments.rows import collect, curve_measures
+from train.experiments.executors import perform_here, run_study
+from train.experiments.rows import CURVES, RUNS, curve_measures
 from train.experiments.runs import Study
 from train.experiments.stages import Stage, carry_out, stages_of
 from train.experiments.study import StudyFile, choose_version, read_file
-from train.experiments.tuning import choose, copy_of, mazes_of
+from train.experiments.tuning import best_trials, least_copy_of, mazes_of
 from train.experiments.variants import times_row
 from train.settings.task import TaskSettings
 
@@ -67,9 +68,22 @@ def stages(folder: Path, text: str = TINY) -> list[Stage]:
     return stages_of(str(path), "comparison", None, folder / "out")
 
 
+class JobHere:
+    """A job that is executed in this process."""
+
+    def __init__(self, folder: Path) -> None:
+        self.code = perform_here(str(folder), {})
+
+    def poll(self) -> int:
+        return self.code
+
+    def stop(self) -> None:
+        pass
+
+
 def here(study: Study, out: Path) -> dict[str, str]:
     """Execute all runs in this process."""
-    return run_locally(study, out, 0, lambda *_: None)
+    return run_study(study, out, 1, lambda folder, slot: JobHere(folder), lambda *_: None)
 
 
 def told(folder: Path) -> list[dict[str, str]]:
@@ -87,8 +101,8 @@ def test_a_small_comparison_runs_to_its_report_and_is_not_repeated(
     done = carry_out(stages(tmp_path), here, lambda line: None)
     assert [len(statuses) for _, statuses in done] == [4, 4]
     # The final settings are those of the trial with the lowest score.
-    trials, tuned = choose(out)
-    runs, curves = collect(out)
+    trials, tuned = best_trials(out)
+    runs, curves = (polars.read_parquet(out / name) for name in (RUNS, CURVES))
     for name in ("ours", "stable-baselines3"):
         own = [row for row in trials if row["contestant"] == name]
         scores = [row["score"] for row in own]
@@ -111,7 +125,7 @@ def test_a_small_comparison_runs_to_its_report_and_is_not_repeated(
     assert [row["chosen"] for row in told(out / "report" / "trials.csv")].count("True") == 2
 
     # Repeated: nothing is executed, and the report is the same.
-    monkeypatch.setattr(executors, "JobHere", pytest.fail)
+    monkeypatch.setitem(globals(), "JobHere", pytest.fail)
     table = (out / "report" / "table.csv").read_bytes()
     carry_out(stages(tmp_path), here, lambda line: None)
     assert (out / "report" / "table.csv").read_bytes() == table
@@ -137,7 +151,7 @@ def test_a_failed_run_is_reported_and_retried(
 
 def test_contestants_alternate(tmp_path: Path) -> None:
     for stage in stages(tmp_path):
-        names = [run.label["contestant"] for run in stage.runs().runs]
+        names = [run.label["contestant"] for run in stage.expand().runs]
         assert names[:4] == ["ours", "stable-baselines3", "stable-baselines3", "ours"]
 
 
@@ -179,7 +193,7 @@ def test_options_of_the_command(capsys: pytest.CaptureFixture[str], tmp_path: Pa
 def test_the_shipped_comparison_is_tuned_on_other_mazes_and_fits_its_time(
     version: str, tmp_path: Path
 ) -> None:
-    search, final = [s.runs() for s in stages_of("ppo", "comparison", version, tmp_path)]
+    search, final = [s.expand() for s in stages_of("ppo", "comparison", version, tmp_path)]
     if version == "short":
         seconds = [run.settings.seconds for run in (*search.runs, *final.runs)]
         assert sum(seconds) <= 45 * 60
@@ -187,7 +201,7 @@ def test_the_shipped_comparison_is_tuned_on_other_mazes_and_fits_its_time(
     assert file.tuning is not None
     for task in file.variants or ():
         held_out = mazes_of(file.tuning, file.tuning.full, task)
-        copies = {copy_of(maze) for maze in (task["maze"], *held_out)}
+        copies = {least_copy_of(maze) for maze in (task["maze"], *held_out)}
         assert 3 <= len(held_out) <= 5 and len(copies) == 1 + len(held_out)
     # Every contestant has the same trials, seeds and budgets, and as many of each.
     alike = {

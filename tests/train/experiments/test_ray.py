@@ -12,7 +12,7 @@ from test_sweeps import TINY, silent, write
 
 from train.experiments.executors import run_locally, run_on_ray
 from train.experiments.expansion import load_study
-from train.experiments.rows import collect
+from train.experiments.rows import read_all
 from train.experiments.runs import status_of
 from train.kinds import open_run
 
@@ -79,9 +79,10 @@ def test_ray_loses_nothing_and_counts_nothing_twice_when_a_node_dies(
         ray.shutdown()
     assert removed
     assert statuses == dict.fromkeys((run.name for run in sweep.runs), "complete")
-    runs, curves = collect(out)
-    assert len(runs) == 4 and runs["run"].n_unique() == 4
-    assert curves.select("run", "frames").is_unique().all()
+    study = read_all(out)
+    assert len(study.everything) == len(study.curves) == 4
+    for rows in study.curves.values():
+        assert len({row["frames"] for row in rows}) == len(rows)
 
 
 LONG = """

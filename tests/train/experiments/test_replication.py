@@ -23,7 +23,7 @@ from train.experiments.claims import (
     CellTest,
     Decision,
     comparison_test,
-    correct,
+    corrected,
     decide,
     diverged,
     part_of,
@@ -44,16 +44,16 @@ from train.experiments.replication import (
     keep_rules,
     load_replication,
     mazes_by_size,
+    replication_stages,
     runs_of_study,
-    stages_of,
-    with_mazes,
+    with_own_mazes,
 )
 from train.experiments.replication_page import decide_all, study_part, verdicts, write_replication
 from train.experiments.rows import StudyRows, curve_measures
 from train.experiments.stages import carry_out
 from train.experiments.statistics import permutation_p
 from train.experiments.study import PARTS, Claim, Layout, StudyFile
-from train.experiments.tuning import choose, search_of
+from train.experiments.tuning import best_trials, search_of
 from train.files import read_json
 
 Row = dict[str, Any]
@@ -85,7 +85,7 @@ LOWER = Claim("", "lower", {"algorithm": "ours"}, [{"algorithm": "rival 0"}])
 def verdicts_of(claims: Sequence[Claim], runs: Sequence[Row]) -> list[str]:
     """The decisions on all cells of a page with only these claims."""
     found = [cell for claim in claims for cell in decide(claim, runs, VARYING, 0)]
-    return [cell.verdict for cell in correct(found)]
+    return [cell.verdict for cell in corrected(found)]
 
 
 @cache
@@ -176,11 +176,13 @@ def test_a_claim_of_two_cells_has_two_verdicts() -> None:
 
 def test_all_cells_of_a_page_are_corrected_together() -> None:
     least = CellTest(2 / 252, True, 2 / 252)
-    assert [d.verdict for d in correct([Decision(test=least)] * 6)] == ["confirmed"] * 6
-    assert [d.verdict for d in correct([Decision(test=least)] * 7)] == ["undecided"] * 7
+    assert [d.verdict for d in corrected([Decision(test=least)] * 6)] == ["confirmed"] * 6
+    assert [d.verdict for d in corrected([Decision(test=least)] * 7)] == ["undecided"] * 7
     # Cells that no result could decide are not counted, nor are those without a test.
     idle = [Decision(test=threshold_test([True] * 5)), Decision(note="no complete runs")]
-    assert [d.verdict for d in correct([Decision(test=least)] * 6 + idle)][:6] == ["confirmed"] * 6
+    assert [d.verdict for d in corrected([Decision(test=least)] * 6 + idle)][:6] == [
+        "confirmed"
+    ] * 6
 
 
 def test_mazes_of_a_suite_are_strata_of_one_cell() -> None:
@@ -282,12 +284,12 @@ def test_an_evaders_settings_are_ranked_by_their_gaps(
     (tmp_path / "tuning" / "runs").mkdir(parents=True)
     search = StudyRows(Layout("", group=["algorithm"]), everything=rows)
     monkeypatch.setattr(tuning, "read_all", lambda folder: search)
-    trials, tuned = choose(tmp_path)
+    trials, tuned = best_trials(tmp_path)
     assert [row["chosen"] for row in trials] == [False, True, False] and tuned == {("dqn", ""): {}}
     ranked = sorted(trials, key=lambda row: float(row["score"]))
     assert [row["trial"] for row in ranked] == [1, 2, 0]
     rows[2]["status"] = "failed"  # a trial that is not complete has no score
-    assert [row["chosen"] for row in choose(tmp_path)[0]] == [False, False, True]
+    assert [row["chosen"] for row in best_trials(tmp_path)[0]] == [False, False, True]
 
 
 @pytest.mark.parametrize("name", ["thesis", "optimum"])
@@ -308,7 +310,7 @@ def test_the_verdicts_of_the_committed_pages_follow_from_their_values(name: str)
             tests.append(comparison_test(values[0], values[1:]))
         else:
             tests.append(threshold_test([run["meets"] == "True" for run in groups["0"]]))
-    found = correct([Decision(test=test) for test in tests])
+    found = corrected([Decision(test=test) for test in tests])
     assert [cell.verdict for cell in found] == [row["verdict"] for row in told]
     assert [cell.test.p for cell in found] == pytest.approx([float(row["p"]) for row in told])
 
@@ -334,12 +336,12 @@ def test_user_defined_mazes_replace_shipped_ones_of_the_same_size(tmp_path: Path
     with pytest.raises(ValueError, match="are both 5x5; keep one"):
         mazes_by_size(tmp_path)
     file = StudyFile(settings={"maze": "5x5"}, grid={"maze": ["3x3", "7x7-tree"]})
-    changed = with_mazes(file, {"5x5": "/mine", "3x3": "/other"})
+    changed = with_own_mazes(file, {"5x5": "/mine", "3x3": "/other"})
     assert changed.settings == {"maze": "/mine"}
     assert changed.grid == {"maze": ["/other", "7x7-tree"]}
     with pytest.raises(ValueError, match="has 5x5, but not 3x3"):
-        with_mazes(file, {"5x5": "/mine"})
-    assert with_mazes(file, {}) == file
+        with_own_mazes(file, {"5x5": "/mine"})
+    assert with_own_mazes(file, {}) == file
 
 
 def test_settings_that_were_found_go_to_their_algorithm_alone() -> None:
@@ -352,7 +354,7 @@ def test_settings_that_were_found_go_to_their_algorithm_alone() -> None:
     assert found == {"ppo": 0.9, "a2c": 0.98}
 
 
-def test_every_algorithm_has_the_same_search_budget() -> None:
+def test_every_algorithm_has_the_same_search_budget(tmp_path: Path) -> None:
     plan = load_replication()
     assert plan.tuning is not None
     trials = search_of(plan.tuning, "short").runs
@@ -365,7 +367,7 @@ def test_every_algorithm_has_the_same_search_budget() -> None:
     assert len(shipped) == 3 * len(plan.tuning.mazes)
     for study in plan.studies:  # on mazes and seeds of no study
         if not study.exact and study.id != "figure-2.2":
-            runs = runs_of_study(study, plan, {}).runs
+            runs = runs_of_study(study, plan, tmp_path).runs
             used = {run.settings.task.maze for run in runs if hasattr(run.settings.task, "maze")}
             assert not used & set(plan.tuning.mazes)
             assert not {run.settings.seed for run in runs} & {run.seed for run in trials}
@@ -373,15 +375,17 @@ def test_every_algorithm_has_the_same_search_budget() -> None:
 
 @pytest.mark.parametrize("version", ["short", "full"])
 @pytest.mark.parametrize("file", ["thesis", "optimum"])
-def test_every_claim_is_about_runs_that_its_study_has(file: str, version: str) -> None:
+def test_every_claim_is_about_runs_that_its_study_has(
+    file: str, version: str, tmp_path: Path
+) -> None:
     plan = load_replication(version=version, file=file)
     assert len({study.id for study in plan.studies}) == len(plan.studies)
     for study in plan.studies:
         if not study.exact:
-            assert runs_of_study(study, plan, {}).runs
+            assert runs_of_study(study, plan, tmp_path).runs
     study.claims[0].of["maze"] = "1x1"
     with pytest.raises(ValueError, match=r"'maze': '1x1'.* has no such run"):
-        runs_of_study(study, plan, {})
+        runs_of_study(study, plan, tmp_path)
 
 
 def test_rules_are_saved_and_changes_are_reported(tmp_path: Path) -> None:
@@ -481,14 +485,14 @@ def test_a_replication_from_the_search_to_the_page(tmp_path: Path) -> None:
 
     def execute() -> list[dict[str, str]]:
         done = carry_out(
-            stages_of(plan, out),
+            replication_stages(plan, out),
             lambda study, folder: run_locally(study, folder, 2, lambda *_: None),
             told.append,
         )
         return [statuses for _, statuses in done]
 
     assert {status for each in execute() for status in each.values()} == {"complete"}
-    assert {name for name, _ in choose(out)[1]} == {"q_learning"}
+    assert {name for name, _ in best_trials(out)[1]} == {"q_learning"}
     text = write_replication(plan, out).read_text()
     assert "6 of 6 runs are complete" in text and "| confirmed | for |" in text
     with (out / "report" / "runs.csv").open() as rows:

@@ -13,7 +13,7 @@ from test_sweeps import write
 from train.commands.main import main
 from train.experiments.expansion import load_study
 from train.experiments.identity import fingerprint
-from train.experiments.rows import collect
+from train.experiments.rows import read_all
 from train.experiments.runs import Study, prepare
 from train.experiments.stages import stages_of
 from train.experiments.study import shipped
@@ -91,7 +91,7 @@ def load(path: Path, kind: str, text: str) -> Study:
     """The study of a file of this kind, with its search made as well."""
     path.write_text(text, encoding="utf-8")
     kind = KINDS.get(kind, kind)
-    return stages_of(str(path), kind, None, path.parent / "out")[-1].runs()
+    return stages_of(str(path), kind, None, path.parent / "out")[-1].expand()
 
 
 def change(kind: str, old: str, new: str) -> str:
@@ -280,8 +280,8 @@ def test_budgets_on_the_axis_are_settings_not_measurements(tmp_path: Path) -> No
     sweep = load(tmp_path / "s.toml", "table", text.replace("#rest", "[report]\nx = 'frames'"))
     assert (sweep.layout.x, sweep.layout.group) == ("budget_frames", [])
     prepare(sweep, tmp_path / "out")
-    runs, _ = collect(tmp_path / "out")
-    assert sorted(runs["budget_frames"]) == [1000, 2000]
+    runs = read_all(tmp_path / "out").everything
+    assert sorted(row["budget_frames"] for row in runs) == [1000, 2000]
 
 
 def test_two_variants_of_equal_settings_are_refused(tmp_path: Path) -> None:

@@ -9,7 +9,8 @@ import pytest
 from test_study_files import ABLATION, TABLE, load
 
 from train.commands.main import main
-from train.experiments.rows import collect, error_of
+from train.experiments.executors import progress_of
+from train.experiments.rows import error_of, read_all
 from train.experiments.runs import (
     ERROR,
     LABEL,
@@ -19,7 +20,6 @@ from train.experiments.runs import (
     read_label,
     read_layout,
 )
-from train.experiments.worker import progress_of
 
 
 def test_a_dry_run_lists_the_runs_with_what_varies_and_does_nothing(
@@ -89,12 +89,12 @@ def test_damaged_labels_results_errors_and_progress_are_no_tracebacks(tmp_path: 
     (folder / LABEL).unlink()
     (folder / "results.json").write_text(json.dumps({"frames": 3, "seconds": "many"}))
     with pytest.raises(ValueError, match=r"results\.json: .*; delete it"):
-        collect(tmp_path / "out")
+        read_all(tmp_path / "out")
     (folder / "results.json").unlink()
     for content in (b"", b"\xff\xfe\n", b"boom\nmore"):
         (folder / ERROR).write_bytes(content)
         assert error_of(folder) in ("unknown", "\ufffd\ufffd", "boom")
-        assert collect(tmp_path / "out")[0]["status"].to_list() == ["failed"]
+        assert [row["status"] for row in read_all(tmp_path / "out").everything] == ["failed"]
     for text, share in (("0.25", 0.25), ("nan", 0.0), ("1e99", 1.0), ("x", 0.0), ("-3", 0.0)):
         (folder / PROGRESS).write_text(text)
         assert progress_of(folder) == share

@@ -14,7 +14,7 @@ from filelock import FileLock, Timeout
 
 from pursuit import load_maze
 from train.experiments.expansion import load_study
-from train.experiments.rows import collect
+from train.experiments.rows import read_all
 from train.experiments.runs import prepare, status_of
 from train.kinds import KINDS, open_run, start
 from train.runs.folder import RUN
@@ -111,7 +111,7 @@ def test_a_sweep_over_files_is_resumed_and_reads_its_copies(
     prepare(load_study(str(tmp_path / "s.toml")), tmp_path / "elsewhere")
     open_run(tmp_path / "elsewhere" / "runs" / run.name)
     # Reports call them what the sweep file does.
-    row = collect(tmp_path / "elsewhere")[0].to_dicts()[0]
+    row = read_all(tmp_path / "elsewhere").everything[0]
     assert (row["maze"], row["opponent"]) == (str(given["maze"]), str(given["opponent"]))
 
 

@@ -17,13 +17,12 @@ import pytest
 
 from train.commands.main import main
 from train.commands.sweep import SweepWatch
-from train.experiments.executors import run_locally
+from train.experiments.executors import progress_of, run_locally, start_worker
 from train.experiments.expansion import load_study
 from train.experiments.report import report_on
-from train.experiments.rows import CURVES, RUNS, collect
+from train.experiments.rows import CURVES, RUNS, read_all
 from train.experiments.runs import prepare, status_of
 from train.experiments.summary import sweep_notes
-from train.experiments.worker import progress_of, start_worker
 from train.files import only_one
 
 TINY = """
@@ -70,7 +69,7 @@ def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_sweep_runs_reports_and_is_not_repeated(
     swept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    runs, curves = collect(swept)
+    runs, curves = (polars.read_parquet(swept / name) for name in (RUNS, CURVES))
     assert runs["status"].to_list() == ["complete"] * 4
     before = {path: path.stat().st_mtime_ns for path in swept.glob("runs/*/results.json")}
     main(["sweep", write(tmp_path / "tiny.toml", TABULAR), "--out", str(swept)])
@@ -83,7 +82,6 @@ def test_a_sweep_runs_reports_and_is_not_repeated(
 def test_the_tables_are_the_same_to_polars_pandas_and_duckdb(swept: Path) -> None:
     pandas = pytest.importorskip("pandas")
     duckdb = pytest.importorskip("duckdb")
-    collect(swept)
     path = swept / RUNS
     ours = polars.read_parquet(path)
     theirs = pandas.read_parquet(path)
@@ -118,7 +116,7 @@ def test_a_folder_of_other_settings_or_another_version_is_refused(
     with pytest.raises(ValueError, match="another version"):
         run_locally(sweep, out, 1, silent)
     with pytest.raises(ValueError, match="another version"):
-        collect(out)
+        read_all(out)
     config.write_text(json.dumps(content))
     hints = json.loads((out / "sweep.json").read_text())
     (out / "sweep.json").write_text(json.dumps(hints | {"format": 1}))
@@ -185,9 +183,9 @@ def test_a_killed_run_is_recorded_and_the_others_continue(
     assert set(statuses.values()) == {"failed"}
     assert "damaged" in (broken / "error.txt").read_text()
     assert "signal 9 (SIGKILL)" in (victim / "error.txt").read_text()
-    runs, _ = collect(out)
-    assert runs["status"].to_list() == ["failed"] * 2
-    assert "SIGKILL" in "".join(runs["error"].to_list())
+    runs = read_all(out).everything
+    assert [row["status"] for row in runs] == ["failed"] * 2
+    assert "SIGKILL" in "".join(row["error"] for row in runs)
     # Repeated: the killed run resumes from its checkpoint, the broken one fails again.
     with pytest.raises(SystemExit) as exit_:
         main(["sweep", path, "--out", str(out), "--workers", "2"])
@@ -235,7 +233,7 @@ def test_a_report_says_what_the_runs_found(swept: Path) -> None:
     folder = report_on(swept)
     text = (folder / "report.md").read_text()
     assert text.startswith("# Tiny") and "4 runs, seeds 0, 1" in text
-    runs, _ = collect(swept)
+    runs = polars.read_parquet(swept / RUNS)
     table = polars.read_csv(folder / "table.csv")
     assert len(table) == 2
     for row in table.to_dicts():
@@ -251,7 +249,7 @@ def test_a_report_says_what_the_runs_found(swept: Path) -> None:
 
 
 def test_a_report_says_which_policy_was_evaluated(swept: Path) -> None:
-    rows = [row | {"_x": "", "_group": ""} for row in collect(swept)[0].to_dicts()]
+    rows = [row | {"_x": "", "_group": ""} for row in read_all(swept).everything]
     for kinds, told in (
         (("greedy",), "Steps are those of the greedy policy and "),
         (("sampled",), "Steps are those of the sampled policy and "),

@@ -14,10 +14,9 @@ from typing import Any
 import pytest
 import torch
 
-from train.experiments.executors import LocalJob
+from train.experiments.executors import LOG, LocalJob, perform
 from train.experiments.expansion import load_study
 from train.experiments.runs import prepare, status_of
-from train.experiments.worker import LOG, perform
 from train.machine import usable_cores
 from train.runs.folder import load_checkpoint, read_metrics
 
@@ -127,6 +126,6 @@ def test_a_script_runs_a_study(tmp_path: Path) -> None:
 
 
 def test_a_process_that_imports_only_the_worker_knows_all_kinds_of_runs() -> None:
-    code = "import train.experiments.worker, train.kinds; print(*sorted(train.kinds.KINDS))"
+    code = "import train.experiments.executors, train.kinds; print(*sorted(train.kinds.KINDS))"
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert ended.stdout.split() == ["contestant", "self-play", "single"]

@@ -21,7 +21,7 @@ from scripted_agents import RandomAgent
 from train.algorithms import dqn, ppo
 from train.algorithms.a2c import A2C
 from train.algorithms.advantages import fused_advantages
-from train.algorithms.fused_rollouts import FusedUpdate
+from train.algorithms.fused_rollouts import FusedEngine
 from train.algorithms.ppo import PPO, ppo_loss
 from train.algorithms.rollouts import Frames
 from train.environments.simulator_env import SimulatorEnv
@@ -198,7 +198,7 @@ def test_rollouts_are_what_the_games_do_and_never_cross_an_episode(team: bool) -
         actions: list[torch.Tensor] = []
         env.step_tensors = lambda one, all_=actions: all_.append(one) or take_step(one)  # type: ignore[method-assign, func-returns-value, misc]
         frames = learner.collect()
-        assert isinstance(learner.update, FusedUpdate)
+        assert isinstance(learner.engine, FusedEngine)
         played = torch.stack(actions)  # of all, where frames are of those that count
         kept, counts, rewards, ends, following, values = [], [], [], [], [], []
         for step in range(steps):

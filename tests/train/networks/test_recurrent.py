@@ -14,7 +14,7 @@ from pursuit.simulator.policy import DistributionPolicy, MemoryPolicy, TabularPo
 from scripted_agents import AStarEvader
 from train.algorithms.ppo import PPO, ppo_loss
 from train.algorithms.registry import ALGORITHMS, Build, entry
-from train.algorithms.rollouts import TorchUpdate
+from train.algorithms.rollouts import TorchEngine
 from train.environments.simulator_env import SimulatorEnv
 from train.evaluation.contest import GameContest
 from train.networks.actor_critic import ActorCritic
@@ -122,8 +122,8 @@ def test_memories_last_from_rollout_to_rollout_and_end_with_the_episode() -> Non
     learner = PPO(PPOSettings(8, rollout_steps=5, minibatch_size=40), env, network, "cpu")
     state, fresh, begun = torch.zeros(8, 16), torch.ones(8, dtype=torch.bool), 0
     for _ in range(4):
-        assert isinstance(learner.update, TorchUpdate)
-        rollout = learner.update.collector.rollout()
+        assert isinstance(learner.engine, TorchEngine)
+        rollout = learner.engine.collector.rollout()
         for step in range(5):
             assert torch.equal(rollout["episode_start"][:, step], fresh)
             state = torch.where(fresh[:, None], 0.0, state)
@@ -142,9 +142,9 @@ def test_final_observations_of_truncated_episodes_are_valued_with_the_memory() -
     env = make_env(8)
     network = make_network(env, shared=False)
     learner = PPO(PPOSettings(8, rollout_steps=20, minibatch_size=40), env, network, "cpu")
-    assert isinstance(learner.update, TorchUpdate)
-    learner.update.collector.keep_next = True
-    rollout = learner.update.collector.rollout()
+    assert isinstance(learner.engine, TorchEngine)
+    learner.engine.collector.keep_next = True
+    rollout = learner.engine.collector.rollout()
     learner.close()
     cut = rollout["truncated"] & ~rollout["terminated"]
     assert cut[:, :-1].any()
@@ -186,12 +186,12 @@ def test_the_memory_of_a_policy_is_that_of_its_network_in_any_batch() -> None:
 def test_recurrent_policies_are_never_evaluated_exactly() -> None:
     env = make_env(4)
     contest = GameContest(TASK, "chaser", {"evader": AStarEvader(epsilon=0.5)}, 50)
-    assert contest.is_exact
+    assert contest.is_table_duel
     remembering = Seat(TASK, "chaser").policy(make_network(env))
     score = contest.score("learned", remembering)
     assert not score.exact and score.ci95 > 0.0
     against = GameContest(TASK, "evader", {"chaser": remembering}, 50)
-    assert not against.is_exact and against.optimal() is None
+    assert not against.is_table_duel and against.optimal() is None
 
 
 # -- learning --------------------------------------------------------------------------------------
@@ -199,8 +199,8 @@ def test_recurrent_policies_are_never_evaluated_exactly() -> None:
 
 def reward_of(learner: Any, env: Cues) -> float:
     """The mean reward of the last steps of episodes over some rollouts."""
-    update = getattr(learner, "update", learner)
-    steps = [update.collector.rollout() for _ in range(4)]
+    engine = getattr(learner, "engine", learner)
+    steps = [engine.collector.rollout() for _ in range(4)]
     return sum(float(step["reward"].sum()) for step in steps) / sum(
         int(step["done"].sum()) for step in steps
     )

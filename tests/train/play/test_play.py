@@ -93,14 +93,6 @@ def runner() -> Iterator[tuple[Visitor, PlayServer]]:
         yield both
 
 
-@pytest.fixture
-def chaser() -> Iterator[tuple[Visitor, PlayServer]]:
-    with serving(
-        maze_session(3, "optimal", maze="3x3", opponent_epsilon=0.0, max_steps=30)
-    ) as both:
-        yield both
-
-
 def test_a_tour_played_by_hand_takes_the_least_steps_of_all_orders(
     runner: tuple[Visitor, PlayServer],
 ) -> None:

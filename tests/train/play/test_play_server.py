@@ -5,21 +5,12 @@ from __future__ import annotations
 import http.client
 import json
 import socket
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from played_by_hand import Visitor, maze_session, serving
 
 from train.play.server import MAX_BODY, PlayServer
-
-
-@pytest.fixture
-def chaser() -> Iterator[tuple[Visitor, PlayServer]]:
-    with serving(
-        maze_session(3, "optimal", maze="3x3", opponent_epsilon=0.0, max_steps=30)
-    ) as both:
-        yield both
 
 
 def test_nothing_answers_without_the_token_or_under_another_name(

@@ -11,7 +11,7 @@ from test_resumption import tiny
 
 from pursuit.tasks.task import Task
 from train.commands.main import main
-from train.experiments.worker import perform
+from train.experiments.executors import perform
 from train.kinds import start, write_config
 from train.runs import opponents
 from train.runs.folder import RESULTS, RUN, SELF_PLAY

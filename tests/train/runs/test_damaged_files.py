@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 import torch
 
-from train.experiments.rows import row_of
+from train.experiments.rows import read_run
 from train.kinds import open_run, start
 from train.runs.folder import (
     RUN,
@@ -84,11 +84,11 @@ READERS: dict[str, list[Callable[[Path], object]]] = {
         load_settings,
         load_policy,
         open_run,
-        row_of,
+        read_run,
         lambda f: enter([str(f), "astar"], "2x2"),
     ],
-    "results.json": [is_complete, load_results, row_of],
-    "metrics.csv": [read_metrics, open_run, lambda f: (load_results(f), row_of(f))],
+    "results.json": [is_complete, load_results, read_run],
+    "metrics.csv": [read_metrics, open_run, lambda f: (load_results(f), read_run(f))],
     "checkpoint.pt": [load_policy, iterate],
     ".pt": [open_run],
 }

@@ -163,7 +163,7 @@ def test_what_self_play_cannot_evaluate_is_an_error_before_training(
 @pytest.mark.parametrize(
     "command, broken",
     [
-        ("train", "train.commands.train.save_replay"),
+        ("train", "train.commands.train.save_animation"),
         ("train", "train.runs.report.write_page"),
         ("train", "train.runs.pictures.draw_panels"),
         ("self-play", "train.self_play.report.draw_league"),

@@ -17,7 +17,7 @@ from pursuit import Recorder
 from pursuit.environments.parallel import scene_of
 from pursuit.rendering.animation import save_animation
 from train.commands.main import main
-from train.experiments.rows import collect
+from train.experiments.rows import read_study
 from train.kinds import start
 from train.runs import loop
 from train.runs.folder import RUN
@@ -81,7 +81,7 @@ def test_tables_of_a_sweep_that_cannot_be_written_name_their_file(tmp_path: Path
     run.train()
     run.results(2)
     with limited_files(64), pytest.raises(OSError, match=r"results.parquet: cannot be written"):
-        collect(tmp_path)
+        read_study(tmp_path)
     assert os.listdir(tmp_path) == ["runs"]
 
 

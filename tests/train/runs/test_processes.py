@@ -85,7 +85,7 @@ def plainly(settings: Any) -> list[torch.Tensor]:
             for learner, minibatch in zip(learners, minibatches, strict=True):
                 leaves = list(learner.network.parameters())
                 coefficients = LossCoefficients(hyper.clip, hyper.value_coef, entropy_coef)
-                learner.update.set_gradients(minibatch, coefficients)
+                learner.engine.set_gradients(minibatch, coefficients)
                 gradients.append([weight.grad.clone() for weight in leaves])
             for weight, *all_of_it in zip(network.parameters(), *gradients, strict=True):
                 weight.grad = torch.stack(all_of_it).sum(dim=0) * (1.0 / count)

@@ -54,7 +54,7 @@ def quick_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Replaces figures by empty files; other tests check their content."""
     drawn: Any = lambda path, *rest: path.write_bytes(b"picture")  # noqa: E731
     monkeypatch.setattr(train_command, "draw_learning_curve", drawn)
-    monkeypatch.setattr(train_command, "save_replay", drawn)
+    monkeypatch.setattr(train_command, "save_animation", drawn)
     monkeypatch.setattr(self_play_report, "draw_self_play", drawn)
 
 

@@ -15,10 +15,10 @@ import pursuit
 from pursuit import plugins as parts
 from train.commands.main import main
 from train.experiments.identity import fingerprint
-from train.experiments.rows import row_of
+from train.experiments.rows import read_run
 from train.files import write_json
 from train.kinds import open_run, resume, start
-from train.runs.folder import RUN, load_config
+from train.runs.folder import RUN, read_config
 from train.runs.opponents import load_policy
 from train.runs.parts import settings_of
 from train.runs.provenance import provenance
@@ -184,7 +184,7 @@ def test_a_run_records_the_source_of_its_parts(module: str, tmp_path: Path, recw
     said = {"rewards": {"name": f"{module}:pay", "sha256": digest}}
     assert json.loads((folder / "config.json").read_text())["parts"] == said == provenance(settings)
     assert run.results(2)["parts"] == said
-    assert "parts" not in load_config(folder)[1] and "command" not in load_config(folder)[1]
+    assert "parts" not in read_config(folder)[1] and "command" not in read_config(folder)[1]
     before = fingerprint(RUN, settings, 4, {})
     assert load_settings(folder) == settings and not recwarn.list
 
@@ -193,7 +193,7 @@ def test_a_run_records_the_source_of_its_parts(module: str, tmp_path: Path, recw
     with pytest.warns(UserWarning, match=f"the source of {module} has changed"):
         load_policy(folder)
     with pytest.warns(UserWarning, match=f"the source of {module} has changed"):
-        row_of(folder)
+        read_run(folder)[0]
     with pytest.raises(
         ValueError, match="changed since this run started; restore it, or start a new"
     ):
@@ -244,9 +244,9 @@ def test_a_sweep_of_own_parts_runs_in_its_workers(module: str, tmp_path: Path) -
     Path("sweep.toml").write_text(SWEEP.format(name=f"{module}:pay"))
     main(["sweep", "sweep.toml", "--out", str(tmp_path / "out"), "--allow", module])
     (folder,) = (tmp_path / "out").glob("runs/*")
-    assert row_of(folder)["status"] == "complete"
+    assert read_run(folder)[0]["status"] == "complete"
     # A report is made of the results alone: anywhere, without the module.
     Path(f"{module}.py").unlink()
     forgotten(module)
     parts._allowed.clear()
-    assert row_of(folder)["rewards"] == f"{module}:pay" and module not in sys.modules
+    assert read_run(folder)[0]["rewards"] == f"{module}:pay" and module not in sys.modules

@@ -56,11 +56,11 @@ def test_nash_averaging_is_uniform_over_copies_and_ignores_weak_opponents() -> N
     rock = np.array([[0.0, -1.0, 1.0], [1.0, 0.0, -1.0], [-1.0, 1.0, 0.0]])
     average = nash_average(rock)
     assert average.value == pytest.approx(0, abs=1e-9)
-    assert average.chasers == pytest.approx([1 / 3] * 3, abs=1e-3)
+    assert average.column == pytest.approx([1 / 3] * 3, abs=1e-3)
     twice = nash_average(rock[:, [0, 0, 1, 2]])
-    assert twice.evaders == pytest.approx([1 / 6, 1 / 6, 1 / 3, 1 / 3], abs=2e-3)
+    assert twice.row == pytest.approx([1 / 6, 1 / 6, 1 / 3, 1 / 3], abs=2e-3)
     prey = nash_average(np.c_[rock, [-5.0, -5.0, -5.0]])
-    assert prey.evaders[3] == pytest.approx(0, abs=1e-3)
+    assert prey.row[3] == pytest.approx(0, abs=1e-3)
 
 
 def test_nash_averages_are_equilibria_of_random_games() -> None:
@@ -68,8 +68,8 @@ def test_nash_averages_are_equilibria_of_random_games() -> None:
     for _ in range(30):
         payoff = rng.integers(0, 4, size=rng.integers(1, 6, size=2)).astype(float)
         average = nash_average(payoff)
-        assert (average.chasers @ payoff).max() <= average.value + 1e-4
-        assert (payoff @ average.evaders).min() >= average.value - 1e-4
+        assert (average.column @ payoff).max() <= average.value + 1e-4
+        assert (payoff @ average.row).min() >= average.value - 1e-4
 
 
 def test_cycles_are_found_where_there_is_no_pure_equilibrium() -> None:

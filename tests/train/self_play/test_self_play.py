@@ -33,7 +33,7 @@ from train.environments.simulator_env import SimulatorEnv
 from train.evaluation.exploitability import exploitability, nash_conv, team_exploitability
 from train.evaluation.games import table_in
 from train.evaluation.matchups import discounted_steps, match, play_pair
-from train.experiments.rows import row_of
+from train.experiments.rows import read_run
 from train.kinds import open_run, start
 from train.networks.policy import Seat
 from train.runs.folder import SELF_PLAY
@@ -181,7 +181,7 @@ def test_discounted_steps_are_exact_and_agree_with_games(monkeypatch: pytest.Mon
     pair = RandomAgent(), AStarEvader(0.0)  # some 200 steps: a cut would show
     exact = discounted_steps(task, *pair, 0.99)
     assert exact > 1.2 * (1 - 0.99**20) / 0.01
-    monkeypatch.setattr("train.evaluation.matchups.is_exact", lambda *_: False)
+    monkeypatch.setattr("train.evaluation.matchups.is_table_duel", lambda *_: False)
     assert discounted_steps(task, *pair, 0.99, 4000) == pytest.approx(exact, rel=0.03)
 
 
@@ -477,7 +477,7 @@ def test_settings_of_each_side_can_be_set_and_are_recorded(tmp_path: Path) -> No
     assert chaser["learning_rate"] == evader["learning_rate"] == 0.004
     assert (chaser["num_games"], evader["num_games"], evader["batch_size"]) == (16, 8, 48)
     assert json.loads((run / "evader" / "config.json").read_text())["hyper"] == evader
-    row = row_of(run)
+    row = read_run(run)[0]
     assert (row["evader.algorithm"], row["chaser.entropy_coef"]) == ("dqn", 0.05)
     assert row["learning_rate"] == 0.004  # that of both sides
     settings = open_run(run).trainee.settings
