@@ -41,6 +41,8 @@ for _id, _task, _agent in (
     ("Race", "race", "runner"),
     ("HeistChaser", "heist", "chaser"),
     ("HeistEvader", "heist", "evader"),
+    ("EscapeChaser", "escape", "chaser"),
+    ("EscapeEvader", "escape", "evader"),
 ):
     gymnasium.register(
         id=f"pursuit/{_id}-v0",
@@ -57,7 +59,7 @@ with contextlib.suppress(FileNotFoundError):  # PettingZoo reads the current fol
     import pettingzoo
 
     if hasattr(pettingzoo, "register"):  # PettingZoo has a registry since 1.27
-        for _task in ("chase", "maze", "race", "heist", "reacher"):
+        for _task in ("chase", "maze", "race", "heist", "escape", "reacher"):
             for _type, _maker in (("parallel", "parallel_env"), ("aec", "env")):
                 _entry = f"pursuit.{_task}_v0:{_maker}"
                 pettingzoo.register(_type, f"pursuit/{_task}-v0", entry_point=_entry)

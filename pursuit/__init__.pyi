@@ -85,6 +85,7 @@ from train.evaluation import Exploitability as Exploitability
 from train.evaluation import exploitability as exploitability
 
 from . import chase_v0 as chase_v0
+from . import escape_v0 as escape_v0
 from . import heist_v0 as heist_v0
 from . import maze_v0 as maze_v0
 from . import race_v0 as race_v0

@@ -28,6 +28,7 @@ from pursuit.observations.masks import (
     ACTION_MASK,
     EVERY_SEAT,
     action_masks,
+    has_masks,
     masked_space,
     warn_of_masks,
 )
@@ -207,6 +208,7 @@ class MazeGames:
         self._world = lay_out(task.mazes).world
         if self.mask_bumps:
             warn_of_masks(task)
+        self.mask_bumps = has_masks(task, self.mask_bumps)
         seen: Space = simulator.encoder(observation).space
         if self.mask_in_observation:
             seen = masked_space(seen, task.num_actions)
@@ -214,11 +216,11 @@ class MazeGames:
 
     def _masks_of(self, seats: slice) -> NDArray[np.bool_]:
         """[games, seats, actions], a new array: all True unless `mask_bumps`."""
-        simulator, actions = self.simulator, self.simulator.task.num_actions
+        simulator, task = self.simulator, self.simulator.task
         if not self.mask_bumps:
-            shape = (simulator.num_games, len(range(simulator.num_agents)[seats]), actions)
-            return np.ones(shape, dtype=bool)
-        return action_masks(simulator.games, self._world, actions, seats, simulator.terminated)
+            agents = len(range(task.num_agents)[seats])
+            return np.ones((simulator.num_games, agents, task.num_actions), dtype=bool)
+        return action_masks(simulator.games, self._world, task, seats, simulator.terminated)
 
     def _begin(
         self, seed: int | None, options: Options, games: NDArray[np.bool_] | None = None

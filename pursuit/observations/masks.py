@@ -1,9 +1,10 @@
 """Optional action masks (`mask_bumps=True`), which forbid moves into walls.
 
 Every action is legal: a move into a wall leaves the agent in place. Without the stay action it is
-the only way to wait, which optimal chasers and evaders do. So nothing is masked by default. The
-masks of infos, of TorchRL's specs, of `action_masks()`, of the learners and of the exact solvers
-are all computed here.
+the only way to wait, which optimal chasers and evaders do. So nothing is masked by default, but in
+turns (`Task.move_order`), where the side that waits can only stay. Masks also forbid moves that
+another agent certainly blocks (`Task.collisions`). The masks of infos, of TorchRL's specs, of
+`action_masks()`, of the learners and of the exact solvers are all computed here.
 """
 
 from __future__ import annotations
@@ -17,7 +18,6 @@ from numpy.typing import NDArray
 
 from pursuit.mazes.maze import Maze
 from pursuit.mazes.maze_arrays import lay_out
-from pursuit.rules import layout
 from pursuit.rules.layout import Games, World
 from pursuit.tasks.task import Task
 
@@ -34,22 +34,29 @@ def bump_masks(maze: Maze, num_actions: int) -> NDArray[np.bool_]:
     return _masks_of(lay_out((maze,)).world.moves, maze.num_moves, num_actions)
 
 
+def has_masks(task: Task, mask_bumps: bool) -> bool:
+    """Whether the agents of a task get masks: asked for by `mask_bumps`, or in turns."""
+    return mask_bumps or task.options.turns
+
+
 def action_masks(
     games: Games,
     world: World,
-    num_actions: int,
+    task: Task,
     seats: slice = EVERY_SEAT,
     terminated: NDArray[np.bool_] | None = None,
 ) -> NDArray[np.bool_]:
     """[games, seats, actions] bool, a new array: the actions that are not moves into a wall.
 
-    All are True for captured agents, in enclosed cells and in games that are `terminated`. A
-    truncated game keeps its masks, as learners evaluate the actions of its last state.
+    Nor are they moves into a cell that is certainly blocked, of what the agent sees; in turns the
+    side that is not to move can only stay. All are True for captured agents, in enclosed cells and
+    in games that are `terminated`. A truncated game keeps its masks, as learners evaluate the
+    actions of its last state.
 
     Args:
         games: the games.
         world: their mazes, `lay_out(task.mazes).world`.
-        num_actions: the moves, and the stay action if there is one.
+        task: of the games.
         seats: the indices of the agents.
         terminated: [games] bool.
     """
@@ -57,7 +64,39 @@ def action_masks(
     moves = world.moves[cells] * games.active[:, seats]
     if terminated is not None:
         moves[terminated] = 0
-    return _masks_of(moves, layout.named_views(layout.stay_of, world), num_actions)
+    free = moves.copy()
+    if task.options.block:
+        for column, seat in enumerate(range(task.num_agents)[seats]):
+            free[:, column] &= ~_blocked_moves(games, world, task, seat)
+    masks = _masks_of(free, task.num_moves, task.num_actions)
+    if task.options.block:
+        masks[(free == 0) & (moves != 0), : task.num_moves] = not task.stay_action
+    if task.options.turns:
+        chases = np.arange(task.num_agents)[seats] < task.num_chasers
+        waits = ((games.steps[:, None] & 1) == chases) & (moves != 0)
+        masks[waits, : task.num_moves] = False
+    return masks
+
+
+def _blocked_moves(games: Games, world: World, task: Task, seat: int) -> NDArray[np.int32]:
+    """[games] int32: the bit mask of the moves into cells of solid agents that the agent sees.
+
+    Chasers that move first may leave their cells before an evader moves, so they block no move for
+    certain.
+    """
+    seen, blocked = task.sight.observed_games(games, seat), np.zeros_like(games.steps)
+    here = world.first_cell[games.maze] + games.position[:, seat]
+    roles, role = task.seat_roles, task.seat_roles[seat]
+    for other, its in enumerate(roles):
+        across = task.capture != "cell" and {role, its} == {"chaser", "evader"}
+        gone = its == "chaser" != role and task.move_order == "chasers_first"
+        if other == seat or gone or not (its == role or across):
+            continue
+        present = seen.active[:, other] != 0
+        for action in range(task.num_moves):
+            held = present & (world.neighbors[here, action] == seen.position[:, other])
+            blocked |= held.astype(np.int32) << action
+    return blocked
 
 
 def _masks_of(moves: NDArray[np.int32], num_moves: int, num_actions: int) -> NDArray[np.bool_]:

@@ -70,8 +70,8 @@ def slips_of(given: Slip, agent_names: Sequence[str], roles: Sequence[str]) -> t
     return tuple(given.get(name, given.get(role, 0.0)) for name, role in named)
 
 
-def check_exits(name: str, given: Any) -> tuple[int, ...] | None:
-    """The cells of exits as a tuple; None if they are not given.
+def check_exits(name: str, given: Any) -> tuple[int, ...]:
+    """The cells of exits as a tuple.
 
     Raises:
         ValueError: no cells, or one that is given twice.

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from pursuit.mazes.maze import Maze
 from pursuit.mazes.suites import load_mazes
 from pursuit.rules import layout
+from pursuit.tasks.checks import check_consistent, check_starts
 from pursuit.tasks.options import (
     CAPTURE_CHECKS,
     CAPTURES,
@@ -27,7 +28,7 @@ from pursuit.tasks.options import (
     slips_of,
 )
 from pursuit.tasks.options import MOVE_ORDERS as MOVE_ORDERS
-from pursuit.tasks.placements import StartConstraint, check_placeable
+from pursuit.tasks.placements import StartConstraint
 from pursuit.tasks.rewards import REWARD_SCHEMES as REWARD_SCHEMES
 from pursuit.tasks.rewards import REWARDS, RewardFunction, check_rewards
 from pursuit.tasks.rewards import ROLES as ROLES
@@ -167,80 +168,15 @@ class Task:
 
     def __post_init__(self) -> None:
         check_fields(self)
-        self._check_that_it_can_end()
-        self._check_collectors()
-        self._check_start_distance()
+        check_consistent(self)
         check_options(self)
-        for number, maze in enumerate(self.mazes):
-            self._check_maze(maze)
-            check_placeable(self.apart(number, -1, self.min_start_distance, -1))
-        self._check_graphs()
+        check_starts(self)
         self._check_visibility()
-
-    def _check_that_it_can_end(self) -> None:
-        check(
-            self.num_agents > 0,
-            "a task without agents; give num_chasers, num_evaders or num_runners",
-        )
-        for role, other in (("chaser", "evader"), ("evader", "chaser")):
-            check(
-                self.count(role) == 0 or self.count(other) > 0 or self.num_goals > 0,
-                f"num_{role}s={self.count(role)}, num_{other}s=0 and no goals: the game cannot "
-                f"terminate; give num_{other}s or num_goals",
-            )
-
-    def _check_collectors(self) -> None:
-        check(
-            self.num_runners == 0 or self.num_goals > 0,
-            f"num_runners={self.num_runners} and num_goals=0; runners collect goals: give "
-            "num_goals of at least 1",
-        )
-        check(
-            self.num_goals == 0 or self.num_runners > 0 or self.num_evaders > 0,
-            f"num_goals={self.num_goals}, but only runners and evaders collect goals; give "
-            "num_runners or num_evaders",
-        )
-
-    def _check_start_distance(self) -> None:
-        check(
-            self.min_start_distance <= 1 or (self.num_chasers > 0 and self.num_evaders > 0),
-            f"min_start_distance={self.min_start_distance}: a path distance between chasers and "
-            f"evaders, but num_chasers={self.num_chasers} and num_evaders={self.num_evaders}; "
-            "leave it out",
-        )
-
-    def _check_maze(self, maze: Maze) -> None:
-        needed = self.num_agents + self.num_goals
-        check(
-            needed <= maze.num_cells,
-            f"{self.num_agents} agents and {self.num_goals} goals need {needed} different cells; "
-            f"maze {maze.name} has {maze.num_cells}. Use fewer, or a larger maze",
-        )
-        if self.num_goals and not maze.is_connected:
-            raise ValueError(
-                f"maze {maze.name} has {maze.num_components} unconnected parts, so a goal could be "
-                "unreachable; open a wall, or block the smaller parts with '#'"
-            )
 
     def _check_visibility(self) -> None:
         if not all(limit.sees_all for limit in self._limits):
             for maze in self.mazes:
                 check_visible(maze, any(limit.line_of_sight for limit in self._limits))
-
-    def _check_graphs(self) -> None:
-        odd = next((maze for maze in self.mazes if maze.num_moves != self.num_moves), None)
-        if odd is not None:
-            raise ValueError(
-                f"{odd.name} has {odd.num_moves} moves and {self.mazes[0].name} {self.num_moves}; "
-                "all mazes of a task need the same number: give num_moves to Maze.from_graph"
-            )
-        graph = next((maze for maze in self.mazes if not maze.is_grid), None)
-        by_distance = any(each.distance != 0.0 for each in self.role_rewards.values())
-        if graph is not None and by_distance:
-            raise ValueError(
-                f"rewards={self.rewards!r}: a reward by the Manhattan distance needs rows and "
-                f"columns, and {graph.name} is a graph; use 'goal' or a reward function"
-            )
 
     def apart(self, maze: int, num_goals: int, least: int, most: int) -> StartConstraint:
         """The constraint on start placements in the maze with index `maze`.
@@ -411,12 +347,15 @@ _NAMED: dict[str, dict[str, Any]] = {
     "maze": {"num_runners": 1, "num_goals": 3},
     "race": {"num_runners": 2, "num_goals": 3},
     "heist": {"num_chasers": 1, "num_evaders": 1, "num_goals": 3, "rewards": HEIST_REWARDS},
+    "escape": {"num_chasers": 1, "num_evaders": 1, "rewards": "win_loss"},
 }
 TASK_NAMES = tuple(_NAMED)
+NUM_EXITS = 2
+"""The exits that are drawn in the task "escape", if neither these nor the maze has any."""
 
 
 def make_task(name: str, **settings: Any) -> Task:
-    """The named task ("chase", "maze", "race" or "heist") with `settings` of `Task` changed.
+    """The named task ("chase", "maze", "race", "heist" or "escape") with `settings` changed.
 
     `max_cycles`, PettingZoo's name, is accepted for `max_steps`.
 
@@ -427,4 +366,9 @@ def make_task(name: str, **settings: Any) -> Task:
     one_of("task", name, TASK_NAMES)
     known = [field.name for field in fields(Task) if field.name != "name"]
     settings = named_settings("make_task", settings, known)
-    return Task(**{**_NAMED[name], "name": name, **settings})
+    settings = {**_NAMED[name], "name": name, **settings}
+    without = not settings.get("num_exits") and settings.get("exits") is None
+    if name == "escape" and without:
+        marks = [maze.exit_marks for maze in load_mazes(settings.get("maze", Task.maze))]
+        settings["num_exits"] = 0 if any(marks) else NUM_EXITS
+    return Task(**settings)

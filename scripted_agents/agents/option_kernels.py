@@ -14,9 +14,10 @@ from pursuit.rules.layout import Games, Teams, World, chasers_of, evaders_of, st
 
 
 @inlined
-def first_steps(world: World, maze: int, own: int, target: int) -> int:
+def first_steps(world: World, maze: Any, own: Any, target: Any) -> Any:
     """The bit mask of the first steps of shortest paths to another cell; 0 if there is no path."""
-    distance, mask = table_distance(world, maze, own, target), 0
+    distance: Any = table_distance(world, maze, own, target)
+    mask: Any = 0
     for action in moves_of(world):
         after = world.neighbors[world.first_cell[maze] + own, action]
         if table_distance(world, maze, after, target) == distance - 1:
@@ -25,7 +26,7 @@ def first_steps(world: World, maze: int, own: int, target: int) -> int:
 
 
 @inlined
-def waiting(world: World, maze: int, own: int, stay_action: bool) -> int:
+def waiting(world: World, maze: Any, own: Any, stay_action: bool) -> Any:
     """The bit mask of the actions that keep the cell: stay or, without it, moves into a wall."""
     if stay_action:
         return 1 << stay_of(world)
@@ -36,9 +37,10 @@ def waiting(world: World, maze: int, own: int, stay_action: bool) -> int:
 
 
 @inlined
-def evader_to_surround(world: World, games: Games, game: int, teams: Teams) -> int:
+def evader_to_surround(world: World, games: Games, game: int, teams: Teams) -> Any:
     """The free evader with the least sum of distances from the chasers; -1 if there is none."""
-    best, least, maze = -1, FAR, np.int64(games.maze[game])
+    best, least = -1, FAR
+    maze: Any = np.int64(games.maze[game])
     for evader in evaders_of(teams):
         if games.active[game, evader] == 0:
             continue
@@ -54,25 +56,27 @@ def evader_to_surround(world: World, games: Games, game: int, teams: Teams) -> i
 
 @inlined
 def place_around(
-    world: World, games: Games, game: int, teams: Teams, evader: int, seat: int, targets: Any
-) -> int:
+    world: World, games: Games, game: int, teams: Teams, evader: Any, seat: int, targets: Any
+) -> Any:
     """The cell next to an evader that is assigned to the chaser `seat`; its own cell if there are
     more chasers than cells.
 
     Of all pairs of a chaser and a free cell the nearest is assigned first, of equally near ones
     that of the first chaser and the first cell. `targets` [chasers] is scratch memory.
     """
-    maze, here = np.int64(games.maze[game]), np.int64(games.position[game, evader])
+    maze: Any = np.int64(games.maze[game])
+    here: Any = np.int64(games.position[game, evader])
     first = world.first_cell[maze]
     for chaser in chasers_of(teams):
         targets[chaser] = -1
     for _ in chasers_of(teams):
-        least, best_chaser, best_cell = FAR, -1, -1
+        least, best_chaser = FAR, -1
+        best_cell: Any = -1
         for chaser in chasers_of(teams):
             if targets[chaser] >= 0:
                 continue
             for action in moves_of(world):
-                cell = np.int64(world.neighbors[first + here, action])
+                cell: Any = np.int64(world.neighbors[first + here, action])
                 free = cell != here
                 for other in chasers_of(teams):
                     free &= targets[other] != cell
@@ -95,7 +99,8 @@ def list_surrounding_moves(
     teams = Teams(counts[0], counts[1], counts[2], counts[3])
     world = world_of(*mazes)
     for game in range(moves.shape[0]):
-        maze, own = np.int64(games.maze[game]), np.int64(games.position[game, seat])
+        maze: Any = np.int64(games.maze[game])
+        own: Any = np.int64(games.position[game, seat])
         evader = evader_to_surround(world, games, game, teams)
         moves[game] = 0
         if evader >= 0:
@@ -113,10 +118,11 @@ def list_escaping_moves(games: Games, seat: int, counts: Any, mazes: Any, moves:
     teams = Teams(counts[0], counts[1], counts[2], counts[3])
     world = world_of(*mazes)
     for game in range(moves.shape[0]):
-        maze, own = np.int64(games.maze[game]), np.int64(games.position[game, seat])
+        maze: Any = np.int64(games.maze[game])
+        own: Any = np.int64(games.position[game, seat])
         least, mask = FAR, 0
         for number in range(games.exit.shape[1]):
-            cell = np.int64(games.exit[game, number])
+            cell: Any = np.int64(games.exit[game, number])
             if cell < 0:
                 continue
             away = table_distance(world, maze, own, cell)

@@ -89,7 +89,7 @@ class SimulatorEnv(LockstepEnv):
         spec: dict[str, TensorSpec] = {"observation": Bounded(low, high, shape=shape, dtype=dtype)}
         if self.members > 1:
             spec["idle"] = Binary(n=1, shape=(batch, 1), dtype=torch.bool)
-        if self.player.mask_bumps:
+        if self.player.has_masks:
             actions = self.player.num_actions
             spec[ACTION_MASK] = Binary(n=actions, shape=(batch, actions), dtype=torch.bool)
         self.observation_spec = Composite(spec, shape=(batch,))
@@ -119,9 +119,9 @@ class SimulatorEnv(LockstepEnv):
         found = {"observation": seen.flatten(0, 1)}
         if self.members > 1:
             found["idle"] = torch.from_numpy(self.idle.reshape(-1, 1).copy())
-        if self.player.mask_bumps:
-            actions, over = self.player.num_actions, simulator.terminated
-            allowed = action_masks(simulator.games, self._world, actions, self.seats, over)
+        if self.player.has_masks:
+            task, over = simulator.task, simulator.terminated
+            allowed = action_masks(simulator.games, self._world, task, self.seats, over)
             found[ACTION_MASK] = torch.from_numpy(allowed).flatten(0, 1)
             self.action_spec.update_mask(found[ACTION_MASK])
         return found

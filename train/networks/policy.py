@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pursuit.mazes.maze import Maze
 from pursuit.mazes.maze_arrays import lay_out
 from pursuit.observations.custom import is_builtin
-from pursuit.observations.masks import action_masks
+from pursuit.observations.masks import action_masks, has_masks
 from pursuit.observations.observations import Encoder
 from pursuit.rules.layout import Games
 from pursuit.simulator.policy import GameView, pairs_of_cells
@@ -125,10 +125,15 @@ class Seat:
 
     def masks(self, view: GameView) -> NDArray[np.bool_] | None:
         """[games, actions]: the action mask of the agent of the view; None allows all."""
-        if not self.mask_bumps:
+        if not self.has_masks:
             return None
         own = slice(view.seat, view.seat + 1)
-        return action_masks(view.games, view.mazes.world, view.task.num_actions, own)[:, 0]
+        return action_masks(view.games, view.mazes.world, view.task, own)[:, 0]
+
+    @property
+    def has_masks(self) -> bool:
+        """Whether actions are masked: with `mask_bumps`, or in turns."""
+        return has_masks(self.task, self.mask_bumps)
 
     @cached_property
     def seen(self) -> Features:
@@ -270,8 +275,8 @@ class LearnedPolicy(NetworkPolicy):
         for first in range(0, len(probabilities), at_once):
             batch = slice(first, first + at_once)
             part = Games(*(array[batch] for array in games))
-            if self.seat.mask_bumps:
-                allowed = action_masks(part, world, task.num_actions, own)[:, 0]
+            if self.seat.has_masks:
+                allowed = action_masks(part, world, task, own)[:, 0]
             probabilities[batch] = self.probabilities(encoder.encode(part, own)[:, 0], allowed)
         return probabilities
 

@@ -165,7 +165,8 @@ def settings_of(**flat: Any) -> AgentSettings:
             processes.
             The network: observation, network, frame_stack, first_layer, min_probability.
             A task in mazes: task, role, maze, num_chasers, num_evaders, num_runners, num_goals,
-            max_steps, stay_action, move_order, start, min_start_distance, rewards, view_radius,
+            max_steps, stay_action, move_order, start, min_start_distance, capture, n_catch,
+            capture_check, exits, num_exits, collisions, slip, rewards, view_radius,
             line_of_sight, unknown_maze, mask_bumps, opponent, opponent_epsilon, opponent_policy,
             opponent_observation.
             The arm: task="reacher", joints, start, hold, tolerance, max_steps, max_turn, effort,

@@ -10,6 +10,14 @@ from pursuit.mazes.suite_files import PREFIX, is_suite
 from pursuit.observations.custom import check_observation
 from pursuit.reacher.observations import ENCODINGS as ARM_ENCODINGS
 from pursuit.reacher.task import ReacherTask
+from pursuit.tasks.options import (
+    CAPTURE_CHECKS,
+    CAPTURES,
+    COLLISIONS,
+    check_exits,
+    check_slip,
+    slip_text,
+)
 from pursuit.tasks.rewards import check_rewards, rewards_text
 from pursuit.tasks.task import TASK_NAMES
 from pursuit.tasks.visibility import (
@@ -49,6 +57,16 @@ RadiusText = Annotated[
     str | None,
     Rule(lambda name, given: view_radius_text(check_view_radius(name, given)), other_types=True),
 ]
+SlipText = Annotated[
+    str, Rule(lambda name, given: slip_text(check_slip(name, given)), other_types=True)
+]
+ExitsText = Annotated[
+    str | None,
+    Rule(
+        lambda name, given: None if given is None else ",".join(map(str, check_exits(name, given))),
+        other_types=True,
+    ),
+]
 AgentsText = Annotated[
     str,
     Rule(lambda name, given: agent_choice_text(check_agent_choice(name, given)), other_types=True),
@@ -62,7 +80,8 @@ class TaskSettings(Settings):
     OBSERVATION: ClassVar[str] = "index"
 
     task: str = "chase"
-    """chase, maze, race, heist or reacher (an arm; for its options see --task reacher --help)."""
+    """chase, maze, race, heist, escape or reacher (an arm; for its options see --task reacher
+    --help)."""
     role: str = "auto"
     """Learning agent: chaser, evader or runner, or one agent such as chaser_1. auto: the first."""
     maze: str = "5x5"
@@ -81,13 +100,30 @@ class TaskSettings(Settings):
     stay_action: bool = False
     """Add an action, the last one: stay."""
     move_order: str = "simultaneous"
-    """Order of moves: simultaneous, or chasers_first."""
+    """Order of moves: simultaneous, chasers_first, or turns (each side sees the other's move; needs
+    the stay action)."""
     min_start_distance: int = 1
     """Minimum distance in steps between chasers and evaders at the start, in tasks with both."""
+    capture: Annotated[str, choice(*CAPTURES)] = "cell"
+    """Where chasers capture an evader: cell (in its cell), adjacent (one move away), surround (on
+    all cells next to it)."""
+    n_catch: int = 1
+    """Number of chasers that a capture needs (cell, adjacent)."""
+    capture_check: Annotated[str, choice(*CAPTURE_CHECKS)] = "each_move"
+    """each_move, or after_chasers: no captures after the evaders' moves, if chasers move first."""
+    exits: ExitsText = None
+    """Cells of exits, such as 3,17. None: the marks E of the maze."""
+    num_exits: int = 0
+    """Number of exits that are drawn at every reset, instead of fixed ones."""
+    collisions: Annotated[str, choice(*COLLISIONS)] = "share"
+    """share: agents can share cells; block: those of one role cannot, nor can chasers and evaders
+    unless captures are in the cell."""
+    slip: SlipText = "0"
+    """Probability that a move becomes a random one: 0.1, or by role or agent, as evader=0.1."""
     rewards: RewardsText = "default"
-    """default, goal, completion, distance or zero_sum; or coefficients such as
+    """default, goal, completion, distance, zero_sum or win_loss; or coefficients such as
     step=-0.1,capture=2 or chaser.step=-0.1,evader.capture=-2 (of step, capture, goal, distance,
-    on_completion, per_evader); or package.module:Name of a user-defined function."""
+    on_completion, per_evader, escape, touch); or package.module:Name of a user-defined function."""
     view_radius: RadiusText = None
     """Observation radius in path steps: a number for all agents, or by role or agent, such as
     chaser=2,evader_0=3. None: unlimited. The scripted astar, random and equilibrium ignore it."""
