@@ -1,13 +1,16 @@
 """The rules of the games: their memory layout, their starts and their steps.
 
 arrays        names of the types of arrays
+terms         the settings of a task that the rules use
 layout        constants, names and shapes of everything
 randomness    streams of random numbers
 distances     tables and searches
 lookups       moves towards or away from the nearest of several cells, by tables
 starts        start placements of episodes
 captures      when a chaser captures an evader
+turn          one game in a step, and what decisions ask of it
 step          the rules of one step of one game
+step_rewards  its rewards and events
 option_step   the same with options: capture rules, exits, collisions, slips, turns
 visibility    which cells an agent sees
 batches       the compiled functions over batches of games

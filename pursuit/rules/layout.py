@@ -18,7 +18,6 @@ views of the same memory.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,18 +25,29 @@ from numpy.typing import NDArray
 
 from pursuit.compilation.compiled import inlined
 from pursuit.rules.arrays import Flags, Ints, Longs, Reals, Words
+from pursuit.rules.terms import ADJACENT as ADJACENT
+from pursuit.rules.terms import CELL as CELL
+from pursuit.rules.terms import CHASER as CHASER
+from pursuit.rules.terms import EVADER as EVADER
+from pursuit.rules.terms import PLAIN as PLAIN
+from pursuit.rules.terms import RUNNER as RUNNER
+from pursuit.rules.terms import SURROUND as SURROUND
+from pursuit.rules.terms import Options as Options
+from pursuit.rules.terms import RewardCoefficients as RewardCoefficients
+from pursuit.rules.terms import Rules as Rules
+from pursuit.rules.terms import Teams as Teams
+from pursuit.rules.terms import numbers_of as numbers_of
+from pursuit.rules.terms import options_of as options_of
+from pursuit.rules.terms import rules_of as rules_of
+from pursuit.rules.terms import teams_of as teams_of
 
 NORTH, SOUTH, EAST, WEST, STAY = range(5)
 """The actions in a maze; see `stay_of` for graphs."""
 UNREACHABLE = 2**31 - 1
 """The distance between two cells without a connecting path."""
 
-CHASER, EVADER, RUNNER = range(3)
 COLLECTED, CAPTURED, WAS_CAPTURED, ESCAPED = 1, 2, 4, 8
 """Events of an agent in a step; `games.event` holds a sum of them."""
-
-CELL, ADJACENT, SURROUND = range(3)
-"""The capture rules, `Task.capture`."""
 
 GOING_ON, TERMINATED, TRUNCATED = range(3)
 OK, BAD_ACTION = range(2)
@@ -55,70 +65,6 @@ SCRATCH_DISTANCE, SCRATCH_QUEUE, SCRATCH_AFTER = range(3)
 SCRATCH_CAPTORS, SCRATCH_TAKERS, SCRATCH_CAPTURED, SCRATCH_TARGET, SCRATCH_LAYERS = range(3, 8)
 FIRST_CELL, NUM_CELLS, TABLE, START_MARK, DIRECTED, NUM_GOAL_MARKS, GOAL_MARKS = range(7)
 ROW, COLUMN, MARK_DISTANCE, MOVES, FACT_LAYERS = range(5)
-
-
-class Teams(NamedTuple):
-    """The numbers of agents and goals; constants in kernels compiled for one task."""
-
-    chasers: int
-    evaders: int
-    runners: int
-    goals: int
-
-
-class RewardCoefficients(NamedTuple):
-    """Reward coefficients of one role; see `pursuit.tasks.rewards.Rewards`."""
-
-    step: float
-    capture: float
-    goal: float
-    distance: float
-    on_completion: float
-    per_evader: float
-    escape: float
-    touch: float
-
-
-class Options(NamedTuple):
-    """The options of the rules; see `pursuit.tasks.task.Task` for their meaning.
-
-    capture: CELL, ADJACENT or SURROUND. n_catch: the captors that a capture needs. recheck: whether
-    captures are resolved again after the evaders' moves. block: whether solid agents cannot share a
-    cell. turns: whether a step is the move of one side. slips: whether moves can slip. touches:
-    whether touching an evader is rewarded. exits: the number of exits.
-    """
-
-    capture: int
-    n_catch: int
-    recheck: bool
-    block: bool
-    turns: bool
-    slips: bool
-    touches: bool
-    exits: int
-
-
-PLAIN = Options(CELL, 1, True, False, False, False, False, 0)
-"""The rules without options."""
-
-
-class Rules(NamedTuple):
-    """The settings of a task that the rules use.
-
-    fixed_exits: [mazes * exits] int64, the exits of every maze, -1 if it has fewer; empty if exits
-        are drawn at the start of an episode.
-    """
-
-    teams: Teams
-    max_steps: int
-    num_actions: int
-    chasers_first: bool
-    start_at_marks: bool
-    chaser: RewardCoefficients
-    evader: RewardCoefficients
-    runner: RewardCoefficients
-    options: Options
-    fixed_exits: Longs
 
 
 class World(NamedTuple):
@@ -280,24 +226,6 @@ def empty_games(num_games: int, num_agents: int, num_goals: int, num_exits: int 
     return named_views(games_of, allocate(num_games, num_agents, num_goals, num_exits))
 
 
-OPTIONS_AT = 8
-FIXED_EXITS_AT = OPTIONS_AT + len(Options._fields)
-
-
-def numbers_of(
-    teams: Teams,
-    max_steps: int,
-    num_actions: int,
-    chasers_first: bool,
-    start_at_marks: bool,
-    options: Options = PLAIN,
-    fixed_exits: Sequence[int] = (),
-) -> Longs:
-    """[...] int64: the teams and the integer rules, an argument of kernels; see `rules_of`."""
-    rules = (max_steps, num_actions, chasers_first, start_at_marks)
-    return np.array([*teams, *rules, *options, *fixed_exits], dtype=np.int64)
-
-
 def scratch_for(num_cells: int, num_agents: int, num_goals: int) -> Ints:
     """Scratch memory of the step of one game and of a search over `num_cells` cells."""
     return np.full((SCRATCH_LAYERS, max(num_cells, num_agents, num_goals)), -1, dtype=np.int32)
@@ -360,38 +288,6 @@ def world_of(mazes: Longs, neighbors: Ints, facts: Ints, tables: NDArray[np.uint
 def stay_of(world: World) -> int:
     """The number of the action stay, which is the number of moves."""
     return world.neighbors.shape[1] - 1
-
-
-@inlined
-def teams_of(numbers: Longs) -> Teams:
-    """The numbers of agents and goals in `numbers`, the result of `numbers_of`."""
-    return Teams(numbers[0], numbers[1], numbers[2], numbers[3])
-
-
-@inlined
-def rewards_of(row: Reals) -> RewardCoefficients:
-    """The coefficients of one role, in the order of the fields of `RewardCoefficients`."""
-    return RewardCoefficients(row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7])
-
-
-@inlined
-def options_of(numbers: Longs) -> Options:
-    """The options of the rules in `numbers`, the result of `numbers_of`."""
-    return Options(
-        numbers[OPTIONS_AT], numbers[OPTIONS_AT + 1], numbers[OPTIONS_AT + 2] != 0,
-        numbers[OPTIONS_AT + 3] != 0, numbers[OPTIONS_AT + 4] != 0, numbers[OPTIONS_AT + 5] != 0,
-        numbers[OPTIONS_AT + 6] != 0, numbers[OPTIONS_AT + 7],
-    )  # fmt: skip
-
-
-@inlined
-def rules_of(teams: Teams, numbers: Longs, coefficients: Reals, options: Options) -> Rules:
-    """The rules for these teams and options: `numbers` is the result of `numbers_of`."""
-    return Rules(
-        teams, numbers[4], numbers[5], numbers[6] != 0, numbers[7] != 0,
-        rewards_of(coefficients[CHASER]), rewards_of(coefficients[EVADER]),
-        rewards_of(coefficients[RUNNER]), options, numbers[FIXED_EXITS_AT:],
-    )  # fmt: skip
 
 
 @inlined

@@ -29,14 +29,8 @@ from pursuit.rules.layout import (
 )
 from pursuit.rules.randomness import draw_action
 from pursuit.rules.starts import is_exit
-from pursuit.rules.step import (
-    Turn,
-    destination,
-    is_free,
-    legal_moves,
-    meets_evader,
-    settle,
-)
+from pursuit.rules.step import settle
+from pursuit.rules.turn import Turn, destination, is_free, legal_moves, meets_evader
 
 
 @inlined

@@ -1,18 +1,18 @@
-"""Checks that the teams, goals, starts and mazes of a task do not contradict each other."""
+"""Checks that the teams, goals, starts and mazes of a task do not contradict each other.
+
+Their argument `task` is a `pursuit.tasks.task.Task`, which imports this file.
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Any
 
 from pursuit.mazes.maze import Maze
 from pursuit.tasks.placements import check_placeable
 from pursuit.validation import check
 
-if TYPE_CHECKING:
-    from pursuit.tasks.task import Task
 
-
-def check_consistent(task: Task) -> None:
+def check_consistent(task: Any) -> None:
     """Check the teams, goals, start distances and mazes of a task.
 
     Raises:
@@ -26,13 +26,13 @@ def check_consistent(task: Task) -> None:
     _check_graphs(task)
 
 
-def check_starts(task: Task) -> None:
+def check_starts(task: Any) -> None:
     """ValueError unless an episode can start in every maze."""
     for number in range(len(task.mazes)):
         check_placeable(task.apart(number, -1, task.min_start_distance, -1))
 
 
-def _check_that_it_can_end(task: Task) -> None:
+def _check_that_it_can_end(task: Any) -> None:
     check(
         task.num_agents > 0,
         "a task without agents; give num_chasers, num_evaders or num_runners",
@@ -45,7 +45,7 @@ def _check_that_it_can_end(task: Task) -> None:
         )
 
 
-def _check_collectors(task: Task) -> None:
+def _check_collectors(task: Any) -> None:
     check(
         task.num_runners == 0 or task.num_goals > 0,
         f"num_runners={task.num_runners} and num_goals=0; runners collect goals: give "
@@ -58,7 +58,7 @@ def _check_collectors(task: Task) -> None:
     )
 
 
-def _check_start_distance(task: Task) -> None:
+def _check_start_distance(task: Any) -> None:
     check(
         task.min_start_distance <= 1 or (task.num_chasers > 0 and task.num_evaders > 0),
         f"min_start_distance={task.min_start_distance}: a path distance between chasers and "
@@ -67,7 +67,7 @@ def _check_start_distance(task: Task) -> None:
     )
 
 
-def _check_maze(task: Task, maze: Maze) -> None:
+def _check_maze(task: Any, maze: Maze) -> None:
     needed = task.num_agents + task.num_goals
     check(
         needed <= maze.num_cells,
@@ -81,7 +81,7 @@ def _check_maze(task: Task, maze: Maze) -> None:
         )
 
 
-def _check_graphs(task: Task) -> None:
+def _check_graphs(task: Any) -> None:
     odd = next((maze for maze in task.mazes if maze.num_moves != task.num_moves), None)
     if odd is not None:
         raise ValueError(

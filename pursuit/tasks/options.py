@@ -1,16 +1,16 @@
-"""The options of the rules of a task: captures, exits, collisions, slips; their checks."""
+"""The options of the rules of a task: captures, exits, collisions, slips; their checks.
+
+The argument `task` of functions is a `pursuit.tasks.task.Task`, which imports this file.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from pursuit.mazes.maze import Maze
 from pursuit.rules import layout
 from pursuit.validation import FrozenDict, check, check_probability, is_int, is_number
-
-if TYPE_CHECKING:
-    from pursuit.tasks.task import Task
 
 MOVE_ORDERS = ("simultaneous", "chasers_first", "turns")
 CAPTURES = ("cell", "adjacent", "surround")
@@ -86,7 +86,7 @@ def check_exits(name: str, given: Any) -> tuple[int, ...]:
     return tuple(map(int, cells))
 
 
-def fixed_exits_of(task: Task) -> tuple[tuple[int, ...], ...]:
+def fixed_exits_of(task: Any) -> tuple[tuple[int, ...], ...]:
     """The fixed exits of every maze of a task: those given, or the marks `E` of the maze."""
     if task.num_exits or not task.num_evaders:
         return ((),) * len(task.mazes)
@@ -94,7 +94,7 @@ def fixed_exits_of(task: Task) -> tuple[tuple[int, ...], ...]:
     return tuple(maze.exit_marks if given is None else given for maze in task.mazes)
 
 
-def options_of(task: Task) -> layout.Options:
+def options_of(task: Any) -> layout.Options:
     """The options of the rules of a task, as used by `pursuit.rules`."""
     return layout.Options(
         CAPTURES.index(task.capture),
@@ -108,7 +108,7 @@ def options_of(task: Task) -> layout.Options:
     )
 
 
-def check_options(task: Task) -> None:
+def check_options(task: Any) -> None:
     """Check that the options of the rules do not contradict each other.
 
     Raises:
@@ -161,7 +161,7 @@ def check_options(task: Task) -> None:
     _check_exits(task)
 
 
-def _check_exits(task: Task) -> None:
+def _check_exits(task: Any) -> None:
     given = task.exits is not None or task.num_exits > 0
     check(
         not given or task.num_evaders > 0,
@@ -176,7 +176,7 @@ def _check_exits(task: Task) -> None:
         _check_exits_in(task, maze, cells)
 
 
-def _check_exits_in(task: Task, maze: Maze, cells: tuple[int, ...]) -> None:
+def _check_exits_in(task: Any, maze: Maze, cells: tuple[int, ...]) -> None:
     for cell in cells:
         check(
             cell < maze.num_cells,

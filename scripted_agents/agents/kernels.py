@@ -41,7 +41,7 @@ from pursuit.rules.layout import (
 )
 from pursuit.rules.lookups import away_from_nearest, towards_nearest, write_action
 from pursuit.rules.randomness import draw_action
-from pursuit.rules.step import legal_moves
+from pursuit.rules.turn import legal_moves
 
 CHASER, EVADER, RUNNER, RANDOM = range(4)
 (

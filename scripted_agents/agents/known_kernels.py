@@ -15,7 +15,7 @@ from pursuit.compilation.compiled import compiled, inlined
 from pursuit.rules.batches import MOST_KNOWN
 from pursuit.rules.layout import CHASER, EVADER, RUNNER, Games, stay_of, world_of
 from pursuit.rules.lookups import away_from_nearest, towards_nearest, write_action
-from pursuit.rules.step import legal_moves
+from pursuit.rules.turn import legal_moves
 
 __all__ = ["MOST_KNOWN", "in_rows", "team_entry_for"]
 

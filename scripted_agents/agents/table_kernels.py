@@ -9,7 +9,7 @@ import numpy as np
 from pursuit.compilation.compiled import compiled
 from pursuit.rules.layout import Games, stay_of, stream_of, team_stream, world_of
 from pursuit.rules.randomness import draw_action, mix, next_uniform
-from pursuit.rules.step import legal_moves
+from pursuit.rules.turn import legal_moves
 
 
 @compiled

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pursuit.mazes.maze_arrays import lay_out
 from pursuit.memory import check_memory
 from pursuit.rules import layout
-from scripted_agents.joint.kernels import FILL_STORE, sweep
+from scripted_agents.joint.kernels import FILL_STORE
 from scripted_agents.joint.layout import (
     NO_SLIPS,
     Backup,
@@ -27,6 +27,7 @@ from scripted_agents.joint.layout import (
 )
 from scripted_agents.joint.opponents import OtherPolicies
 from scripted_agents.joint.states import JointStates
+from scripted_agents.joint.sweep_kernels import sweep
 from scripted_agents.limits import MAX_STORE_BYTES
 from scripted_agents.tolerances import JOINT_TOLERANCE, MAX_SWEEPS, MAX_THREADS, WINDOW
 
