@@ -8,6 +8,7 @@ from scripted_agents.agents.runner import TourRunner as TourRunner
 from scripted_agents.agents.scripted import AStarChaser as AStarChaser
 from scripted_agents.agents.scripted import AStarEvader as AStarEvader
 from scripted_agents.agents.scripted import RandomAgent as RandomAgent
+from scripted_agents.agents.scripted import UniformAgent as UniformAgent
 from scripted_agents.agents.searchers import SearchingChaser as SearchingChaser
 from scripted_agents.agents.searchers import SearchingRunner as SearchingRunner
 from scripted_agents.agents.searchers import SweepingChaser as SweepingChaser
