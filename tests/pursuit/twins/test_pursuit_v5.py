@@ -1,17 +1,20 @@
 """PettingZoo's `pursuit_v5` and the same game here: equal moves, captures, rewards, observations.
 
 Both play the same actions, those of its own random evaders included, from the same cells. Its
-rewards are computed from our states, the events of captures and the reward `touch` of our step.
+rewards are computed from our states, the events of captures and the reward `touch` of our step, and
+paid by the reward function of the page "Pursuit in other libraries".
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from pettingzoo.sisl import pursuit_v5
+from test_docs import files_of
 
 from pursuit.mazes.maze import Maze
 from pursuit.observations.pursuit_v5 import PURSUIT_V5_ACTIONS, PursuitV5Observation
@@ -36,12 +39,14 @@ class Recorded:
 
 
 class Twins(NamedTuple):
-    """The parallel environment, its inner game, the recorded evaders, and our game."""
+    """The parallel environment, its inner game, the recorded evaders, our game, and the same game
+    with the reward function of the page."""
 
     env: Any
     base: Any
     evaders: Recorded
     ours: Simulator
+    paying: Simulator
 
 
 def twins(surround: bool, obstacle: bool, shared: bool, obs_range: int = 7) -> Twins:
@@ -69,19 +74,27 @@ def twins(surround: bool, obstacle: bool, shared: bool, obs_range: int = 7) -> T
         max_steps=10**9,
         rewards={"chaser": Rewards(touch=1.0)},  # the reward is the number of evaders touched
     )
-    return Twins(env, base, base.evader_controller, Simulator(task, seed=1, auto_restart=False))
+    page: dict[str, Any] = {}
+    exec(files_of("docs/guides/pursuit_in_other_libraries.md")["twin.py"], page)
+    function = page["rewards_of"](task.mazes[0], TAG, CATCH, URGENCY, shared)
+    games = [
+        Simulator(each, seed=1, auto_restart=False)
+        for each in (task, replace(task, rewards=function))
+    ]
+    return Twins(env, base, base.evader_controller, games[0], games[1])
 
 
 def place(game: Twins, rng: np.random.Generator) -> None:
     """Start an episode of both with agents in random cells, which they may share; four pursuers
     stand around an evader, as captures would be rare otherwise."""
-    env, base, _, ours = game
+    env, base, _, ours, paying = game
     env.reset()
     ours.reset()
+    paying.reset()
     maze = ours.task.mazes[0]
     cells = rng.integers(maze.num_cells, size=PURSUERS + EVADERS)
     cells[rng.permutation(PURSUERS)[:4]] = maze.neighbors[rng.choice(cells[PURSUERS:]), :4]
-    ours.positions[0] = cells
+    ours.positions[0] = paying.positions[0] = cells
     agents = [*base.pursuer_layer.allies, *base.evader_layer.allies]
     for agent, cell in zip(agents, cells, strict=True):
         agent.set_position(maze.columns[cell], maze.rows[cell])
@@ -111,7 +124,7 @@ def counted(maze: Maze, cells: NDArray[np.int32], evaders: NDArray[np.int32]) ->
 
 def play(game: Twins, steps: int, shared: bool) -> tuple[int, int]:
     """Play and compare; return the numbers of captures and of captors."""
-    env, base, recorded, ours = game
+    env, base, recorded, ours, paying = game
     maze, rng = ours.task.mazes[0], np.random.default_rng(5)
     names = env.possible_agents
     seen = PursuitV5Observation(base.obs_range)
@@ -131,7 +144,8 @@ def play(game: Twins, steps: int, shared: bool) -> tuple[int, int]:
         gone = base.evaders_gone.copy()
         chosen = np.full(EVADERS, 4)  # what captured evaders choose has no effect
         chosen[~gone] = recorded.drawn
-        ours.step(moves[np.concatenate([actions, chosen])][None])
+        for simulator in (ours, paying):
+            simulator.step(moves[np.concatenate([actions, chosen])][None])
 
         after = ours.positions[0]
         assert cells_of(base.pursuer_layer, maze) == after[:PURSUERS].tolist()
@@ -147,6 +161,7 @@ def play(game: Twins, steps: int, shared: bool) -> tuple[int, int]:
         paid = TAG * tags / PURSUERS + CATCH * caught + URGENCY
         paid = np.full(PURSUERS, paid.mean()) if shared else paid
         np.testing.assert_allclose([rewards[name] for name in names], paid, rtol=0, atol=1e-12)
+        np.testing.assert_array_equal(paying.rewards[0, :PURSUERS], paid.astype(np.float32))
         captures += int((free & gone).sum())
         captors += int(caught.sum())
 
