@@ -22,7 +22,6 @@ from scripted_agents.agents.scripted import (
     AStarEvader,
     RandomAgent,
     Scripted,
-    UniformAgent,
 )
 from scripted_agents.agents.searchers import (
     SearchingChaser,
@@ -30,6 +29,7 @@ from scripted_agents.agents.searchers import (
     SweepingChaser,
     WaryEvader,
 )
+from scripted_agents.agents.uniform import UniformAgent
 from scripted_agents.duel.best_response import MoveOrder
 from scripted_agents.hidden.beliefs import BeliefChaser, check_duel
 from scripted_agents.joint.optimal import OptimalChaser, OptimalEvader
