@@ -36,6 +36,7 @@ from scripted_agents import ThesisInverseKinematics as ThesisInverseKinematics
 from scripted_agents import Tour as Tour
 from scripted_agents import TourRunner as TourRunner
 from scripted_agents import TurnBasedSolution as TurnBasedSolution
+from scripted_agents import UniformAgent as UniformAgent
 from scripted_agents import WaryEvader as WaryEvader
 from scripted_agents import action_values as action_values
 from scripted_agents import alpha_rank as alpha_rank

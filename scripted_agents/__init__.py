@@ -13,6 +13,7 @@ from scripted_agents.agents.searchers import SearchingRunner as SearchingRunner
 from scripted_agents.agents.searchers import SweepingChaser as SweepingChaser
 from scripted_agents.agents.searchers import WaryEvader as WaryEvader
 from scripted_agents.agents.table_policy import TablePolicy as TablePolicy
+from scripted_agents.agents.uniform import UniformAgent as UniformAgent
 from scripted_agents.arm.agents import IK_METHODS as IK_METHODS
 from scripted_agents.arm.agents import InverseKinematics as InverseKinematics
 from scripted_agents.arm.agents import LeastStepsPolicy as LeastStepsPolicy

@@ -17,13 +17,19 @@ from pursuit.simulator.policy import Policy
 from pursuit.tasks.task import ROLES, Task, make_task
 from pursuit.validation import one_of, unknown
 from scripted_agents.agents.runner import NearestGoalRunner, TourRunner
-from scripted_agents.agents.scripted import AStarChaser, AStarEvader, RandomAgent, Scripted
+from scripted_agents.agents.scripted import (
+    AStarChaser,
+    AStarEvader,
+    RandomAgent,
+    Scripted,
+)
 from scripted_agents.agents.searchers import (
     SearchingChaser,
     SearchingRunner,
     SweepingChaser,
     WaryEvader,
 )
+from scripted_agents.agents.uniform import UniformAgent
 from scripted_agents.duel.best_response import MoveOrder
 from scripted_agents.hidden.beliefs import BeliefChaser, check_duel
 from scripted_agents.joint.optimal import OptimalChaser, OptimalEvader
@@ -47,7 +53,10 @@ SEARCHERS: dict[str, dict[str, Callable[..., Policy]]] = {
 }
 """Scripted agents with the view limits of the task, by name and role."""
 
-AGENTS = (*SCRIPTED, *SEARCHERS)
+UNIFORM = "uniform"
+"""The name of `UniformAgent`, which is in no table of references."""
+
+AGENTS = (*SCRIPTED, UNIFORM, *SEARCHERS)
 """All names of scripted agents."""
 
 POLICIES: Registry[Callable[[Task, str], Policy]] = Registry(
@@ -125,6 +134,8 @@ def scripted_policy(
         return SEARCHERS[name][role](epsilon=epsilon)
     if name == "random":
         return RandomAgent()
+    if name == UNIFORM:
+        return UniformAgent()
     if name == "astar":
         return DEFAULTS[role](epsilon)
     if role == "runner":
@@ -243,7 +254,7 @@ def single_agent_arguments(
         maze: as in `pursuit.Task`.
         opponent_epsilon: probability of random moves of the scripted opponents.
         opponent: the policy of all other roles (in a race, of the other runners): a `Policy`, a
-            name ("astar", "random", "equilibrium", "searching", "sweeping" or "belief"),
+            name ("astar", "random", "uniform", "equilibrium", "searching", "sweeping" or "belief"),
             "package.module:Name" of a user-defined policy, or the folder of a run. None for A*
             (runners: nearest goal). Teammates play A*, unless the run is one of their role.
         **settings: those of `pursuit.Task`.

@@ -9,6 +9,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
+from pursuit.observations.pursuit_v5 import PursuitV5Observation
 from pursuit.plugins import Registry
 from pursuit.rules.arrays import Array
 from pursuit.rules.layout import Games
@@ -83,6 +84,7 @@ OBSERVATIONS: Registry[Any] = Registry(
     lambda part: callable(getattr(part, "space", None)) and callable(getattr(part, "encode", None)),
     ours=ENCODINGS,
 )
+OBSERVATIONS.register("pursuit_v5", PursuitV5Observation)
 
 
 class CustomEncoding:

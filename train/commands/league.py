@@ -31,7 +31,7 @@ class LeagueCommand(Settings):
 
     Give the folders of runs (`pursuit train` of a chaser or evader, `pursuit self-play` for both),
     saved Stable-Baselines3 models (.zip) and the names of scripted agents: astar, random,
-    equilibrium, searching, sweeping, belief.
+    uniform, equilibrium, searching, sweeping, belief.
     """
 
     entries: Annotated[tuple[str, ...], MEMBERS, tyro.conf.Positional] = ()

@@ -46,8 +46,9 @@ class Options(SelfPlaySettings):
 
     task: TaskSettings = field(default_factory=lambda: Game(rewards="zero_sum"))
     chaser: str = LEARN
-    """learn, or the fixed policy of the chasers: astar, random, equilibrium, searching (or
-    sweeping, belief), the folder of a run, or package.module:Name of a user-defined policy."""
+    """learn, or the fixed policy of the chasers: astar, random, uniform, equilibrium,
+    searching (or sweeping, belief), the folder of a run, or package.module:Name of a
+    user-defined policy."""
     evader: str = LEARN
     """learn, or the fixed policy of the evaders."""
     algorithm: str = "ppo"

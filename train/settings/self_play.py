@@ -75,8 +75,9 @@ class SelfPlaySettings(RunSettings):
 
     task: TaskSettings = field(default_factory=lambda: TaskSettings(rewards="zero_sum"))
     chaser: Annotated[str | LearningSide, AGENT] = field(default_factory=LearningSide)
-    """The chasers: how they learn, or a fixed policy: astar, random, equilibrium, searching
-    (or sweeping, belief), the folder of a run, or package.module:Name of a user-defined policy."""
+    """The chasers: how they learn, or a fixed policy: astar, random, uniform, equilibrium,
+    searching (or sweeping, belief), the folder of a run, or package.module:Name of a
+    user-defined policy."""
     evader: Annotated[str | LearningSide, AGENT] = field(default_factory=LearningSide)
     """The evaders, as `chaser`."""
     sampling: Annotated[str, passes(SAMPLING_PARTS.check)] = "latest"
@@ -98,8 +99,8 @@ class SelfPlaySettings(RunSettings):
     """Snapshots kept for each role: a uniform sample of all (window: the latest; double-oracle and
     psro: all)."""
     members: Annotated[tuple[str, ...], MEMBERS] = ()
-    """Scripted agents in the pools from the start: astar, random, equilibrium, searching (or
-    sweeping, belief), or package.module:Name of a user-defined policy."""
+    """Scripted agents in the pools from the start: astar, random, uniform, equilibrium,
+    searching (or sweeping, belief), or package.module:Name of a user-defined policy."""
     observation: Annotated[str, passes(check_observation)] = "index"
     """Observation of the networks: index, one_hot, positions, cells, walls, planes, or
     package.module:Name of a user-defined one."""

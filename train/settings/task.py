@@ -135,9 +135,9 @@ class TaskSettings(Settings):
     opponent_epsilon: Annotated[float, RANDOM_MOVES] = 0.2
     """Probability of a random move of the scripted opponents, in [0, 1]."""
     opponent: Annotated[str | None, AGENT] = None
-    """None: A*. Otherwise random, equilibrium, searching (chasers also sweeping, belief; these
-    three respect the limited view), the folder of a run, a saved Stable-Baselines3 model (.zip), or
-    package.module:Name of a user-defined policy."""
+    """None: A*. Otherwise random, uniform (all actions), equilibrium, searching (chasers also
+    sweeping, belief; these three respect the limited view), the folder of a run, a saved
+    Stable-Baselines3 model (.zip), or package.module:Name of a user-defined policy."""
     opponent_policy: Annotated[str, choice("sampled", "greedy")] = "sampled"
     """Policy of a learned opponent: sampled (from its distribution), or greedy (the most probable
     action)."""
