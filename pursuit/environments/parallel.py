@@ -364,8 +364,9 @@ def scene_of(simulator: Simulator, game: int = 0, caption: str = "") -> Scene:
         agents=tuple(AgentMark(name, int(cell), bool(active)) for name, cell, active in marks),
         goals=tuple(int(cell) for cell in simulator.goals[game] if cell >= 0),
         steps=int(simulator.steps[game]),
-        max_steps=task.max_steps,
+        max_steps=task.max_steps * (2 if task.options.turns else 1),
         caption=caption,
+        exits=tuple(int(cell) for cell in simulator.exits[game] if cell >= 0),
     )
 
 
