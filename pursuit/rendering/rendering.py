@@ -124,9 +124,9 @@ class Scene:
         """[height, width, 3] uint8, the picture in RGB; both sides are even numbers.
 
         Chasers are orange triangles, evaders blue circles, runners green squares, goals yellow
-        stars, exits green cells; captured and escaped agents are grey and crossed out. Agents of one role carry numbers if there
-        are several of them. Agents in the same cell are drawn side by side. The picture depends on
-        the scene only.
+        stars, exits green cells; captured and escaped agents are grey and crossed out. Agents of
+        one role carry numbers if there are several. Agents in one cell are drawn side by side. The
+        picture depends on the scene only.
 
         Args:
             size: if `cell_pixels` is None, the maximal longer side of the picture without its

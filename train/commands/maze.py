@@ -103,7 +103,8 @@ def maze(arguments: Sequence[str]) -> None:
 def draw_maze(maze: Maze, path: Path) -> None:
     """Draw a rendered maze (.png), or its lines (.svg), with the marks S, G and E."""
     if path.suffix == ".png":
-        picture = Image.fromarray(Scene(maze, (), maze.goal_marks, 0, 0, exits=maze.exit_marks).draw())
+        scene = Scene(maze, (), maze.goal_marks, 0, 0, exits=maze.exit_marks)
+        picture = Image.fromarray(scene.draw())
         write_atomically(path, lambda beside: picture.save(beside, format="png"))
         return
     height, width = (0.5 * side + 0.3 for side in maze.picture_size)
