@@ -72,5 +72,6 @@ if __name__ == "__main__":
     play("maze", {"runner": TourRunner()}, 1, 60, maze="7x7", num_goals=5)
     play("race", {"runner": NearestGoalRunner(0.1)}, 2, 60, maze="7x7", num_goals=6)
     play("heist", {"chaser": AStarChaser(0.1), "evader": NearestGoalRunner(0.1)}, 7, 40, maze="7x7")
+    play("escape", hunt, 9, 40, maze="7x7", num_chasers=2, num_evaders=2)
     move_arm(3)
     draw_icon()

@@ -41,6 +41,7 @@ GYMNASIUM = {
     "maze": ("Maze",),
     "race": ("Race",),
     "heist": ("HeistChaser", "HeistEvader"),
+    "escape": ("EscapeChaser", "EscapeEvader"),
     "reacher": ("Reacher",),
 }
 
@@ -226,21 +227,24 @@ def _bullets(text: str) -> Iterator[tuple[str, str]]:
 
 
 def rewards(name: str) -> str:
-    """What the roles of a task are paid, by scheme."""
+    """What the roles of a task are paid, by scheme; without coefficients that are 0 in all rows."""
     task = pursuit.make_task(name)
-    body = []
+    found = []
     for role in dict.fromkeys(task.seat_roles):
         schemes = {scheme: by_role[role] for scheme, by_role in REWARD_SCHEMES.items()}
         if not isinstance(task.rewards, str):
             schemes = {f"{name}'s own (default)": task.role_rewards[role], **schemes}
         for scheme, paid in schemes.items():
             mark = " (default)" if scheme == task.rewards else ""
-            flags = ("on_completion", "per_evader")
-            numbers = [f"{getattr(paid, f.name):g}" for f in fields(paid) if f.name not in flags]
-            when = "at the end" if paid.on_completion else "at the event"
-            when = "per evader" if paid.per_evader else when
-            body.append((role, scheme + mark, *numbers, when))
-    return rows(("role", "`rewards`", "step", "capture", "goal", "distance", "events paid"), body)
+            found.append((role, scheme + mark, paid))
+    names = [f.name for f in fields(Rewards) if f.name not in ("on_completion", "per_evader")]
+    names = [each for each in names if any(getattr(paid, each) for _, _, paid in found)]
+    body = []
+    for role, scheme, paid in found:
+        when = "at the end" if paid.on_completion else "at the event"
+        when = "per evader" if paid.per_evader else when
+        body.append((role, scheme, *(f"{getattr(paid, each):g}" for each in names), when))
+    return rows(("role", "`rewards`", *names, "events paid"), body)
 
 
 # -- names -----------------------------------------------------------------------------------------

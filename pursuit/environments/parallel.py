@@ -239,8 +239,8 @@ class MazeGames:
 class PursuitParallelEnv(MazeGames, SimulatorParallelEnv):
     """One game of a task as a PettingZoo parallel environment.
 
-    Agents are named "chaser_0", "evader_0", "runner_0", ...; a captured evader is terminated and
-    leaves `agents`. Every action is legal, so the infos are empty.
+    Agents are named "chaser_0", "evader_0", "runner_0", ...; an evader that is captured or escapes
+    is terminated and leaves `agents`. Every action is legal, so the infos are empty but for masks.
 
     Args:
         task: the rules and settings.
@@ -249,7 +249,8 @@ class PursuitParallelEnv(MazeGames, SimulatorParallelEnv):
         mask_bumps: the info of each agent holds "action_mask", [actions] int8: 1 for the moves that
             change its cell and for staying, all 1 once it is captured or its game terminated. Many
             libraries apply this mask automatically. Without `stay_action`, moving into a wall is
-            the only way to wait, so the mask forbids waiting (and warns).
+            the only way to wait, so the mask forbids waiting (and warns). In turns
+            (`move_order="turns"`) there is always a mask; the side that waits can only stay.
         mask_in_observation: observations are {"observation", "action_mask"}, as many libraries
             expect; without `mask_bumps` the masks are all 1.
 
@@ -363,8 +364,9 @@ def scene_of(simulator: Simulator, game: int = 0, caption: str = "") -> Scene:
         agents=tuple(AgentMark(name, int(cell), bool(active)) for name, cell, active in marks),
         goals=tuple(int(cell) for cell in simulator.goals[game] if cell >= 0),
         steps=int(simulator.steps[game]),
-        max_steps=task.max_steps,
+        max_steps=task.max_steps * (2 if task.options.turns else 1),
         caption=caption,
+        exits=tuple(int(cell) for cell in simulator.exits[game] if cell >= 0),
     )
 
 

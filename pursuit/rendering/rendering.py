@@ -25,6 +25,7 @@ WALL: Color = (38, 42, 48)
 BLOCKED: Color = (212, 212, 212)
 HATCH: Color = (158, 158, 158)
 EDGE: Color = (176, 180, 186)
+EXIT: Color = (191, 231, 220)
 CAPTURED: Color = (205, 205, 205)
 CAPTURED_LINE: Color = (112, 112, 112)
 # The colours of Okabe and Ito (2008), which colour-blind readers can distinguish.
@@ -59,7 +60,7 @@ class AgentMark:
     Args:
         name: role and number, as in `"chaser_0"`; the role is chaser, evader or runner.
         cell: the number of its cell; after capture, of its last cell.
-        active: False if captured.
+        active: False if captured or escaped.
 
     Raises:
         ValueError: an invalid name.
@@ -96,9 +97,10 @@ class Scene:
         goals: the cells of the remaining goals.
         steps, max_steps: steps of the episode, and its maximal length.
         caption: text for the footer.
+        exits: the cells of the exits.
 
     Raises:
-        ValueError: the cell of an agent or a goal is not in the maze.
+        ValueError: the cell of an agent, a goal or an exit is not in the maze.
     """
 
     maze: Maze
@@ -107,9 +109,10 @@ class Scene:
     steps: int
     max_steps: int
     caption: str = ""
+    exits: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
-        for cell in chain((agent.cell for agent in self.agents), self.goals):
+        for cell in chain((agent.cell for agent in self.agents), self.goals, self.exits):
             self.maze.check_cell(cell)
 
     @property
@@ -121,9 +124,9 @@ class Scene:
         """[height, width, 3] uint8, the picture in RGB; both sides are even numbers.
 
         Chasers are orange triangles, evaders blue circles, runners green squares, goals yellow
-        stars; captured agents are grey and crossed out. Agents of one role carry numbers if there
-        are several of them. Agents in the same cell are drawn side by side. The picture depends on
-        the scene only.
+        stars, exits green cells; captured and escaped agents are grey and crossed out. Agents of
+        one role carry numbers if there are several. Agents in one cell are drawn side by side. The
+        picture depends on the scene only.
 
         Args:
             size: if `cell_pixels` is None, the maximal longer side of the picture without its
@@ -141,6 +144,9 @@ class Scene:
             raise ValueError(f"size={size}; a picture needs at least {least}")
         image, layout = _background(self.maze, cell_pixels, size, self.max_steps)
         image = image.copy()
+        pen, half = ImageDraw.Draw(image), (0.5 if self.maze.is_grid else 0.3) * layout.inside - 1
+        for x, y in (layout.middle(self.maze, cell) for cell in self.exits):
+            pen.rectangle([x - half, y - half, x + half, y + half], EXIT)
         for token, x, y in _placed_tokens(self, layout):
             image.paste(token, (x, y), token)
         draw_footer(image, layout.height, layout.font_size, self.footer, self.caption)
@@ -149,17 +155,19 @@ class Scene:
     def text(self) -> str:
         """The scene in the text format of mazes, then the step count and the caption.
 
-        Of a graph it is a line for each agent and goal with the name of its cell.
-
-        A cell holds C (chaser), E (evader), R (runner) or G (goal), in lower case when captured. If
-        several share a cell, it shows their number (`+` above nine), and a line below lists them.
+        Of a graph it is a line for each agent, goal and exit with the name of its cell.
+        A cell holds C (chaser), E (evader), R (runner) or G (goal), in lower case when captured or
+        escaped, else X if it is an exit. Several in one cell are shown by their number (`+` above
+        nine), and a line below lists them.
         """
         maze = self.maze
         if not maze.is_grid:
             return self._graph_text()
         lines = [list(line) for line in maze.to_text().splitlines()]
-        for mark in (*maze.goal_marks, *(() if maze.start_mark is None else (maze.start_mark,))):
-            lines[2 * maze.rows[mark] + 1][2 * maze.columns[mark] + 1] = " "
+        start = () if maze.start_mark is None else (maze.start_mark,)
+        blank = dict.fromkeys((*maze.goal_marks, *maze.exit_marks, *start), " ")
+        for mark, letter in (blank | dict.fromkeys(self.exits, "X")).items():
+            lines[2 * maze.rows[mark] + 1][2 * maze.columns[mark] + 1] = letter
         names = defaultdict(list)
         for agent in self.agents:
             names[agent.cell].append(agent.name if agent.active else f"{agent.name} (captured)")
@@ -184,6 +192,7 @@ class Scene:
             for agent in self.agents
         ]
         goals = [f"goal at {names[goal]}" for goal in self.goals]
+        goals += [f"exit at {names[exit_]}" for exit_ in self.exits]
         return "\n".join([*agents, *goals, f"{self.footer}  {self.caption}".rstrip()]) + "\n"
 
 

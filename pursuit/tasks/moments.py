@@ -24,8 +24,8 @@ class Before(NamedTuple):
     """The state of a batch of games; the constants are in `pursuit.rules`.
 
     Attributes:
-        positions: [games, agents] int32, cells; a captured evader stays in the cell of its capture.
-        active: [games, agents] int32, 1; 0 after capture.
+        positions: [games, agents] int32, cells; a captured or escaped evader stays where it was.
+        active: [games, agents] int32, 1; 0 after capture and escape.
         events: [games, agents] int32, the events of the last step: a sum of COLLECTED, CAPTURED,
             WAS_CAPTURED and ESCAPED.
         goals: [games, goals] int32, cells; -1 for collected goals.

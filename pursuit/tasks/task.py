@@ -123,8 +123,8 @@ class Task:
         slip: the probability that a move, stay included, is replaced by a uniformly random one of
             the moves that change the cell: a number, a dict from roles or agents, or the same as
             text ("evader=0.1").
-        rewards: a name ("goal", "completion", "distance" or "zero_sum"); a dict from role
-            to `Rewards` (roles left out use "goal"); the same as text
+        rewards: a name ("goal", "completion", "distance", "zero_sum" or "win_loss"); a dict from
+            role to `Rewards` (roles left out use "goal"); the same as text
             ("chaser.step=-0.1,evader.capture=-2"; without a role for all roles); or a custom reward
             function or its name "package.module:Name" (see `pursuit.tasks.rewards.RewardFunction`).
         view_radius: the path distance up to which an agent sees: None (no limit), a number, a dict

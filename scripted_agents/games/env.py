@@ -81,7 +81,8 @@ class SmallGameEnv(Single):
         self.steps = 0
         if self.simulator is not None:
             start: State = self.game.states[self.state]
-            self.simulator.place(start[0], start[1] or None, seed=seed)
+            exits = start[2] if self.simulator.task.num_exits else None
+            self.simulator.place(start[0], start[1] or None, seed=seed, exits=exits)
         return self._observe(self.state), {}
 
     def step(self, action: ArrayLike) -> tuple[Array, float, bool, bool, Info]:

@@ -21,22 +21,25 @@ CAPTURED = -1
 """The cell of a captured evader in a state."""
 
 
-def states_of_games(games: Games) -> list[tuple[tuple[int, ...], tuple[int, ...]]]:
-    """The states of `game_of_task` that games are in: the cell of every agent, -1 for captured
-    evaders, and the cells of the goals that are left, in order."""
+def states_of_games(games: Games) -> list[tuple[tuple[int, ...], ...]]:
+    """The states of `game_of_task` that games are in: the cell of every agent, -1 for captured and
+    escaped evaders, the cells of the goals that are left, in order, and in games with exits those
+    of the exits."""
     cells = np.where(games.active != 0, games.position, CAPTURED).tolist()
-    goals = [tuple(sorted(cell for cell in row if cell >= 0)) for row in games.goal.tolist()]
-    return [(tuple(row), left) for row, left in zip(cells, goals, strict=True)]
+    parts = [games.goal, games.exit] if games.exit.shape[1] else [games.goal]
+    places = [[tuple(sorted({*row} - {-1})) for row in part.tolist()] for part in parts]
+    return [(tuple(row), *rest) for row, *rest in zip(cells, *places, strict=True)]
 
 
 def game_of_task(task: Task, most_states: int = MAX_TASK_STATES) -> SmallGame:
     """A task in one maze as a small game without a limit on steps; every agent is a player.
 
-    A state is (cells of the agents, cells of the goals); see `states_of_games`. Of actions that
-    lead to the same cell only the first is listed.
+    A state is (cells of the agents, cells of the goals), with exits (..., cells of the exits); see
+    `states_of_games`. Of actions that lead to the same cell only the first is listed.
 
     Raises:
-        ValueError: several mazes, user-defined rewards, too many states, or too little memory.
+        ValueError: several mazes, user-defined rewards, slips, turns, too many states, or too
+            little memory.
     """
     task = checked_task(task)
     if task.reward_function is not None:
@@ -79,7 +82,8 @@ def game_of_task(task: Task, most_states: int = MAX_TASK_STATES) -> SmallGame:
     actions, choices = _actions(task, played, begins)
     start = np.zeros(joint.count)
     for numbers in joint.starts():
-        start[numbers] = 1.0
+        weights = joint.weights(numbers)
+        start[numbers] = 1.0 if weights is None else weights
     return SmallGame(
         task.agent_names,
         names,

@@ -132,7 +132,7 @@ class JointStates:
             raise ValueError(f"values of shape {values.shape}; {rule}")
         total, count = np.zeros(values.shape[1:]), 0.0
         for numbers in self.starts(least):
-            weights = self._weights(numbers)
+            weights = self.weights(numbers)
             if weights is None:
                 total += values[numbers].sum(axis=0)
                 count += len(numbers)
@@ -145,7 +145,7 @@ class JointStates:
             )
         return np.asarray(total / count)
 
-    def _weights(self, numbers: NDArray[np.int64]) -> NDArray[np.float64] | None:
+    def weights(self, numbers: NDArray[np.int64]) -> NDArray[np.float64] | None:
         """[starts] float64, how likely each of these starts is; None if all are equally likely.
 
         Goals are drawn last, from the cells without agent and exit, so that each place is likelier

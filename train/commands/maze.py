@@ -20,7 +20,7 @@ from pursuit.validation import check
 from scripted_agents.tours.tour import expected_tour_length
 from train.commands.parse import parse
 from train.files import check_new_files, write_text
-from train.reports.figures import BLUE, FORMATS, GREEN, draw_walls, pyplot, save
+from train.reports.figures import BLUE, FORMATS, GREEN, ORANGE, draw_walls, pyplot, save
 from train.reports.tables import in_lines
 from train.settings.checks import check_default
 
@@ -31,7 +31,8 @@ class MazeCommand:
 
     The command `pursuit maze 7x7` shows a maze of the library, `pursuit maze FILE` checks a file,
     `pursuit maze --generate prim --height 9` generates a maze, and
-    `pursuit maze --generate roads --height 9` a graph.
+    `pursuit maze --generate roads --height 9` a graph. In the text of a maze S, G and E mark the
+    start, the goals and the exits, and # a blocked cell.
     """
 
     maze: Annotated[str | None, tyro.conf.Positional] = None
@@ -100,16 +101,18 @@ def maze(arguments: Sequence[str]) -> None:
 
 
 def draw_maze(maze: Maze, path: Path) -> None:
-    """Draw a rendered maze (.png), or its lines (.svg), with the marks S and G."""
+    """Draw a rendered maze (.png), or its lines (.svg), with the marks S, G and E."""
     if path.suffix == ".png":
-        picture = Image.fromarray(Scene(maze, (), maze.goal_marks, 0, 0).draw())
+        scene = Scene(maze, (), maze.goal_marks, 0, 0, exits=maze.exit_marks)
+        picture = Image.fromarray(scene.draw())
         write_atomically(path, lambda beside: picture.save(beside, format="png"))
         return
     height, width = (0.5 * side + 0.3 for side in maze.picture_size)
     figure, axis = pyplot().subplots(figsize=(width, height))
     draw_walls(axis, maze)
     start = () if maze.start_mark is None else (maze.start_mark,)
-    for marks, color, shape in ((start, BLUE, "o"), (maze.goal_marks, GREEN, "*")):
+    exits = (maze.exit_marks, ORANGE, "s")
+    for marks, color, shape in ((start, BLUE, "o"), (maze.goal_marks, GREEN, "*"), exits):
         cells = list(marks)
         axis.plot(*maze.picture[cells].T[::-1], shape, color=color, ms=11)
     axis.invert_yaxis()
@@ -131,6 +134,8 @@ def describe_maze(maze: Maze) -> str:
         facts |= {"dead ends": str(len(maze.dead_ends)), "loops": str(maze.num_loops)}
     if maze.num_cells <= MAX_TABLE_CELLS:
         facts["longest shortest path"] = str(maze.longest_distance)
+    if maze.exit_marks:
+        facts["exits"] = "cells " + ", ".join(map(str, maze.exit_marks))
     if parts == 1 and maze.num_cells <= MAX_TABLE_CELLS:
         for goals in range(1, min(3, maze.num_cells - 1) + 1):
             mean = expected_tour_length(maze, goals)

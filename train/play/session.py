@@ -193,6 +193,7 @@ class Session:
             "you": self.seat,
             "actions": list(ACTIONS[: task.num_actions]),
             "max_steps": task.max_steps,
+            "exits": [cell for cell in self.simulator.exits[0].tolist() if cell >= 0],
         }
 
     def frame(self) -> Plain:

@@ -130,8 +130,10 @@ class Builder:
         self, item: Plain, replay: Any, episode: Any, states: list[State], extras: Extras
     ) -> None:
         task = replay.task
-        maze = task.mazes[int(episode.start.get("maze") or 0)]
-        item["world"] = self._world(maze_data(maze, task.agent_names, task.num_goals))
+        number = int(episode.start.get("maze") or 0)
+        maze, exits = task.mazes[number], task.fixed_exits[number]
+        exits = [int(cell) for cell in episode.start.get("exits") or exits]
+        item["world"] = self._world(maze_data(maze, task.agent_names, task.num_goals, exits))
         cells = np.stack([state["cells"] for state in states])
         goals = np.stack([state["goals"] for state in states]).reshape(len(states), -1)
         events = np.stack([state["events"] for state in states])
@@ -185,13 +187,15 @@ class Builder:
         item["events"] = []
 
 
-def maze_data(maze: Maze, agents: Sequence[str], num_goals: int) -> Plain:
+def maze_data(
+    maze: Maze, agents: Sequence[str], num_goals: int, exits: Sequence[int] = ()
+) -> Plain:
     """The world of `maze_board.js`."""
     height, width = maze.picture_size
-    graph: Plain = {}
+    more: Plain = {"exits": list(exits)} if exits else {}
     if not maze.is_grid:
-        graph = {"neighbors": maze.neighbors.tolist(), "names": list(maze.cell_names)}
-    return graph | {
+        more |= {"neighbors": maze.neighbors.tolist(), "names": list(maze.cell_names)}
+    return more | {
         "kind": "maze",
         "name": maze.name,
         "height": _plain_number(height),

@@ -14,11 +14,15 @@ class MazeBoard {
     // The nodes of a graph are filled, so their values are drawn above them.
     const cells = world.neighbors ? ["seen", "openings", "values"] : ["values", "seen", "openings"];
     this.radii = world.neighbors ? radiiOf(world.cells) : null;
-    for (const name of ["blocked", ...cells, "walls", "trails", "arrows", "labels", "goals", "agents"]) {
+    for (const name of ["blocked", "exits", ...cells, "walls", "trails", "arrows", "labels", "goals", "agents"]) {
       this.layers[name] = layer(name);
     }
     if (world.neighbors) this.drawGraph(world);
     else this.drawMaze(world);
+    for (const cell of world.exits || []) {
+      const [x, y] = this.middle(cell);
+      draw(this.layers.exits, "rect", { x: x - 5, y: y - 5, width: 10, height: 10 });
+    }
     this.squares = null;
     this.arrows = null;
     this.goals = Array.from({ length: world.num_goals }, () => token(this.layers.goals, "goal", ""));

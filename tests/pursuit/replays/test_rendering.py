@@ -14,6 +14,7 @@ from pursuit.rendering import rendering
 from pursuit.rendering.animation import save_animation
 from pursuit.rendering.rendering import (
     CAPTURED,
+    EXIT,
     ROLE_COLORS,
     WALL,
     AgentMark,
@@ -147,6 +148,19 @@ def test_agents_of_one_role_carry_numbers() -> None:
     first = replace(SCENE, agents=pair).draw(cell_pixels=CELL)
     second = replace(SCENE, agents=exchanged).draw(cell_pixels=CELL)
     assert (first != second).any()
+
+
+def test_exits_are_coloured_and_evaders_stand_on_them() -> None:
+    maze = Maze.from_text("+-+-+-+\n|S G E|\n+-+-+-+")
+    bare = Scene(maze, (AgentMark("evader_0", 0),), (), 0, 1)
+    drawn = [replace(bare, exits=exits).draw(cell_pixels=CELL) for exits in ((), (2,), (0, 2))]
+    assert [count(picture, EXIT) > 0 for picture in drawn] == [False, True, True]
+    left = [picture[:, : picture.shape[1] // 2] for picture in drawn]
+    assert [count(picture, EXIT) > 0 for picture in left] == [False, False, True]
+    evader = [count(picture, ROLE_COLORS["evader"]) for picture in left]
+    assert evader[0] == evader[1] == evader[2] > 0
+    assert bare.text().splitlines()[1] == "|E    |"
+    assert replace(bare, exits=(0, 2)).text().splitlines()[1] == "|E   X|"
 
 
 def test_a_captured_evader_turns_grey() -> None:

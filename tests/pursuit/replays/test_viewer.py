@@ -148,6 +148,15 @@ def test_the_board_matches_the_rendered_image(browser: Any, tmp_path: Path) -> N
     sheet.close()
 
 
+def test_exits_are_drawn_in_their_cells(browser: Any, tmp_path: Path) -> None:
+    env = gymnasium.make("pursuit/EscapeChaser-v0", maze="4x4", exits=[3, 9], max_steps=20)
+    sheet = Sheet(browser, written(tmp_path / "exits.html", random_replay(env, 1).page()))
+    drawn = sheet.tab.locator("svg.board .exits rect").all()
+    corners = [(int(each.get_attribute("x")), int(each.get_attribute("y"))) for each in drawn]
+    assert corners == [(30, 0), (10, 20)]  # ten units a cell: row 0, column 3; row 2, column 1
+    sheet.close()
+
+
 def test_values_and_moves_are_the_exact_ones(browser: Any, tmp_path: Path) -> None:
     contest: Any = contest_of(TaskSettings(maze="5x5", role="chaser"), 2)
     maze, policy = contest.task.mazes[0], AStarChaser(0.0)

@@ -15,6 +15,7 @@ from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task, make_task
 from scripted_agents import AStarChaser, AStarEvader, joint_nash_conv, solve_chase, solve_joint_game
 from scripted_agents.games import (
+    SmallGameEnv,
     enumerate_game,
     equilibrium,
     game_of_task,
@@ -33,6 +34,25 @@ def test_a_race_and_a_heist_have_the_values_of_the_joint_solver() -> None:
         zero_sum = type(small)(**{**vars(small), "rewards": np.stack([lead, -lead], axis=1)})
         known = solve_joint_game(task, 0.95)
         assert equilibrium(zero_sum, 0.95).mean == pytest.approx(known.mean_over_starts, abs=1e-9)
+
+
+def test_drawn_exits_are_part_of_the_states_and_of_the_starts() -> None:
+    task = make_task("heist", maze="2x2-tree", num_goals=1, num_exits=1)
+    small = game_of_task(task)
+    assert len({*small.states}) == small.num_states
+    lead = small.rewards[:, 0] - small.rewards[:, 1]
+    zero_sum = type(small)(**{**vars(small), "rewards": np.stack([lead, -lead], axis=1)})
+    known = solve_joint_game(task, 0.95)
+    assert equilibrium(zero_sum, 0.95).mean == pytest.approx(known.mean_over_starts, abs=1e-9)
+
+    # Of 36 placements of exit and agents 12 have the chaser on the exit; goals are placed last.
+    on_exit = [cells[0] in exits for cells, _, exits in small.states]
+    assert small.start[on_exit].sum() == pytest.approx(12 / 36)
+    waiting = {name: lambda state: {0: 1.0} for name in task.agent_names}
+    env = SmallGameEnv(small, "evader_0", waiting)
+    env.reset(seed=0)
+    assert env.simulator is not None
+    assert states_of_games(env.simulator.games) == [small.states[env.state]]
 
 
 def test_a_team_has_the_nash_conv_of_the_joint_solver() -> None:

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pursuit.mazes.maze import load_maze
 from pursuit.simulator.simulator import Simulator
-from pursuit.tasks.task import make_task
+from pursuit.tasks.task import Task, make_task
 from scripted_agents import (
     AStarChaser,
     AStarEvader,
@@ -129,3 +130,27 @@ def test_what_is_no_game_of_two_is_refused() -> None:
         solve_joint_game(make_task("race", maze="3x3"), 1 - 1e-9)
     with pytest.raises(ValueError, match="47,177,249 states"):
         solve_joint_game(make_task("race", maze="7x7"))
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"slip": {"evader": 0.3}}, {"capture": "adjacent"}, {"slip": 0.1, "stay_action": True}],
+)
+def test_the_value_of_a_duel_with_options_is_that_of_the_lead(options: dict[str, Any]) -> None:
+    task = make_task("chase", maze="3x3-tree", rewards="zero_sum", **options)
+    game = solve_joint_game(task, 0.9)
+    chaser, evader = (game.policies[name] for name in ("chaser_0", "evader_0"))
+    found = team_exploitability(task, chaser, evader, 0.9)
+    # The lead of the chaser is twice minus the discounted steps.
+    assert found.mean_game_value == pytest.approx(-game.mean_over_starts / 2, abs=1e-7)
+    assert found.nash_conv == pytest.approx(0.0, abs=1e-6)
+
+
+def test_the_value_for_two_chasers_is_that_of_the_rules_of_the_task() -> None:
+    teams: dict[str, Any] = {"maze": "3x3", "num_chasers": 2, "num_evaders": 1}
+    pair = AStarChaser(0.5), AStarEvader(0.5)
+    plain = solve_chase(load_maze("3x3"), 0.9, num_chasers=2).mean_over_starts
+    rarely = team_exploitability(Task(**teams, slip=1e-12), *pair, 0.9)
+    assert rarely.mean_game_value == pytest.approx(plain, abs=1e-7)
+    near = team_exploitability(Task(**teams, capture="adjacent", n_catch=2), *pair, 0.9)
+    assert near.mean_game_value > 2.0 * plain  # both must be near, and the maze has a loop
