@@ -208,13 +208,18 @@ def why_no_tour(num_goals: int) -> str | None:
 
 
 def why_not_team_chase(task: Task) -> str | None:
-    """The reason why a task is no solvable team chase; None if it is one."""
+    """The reason why a task is no team chase that is solved by cells alone; None if it is one."""
+    if checked_task(task).most_exits or task.options.turns:
+        return f"{task.most_exits} exit(s) and move_order={task.move_order!r}"
+    return why_not_one_evader(task)
+
+
+def why_not_one_evader(task: Task) -> str | None:
+    """The reason why a task is no chase of one evader in one maze; None if it is one."""
     if checked_task(task).num_evaders != 1 or not task.num_chasers:
         return f"{task.num_chasers} chaser(s) and {task.num_evaders} evader(s)"
     if task.num_runners or task.num_goals:
         return f"{task.num_runners} runner(s) and {task.num_goals} goal(s)"
-    if task.most_exits or task.options.turns:
-        return f"{task.most_exits} exit(s) and move_order={task.move_order!r}"
     return f"{len(task.mazes)} mazes" if len(task.mazes) > 1 else None
 
 

@@ -18,7 +18,7 @@ from pursuit.tasks.task import ROLES, Task
 from scripted_agents import tour_lengths
 from scripted_agents.hidden.limited_view_policies import limited_references
 from scripted_agents.limits import is_single_runner, why_no_tour
-from train.evaluation.games import other_role, play_out, stepper, won_by
+from train.evaluation.games import Escapes, other_role, play_out, stepper, won_by
 from train.evaluation.scores import (
     BY_GOALS,
     Contest,
@@ -28,6 +28,7 @@ from train.evaluation.scores import (
     beside_of,
     label_of,
     measure_of,
+    rates_of,
     strongest_reference,
 )
 from train.files import Plain
@@ -63,7 +64,8 @@ class MazeContest(Contest[Policy, Simulator]):
     @property
     def measure(self) -> Measure:
         """As `Contest`: steps in a chase and for a single runner; goals for a runner in a race; the
-        return if evaders collect goals, as that game ends with a capture or the last goal."""
+        return if evaders collect goals, as that game ends with a capture or the last goal; captures
+        minus escapes in other tasks with exits."""
         return measure_of(self.task, self.role)
 
     @property
@@ -137,13 +139,29 @@ class MazeContest(Contest[Policy, Simulator]):
         self, simulator: Simulator, policy: Policy
     ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
         """Play all episodes of a simulator at its starts; returns as `play`."""
-        seat = self.seat
-        return play_out(
+        return self.played(simulator, policy)[:2]
+
+    def played(
+        self, simulator: Simulator, policy: Policy
+    ) -> tuple[NDArray[np.int64], NDArray[np.bool_], dict[str, float]]:
+        """As `play_from`; and with exits the rates of a `Score`.
+
+        Those of a chaser count all evaders, those of an evader only itself.
+        """
+        seat, escapes = self.seat, Escapes(simulator)
+        lengths, won = play_out(
             simulator,
-            self.stepper(simulator, policy),
+            escapes.after(self.stepper(simulator, policy)),
             lambda games: games.terminated | games.truncated | (games.active[:, seat] == 0),
-            lambda games: won_by(games, seat),
+            lambda games: won_by(games, seat, escapes.seen),
         )
+        if not self.task.most_exits:
+            return lengths, won, {}
+        first = self.task.num_chasers
+        counted = slice(seat - first, seat - first + 1) if self.role == "evader" else slice(None)
+        caught, escaped = escapes.captured[:, counted], escapes.seen[:, counted]
+        rates = rates_of(float(caught.mean()), float(escaped.mean()), caught.shape[1])
+        return lengths, won, rates
 
     def stepper(self, games: Simulator, policy: Policy) -> Callable[[], None]:
         """As `Contest`."""
