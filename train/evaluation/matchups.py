@@ -120,8 +120,9 @@ def discounted_steps(
     """The expected sum of discount**t over the steps until the game ends: the payoff of the game.
 
     With exits it is the `Matchup.payoff`, within the time limit. Otherwise the game has no time
-    limit, as in training (truncated episodes are bootstrapped) and in exploitability. Exact for small duels (`is_table_duel`); otherwise the mean over `episodes`
-    games, simulated until further steps are negligible.
+    limit, as in training (truncated episodes are bootstrapped) and in exploitability. Exact for
+    small duels (`is_table_duel`), and with exits for small games; otherwise the mean over
+    `episodes` games, simulated until further steps are negligible.
 
     Args:
         task: the game; its `max_steps` is ignored.

@@ -86,9 +86,8 @@ def measure_of(rows: list[Row]) -> Measure:
         return GAP if known else STEPS
     name = "NashConv" if column == "nash_conv" else column.replace("_", " ")
     label = name if name.endswith(unit) else f"{name} ({unit})"
-    return Measure(
-        column, column, label, "linear" if column in ("mean_return", "outcome") else "from 0"
-    )
+    signed = column in ("mean_return", "outcome")
+    return Measure(column, column, label, "linear" if signed else "from 0")
 
 
 def size_of(value: object) -> tuple[float, str]:
