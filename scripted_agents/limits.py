@@ -196,8 +196,8 @@ def bytes_to_solve(maze: Maze, num_chasers: int, stay_action: bool) -> int:
 
 
 def is_single_runner(task: Task) -> bool:
-    """Whether the only agent is a runner."""
-    return (task.num_agents, task.num_runners) == (1, 1)
+    """Whether the only agent is a runner, which does not slip."""
+    return (task.num_agents, task.num_runners) == (1, 1) and not any(task.slips)
 
 
 def why_no_tour(num_goals: int) -> str | None:
@@ -233,6 +233,8 @@ def why_not_optimal(task: Task, role: str) -> str | None:
     if one_of("role", role, ROLES) == "runner":
         if checked_task(task).num_agents > 1:
             return f"a runner among {task.num_agents} agents has no known optimum"
+        if any(task.slips):
+            return f"shortest tours are for runners that do not slip, and slip={task.slip}"
         return why_no_tour(task.num_goals)
     obstacle = why_not_team_chase(task)
     if obstacle is not None:

@@ -141,7 +141,7 @@ class MazeAdapter(TaskAdapter):
         """Start an episode in the game of a simulator; ValueError for an invalid start state."""
         goals, exits = start.get("goals"), start.get("exits")
         if simulator._slips:
-            simulator.configure(slip=[start.get("slip")])
+            simulator.configure(slip=np.array([start.get("slip")]))
         simulator.place(start.get("positions"), goals or None, start.get("maze", 0), exits=exits)  # type: ignore[arg-type]
         if simulator._slips:
             simulator.streams[0, -1] = whole("slip_stream", start.get("slip_stream"), 0, 2**64 - 1)

@@ -120,9 +120,11 @@ class GameContest(MazeContest):
             score = self._exact_score(name, found.steps, found.caught, *certain)
             if found.escaped is None:
                 return score
-            return replace(score, **rates_of(found.caught, found.escaped, self.task.num_evaders))
+            rates: Any = rates_of(found.caught, found.escaped, self.task.num_evaders)
+            return replace(score, **rates)
         simulator = self.starts()
-        lengths, won, rates = self.played(simulator, policy)
+        lengths, won, left = self.played_out(simulator, policy)
+        rates = {} if left is None else left.rates()
         if bounded:
             certain = discounted(self.task, self.role, policy, self.opponent_table(), lengths)
         mean, ci95, share = float(lengths.mean()), half_width(lengths), float(won.mean())
@@ -278,11 +280,11 @@ class GameContest(MazeContest):
             expected = np.full_like(expected, best.mean_over_starts)
         if measure.name == "outcome" and measure.less_is_better:
             expected = -expected
-        lengths, won, rates = self.played(simulator, best.policy)
+        lengths, won, left = self.played_out(simulator, best.policy)
         in_steps: Lengths = expected if measure is BY_STEPS else lengths
         mean, ci95, share = float(in_steps.mean()), half_width(in_steps), float(won.mean())
         means = dict(zip(("mean_return", "mean_goals"), self._means(simulator), strict=True))
-        means |= rates
+        means |= {} if left is None else left.rates()
         if measure is not BY_STEPS:
             means[measure.column] = float(expected.mean())
         return Score(name, mean, ci95, share, self.episodes, False, **means)

@@ -117,9 +117,7 @@ def _compared(contest: ArmContest | GameContest, policy: Any) -> Evaluation:
         interval = (gap - half, gap + half)
     measure, value, reached = "steps", mean, optimum
     if game is not None and game.measure.name != "steps":
-        measure, value = game.measure.name, game.measure.of(game.score("policy", policy)) or 0.0
-        if measure != "outcome":
-            value = float(game.values(policy).mean())
+        measure, value = game.measure.name, float(game.values(policy).mean())
         best = game.optimal_in(game.measure)
         reached = None if best is None else game.measure.of(best)
     figures = (half_width(lengths), float(won.mean()), optimum, gap, interval)

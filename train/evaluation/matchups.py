@@ -61,6 +61,11 @@ class Matchup:
         return {name: value for name, value in vars(self).items() if value is not None}
 
     @property
+    def shown(self) -> float:
+        """The measure that is shown: the steps; with exits the outcome."""
+        return self.steps if self.outcome is None else self.outcome
+
+    @property
     def payoff(self) -> float:
         """What evaders maximise: the steps; with exits the escapes minus the captures."""
         return self.steps if self.outcome is None else -self.outcome

@@ -22,13 +22,13 @@ from train.evaluation.games import Escapes, other_role, play_out, stepper, won_b
 from train.evaluation.scores import (
     BY_GOALS,
     Contest,
+    Departures,
     Measure,
     Reference,
     Score,
     beside_of,
     label_of,
     measure_of,
-    rates_of,
     strongest_reference,
 )
 from train.files import Plain
@@ -139,15 +139,12 @@ class MazeContest(Contest[Policy, Simulator]):
         self, simulator: Simulator, policy: Policy
     ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
         """Play all episodes of a simulator at its starts; returns as `play`."""
-        return self.played(simulator, policy)[:2]
+        return self.played_out(simulator, policy)[:2]
 
-    def played(
+    def played_out(
         self, simulator: Simulator, policy: Policy
-    ) -> tuple[NDArray[np.int64], NDArray[np.bool_], dict[str, float]]:
-        """As `play_from`; and with exits the rates of a `Score`.
-
-        Those of a chaser count all evaders, those of an evader only itself.
-        """
+    ) -> tuple[NDArray[np.int64], NDArray[np.bool_], Departures | None]:
+        """As `play_from`; and with exits how evaders left: all for a chaser, else this one."""
         seat, escapes = self.seat, Escapes(simulator)
         lengths, won = play_out(
             simulator,
@@ -156,12 +153,12 @@ class MazeContest(Contest[Policy, Simulator]):
             lambda games: won_by(games, seat, escapes.seen),
         )
         if not self.task.most_exits:
-            return lengths, won, {}
+            return lengths, won, None
         first = self.task.num_chasers
         counted = slice(seat - first, seat - first + 1) if self.role == "evader" else slice(None)
-        caught, escaped = escapes.captured[:, counted], escapes.seen[:, counted]
-        rates = rates_of(float(caught.mean()), float(escaped.mean()), caught.shape[1])
-        return lengths, won, rates
+        left = [found[:, counted].sum(axis=1) for found in (escapes.captured, escapes.seen)]
+        count = 1 if self.role == "evader" else self.task.num_evaders
+        return lengths, won, Departures(left[0].astype(float), left[1].astype(float), count)
 
     def stepper(self, games: Simulator, policy: Policy) -> Callable[[], None]:
         """As `Contest`."""
@@ -184,9 +181,11 @@ class MazeContest(Contest[Policy, Simulator]):
         return lengths
 
     def values(self, policy: Policy) -> NDArray[np.float64]:
-        """[episodes] goals or return of the agent, depending on the measure."""
+        """[episodes] goals, return or outcome of the agent, depending on the measure."""
         simulator = self.starts()
-        self.play_from(simulator, policy)
+        _, _, left = self.played_out(simulator, policy)
+        if self.measure.name == "outcome" and left is not None:
+            return left.outcome
         found = simulator.collected if self.measure == BY_GOALS else simulator.returns
         return found[:, self.seat].copy()
 

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Generic, Literal, Self, TypeVar
+from typing import Generic, Literal, NamedTuple, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -136,6 +136,24 @@ class Score:
 
 
 RATES = ("capture_rate", "escape_rate", "timeout_rate")
+
+
+class Departures(NamedTuple):
+    """How many of so many evaders were captured, and how many escaped; [games] float64."""
+
+    captured: NDArray[np.float64]
+    escaped: NDArray[np.float64]
+    evaders: int
+
+    @property
+    def outcome(self) -> NDArray[np.float64]:
+        """[games] captures minus escapes."""
+        return self.captured - self.escaped
+
+    def rates(self) -> dict[str, float]:
+        """As `rates_of`."""
+        captured, escaped = float(self.captured.mean()), float(self.escaped.mean())
+        return rates_of(captured / self.evaders, escaped / self.evaders, self.evaders)
 
 
 def rates_of(caught: float, escaped: float, evaders: int) -> dict[str, float]:

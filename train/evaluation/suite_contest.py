@@ -19,7 +19,7 @@ from scripted_agents.limits import SOLVED_MAZES
 from scripted_agents.references import ExactReference, is_solvable, reference_of
 from train.evaluation.games import Lengths, best_reply, half_width
 from train.evaluation.maze_contest import SCRIPTED, MazeContest
-from train.evaluation.scores import Measure, Score
+from train.evaluation.scores import Departures, Measure, Score
 from train.evaluation.suite_tables import (
     opponent_tables,
     pairs_of_values,
@@ -39,6 +39,7 @@ class InMazes:
         exact: whether `steps` and `success` are exact expectations over all starts.
         lengths: [games] of the sampled episodes; None if exact.
         returns, goals: [games] returns and goals of the agent; None if exact or not sampled.
+        left: how evaders left; None without exits.
     """
 
     name: str
@@ -48,6 +49,7 @@ class InMazes:
     lengths: Lengths | None = None
     returns: NDArray[np.float64] | None = None
     goals: NDArray[np.float64] | None = None
+    left: Departures | None = None
 
     def score(self, episodes: int) -> Score:
         """The mean over the mazes, with equal weights."""
@@ -57,6 +59,7 @@ class InMazes:
             None if found is None else float(found.mean()) for found in (self.returns, self.goals)
         )
         rest = {"mean_return": returns, "mean_goals": goals}
+        rest |= {} if self.left is None else self.left.rates()
         return Score(self.name, mean, ci95, won, episodes, self.exact, **rest)
 
     def values(self, measure: Measure) -> NDArray[np.float64] | None:
@@ -64,6 +67,8 @@ class InMazes:
         if measure.name == "steps":
             return self.steps
         found = self.goals if measure.name == "goals" else self.returns
+        if measure.name == "outcome":
+            found = None if self.left is None else self.left.outcome
         return None if found is None else found.reshape(len(self.steps), -1).mean(axis=1)
 
 
@@ -118,7 +123,7 @@ class SuiteContest(MazeContest):
         return np.repeat(played, max(self.episodes // len(played), 1))
 
     @cached_property
-    def played(self) -> NDArray[np.intp]:
+    def played_out(self) -> NDArray[np.intp]:
         """[mazes] the indices of the mazes that are evaluated."""
         return np.arange(len(self.task.mazes)) if self.is_computed else np.unique(self.numbers)
 
@@ -147,9 +152,11 @@ class SuiteContest(MazeContest):
         """
         if not self.is_computed:
             simulator = self.starts()
-            found = self._over_mazes(name, *self.play_from(simulator, policy))
+            *played, left = self.played_out(simulator, policy)
+            found = self._over_mazes(name, *played)
             goals = simulator.collected[:, self.seat].copy() if self.task.num_goals else None
-            return replace(found, returns=simulator.returns[:, self.seat].copy(), goals=goals)
+            returns = simulator.returns[:, self.seat].copy()
+            return replace(found, returns=returns, goals=goals, left=left)
         return self._exactly(name, tables_of(policy, self.part, self.seat))
 
     def _exactly(self, name: str, tables: Iterator[NDArray[np.float64]]) -> InMazes:
