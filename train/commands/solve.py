@@ -90,8 +90,8 @@ def solve(arguments: Sequence[str]) -> None:
     maze = load_maze(given.maze)
     check(
         not maze.exit_marks,
-        f"maze={given.maze!r} has exits marked E, which `pursuit solve` does not take; see `pursuit "
-        "baseline --task escape`",
+        f"maze={given.maze!r} has exits marked E, which `pursuit solve` does not take; see "
+        "`pursuit baseline --task escape`",
     )
     check(
         given.move_order != "turns",

@@ -123,7 +123,7 @@ class SuiteContest(MazeContest):
         return np.repeat(played, max(self.episodes // len(played), 1))
 
     @cached_property
-    def played_out(self) -> NDArray[np.intp]:
+    def played(self) -> NDArray[np.intp]:
         """[mazes] the indices of the mazes that are evaluated."""
         return np.arange(len(self.task.mazes)) if self.is_computed else np.unique(self.numbers)
 
