@@ -89,6 +89,9 @@ def print_whole_game(contest: GameContest) -> None:
         (f"highest return of {agent}, over all starts", "", contest.best_of_returns),
         (f"most goals of {agent}, over all starts", "", contest.best_of_goals),
     )
+    if (outcome := contest.best_of_outcomes) is not None:
+        mean = outcome.mean_over_starts * (-1.0 if contest.role == "evader" else 1.0)
+        print(f"{OUTCOME} with the best {agent}, over all starts: {mean:.4f} (exact)")
     for text, unit, best in found:
         if best is not None:
             print(f"{text}: {best.mean_over_starts:.4f}{unit} (exact)")

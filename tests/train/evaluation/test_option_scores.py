@@ -60,8 +60,8 @@ def test_exact_results_are_those_of_simulated_games(case: str) -> None:
 
 
 def test_in_turns_lengths_count_rounds() -> None:
-    # Both move west, the chaser first. It captures a neighbor at once, and else reaches cell 0 after
-    # the evader, in round c; an evader at e > c enters the chaser's cell 0 in round e.
+    # Both move west, the chaser first. It captures a neighbor at once, and else reaches cell 0
+    # after the evader, in round c; an evader at e > c enters the chaser's cell 0 in round e.
     task = Task(CORRIDOR, 1, 1, move_order="turns", stay_action=True, max_steps=6)
     west = moves_west(CORRIDOR, 5)
     contest = GameContest(task, "chaser", {"evader": west}, episodes=200)
