@@ -36,6 +36,7 @@ from scripted_agents.references import (
     is_table_duel,
     reference_of,
 )
+from train.evaluation.departures import rates_of
 from train.evaluation.games import (
     Lengths,
     best_reply,
@@ -58,7 +59,6 @@ from train.evaluation.scores import (
     Measure,
     Reference,
     Score,
-    rates_of,
 )
 
 OUTCOMES = {

@@ -18,11 +18,11 @@ from pursuit.tasks.task import ROLES, Task
 from scripted_agents import tour_lengths
 from scripted_agents.hidden.limited_view_policies import limited_references
 from scripted_agents.limits import is_single_runner, why_no_tour
+from train.evaluation.departures import Departures
 from train.evaluation.games import Escapes, other_role, play_out, stepper, won_by
 from train.evaluation.scores import (
     BY_GOALS,
     Contest,
-    Departures,
     Measure,
     Reference,
     Score,

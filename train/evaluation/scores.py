@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Generic, Literal, NamedTuple, Self, TypeVar
+from typing import Generic, Literal, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from pursuit.simulator.policy import Policy
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task
 from scripted_agents.references import ExactReference
+from train.evaluation.departures import RATES
 from train.evaluation.hidden_contest import Certificate
 from train.files import Plain
 from train.reports.tables import Column, ResultTable, Row, numeric, words
@@ -133,33 +134,6 @@ class Score:
     def rates(self) -> dict[str, float]:
         """The shares of captures, escapes and time-outs; empty without exits."""
         return {name: getattr(self, name) for name in RATES if self.outcome is not None}
-
-
-RATES = ("capture_rate", "escape_rate", "timeout_rate")
-
-
-class Departures(NamedTuple):
-    """How many of so many evaders were captured, and how many escaped; [games] float64."""
-
-    captured: NDArray[np.float64]
-    escaped: NDArray[np.float64]
-    evaders: int
-
-    @property
-    def outcome(self) -> NDArray[np.float64]:
-        """[games] captures minus escapes."""
-        return self.captured - self.escaped
-
-    def rates(self) -> dict[str, float]:
-        """As `rates_of`."""
-        captured, escaped = float(self.captured.mean()), float(self.escaped.mean())
-        return rates_of(captured / self.evaders, escaped / self.evaders, self.evaders)
-
-
-def rates_of(caught: float, escaped: float, evaders: int) -> dict[str, float]:
-    """The outcome and the rates of a `Score`, from the shares of so many evaders."""
-    shares = (caught, escaped, max(1.0 - caught - escaped, 0.0))
-    return {"outcome": evaders * (caught - escaped), **dict(zip(RATES, shares, strict=True))}
 
 
 def optimality_gap(achieved: Score, optimum: Score | None) -> float | None:

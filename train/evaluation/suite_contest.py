@@ -17,9 +17,10 @@ from scripted_agents import BestResponse, RandomAgent, mean_over_starts
 from scripted_agents.environments import DEFAULTS
 from scripted_agents.limits import SOLVED_MAZES
 from scripted_agents.references import ExactReference, is_solvable, reference_of
+from train.evaluation.departures import Departures
 from train.evaluation.games import Lengths, best_reply, half_width
 from train.evaluation.maze_contest import SCRIPTED, MazeContest
-from train.evaluation.scores import Departures, Measure, Score
+from train.evaluation.scores import Measure, Score
 from train.evaluation.suite_tables import (
     opponent_tables,
     pairs_of_values,
@@ -152,8 +153,8 @@ class SuiteContest(MazeContest):
         """
         if not self.is_computed:
             simulator = self.starts()
-            *played, left = self.played_out(simulator, policy)
-            found = self._over_mazes(name, *played)
+            lengths, won, left = self.played_out(simulator, policy)
+            found = self._over_mazes(name, lengths, won)
             goals = simulator.collected[:, self.seat].copy() if self.task.num_goals else None
             returns = simulator.returns[:, self.seat].copy()
             return replace(found, returns=returns, goals=goals, left=left)
