@@ -196,8 +196,8 @@ def bytes_to_solve(maze: Maze, num_chasers: int, stay_action: bool) -> int:
 
 
 def is_single_runner(task: Task) -> bool:
-    """Whether the only agent is a runner."""
-    return (task.num_agents, task.num_runners) == (1, 1)
+    """Whether the only agent is a runner, which does not slip."""
+    return (task.num_agents, task.num_runners) == (1, 1) and not any(task.slips)
 
 
 def why_no_tour(num_goals: int) -> str | None:
@@ -208,13 +208,18 @@ def why_no_tour(num_goals: int) -> str | None:
 
 
 def why_not_team_chase(task: Task) -> str | None:
-    """The reason why a task is no solvable team chase; None if it is one."""
+    """The reason why a task is no team chase that is solved by cells alone; None if it is one."""
+    if checked_task(task).most_exits or task.options.turns:
+        return f"{task.most_exits} exit(s) and move_order={task.move_order!r}"
+    return why_not_one_evader(task)
+
+
+def why_not_one_evader(task: Task) -> str | None:
+    """The reason why a task is no chase of one evader in one maze; None if it is one."""
     if checked_task(task).num_evaders != 1 or not task.num_chasers:
         return f"{task.num_chasers} chaser(s) and {task.num_evaders} evader(s)"
     if task.num_runners or task.num_goals:
         return f"{task.num_runners} runner(s) and {task.num_goals} goal(s)"
-    if task.most_exits or task.options.turns:
-        return f"{task.most_exits} exit(s) and move_order={task.move_order!r}"
     return f"{len(task.mazes)} mazes" if len(task.mazes) > 1 else None
 
 
@@ -228,6 +233,8 @@ def why_not_optimal(task: Task, role: str) -> str | None:
     if one_of("role", role, ROLES) == "runner":
         if checked_task(task).num_agents > 1:
             return f"a runner among {task.num_agents} agents has no known optimum"
+        if any(task.slips):
+            return f"shortest tours are for runners that do not slip, and slip={task.slip}"
         return why_no_tour(task.num_goals)
     obstacle = why_not_team_chase(task)
     if obstacle is not None:

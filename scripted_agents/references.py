@@ -27,7 +27,7 @@ from scripted_agents.limits import (
     count_joint_states,
     is_single_runner,
     why_no_tour,
-    why_not_team_chase,
+    why_not_one_evader,
     work_of,
 )
 
@@ -42,13 +42,15 @@ class ExactReference:
         duel: One chaser and one evader without goals at random starts in mazes of up to
             MAX_EXACT_CELLS cells, the opponent a table over both cells. Exact: the best response,
             the mean steps over all starts.
-        team: Several chasers and one evader without goals at random starts in one maze, policies
-            with known distributions, work of up to MAX_EXACT_WORK. Exact: the best response of the
-            agent, the mean steps over all starts.
+        team: Several chasers and one evader without goals at random starts in one maze, or a duel
+            with options of the rules, policies with known distributions, work of up to
+            MAX_EXACT_WORK. Exact: the best response of the agent, the mean over all starts, in
+            steps; with exits in captures - escapes.
         joint: Any other game in one maze, policies with known distributions, work of up to
             MAX_WORK; in final results, `pursuit evaluate` and `pursuit baseline`
             MAX_EVALUATED_WORK. Exact: the best response of the agent from the starts of the
-            evaluation, in steps; in a race in goals, in a heist in return.
+            evaluation, in steps; in a race in goals, in a heist in return, with exits in captures -
+            escapes.
         bounds: A duel as above with a limited view of the agent, in one maze of up to
             MAX_BOUNDED_CELLS cells. Certified: a proven interval of the optimum, in discounted
             steps.
@@ -144,14 +146,14 @@ def is_exact_team(task: Task, policies: Mapping[str, Policy], most: int = MAX_EX
     """Whether a chase of one evader by a team is small enough to be solved with these policies.
 
     Args:
-        task: the game; duels are not included.
+        task: the game; duels without options of the rules are not included.
         policies: by agent name or role.
         most: the largest size that is solved (`work_of`).
     """
     return (
         not task.is_duel
         and task.start == "random"
-        and why_not_team_chase(task) is None
+        and why_not_one_evader(task) is None
         and work_of(task) <= most
         and has_distributions(task, policies)
     )

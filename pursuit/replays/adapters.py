@@ -14,10 +14,12 @@ from pursuit.reacher.simulator import ReacherSimulator
 from pursuit.reacher.task import ReacherTask
 from pursuit.rules.arrays import Array
 from pursuit.simulator.simulator import Simulator
+from pursuit.tasks.options import slip_text
 from pursuit.tasks.rewards import rewards_text
 from pursuit.tasks.task import Task
 from pursuit.tasks.visibility import agent_choice_text, view_radius_text
 from pursuit.validation import Plain as Plain
+from pursuit.validation import whole
 
 State = dict[str, Array]
 DIGITS = "0123456789abcdefghijklmnopqrstuv"
@@ -58,6 +60,15 @@ class TaskAdapter:
         return np.atleast_1d(simulator.rewards[game]).copy()
 
 
+OPTIONS = {
+    each.name: "0" if each.name == "slip" else each.default
+    for each in fields(Task)
+    if each.name
+    in ("capture", "n_catch", "capture_check", "exits", "num_exits", "collisions", "slip")
+}
+"""The defaults of the options of the rules, as in the settings of a replay."""
+
+
 class MazeAdapter(TaskAdapter):
     """Adapter for games in mazes. An action has one integer per agent."""
 
@@ -66,14 +77,18 @@ class MazeAdapter(TaskAdapter):
     def settings(self, task: Task) -> Plain:
         """The task as plain values, without a reward function (replays store the rewards).
 
-        Settings of partial observability are written only if used, so that older versions can read
-        the file.
+        Settings of partial observability and options of the rules are written only if used, so that
+        older versions can read the file.
         """
-        own: Plain = vars(task)
+        own: Plain = {**vars(task), "slip": slip_text(task.slip)}
+        seen = ("maze", "rewards", "view_radius", "line_of_sight", "unknown_maze")
+        unused = {
+            each.name for each in fields(task) if own[each.name] == OPTIONS.get(each.name, ())
+        }
         plain = {
             each.name: own[each.name]
             for each in fields(task)
-            if each.name not in ("maze", "rewards", "view_radius", "line_of_sight", "unknown_maze")
+            if each.name not in seen and each.name not in unused
         }
         visibility: Plain = {
             "view_radius": view_radius_text(own["view_radius"]),
@@ -110,16 +125,26 @@ class MazeAdapter(TaskAdapter):
 
     def start(self, simulator: Simulator, game: int) -> Plain:
         """The start state of the episode, as plain values."""
-        return {
+        plain: Plain = {
             "positions": simulator.positions[game].tolist(),
             "goals": simulator.goals[game].tolist(),
             "maze": int(simulator.maze_index[game]),
         }
+        if simulator.task.num_exits:
+            plain["exits"] = simulator.exits[game].tolist()
+        if simulator._slips:  # played back with the same random numbers
+            plain["slip"] = simulator._slips["slip"][game].tolist()
+            plain["slip_stream"] = int(simulator.streams[game, -1])
+        return plain
 
     def begin(self, simulator: Simulator, start: Plain) -> None:
         """Start an episode in the game of a simulator; ValueError for an invalid start state."""
-        goals = start.get("goals")
-        simulator.place(start.get("positions"), goals or None, start.get("maze", 0))  # type: ignore[arg-type]
+        goals, exits = start.get("goals"), start.get("exits")
+        if simulator._slips:
+            simulator.configure(slip=np.array([start.get("slip")]))
+        simulator.place(start.get("positions"), goals or None, start.get("maze", 0), exits=exits)  # type: ignore[arg-type]
+        if simulator._slips:
+            simulator.streams[0, -1] = whole("slip_stream", start.get("slip_stream"), 0, 2**64 - 1)
 
     def state(self, simulator: Simulator, game: int, final: bool = False) -> State:
         """Copies of the current state of a game, or of the final state of its last episode.

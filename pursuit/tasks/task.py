@@ -257,6 +257,11 @@ class Task:
         return not all(self.sees(seat, number).all() for number in range(len(self.mazes)))
 
     @property
+    def steps_per_round(self) -> int:
+        """2 in turns, else 1: `max_steps`, discounts and lengths in results count rounds."""
+        return 2 if self.options.turns else 1
+
+    @property
     def num_agents(self) -> int:
         """Chasers plus evaders plus runners."""
         return self.num_chasers + self.num_evaders + self.num_runners

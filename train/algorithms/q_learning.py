@@ -81,6 +81,12 @@ class StateNumbers:
 
 def check_player(settings: QLearningSettings, seat: Seat) -> None:
     """ValueError for a task without a table, a limited view, or unbounded values."""
+    if seat.task.num_exits or seat.task.options.turns:
+        raise ValueError(
+            f"q_learning has a table over the cells of agents and goals, without num_exits="
+            f"{seat.task.num_exits} drawn exits or move_order={seat.task.move_order!r}; use fixed "
+            "exits and simultaneous moves or chasers_first, or an algorithm with a network"
+        )
     if seat.task.hides_from(seat.agent):
         raise ValueError(
             f"q_learning has a table over all states, but {seat.agent} has a limited view; use "
@@ -139,7 +145,14 @@ class QTablePolicy:
             ValueError: games of another task.
         """
         own, other = self.task, view.task
-        same = ("num_chasers", "num_evaders", "num_runners", "num_goals", "stay_action")
+        same = (
+            "num_chasers",
+            "num_evaders",
+            "num_runners",
+            "num_goals",
+            "stay_action",
+            "num_exits",
+        )
         if own.mazes != other.mazes or any(getattr(own, n) != getattr(other, n) for n in same):
             raise ValueError(
                 f"a table learned in task {own.name!r} on {own.mazes[0].name} cannot be used in "

@@ -108,7 +108,7 @@ def _print(
 ) -> None:
     exact = "exact" if not table.ci95.any() else "± is the 95 % interval"
     print(
-        f"steps until capture on maze {task.mazes[0].name}, at most {task.max_steps} ({exact}); "
+        f"{table.unit} on maze {task.mazes[0].name}, at most {task.max_steps} ({exact}); "
         "rows: chasers, columns: evaders"
     )
     for each in tables.values():

@@ -11,6 +11,7 @@ from train.evaluation.arm_contest import ArmContest
 from train.evaluation.contest import GameContest
 from train.evaluation.contests import AnyContest
 from train.evaluation.scores import (
+    OUTCOME,
     Reference,
     Score,
     score_table,
@@ -22,11 +23,14 @@ from train.reports.tables import print_table
 def print_objective_gap(evaluation: Plain, discount: float) -> None:
     """Print the gap of the policy that is optimal for the training objective, if it is known."""
     gap, missing = evaluation.get("objective_gap"), evaluation.get("return_gap")
+    outcome = evaluation.get("outcome_gap")
     best = f"a policy optimal for the training objective (discount {discount:g})"
     if gap is not None and missing is None:
         print(f"{best} has a gap of {100 * gap:+.2f} % (exact, over all starts)")
     if missing is not None:
         print(f"{best} misses {missing:z.4f} of the return (exact, over all starts)")
+    if outcome is not None:
+        print(f"{best} misses {outcome:z.4f} of {OUTCOME} (exact, over all starts)")
 
 
 def print_reference(held: Plain, contest: AnyContest) -> None:
@@ -85,6 +89,9 @@ def print_whole_game(contest: GameContest) -> None:
         (f"highest return of {agent}, over all starts", "", contest.best_of_returns),
         (f"most goals of {agent}, over all starts", "", contest.best_of_goals),
     )
+    if (outcome := contest.best_of_outcomes) is not None:
+        mean = outcome.mean_over_starts * (-1.0 if contest.role == "evader" else 1.0)
+        print(f"{OUTCOME} with the best {agent}, over all starts: {mean:.4f} (exact)")
     for text, unit, best in found:
         if best is not None:
             print(f"{text}: {best.mean_over_starts:.4f}{unit} (exact)")

@@ -23,12 +23,19 @@ from train.commands.progress import (
     finish_run,
     start_or_resume,
 )
+from train.evaluation.scores import OUTCOME
 from train.files import Plain
 from train.reports.tables import print_table
 from train.runs.folder import CURVE, REPORT, SELF_PLAY
 from train.self_play.learners import checked_names, learning_side, unchecked_self_play
 from train.settings.algorithms import Hyperparameters
-from train.settings.self_play import LEARN, ROLES, LearningSide, SelfPlaySettings
+from train.settings.self_play import (
+    LEARN,
+    ROLES,
+    LearningSide,
+    SelfPlaySettings,
+    default_rewards,
+)
 from train.settings.task import TaskSettings
 
 
@@ -109,7 +116,8 @@ def parsed(arguments: Sequence[str]) -> tuple[SelfPlayCommand, SelfPlaySettings]
     checked_names(options)
     for name in ("role", "opponent"):
         check(name not in options, f"--{name} is for `pursuit train`; use --chaser or --evader")
-    task, flat = parse_known(Options().task, arguments), Plain()
+    rewards = default_rewards(options)
+    task, flat = parse_known(Game(rewards=rewards), arguments), Plain()
     sides: dict[str, LearningSide] = {}
     for role in ROLES:
         arguments, own = split_side(role, arguments)
@@ -121,7 +129,7 @@ def parsed(arguments: Sequence[str]) -> tuple[SelfPlayCommand, SelfPlaySettings]
             flat |= {f"{role}.{name}": value for name, value in options_in(own).items()}
     shown = [*sides.values()] or [LearningSide()]
     hyper, others = shown[0].hyper, other_options(shown[-1], shown[0].hyper)
-    settings = Options(**default_budget(options, 120.0))
+    settings = Options(task=Game(rewards=rewards), **default_budget(options, 120.0))
     default = SelfPlayCommand(settings, unchecked(hyper), others)
     given = parse(SelfPlayCommand, arguments, "self-play", default)
     for part in (given.other_algorithm, given.hyper, given.settings, given.settings.task):
@@ -196,9 +204,11 @@ def show(run: Run[SelfPlay], content: Plain) -> None:
 
     matches = content["matches"]
     exact = not any(row["games"] for row in matches)
+    exits = any("outcome" in row for row in matches)
     print(
-        f"\nsteps until capture, at most {run.trainee.task.max_steps} "
-        f"({'exact' if exact else '± is the 95 % interval'}); rows: chasers, columns: evaders"
+        f"\n{OUTCOME if exits else 'steps until capture'}, at most {run.trainee.task.max_steps} "
+        f"({'exact' if exact else 'sampled' if exits else '± is the 95 % interval'}); "
+        "rows: chasers, columns: evaders"
     )
     print_table(matches_table(matches), 100)
     players = {row[role] for row in matches for role in ROLES}

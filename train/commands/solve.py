@@ -88,6 +88,16 @@ def solve(arguments: Sequence[str]) -> None:
     given = parse(SolveCommand, arguments, "solve")
     check_options(given)
     maze = load_maze(given.maze)
+    check(
+        not maze.exit_marks,
+        f"maze={given.maze!r} has exits marked E, which `pursuit solve` does not take; see "
+        "`pursuit baseline --task escape`",
+    )
+    check(
+        given.move_order != "turns",
+        "move_order='turns': `pursuit solve` takes simultaneous and chasers_first; see `pursuit "
+        "baseline --move-order turns --stay-action`",
+    )
     if given.view_radius is not None:
         print(describe_limited_view(maze, given))
         return

@@ -58,7 +58,8 @@ class LockstepEnv(EnvBase):
     Attributes:
         simulator, hook, members: the arguments.
         num_games: in the batch.
-        finished_returns, finished_lengths: of the episodes that ended since the lists were cleared.
+        finished_returns, finished_lengths: of the episodes that ended since the lists were cleared;
+            lengths count rounds.
         resume: if set, the next full reset continues the current episodes.
         was_reset: whether `reset_games` was called.
     """
@@ -126,7 +127,8 @@ class LockstepEnv(EnvBase):
     def finish(self, games: NDArray[np.bool_]) -> None:
         """Record the episodes in the mask [num_games], which have just ended."""
         self.finished_returns.append(self._returns(games))
-        self.finished_lengths.append(self.simulator.steps[games].copy())
+        each = getattr(self.simulator.task, "steps_per_round", 1)
+        self.finished_lengths.append(-(-self.simulator.steps[games] // each))
         self.hook.episode_ended(games)
 
     def _batch(self, content: dict[str, torch.Tensor]) -> TensorDictBase:

@@ -36,6 +36,7 @@ from scripted_agents.references import (
     is_table_duel,
     reference_of,
 )
+from train.evaluation.departures import rates_of
 from train.evaluation.games import (
     Lengths,
     best_reply,
@@ -59,6 +60,12 @@ from train.evaluation.scores import (
     Reference,
     Score,
 )
+
+OUTCOMES = {
+    "chaser": Rewards(capture=1.0, escape=-1.0, per_evader=True),
+    "evader": Rewards(capture=-1.0, escape=1.0),
+}
+"""Rewards whose returns are captures minus escapes, and for an evader its negative."""
 
 
 @dataclass(frozen=True)
@@ -110,14 +117,19 @@ class GameContest(MazeContest):
         if (found := exact_match(self.task, self._with(policy))) is not None:
             if bounded:
                 certain = discounted(self.task, self.role, policy, self.opponent_table())
-            return self._exact_score(name, found.steps, found.caught, *certain)
+            score = self._exact_score(name, found.steps, found.caught, *certain)
+            if found.escaped is None:
+                return score
+            rates: Any = rates_of(found.caught, found.escaped, self.task.num_evaders)
+            return replace(score, **rates)
         simulator = self.starts()
-        lengths, won = self.play_from(simulator, policy)
+        lengths, won, left = self.played_out(simulator, policy)
+        rates = {} if left is None else left.rates()
         if bounded:
             certain = discounted(self.task, self.role, policy, self.opponent_table(), lengths)
         mean, ci95, share = float(lengths.mean()), half_width(lengths), float(won.mean())
         more = (*certain, self._gap_of(lengths, won), *self._means(simulator))
-        return Score(name, mean, ci95, share, len(lengths), False, *more)
+        return Score(name, mean, ci95, share, len(lengths), False, *more, **rates)
 
     def _exact_score(self, name: str, steps: float, caught: float, *certain: float | None) -> Score:
         """The score of these expectations over all starts."""
@@ -175,9 +187,13 @@ class GameContest(MazeContest):
         return self._exact_score(name, mean, found.caught)
 
     def best_team_response(self) -> TeamResponse | None:
-        """The best response of this agent in a team chase; None if that is not solved."""
-        if not is_exact_team(self.task, self._with(RandomAgent())):
+        """The best response of this agent in a team chase; None if that is not solved, and with
+        exits, see `best_of_outcomes`."""
+        exits = self.task.most_exits
+        if exits or not is_exact_team(self.task, self._with(RandomAgent())):
             return None
+        if self.task.options.turns:
+            return self._joint_response(self.task)
         name = self.task.agent_names[self.seat]
         return best_team_response(self.task, name, self.opponents, self.task.max_steps)
 
@@ -224,7 +240,7 @@ class GameContest(MazeContest):
         is not steps."""
         task = self.task
         heist = task.num_goals and task.num_evaders
-        if heist or not self.solves_whole_game:
+        if heist or self.measure.name == "outcome" or not self.solves_whole_game:
             return None
         return self._joint_response(task)
 
@@ -246,30 +262,46 @@ class GameContest(MazeContest):
         by_goals = replace(self.task, rewards={self.role: Rewards(goal=1.0)})
         return self._joint_response(by_goals, "return")
 
+    @cached_property
+    def best_of_outcomes(self) -> JointResponse | None:
+        """The best response in captures minus escapes (of an evader, in its negative); None if that
+        is not the measure."""
+        if self.measure.name != "outcome" or not self.solves_whole_game:
+            return None
+        return self._joint_response(replace(self.task, rewards=OUTCOMES), "return")
+
     def _joint_score(self, best: JointResponse, measure: Measure) -> Score:
         """The score of a best response: exact expectations in this measure from the starts of the
-        evaluation; the other columns are sampled."""
+        evaluation, or over all starts if scores are; the other columns are sampled."""
         name = measure.optimum
         simulator = self.starts()
         expected = best.values_of(simulator.games)
-        lengths, won = self.play_from(simulator, best.policy)
+        if self.exact_reference.kind == "team":
+            expected = np.full_like(expected, best.mean_over_starts)
+        if measure.name == "outcome" and measure.less_is_better:
+            expected = -expected
+        lengths, won, left = self.played_out(simulator, best.policy)
         in_steps: Lengths = expected if measure is BY_STEPS else lengths
         mean, ci95, share = float(in_steps.mean()), half_width(in_steps), float(won.mean())
         means = dict(zip(("mean_return", "mean_goals"), self._means(simulator), strict=True))
+        means |= {} if left is None else left.rates()
         if measure is not BY_STEPS:
             means[measure.column] = float(expected.mean())
         return Score(name, mean, ci95, share, self.episodes, False, **means)
 
     def optimal_in(self, measure: Measure) -> Score | None:
-        """The best response in returns, or in the goals of a runner in a race: its exact
-        expectation from the same starts. None if it is not known, or if no other agent competes
-        for goals."""
+        """The best response in returns, in the goals of a runner in a race, or in captures minus
+        escapes: its exact expectation from the same starts. None if it is not known, or if no other
+        agent competes for goals."""
         best = self.best_of_goals if measure == BY_GOALS else self.best_of_returns
+        best = self.best_of_outcomes if measure.name == "outcome" else best
         return None if best is None else self._joint_score(best, measure)
 
     def _optima(self) -> list[Score]:
         """The known exact optima in steps, goals and returns."""
-        found = (self.optimal(), self.optimal_in(BY_GOALS), self.optimal_in(BY_RETURN))
+        found = [self.optimal(), self.optimal_in(BY_GOALS), self.optimal_in(BY_RETURN)]
+        if self.measure.name == "outcome":
+            found.append(self.optimal_in(self.measure))
         return [score for score in found if score is not None]
 
     def baselines(self) -> list[Score]:

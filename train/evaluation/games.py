@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from pursuit.mazes.maze import Maze
 from pursuit.reacher.simulator import ReacherSimulator
+from pursuit.rules.layout import ESCAPED
 from pursuit.simulator.policy import Policy, TabularPolicy
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task
@@ -39,25 +40,32 @@ def play_out(
 ) -> tuple[NDArray[np.int64], Mask]:
     """Play every game until it is over: lengths [games], and whether it was won [games].
 
+    Lengths count rounds, which in turns are two steps.
+
     Args:
         games: games at their starts, made with `auto_restart=False`.
         step: plays one step of all of them.
         over: [games] whether a game is over; called after every step.
         won: [games] whether a game is won; called after the step that ends it.
     """
-    most = games.task.max_steps
+    most, each = games.task.max_steps, steps_per_round(games)
     lengths = np.full(games.num_games, most, dtype=np.int64)
     running, victories = np.ones(len(lengths), dtype=bool), np.zeros(len(lengths), dtype=bool)
-    for number in range(1, most + 1):
+    for number in range(1, most * each + 1):
         step()
         ended = running & over(games)
         if ended.any():
-            lengths[ended] = number
+            lengths[ended] = -(-number // each)
             victories[ended] = won(games)[ended]
             running &= ~ended
             if not running.any():
                 break
     return lengths, victories
+
+
+def steps_per_round(games: Simulator | ReacherSimulator) -> int:
+    """As `Task`; 1 for an arm."""
+    return getattr(games.task, "steps_per_round", 1)
 
 
 def stepper(simulator: Simulator, policies: Sequence[Policy | None]) -> Callable[[], None]:
@@ -71,18 +79,68 @@ def stepper(simulator: Simulator, policies: Sequence[Policy | None]) -> Callable
     return step
 
 
-def all_caught(simulator: Simulator) -> Mask:
-    """[games] bool: no evader is left."""
-    evaders = [role == "evader" for role in simulator.task.seat_roles]
-    return np.asarray((simulator.active[:, evaders] == 0).all(axis=1))
+def evaders_of(task: Task) -> slice:
+    """The indices of the evaders."""
+    return slice(task.num_chasers, task.num_chasers + task.num_evaders)
 
 
-def won_by(simulator: Simulator, seat: int) -> Mask:
+def escapes_now(simulator: Simulator) -> Mask:
+    """[games, evaders] bool: the evaders that escaped in the last step."""
+    return np.asarray((simulator.events[:, evaders_of(simulator.task)] & ESCAPED) != 0)
+
+
+class Escapes:
+    """The evaders that have escaped, in games that are played from their starts to their ends.
+
+    Attributes:
+        seen: [games, evaders] bool.
+    """
+
+    def __init__(self, simulator: Simulator) -> None:
+        self.simulator = simulator
+        self.seen = np.zeros((simulator.num_games, simulator.task.num_evaders), dtype=bool)
+
+    def after(self, step: Callable[[], None]) -> Callable[[], None]:
+        """The same step, noting the evaders that escape in it."""
+        if not self.simulator.task.most_exits:
+            return step
+
+        def noted() -> None:
+            step()
+            self.seen |= escapes_now(self.simulator)
+
+        return noted
+
+    @property
+    def captured(self) -> Mask:
+        """[games, evaders] bool: the evaders that have been captured."""
+        gone = self.simulator.active[:, evaders_of(self.simulator.task)] == 0
+        return np.asarray(gone & ~self.seen)
+
+
+def all_caught(simulator: Simulator, escaped: Mask | None = None) -> Mask:
+    """[games] bool: no evader is left, and none has escaped (None: in the last step)."""
+    task = simulator.task
+    gone = np.asarray((simulator.active[:, evaders_of(task)] == 0).all(axis=1))
+    if not task.most_exits:
+        return gone
+    escaped = escapes_now(simulator) if escaped is None else escaped
+    return np.asarray(gone & ~escaped.any(axis=1))
+
+
+def won_by(simulator: Simulator, seat: int, escaped: Mask | None = None) -> Mask:
     """[num_games] bool: whether the agent with index `seat` has won, in games that have just ended.
 
-    Chasers win if no evader is left. Evaders win if they are not caught and no goal is left, if
-    there are goals. A single runner wins if no goal is left. If several agents collect goals, a
-    runner wins if it has more than each of the others (a draw has no winner).
+    Chasers win if all evaders are captured. Evaders win if they are not captured (they escape, or
+    time is up) and no goal is left, if there are goals. A single runner wins if no goal is left. If
+    several agents collect goals, a runner wins if it has more than each of the others (a draw has
+    no winner).
+
+    Args:
+        simulator: the games.
+        seat: the index of the agent.
+        escaped: [games, evaders] of `Escapes`; None for the escapes of the last step, which are
+            enough for an evader, and for the chasers of one evader.
     """
     task = simulator.task
     role, own = task.seat_roles[seat], simulator.active[:, seat] != 0
@@ -93,7 +151,10 @@ def won_by(simulator: Simulator, seat: int) -> Mask:
         parts = np.rint(simulator.collected * lcm(*range(1, collectors + 1)))
         return np.asarray(parts[:, seat] > np.delete(parts, seat, axis=1).max(axis=1))
     if role == "chaser" and task.num_evaders:
-        return all_caught(simulator)
+        return all_caught(simulator, escaped)
+    if role == "evader" and task.most_exits:
+        escaped = escapes_now(simulator) if escaped is None else escaped
+        own = own | escaped[:, seat - task.num_chasers]
     if role == "evader" and not task.num_goals:
         return own
     return np.asarray(simulator.terminated & own)

@@ -11,15 +11,18 @@ from numpy.typing import NDArray
 
 from pursuit.simulator.policy import Policy
 from pursuit.simulator.simulator import Simulator
-from pursuit.tasks.task import Task
+from pursuit.tasks.task import Rewards, Task
 from scripted_agents import (
+    evaluate_joint,
     mean_over_starts,
     mean_over_team_starts,
     team_survival,
+    why_not_team_chase,
 )
 from scripted_agents.limits import MAX_EXACT_WORK, MAX_FINAL_WORK
 from scripted_agents.references import is_exact_team, is_table_duel
 from train.evaluation.games import (
+    Escapes,
     all_caught,
     half_width,
     mean_steps,
@@ -28,6 +31,7 @@ from train.evaluation.games import (
     steps_and_ended,
     table_in,
 )
+from train.files import Plain
 from train.settings.checks import EVALUATION_SEED
 
 
@@ -38,14 +42,33 @@ class Matchup:
     Attributes:
         steps: expected steps until the last capture, truncated at `max_steps`.
         ci95: half width of its 95 % confidence interval; 0 if exact.
-        caught: share of games in which all evaders were caught in time.
+        caught: share of games in which all evaders were caught in time; with exits, the share of
+            evaders that were.
         games: number of sampled games; 0 if exact.
+        escaped: share of evaders that escaped; None without exits.
+        outcome: mean number of captures minus escapes; None without exits.
     """
 
     steps: float
     ci95: float
     caught: float
     games: int
+    escaped: float | None = None
+    outcome: float | None = None
+
+    def plain(self) -> Plain:
+        """As a dict, without what there is only with exits."""
+        return {name: value for name, value in vars(self).items() if value is not None}
+
+    @property
+    def shown(self) -> float:
+        """The measure that is shown: the steps; with exits the outcome."""
+        return self.steps if self.outcome is None else self.outcome
+
+    @property
+    def payoff(self) -> float:
+        """What evaders maximise: the steps; with exits the escapes minus the captures."""
+        return self.steps if self.outcome is None else -self.outcome
 
 
 def can_solve(task: Task, chaser: Policy, evader: Policy, most: int = MAX_FINAL_WORK) -> bool:
@@ -58,10 +81,33 @@ def play_pair(
     task: Task, chaser: Policy, evader: Policy, episodes: int, seed: int = EVALUATION_SEED
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
     """Play episodes: lengths [episodes], and whether all evaders were caught [episodes]."""
+    lengths, caught, _ = _played(task, chaser, evader, episodes, seed)
+    return lengths, caught
+
+
+def pair_payoffs(
+    task: Task, chaser: Policy, evader: Policy, episodes: int, seed: int = EVALUATION_SEED
+) -> NDArray[np.int64]:
+    """[episodes] the `Matchup.payoff` of each of these episodes."""
+    lengths, _, escapes = _played(task, chaser, evader, episodes, seed)
+    if not task.most_exits:
+        return lengths
+    return (escapes.seen.sum(axis=1) - escapes.captured.sum(axis=1)).astype(np.int64)
+
+
+def _played(
+    task: Task, chaser: Policy, evader: Policy, episodes: int, seed: int
+) -> tuple[NDArray[np.int64], NDArray[np.bool_], Escapes]:
     simulator = Simulator(task, episodes, seed, auto_restart=False)
     policies = [chaser if role == "chaser" else evader for role in task.seat_roles]
-    step = stepper(simulator, policies)
-    return play_out(simulator, step, lambda games: games.terminated | games.truncated, all_caught)
+    escapes = Escapes(simulator)
+    lengths, caught = play_out(
+        simulator,
+        escapes.after(stepper(simulator, policies)),
+        lambda games: games.terminated | games.truncated,
+        lambda games: all_caught(games, escapes.seen),
+    )
+    return lengths, caught, escapes
 
 
 NEGLIGIBLE = 1e-3
@@ -78,9 +124,10 @@ def discounted_steps(
 ) -> float:
     """The expected sum of discount**t over the steps until the game ends: the payoff of the game.
 
-    The game has no time limit, as in training (truncated episodes are bootstrapped) and in
-    exploitability. Exact for small duels (`is_table_duel`); otherwise the mean over `episodes`
-    games, simulated until further steps are negligible.
+    With exits it is the `Matchup.payoff`, within the time limit. Otherwise the game has no time
+    limit, as in training (truncated episodes are bootstrapped) and in exploitability. Exact for
+    small duels (`is_table_duel`), and with exits for small games; otherwise the mean over
+    `episodes` games, simulated until further steps are negligible.
 
     Args:
         task: the game; its `max_steps` is ignored.
@@ -88,6 +135,8 @@ def discounted_steps(
         discount: of each step, in (0, 1).
         episodes, seed: of the sampled games.
     """
+    if task.most_exits:
+        return match(task, chaser, evader, episodes, MAX_EXACT_WORK).payoff
     if is_table_duel(task, chaser, evader):
         tables = table_in(task, chaser), table_in(task, evader)
         return mean_steps(task, "chaser", tables, None, discount)
@@ -119,12 +168,35 @@ def exact_match(
             for values in steps_and_ended(task, "chaser", tables)
         )
     elif most and is_exact_team(task, policies, most):
+        if why_not_team_chase(task) is not None:
+            return _exact_outcome(task, policies)
         steps, late = team_survival(task, policies, task.max_steps)
         means = (mean_over_team_starts(values, task) for values in (steps, 1.0 - late))
     else:
         return None
     mean, caught = means
     return Matchup(mean, 0.0, caught, 0)
+
+
+COUNTS = {"chaser": Rewards(capture=1.0, per_evader=True), "evader": Rewards(escape=1.0)}
+"""Rewards that count the captures, as the return of every chaser, and the escapes."""
+
+
+def _exact_outcome(task: Task, policies: Mapping[str, Policy]) -> Matchup:
+    """The result in a chase of one evader with exits or turns."""
+    counted = replace(task, rewards=COUNTS)
+    found = evaluate_joint(counted, policies, task.max_steps)
+    caught, escaped = (found.returns[name] for name in ("chaser_0", "evader_0"))
+    return _matchup(task, found.length, 0.0, caught, 0, escaped)
+
+
+def _matchup(
+    task: Task, steps: float, ci95: float, caught: float, games: int, escaped: float
+) -> Matchup:
+    """The result with these shares of the evaders."""
+    if not task.most_exits:
+        return Matchup(steps, ci95, caught, games)
+    return Matchup(steps, ci95, caught, games, escaped, task.num_evaders * (caught - escaped))
 
 
 def match(
@@ -145,5 +217,8 @@ def match(
     found = exact_match(task, {"chaser": chaser, "evader": evader}, most)
     if found is not None:
         return found
-    lengths, caught = play_pair(task, chaser, evader, episodes)
-    return Matchup(float(lengths.mean()), half_width(lengths), float(caught.mean()), episodes)
+    lengths, caught, escapes = _played(task, chaser, evader, episodes, EVALUATION_SEED)
+    share = float((escapes.captured if task.most_exits else caught).mean())
+    escaped = float(escapes.seen.mean()) if task.most_exits else 0.0
+    mean, ci95 = float(lengths.mean()), half_width(lengths)
+    return _matchup(task, mean, ci95, share, episodes, escaped)

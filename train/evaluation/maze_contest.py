@@ -18,7 +18,8 @@ from pursuit.tasks.task import ROLES, Task
 from scripted_agents import tour_lengths
 from scripted_agents.hidden.limited_view_policies import limited_references
 from scripted_agents.limits import is_single_runner, why_no_tour
-from train.evaluation.games import other_role, play_out, stepper, won_by
+from train.evaluation.departures import Departures
+from train.evaluation.games import Escapes, other_role, play_out, stepper, won_by
 from train.evaluation.scores import (
     BY_GOALS,
     Contest,
@@ -63,7 +64,8 @@ class MazeContest(Contest[Policy, Simulator]):
     @property
     def measure(self) -> Measure:
         """As `Contest`: steps in a chase and for a single runner; goals for a runner in a race; the
-        return if evaders collect goals, as that game ends with a capture or the last goal."""
+        return if evaders collect goals, as that game ends with a capture or the last goal; captures
+        minus escapes in other tasks with exits."""
         return measure_of(self.task, self.role)
 
     @property
@@ -137,13 +139,26 @@ class MazeContest(Contest[Policy, Simulator]):
         self, simulator: Simulator, policy: Policy
     ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
         """Play all episodes of a simulator at its starts; returns as `play`."""
-        seat = self.seat
-        return play_out(
+        return self.played_out(simulator, policy)[:2]
+
+    def played_out(
+        self, simulator: Simulator, policy: Policy
+    ) -> tuple[NDArray[np.int64], NDArray[np.bool_], Departures | None]:
+        """As `play_from`; and with exits how evaders left: all for a chaser, else this one."""
+        seat, escapes = self.seat, Escapes(simulator)
+        lengths, won = play_out(
             simulator,
-            self.stepper(simulator, policy),
+            escapes.after(self.stepper(simulator, policy)),
             lambda games: games.terminated | games.truncated | (games.active[:, seat] == 0),
-            lambda games: won_by(games, seat),
+            lambda games: won_by(games, seat, escapes.seen),
         )
+        if not self.task.most_exits:
+            return lengths, won, None
+        first = self.task.num_chasers
+        counted = slice(seat - first, seat - first + 1) if self.role == "evader" else slice(None)
+        left = [found[:, counted].sum(axis=1) for found in (escapes.captured, escapes.seen)]
+        count = 1 if self.role == "evader" else self.task.num_evaders
+        return lengths, won, Departures(left[0].astype(float), left[1].astype(float), count)
 
     def stepper(self, games: Simulator, policy: Policy) -> Callable[[], None]:
         """As `Contest`."""
@@ -166,9 +181,11 @@ class MazeContest(Contest[Policy, Simulator]):
         return lengths
 
     def values(self, policy: Policy) -> NDArray[np.float64]:
-        """[episodes] goals or return of the agent, depending on the measure."""
+        """[episodes] goals, return or outcome of the agent, depending on the measure."""
         simulator = self.starts()
-        self.play_from(simulator, policy)
+        _, _, left = self.played_out(simulator, policy)
+        if self.measure.name == "outcome" and left is not None:
+            return left.outcome
         found = simulator.collected if self.measure == BY_GOALS else simulator.returns
         return found[:, self.seat].copy()
 

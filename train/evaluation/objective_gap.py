@@ -7,6 +7,7 @@ captures and goals, and for one agent in a whole game that is solved.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,7 +23,7 @@ from scripted_agents.limits import (
 )
 from scripted_agents.tolerances import EQUAL_VALUES
 from scripted_agents.tours.objective import tour_objective_gap
-from train.evaluation.contest import GameContest
+from train.evaluation.contest import OUTCOMES, GameContest
 from train.evaluation.contests import AnyContest
 from train.evaluation.games import best_reply, duel_role, order_of
 
@@ -32,7 +33,8 @@ class ObjectiveGap(NamedTuple):
 
     Attributes:
         gap: its `optimality_gap`, at most 0 for evaders.
-        missing_return: the best undiscounted return minus its own, if other agents collect goals.
+        missing_return: the best undiscounted return minus its own, if other agents collect goals;
+            with exits in captures minus escapes, for an evader its own minus the least.
     """
 
     gap: float | None = None
@@ -116,15 +118,20 @@ def _joint_gap(contest: GameContest, discount: float) -> ObjectiveGap:
     """The objective gap against fixed opponents, from the solution of the whole game.
 
     Learners do not observe the remaining steps, so the policy is optimised without time limit.
-    It is evaluated with the time limit.
+    It is evaluated with the time limit. The discount is that of a round of turns.
     """
     steps, returns = contest.best_of_steps, contest.best_of_returns
-    best = returns or steps
+    best = returns or steps or contest.best_of_outcomes
     if best is None:
         return UNKNOWN
     task, name = contest.task, best.agents[0]
     plan = solve_joint(task, [name], contest.opponents, None, discount, "return").policy
-    found = evaluate_joint(task, {**contest.opponents, name: plan}, task.max_steps, agents=[name])
+    played = {**contest.opponents, name: plan}
+    if contest.measure.name == "outcome":
+        counted = replace(task, rewards=OUTCOMES)
+        own = evaluate_joint(counted, played, task.max_steps, agents=[name]).returns[name]
+        return ObjectiveGap(missing_return=best.mean_over_starts - own)
+    found = evaluate_joint(task, played, task.max_steps, agents=[name])
     return ObjectiveGap(
         None if steps is None else found.steps[name] / steps.mean_over_starts - 1.0,
         None if returns is None else returns.mean_over_starts - found.returns[name],

@@ -18,6 +18,7 @@ from pursuit.simulator.policy import Policy
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task
 from scripted_agents.references import ExactReference
+from train.evaluation.departures import RATES
 from train.evaluation.hidden_contest import Certificate
 from train.files import Plain
 from train.reports.tables import Column, ResultTable, Row, numeric, words
@@ -28,7 +29,7 @@ FULL_VIEW = ", full view"
 """Suffix of an optimum with full view, which is a bound for an agent with a limited view."""
 
 
-MeasureName = Literal["steps", "goals", "return"]
+MeasureName = Literal["steps", "goals", "return", "outcome"]
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,8 @@ class Measure:
     """The measure by which policies of a contest are compared, and its direction.
 
     Attributes:
-        name: "steps", "goals" of the agent, or its "return"; means over episodes.
+        name: "steps", "goals" of the agent, its "return", or the "outcome", captures minus escapes;
+            means over episodes.
         less_is_better: whether smaller values are better.
     """
 
@@ -46,7 +48,12 @@ class Measure:
     @property
     def column(self) -> str:
         """The name of the attribute of `Score` and of the column of `metrics.csv`."""
-        return f"mean_{self.name}"
+        return self.name if self.name == "outcome" else f"mean_{self.name}"
+
+    @property
+    def label(self) -> str:
+        """The name in words."""
+        return OUTCOME if self.name == "outcome" else self.name
 
     @property
     def optimum(self) -> str:
@@ -72,7 +79,9 @@ class Measure:
         value, most = self.of(achieved), None if best is None else self.of(best)
         if value is None or most is None:
             return None
-        return value / most - 1.0 if self.name == "steps" else most - value
+        if self.name == "steps":
+            return value / most - 1.0
+        return value - most if self.less_is_better else most - value
 
 
 @dataclass(frozen=True)
@@ -95,6 +104,9 @@ class Score:
             otherwise.
         mean_return: mean return of the agent; None if no episodes were sampled.
         mean_goals: mean number of goals of the agent; None without goals.
+        outcome: with exits, the mean number of captures minus escapes, of all evaders for a chaser,
+            else of the evader; exact like the steps, and for the optimum. None without exits.
+        capture_rate, escape_rate, timeout_rate: shares of these evaders, of sum 1.
     """
 
     name: str
@@ -108,6 +120,20 @@ class Score:
     solved_gap: float | None = None
     mean_return: float | None = None
     mean_goals: float | None = None
+    outcome: float | None = None
+    capture_rate: float | None = None
+    escape_rate: float | None = None
+    timeout_rate: float | None = None
+
+    def plain(self) -> Plain:
+        """As a dict, without what there is only with exits."""
+        hidden = {name for name in ("outcome", *RATES) if getattr(self, name) is None}
+        return {name: value for name, value in asdict(self).items() if name not in hidden}
+
+    @property
+    def rates(self) -> dict[str, float]:
+        """The shares of captures, escapes and time-outs; empty without exits."""
+        return {name: getattr(self, name) for name in RATES if self.outcome is not None}
 
 
 def optimality_gap(achieved: Score, optimum: Score | None) -> float | None:
@@ -115,6 +141,7 @@ def optimality_gap(achieved: Score, optimum: Score | None) -> float | None:
     return None if optimum is None else achieved.mean_steps / optimum.mean_steps - 1.0
 
 
+OUTCOME = "captures - escapes"
 BY_STEPS, BY_GOALS = Measure(), Measure("goals", False)
 BY_MOST_STEPS, BY_RETURN = Measure("steps", False), Measure("return", False)
 DISCOUNTED = "discounted steps"
@@ -122,6 +149,8 @@ DISCOUNTED = "discounted steps"
 
 def measure_of(task: Task, role: str) -> Measure:
     """The measure of an agent of a role in a task; see `MazeContest.measure`."""
+    if task.most_exits and task.num_goals == 0:
+        return Measure("outcome", role == "evader")
     if task.num_goals == 0:
         return BY_MOST_STEPS if role == "evader" else BY_STEPS
     if role != "runner":
@@ -153,6 +182,8 @@ class Reference:
         """The reference as one line of text."""
         missing = self.unit not in ("steps", DISCOUNTED)
         less = "less" if self.distance >= 0 else "more"
+        if self.unit == OUTCOME:
+            less = "worse" if self.distance >= 0 else "better"
         far = f"{abs(self.distance):.3f} {less}" if missing else f"gap {100 * self.distance:+.2f} %"
         kinds = {"bound": "a bound", "best known": "best known, not proven"}
         what = kinds.get(self.kind, self.kind)
@@ -192,7 +223,7 @@ def strongest_reference(
 
 def _reference(kind: str, best: Score, learned: Score, measure: Measure) -> Reference:
     value, distance = measure.of(best), measure.distance(learned, best)
-    return Reference(kind, best.name, measure.name, float(value or 0.0), float(distance or 0.0))
+    return Reference(kind, best.name, measure.label, float(value or 0.0), float(distance or 0.0))
 
 
 def score_table(
@@ -228,14 +259,19 @@ def score_table(
         rows.append(row)
     columns = [words("", "name")]
     if not by_steps:
-        columns.append(numeric(measure.name, "value", ".3f"))
+        columns.append(numeric(measure.label, "value", ".3f"))
         if best is not None:
-            columns.append(numeric("below the best", "missing", ".3f"))
+            head = "above the best" if measure.less_is_better else "below the best"
+            columns.append(numeric(head, "missing", ".3f"))
     columns += [
         numeric("steps", "mean_steps", ".3f"),
         Column("95 % interval", lambda row: str(row["interval"])),
         numeric("success", "success_rate", ".1f", 100, " %"),
     ]
+    if any(score.rates for score in scores):
+        columns += [
+            numeric(f"{name.removesuffix('_rate')}s", name, ".1f", 100, " %") for name in RATES
+        ]
     if by_steps:
         columns.append(numeric("gap to optimum", "gap", "+.2f", 100, " %"))
     if any(row["solved_gap"] is not None for row in rows):

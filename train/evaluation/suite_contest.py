@@ -17,6 +17,7 @@ from scripted_agents import BestResponse, RandomAgent, mean_over_starts
 from scripted_agents.environments import DEFAULTS
 from scripted_agents.limits import SOLVED_MAZES
 from scripted_agents.references import ExactReference, is_solvable, reference_of
+from train.evaluation.departures import Departures
 from train.evaluation.games import Lengths, best_reply, half_width
 from train.evaluation.maze_contest import SCRIPTED, MazeContest
 from train.evaluation.scores import Measure, Score
@@ -39,6 +40,7 @@ class InMazes:
         exact: whether `steps` and `success` are exact expectations over all starts.
         lengths: [games] of the sampled episodes; None if exact.
         returns, goals: [games] returns and goals of the agent; None if exact or not sampled.
+        left: how evaders left; None without exits.
     """
 
     name: str
@@ -48,6 +50,7 @@ class InMazes:
     lengths: Lengths | None = None
     returns: NDArray[np.float64] | None = None
     goals: NDArray[np.float64] | None = None
+    left: Departures | None = None
 
     def score(self, episodes: int) -> Score:
         """The mean over the mazes, with equal weights."""
@@ -57,6 +60,7 @@ class InMazes:
             None if found is None else float(found.mean()) for found in (self.returns, self.goals)
         )
         rest = {"mean_return": returns, "mean_goals": goals}
+        rest |= {} if self.left is None else self.left.rates()
         return Score(self.name, mean, ci95, won, episodes, self.exact, **rest)
 
     def values(self, measure: Measure) -> NDArray[np.float64] | None:
@@ -64,6 +68,8 @@ class InMazes:
         if measure.name == "steps":
             return self.steps
         found = self.goals if measure.name == "goals" else self.returns
+        if measure.name == "outcome":
+            found = None if self.left is None else self.left.outcome
         return None if found is None else found.reshape(len(self.steps), -1).mean(axis=1)
 
 
@@ -147,9 +153,11 @@ class SuiteContest(MazeContest):
         """
         if not self.is_computed:
             simulator = self.starts()
-            found = self._over_mazes(name, *self.play_from(simulator, policy))
+            lengths, won, left = self.played_out(simulator, policy)
+            found = self._over_mazes(name, lengths, won)
             goals = simulator.collected[:, self.seat].copy() if self.task.num_goals else None
-            return replace(found, returns=simulator.returns[:, self.seat].copy(), goals=goals)
+            returns = simulator.returns[:, self.seat].copy()
+            return replace(found, returns=returns, goals=goals, left=left)
         return self._exactly(name, tables_of(policy, self.part, self.seat))
 
     def _exactly(self, name: str, tables: Iterator[NDArray[np.float64]]) -> InMazes:

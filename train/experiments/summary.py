@@ -64,7 +64,7 @@ class Measure:
 
     def interval(self, values: Sequence[float]) -> Interval:
         """The 95 % interval of the mean over runs; other measures than returns are not negative."""
-        signed = self.column == "mean_return"
+        signed = self.column in ("mean_return", "outcome")
         return mean_interval([values]) if signed else distance_interval([values])
 
 
@@ -86,7 +86,8 @@ def measure_of(rows: list[Row]) -> Measure:
         return GAP if known else STEPS
     name = "NashConv" if column == "nash_conv" else column.replace("_", " ")
     label = name if name.endswith(unit) else f"{name} ({unit})"
-    return Measure(column, column, label, "linear" if column == "mean_return" else "from 0")
+    signed = column in ("mean_return", "outcome")
+    return Measure(column, column, label, "linear" if signed else "from 0")
 
 
 def size_of(value: object) -> tuple[float, str]:

@@ -15,9 +15,9 @@ from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import ACTIONS
 from pursuit.validation import whole
 from scripted_agents import tour_lengths
-from scripted_agents.limits import MAX_EXACT_GOALS
+from scripted_agents.limits import MAX_EXACT_GOALS, is_single_runner
 from train.evaluation.contest import GameContest
-from train.evaluation.games import won_by
+from train.evaluation.games import Escapes, stepper, won_by
 from train.evaluation.scores import label_of
 from train.files import Plain
 from train.play.outcome import Outcome
@@ -75,6 +75,8 @@ class Session:
         self.rewards: list[list[float]] = []
         self._collected = np.zeros(self.task.num_agents, dtype=int)
         self._moves = np.zeros((1, self.task.num_agents), dtype=np.int32)
+        self._escapes = Escapes(self.simulator)
+        self._wait()
 
     def _new_simulator(self) -> Simulator:
         """A simulator of the current game at its start."""
@@ -86,8 +88,8 @@ class Session:
 
     @property
     def step(self) -> int:
-        """Steps of the game so far."""
-        return len(self.actions)
+        """Steps (rounds of turns) of the game so far."""
+        return -(-len(self.actions) // self.task.steps_per_round)
 
     @property
     def over(self) -> bool:
@@ -103,17 +105,27 @@ class Session:
         """
         if self.over:
             raise ValueError(f"game {self.game} is over; start the next game")
-        chosen = whole("action", action, 0, self.task.num_actions - 1)
+        self._step(whole("action", action, 0, self.task.num_actions - 1))
+        self._wait()
+        if self.over:
+            self.outcome = self._outcome_of_game()
+            self.outcomes.append(self.outcome)
+
+    def _wait(self) -> None:
+        """In turns, play the steps in which the user's agent waits."""
+        chases = self.task.seat_roles[self.seat] == "chaser"
+        while self.task.options.turns and not self.over and len(self.actions) % 2 == chases:
+            self._step(self.task.num_actions - 1)
+
+    def _step(self, action: int) -> None:
+        """One step of all agents, with this action of the user's agent."""
         self.simulator.act(self.policies, self._moves)
-        self._moves[0, self.seat] = chosen
-        self.simulator.step(self._moves)
+        self._moves[0, self.seat] = action
+        self._escapes.after(lambda: self.simulator.step(self._moves))()
         self.actions.append(self._moves[0].tolist())
         self.rewards.append(self.simulator.rewards[0].astype(float).tolist())
         self.states.append(self.world.state(self.simulator, 0))
         self._collected += (self.simulator.events[0] & COLLECTED) != 0
-        if self.over:
-            self.outcome = self._outcome_of_game()
-            self.outcomes.append(self.outcome)
 
     def _outcome_of_game(self) -> Outcome:
         """The result of the current game, which is over."""
@@ -124,7 +136,7 @@ class Session:
         collects = [seat for seat in order if self.task.seat_roles[seat] != "chaser"]
         competes = self.task.num_goals > 0 and self.task.num_agents > 1
         return Outcome(
-            won=bool(won_by(self.simulator, self.seat)[0]),
+            won=bool(won_by(self.simulator, self.seat, self._escapes.seen)[0]),
             steps=self.step,
             reward=sum(rewards[self.seat] for rewards in self.rewards),
             optimal_steps=optimum,
@@ -143,17 +155,21 @@ class Session:
         filled: list[Policy | None] = list(self.policies)
         filled[self.seat] = self.policy
         simulator = self._new_simulator()
-        moves, collected = np.zeros_like(self._moves), 0
+        collected, escapes = 0, Escapes(simulator)
+        step = escapes.after(stepper(simulator, filled))
         while not simulator.ended[0] and simulator.active[0, self.seat]:
-            simulator.act(filled, moves)
-            simulator.step(moves)
+            step()
             collected += bool(simulator.events[0, self.seat] & COLLECTED)
-        return int(simulator.steps[0]), bool(won_by(simulator, self.seat)[0]), collected
+        rounds = -(-int(simulator.steps[0]) // self.task.steps_per_round)
+        return rounds, bool(won_by(simulator, self.seat, escapes.seen)[0]), collected
 
     @cached_property
     def values(self) -> NDArray[np.float64] | None:
         """[cell of agent 0, cell of agent 1, ...] float64, expected steps of the best response to
-        the other agents, at most `max_steps`; None for games that are not solved or have goals."""
+        the other agents, at most `max_steps`; None for games that are not solved, have goals or
+        exits, or are played in turns."""
+        if self.task.most_exits or self.task.options.turns:
+            return None
         best = self.contest.best_response()
         if best is not None:
             return best.values
@@ -164,7 +180,9 @@ class Session:
         """The optimal steps from a start: expected steps in a chase, the shortest tour of a runner;
         None if unknown."""
         task = self.task
-        if (task.num_agents, task.num_runners) == (1, 1):
+        if task.options.turns and (among := self.contest.best_team_response()) is not None:
+            return float(among.values_of(self._new_simulator().games)[0])
+        if is_single_runner(task):
             there = [goal for goal in goals if goal >= 0]
             if len(set(there)) > MAX_EXACT_GOALS:
                 return None

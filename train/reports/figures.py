@@ -263,11 +263,11 @@ def draw_matrix(
     label: str,
     title: str,
 ) -> None:
-    """Draw a heat map with numbers, coloured on a logarithmic scale.
+    """Draw a heat map with numbers, coloured on a logarithmic scale if all are above 0.
 
     Args:
         path: of the figure.
-        values: [rows, columns], above 0.
+        values: [rows, columns].
         rows, columns: label of the axis, and the name of each row or column.
         label: of the values.
         title: of the figure.
@@ -276,16 +276,26 @@ def draw_matrix(
     figure, axis = pyplot().subplots(
         figsize=(3.6 + 0.85 * across, 1.8 + 0.55 * down), layout="constrained"
     )
-    image = axis.imshow(values, cmap="viridis", aspect="auto", norm="log")
+    positive = bool((values > 0.0).all())
+    norm, digits = ("log", 1) if positive else ("linear", 2)
+    image = axis.imshow(values, cmap="viridis", aspect="auto", norm=norm)
     for (i, j), value in np.ndenumerate(values):
         color = "white" if image.norm(value) < 0.6 else "black"
-        axis.text(j, i, f"{value:.1f}", ha="center", va="center", fontsize=9, color=color)
+        axis.text(
+            j,
+            i,
+            f"{value:.{digits}f}",
+            ha="center",
+            va="center",
+            fontsize=9,
+            color=color,
+        )
     names = [[fill(name, LABEL_WIDTH) for name in each] for _, each in (rows, columns)]
     axis.set_yticks(range(down), names[0])
     axis.set_xticks(range(across), names[1], rotation=30, ha="right")
     axis.set_ylabel(rows[0])
     axis.set_xlabel(columns[0])
-    ticks = round_numbers(float(values.min()), float(values.max()))
+    ticks = round_numbers(float(values.min()), float(values.max())) if positive else None
     figure.colorbar(image, label=label, ticks=ticks, format="%g").ax.minorticks_off()
     axis.set_title(title, fontsize=11)
     save(figure, path, also_svg=True)

@@ -174,6 +174,7 @@ def check_fits(policy: Policy, role: str, task: Task, name: str) -> None:
         f"{name}: was trained in maze {own.mazes[0].name}, not in {task.mazes[0].name}; use that "
         "maze, or train with observation window:R (on graphs, an observation of your own)",
     )
-    for what in ("num_chasers", "num_evaders", "num_goals", "stay_action", "move_order"):
+    same = ("num_chasers", "num_evaders", "num_goals", "stay_action", "move_order", "most_exits")
+    for what in same:
         mine, theirs = getattr(own, what), getattr(task, what)
         check(mine == theirs, f"{name}: was trained with {what}={mine}, not {theirs}; use {mine}")

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from train.evaluation.scores import OUTCOME
 from train.files import Plain
 from train.reports.curves import Level, Panel, Series, draw_panels
 from train.reports.figures import BLACK, GREEN, GREY, ORANGE, PINK, SKY, YELLOW, time_scale
@@ -14,7 +15,11 @@ from train.reports.figures import BLACK, GREEN, GREY, ORANGE, PINK, SKY, YELLOW,
 COLORS = {"optimal": GREEN, "random": GREY}
 OTHERS = ((ORANGE, "--"), (YELLOW, "-."), (BLACK, ":"), (SKY, "--"), (PINK, "-."))
 """Colour and line style of the other references, in their order."""
-LABELS = {"mean_steps": "mean episode length\n(steps, log)", "mean_goals": "mean goals collected"}
+LABELS = {
+    "mean_steps": "mean episode length\n(steps, log)",
+    "mean_goals": "mean goals collected",
+    "outcome": OUTCOME,
+}
 
 
 def draw_learning_curve(

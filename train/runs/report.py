@@ -106,11 +106,12 @@ def describe_loops(content: Plain) -> str:
 def headline(results: Plain) -> str:
     """The objective and its best known value: goals or return, if it is not steps."""
     found, column = results["evaluation"], results["objective"]["column"]
-    name = results["objective"]["unit"]
-    text = f"Learned{beside_of(results.get('teammates', {}))}: {name} {found[column]:.3f}"
+    name, unit = column.removeprefix("mean_"), results["objective"]["unit"]
+    text = f"Learned{beside_of(results.get('teammates', {}))}: {unit} {found[column]:.3f}"
     best = found.get(f"optimal_{name}")
     if best is not None:
-        text += f", optimum on the same starts {best:.3f}: {found[f'{name}_regret']:.3f} below it"
+        text += f", optimum on the same starts {best:.3f}: {found[f'{name}_regret']:.3f} "
+        text += "above it" if results["objective"]["less_is_better"] else "below it"
     return text
 
 

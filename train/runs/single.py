@@ -76,7 +76,7 @@ class SingleAgent:
         self.contest: AnyContest = parts.world.contest(EPISODES)
         self.optimum = self.contest.optimal()
         measure = self.contest.measure
-        self.objective = Objective(measure.column, measure.name, measure.less_is_better)
+        self.objective = Objective(measure.column, measure.label, measure.less_is_better)
 
     @property
     def frames(self) -> int:
@@ -107,6 +107,7 @@ class SingleAgent:
         score, measure = self.contest.score("learned", self.policy), self.contest.measure
         row = {"mean_steps": score.mean_steps, "success_rate": score.success_rate}
         row[measure.column] = measured(measure, score)
+        row |= score.rates
         gap = optimality_gap(score, self.optimum)
         if gap is not None:
             row["optimality_gap"] = gap
@@ -136,7 +137,7 @@ class SingleAgent:
         name, measure = self.evaluated, self.contest.measure
         of_steps = measure.name == "steps"
         if not of_steps:
-            parts.append(f"{name} {measure.name} {row[measure.column]:6.2f}")
+            parts.append(f"{name} {measure.label} {row[measure.column]:6.2f}")
         parts.append(f"{name} {row['mean_steps']:6.2f} steps")
         if of_steps and "optimality_gap" in row:
             parts.append(f"gap {100 * row['optimality_gap']:+7.2f} %")
@@ -252,7 +253,7 @@ def evaluation_of(
     best = by_name.get(BEST_RETURN)
     measure = contest.measure
     others: dict[str, float | None] = {measure.column: measured(measure, learned)}
-    for by in (BY_GOALS, BY_RETURN):
+    for by in dict.fromkeys((BY_GOALS, BY_RETURN, *([measure] if learned.rates else []))):
         most = by_name.get(by.optimum)
         if most is not None:
             others |= {
@@ -274,11 +275,13 @@ def evaluation_of(
             "solved_gap": learned.solved_gap,
             "objective_gap": objective.gap if optimum else None,
             **({"return_gap": objective.missing_return} if best else {}),
+            **({"outcome_gap": objective.missing_return} if learned.rates else {}),
             **certified,
             **others,
+            **learned.rates,
         },
         "reference": {} if held is None else asdict(held),
-        "scores": [asdict(score) for score in scores],
+        "scores": [score.plain() for score in scores],
     }
 
 

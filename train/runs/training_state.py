@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from pursuit.validation import check
 from train.algorithms.learner import Learner
+from train.algorithms.registry import build_learner
 from train.environments.lockstep import AnySimulator, LockstepEnv
 from train.environments.simulator_env import SimulatorEnv
 from train.files import Plain
@@ -44,7 +45,7 @@ def build_env_and_learner(
         )
         restore_policy_memories(env, state["memories"])
         env.resume = True
-    learner = parts.algorithm.build(parts.hyper, env, parts.build)
+    learner = build_learner(parts.algorithm, parts.hyper, env, parts.build)
     if state is not None:
         found, needed = set(state["learner"]), set(learner.state_dict())
         check(found == needed, f"the learner's state has {sorted(found)}, not {sorted(needed)}")

@@ -21,7 +21,7 @@ from scripted_agents.environments import (
     roles_of_agent,
 )
 from train.evaluation.games import half_width
-from train.evaluation.matchups import can_solve, match, play_pair
+from train.evaluation.matchups import can_solve, match, pair_payoffs
 from train.files import Plain
 from train.runs.folder import CONFIG
 from train.runs.opponents import check_fits, is_self_play, load_opponent, role_of
@@ -40,6 +40,9 @@ from train.settings.checks import evaluation_seed
 from train.settings.self_play import ROLES
 from train.settings.task import TaskSettings, in_maze
 
+STEPS, ESCAPES = "steps until capture", "escapes - captures"
+"""Units of payoffs."""
+
 
 @dataclass(frozen=True)
 class Entry:
@@ -54,11 +57,14 @@ class Entry:
 class LeagueTable:
     """The results of a league; payoffs are steps until capture, truncated at the horizon.
 
+    With exits they are escapes minus captures.
+
     Attributes:
         payoff, ci95: [chasers, evaders] float64; the half width is 0 for exact payoffs.
-        lengths: [chasers, evaders, games] int64, of the sampled games.
+        lengths: [chasers, evaders, games] int64, the payoffs of the sampled games.
         chasers, evaders: their names.
-        horizon: steps after which a game is truncated; None for no limit.
+        horizon: steps after which a game is truncated; None for no limit, and with exits.
+        unit: of the payoffs.
     """
 
     chasers: list[str]
@@ -67,6 +73,7 @@ class LeagueTable:
     ci95: NDArray[np.float64]
     lengths: NDArray[np.int64]
     horizon: int | None = None
+    unit: str = STEPS
 
 
 def enter(
@@ -188,14 +195,15 @@ def play_league(task: Task, entries: Sequence[Entry], games: int, seed: int) -> 
     lengths = np.zeros((*shape, games), dtype=np.int64)
     for i, chaser in enumerate(sides["chaser"]):
         for j, evader in enumerate(sides["evader"]):
-            lengths[i, j], _ = play_pair(task, chaser.policy, evader.policy, games, starts)
+            lengths[i, j] = pair_payoffs(task, chaser.policy, evader.policy, games, starts)
             if can_solve(task, chaser.policy, evader.policy):
-                payoff[i, j] = match(task, chaser.policy, evader.policy).steps
+                payoff[i, j] = match(task, chaser.policy, evader.policy).payoff
             else:
                 payoff[i, j] = lengths[i, j].mean()
                 ci95[i, j] = half_width(lengths[i, j])
     names = [[entry.name for entry in sides[role]] for role in ROLES]
-    return LeagueTable(names[0], names[1], payoff, ci95, lengths, task.max_steps)
+    how = (None, ESCAPES) if task.most_exits else (task.max_steps, STEPS)
+    return LeagueTable(names[0], names[1], payoff, ci95, lengths, *how)
 
 
 def survival(table: LeagueTable) -> Plain:
@@ -236,6 +244,7 @@ def rate(table: LeagueTable, seed: int = 0) -> Plain:
         "ci95": table.ci95.tolist(),
         "games": table.lengths.shape[2],
         **survival(table),
+        **({} if table.unit == STEPS else {"unit": table.unit}),
     }
     average = nash_average(table.payoff)
     content["nash"] = {

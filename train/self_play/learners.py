@@ -18,6 +18,7 @@ from train.settings.self_play import (
     ROLES,
     LearningSide,
     SelfPlaySettings,
+    default_rewards,
     self_play_ppo,
     unnested_sides,
 )
@@ -68,7 +69,7 @@ def unchecked_self_play(**flat: Any) -> SelfPlaySettings:
     """As `self_play_settings_of`, without the checks that build the task and the policies."""
     flat = with_memory(unnested_sides(flat))
     checked_names(flat)
-    task = settings_with(TaskSettings, flat, {"rewards": "zero_sum"})
+    task = settings_with(TaskSettings, flat, {"rewards": default_rewards(flat)})
     own: dict[str, Plain] = {role: {} for role in ROLES}
     common: Plain = {}
     shared = {*names_of(TaskSettings, SelfPlaySettings), *ROLES}

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
+from pursuit.rules.layout import PLAIN
 from pursuit.simulator.policy import Policy
 from pursuit.tasks.task import Task
 from scripted_agents import (
-    best_team_response,
+    JointNashConv,
     joint_nash_conv,
+    solve_joint,
     why_not_optimal,
     work_of,
 )
@@ -23,10 +25,12 @@ from scripted_agents.limits import (
     SEARCH_SECONDS,
 )
 from scripted_agents.references import is_exact_team, is_table_duel, why_not_joint
+from train.evaluation.contest import OUTCOMES
 from train.evaluation.exploitability import exploitability, nash_conv, team_exploitability
 from train.evaluation.games import other_role, table_in
 from train.evaluation.hidden_contest import best_response_interval
 from train.evaluation.matchups import match
+from train.evaluation.scores import OUTCOME
 from train.files import Plain
 from train.settings.self_play import ROLES
 
@@ -66,10 +70,13 @@ def exploited(task: Task, chaser: Policy, evader: Policy, discount: float) -> di
         if maze.num_cells > MAX_GAME_CELLS:
             return {"nash_conv": nash_conv(maze, tables[0], tables[1], discount, order)}
         exploited_by = exploitability(maze, tables[0], tables[1], discount, order)
-    elif is_exact_team(task, {"chaser": chaser, "evader": evader}):
-        exploited_by = team_exploitability(task, chaser, evader, discount)
-    else:
+    elif not has_nash_conv(task, chaser, evader):
         return {}
+    elif task.options != PLAIN:
+        pair = {"chaser": chaser, "evader": evader}
+        return {"nash_conv": nash_conv_with_options(task, pair, discount).nash_conv}
+    else:
+        exploited_by = team_exploitability(task, chaser, evader, discount)
     return {
         "nash_conv": exploited_by.nash_conv,
         "chaser_exploitability": exploited_by.mean_chaser,
@@ -77,6 +84,27 @@ def exploited(task: Task, chaser: Policy, evader: Policy, discount: float) -> di
         "value": exploited_by.mean_value,
         "game_value": exploited_by.mean_game_value,
     }
+
+
+def has_nash_conv(task: Task, chaser: Policy, evader: Policy, most: int = MAX_EXACT_WORK) -> bool:
+    """Whether `exploited` is exact: in small duels and teams against one evader, and in small games
+    with exits."""
+    pair = {"chaser": chaser, "evader": evader}
+    exits = task.most_exits and not task.num_goals and why_not_joint(task, pair, most) is None
+    return is_table_duel(task, chaser, evader) or is_exact_team(task, pair) or bool(exits)
+
+
+def nash_conv_with_options(
+    task: Task, pair: Mapping[str, Policy], discount: float
+) -> JointNashConv:
+    """Exact NashConv of a game with options of the rules, with each side as one player.
+
+    In discounted steps (rounds), without time limit. With exits in captures minus escapes within
+    `max_steps`, where best responses may depend on time.
+    """
+    if task.most_exits:
+        return joint_nash_conv(replace(task, rewards=OUTCOMES), pair, task.max_steps, sides=True)
+    return joint_nash_conv(replace(task, rewards="zero_sum"), pair, None, discount, sides=True)
 
 
 def format_row(row: Mapping[str, float]) -> list[str]:
@@ -88,8 +116,10 @@ def format_row(row: Mapping[str, float]) -> list[str]:
         each = [f"{role} {row[f'{role}_exploitability']:z.3f}" for role in ROLES]
         parts.append(f"({', '.join(each)})")
     parts.append(f"{row['steps']:6.1f} steps")
+    if "outcome" in row:
+        parts.append(f"{OUTCOME} {row['outcome']:5.2f}")
     parts += [
-        f"{role} vs A* {row[f'{role}_vs_astar']:6.1f}"
+        f"{role} vs A* {row[f'{role}_vs_astar']:6.{2 if 'outcome' in row else 1}f}"
         for role in ROLES
         if f"{role}_vs_astar" in row
     ]
@@ -118,7 +148,7 @@ def matches(
 ) -> list[Plain]:
     """All chasers against all evaders, given as policies by role and name; `most` as in `match`."""
     return [
-        {"chaser": c, "evader": e, **asdict(match(task, chaser, evader, episodes, most=most))}
+        {"chaser": c, "evader": e, **match(task, chaser, evader, episodes, most=most).plain()}
         for c, chaser in players["chaser"].items()
         for e, evader in players["evader"].items()
     ]
@@ -134,7 +164,7 @@ def exact_best_responses(
     steps = {}
     for number, (role, policy) in enumerate(learned.items()):
         tell(f"exact best response against the {role}", number / len(learned))
-        best = best_team_response(task, other_role(role), {role: policy}, task.max_steps)
+        best = solve_joint(task, other_role(role), {role: policy}, task.max_steps)
         steps[f"against_{role}"] = best.mean_over_starts
     return steps
 
@@ -168,9 +198,9 @@ def whole_game(
 ) -> Plain:
     """Exact NashConv of a game of teams or with goals, in returns, with each side as one player.
 
-    Without time limit: {"nash_conv": ..., "returns": by role, "gains": by role}. Empty if the game
-    is larger than `most` (`work_of`), partially observable, or has a user-defined reward
-    function.
+    With exits that of `nash_conv_with_options`. Otherwise without time limit: {"nash_conv": ...,
+    "returns": by role, "gains": by role}. Empty if the game is larger than `most` (`work_of`),
+    partially observable, or has a user-defined reward function.
     """
     if (
         any(task.hides_from(agent) for agent in task.agent_names)
@@ -178,5 +208,8 @@ def whole_game(
         or why_not_joint(task, pair, most) is not None
     ):
         return {}
-    game = joint_nash_conv(task, pair, None, discount, sides=True)
+    if task.most_exits and not task.num_goals:
+        game = nash_conv_with_options(task, pair, discount)
+    else:
+        game = joint_nash_conv(task, pair, None, discount, sides=True)
     return {"nash_conv": game.nash_conv, "returns": game.returns, "gains": game.gains}

@@ -131,6 +131,11 @@ def check_sides(settings: SelfPlaySettings, task: Task) -> None:
         f"rewards={settings.task.rewards!r} with goals; use zero_sum: opponents are scored by "
         "steps, so chasers must be rewarded for short episodes",
     )
+    check(
+        not task.most_exits or (settings.task.rewards != "zero_sum" and not task.num_goals),
+        f"rewards={settings.task.rewards!r}, num_goals={task.num_goals} with exits; use win_loss "
+        "without goals: opponents are scored by captures and escapes, and zero_sum pays steps",
+    )
     check(not task.num_runners, f"task {task.name!r} has runners; use chase or heist")
     for role in ROLES:
         members = [name for name in settings.members if role in SEARCHERS.get(name, ROLES)]

@@ -55,7 +55,9 @@ def matches_table(matches: Sequence[Plain]) -> ResultTable:
     def grid(name: str) -> list[list[float]]:
         return [[by_pair[chaser, evader][name] for evader in evaders] for chaser in chasers]
 
-    return payoff_table(chasers, evaders, grid("steps"), grid("ci95"))
+    exits = any("outcome" in row for row in matches)
+    half = [[0.0] * len(evaders)] * len(chasers) if exits else grid("ci95")  # ci95 is of the steps
+    return payoff_table(chasers, evaders, grid("outcome" if exits else "steps"), half)
 
 
 def legend_of(names: Iterable[str], epsilon: float) -> str:
@@ -76,7 +78,10 @@ def ratings_table(role: str, content: Plain) -> ResultTable:
         words(role, "name"),
         Column("Elo [95 %]", lambda r: f"{r['elo']:.0f} [{r['elo_low']:.0f}, {r['elo_high']:.0f}]"),
         Column("Nash share", lambda r: f"{100 * r['nash_share']:.1f} %"),
-        Column("steps against Nash", lambda r: f"{r['steps_against_nash']:.2f}"),
+        Column(
+            f"{content.get('unit', 'steps')} against Nash",
+            lambda r: f"{r['steps_against_nash']:.2f}",
+        ),
     ]
     return ResultTable(sorted(rows, key=lambda row: -row["elo"]), columns)
 
@@ -84,4 +89,4 @@ def ratings_table(role: str, content: Plain) -> ResultTable:
 def draw_league(path: Path, table: LeagueTable, title: str) -> None:
     """The payoff matrix as a heat map."""
     names = ("chaser", table.chasers), ("evader", table.evaders)
-    draw_matrix(path, table.payoff, *names, "steps until capture", title)
+    draw_matrix(path, table.payoff, *names, table.unit, title)

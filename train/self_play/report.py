@@ -13,6 +13,7 @@ from pursuit.simulator.policy import Policy
 from pursuit.tasks.task import Task
 from train.evaluation.contest import GameContest
 from train.evaluation.recordings import MOST_OVERLAY_CELLS, recorded, sides_of
+from train.evaluation.scores import OUTCOME
 from train.files import Plain, read_json
 from train.reports.curves import Panel, Series, draw_panels
 from train.reports.figures import BLACK, BLUE, ORANGE, time_scale
@@ -64,9 +65,11 @@ def draw_self_play(
             if name in rows[0]
         ]
 
-    panels = [Panel(known(AGAINST_SCRIPTED), "steps until capture (log)", scale="log")]
+    exits = "outcome" in rows[0]
+    label, scale = (OUTCOME, "linear") if exits else ("steps until capture (log)", "log")
+    panels = [Panel(known(AGAINST_SCRIPTED), label, scale=scale)]
     if exploitability := known(EXPLOITABILITY):
-        label = "exploitability, exact\n(discounted steps)"
+        label = f"exploitability, exact\n({OUTCOME if exits else 'discounted steps'})"
         panels.insert(0, Panel(exploitability, label, scale="from 0"))
     draw_panels(path, [[panel] for panel in panels], unit, title)
 
@@ -100,7 +103,7 @@ def write_self_play_report(
     league = snapshots_league(trainee, task, pair)
     path = path or folder / REPORT
     payoff = path.with_name(PAYOFF)
-    draw_league(payoff, league, "steps until capture: snapshots against each other")
+    draw_league(payoff, league, f"{league.unit}: snapshots against each other")
     players = {row[role] for row in results["matches"] for role in ROLES}
     legend = legend_of(players, trainee.settings.task.opponent_epsilon)
     about = f"Run {folder.name}: {results['algorithm']}, opponents {results['sampling']}."
@@ -151,7 +154,10 @@ def describe_exploitability(results: Plain) -> list[str]:
     lines = []
     if "nash_conv" in found:
         before = f" (at the start {start['nash_conv']:.3f})" if "nash_conv" in start else ""
-        lines.append(f"NashConv {found['nash_conv']:z.3f} discounted steps{before}; {meaning}.")
+        unit = "discounted steps"
+        if "outcome" in found:
+            unit = f"{OUTCOME}, of best responses that may depend on time,"
+        lines.append(f"NashConv {found['nash_conv']:z.3f} {unit}{before}; {meaning}.")
     for name, bounds in results.get("limited_best_responses", {}).items():
         what = f"Best response with the view of its role {name.replace('_', ' the ')}"
         what = "NashConv with these views" if name == "nash_conv" else what
@@ -163,7 +169,8 @@ def describe_exploitability(results: Plain) -> list[str]:
     if results.get("diversity"):
         lines.append(f"{describe_diversity(results['diversity'])}.")
     if results.get("whole_game"):
-        lines.append(describe_whole_game(results["whole_game"]))
+        unit = OUTCOME if "outcome" in found else "discounted returns"
+        lines.append(describe_whole_game(results["whole_game"], unit))
     if "game_value" in found and "value" in found:
         sight = " with full view" if limited else ""
         lines.append(
@@ -179,21 +186,19 @@ def describe_exploitability(results: Plain) -> list[str]:
         for name, steps in results.get(f"{kind}_best_response", {}).items():
             full = " with full view" if kind == "exact" and limited else ""
             against = name.replace("_", " the ")
-            lines.append(f"{kind} best response{full} {against}: {steps:.2f} steps.".capitalize())
+            unit = OUTCOME if "outcome" in found else "steps"
+            lines.append(f"{kind} best response{full} {against}: {steps:.2f} {unit}.".capitalize())
     lines.append(f"{results['frames']:,} frames in {results['seconds']:.1f} s.")
     return lines
 
 
-def describe_whole_game(found: Plain) -> str:
+def describe_whole_game(found: Plain, unit: str) -> str:
     """NashConv in returns as a sentence."""
     each = ", ".join(
         f"return of the {role} {value:.3f}, a best response gains {found['gains'][role]:.3f}"
         for role, value in found["returns"].items()
     )
-    return (
-        f"NashConv in discounted returns: {found['nash_conv']:.3f} ({each}; "
-        "exact, each side one player)."
-    )
+    return f"NashConv in {unit}: {found['nash_conv']:.3f} ({each}; exact, each side one player)."
 
 
 def cycle_in_words(league: LeagueTable) -> str:

@@ -13,9 +13,10 @@ from pursuit.simulator.policy import Policy
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task
 from train.algorithms.learner import Learner
-from train.algorithms.registry import Algorithm, Build
+from train.algorithms.registry import Algorithm, Build, build_learner
 from train.environments.hooks import EpisodeHook
 from train.environments.simulator_env import SimulatorEnv
+from train.evaluation.games import all_caught
 from train.networks.policy import Seat
 from train.runs.folder import check_learned
 from train.runs.training_state import restore_simulator, simulator_tensors
@@ -68,9 +69,15 @@ class Opponents(EpisodeHook):
         """Record the learner's scores against the opponents of these games.
 
         The score of an evader is 1 - discount ** steps, its share of the highest discounted return;
-        that of a chaser is discount ** steps.
+        that of a chaser is discount ** steps. With exits a chaser scores 1 for a game that ends by
+        a capture, 0 for one that ends by an escape, 1/2 if time is up.
         """
-        left = self.discount ** self.simulator.steps[games].astype(np.float64)
+        task = self.simulator.task
+        rounds = -(-self.simulator.steps[games] // task.steps_per_round)
+        left = self.discount ** rounds.astype(np.float64)
+        if task.most_exits:  # the escapes of the last step, as `Payoffs` counts games to their end
+            won = all_caught(self.simulator)[games].astype(np.float64)
+            left = np.where(self.simulator.terminated[games], won, 0.5)
         scores = left if self.role == "chaser" else 1.0 - left
         opponents = self.policy.opponents[games]
         for member in np.unique(opponents).tolist():
@@ -148,7 +155,7 @@ class Side:
             self.opponents.rng.bit_generator.state = state["rng"]
             self.env.idle[:] = state["idle"].numpy()
             self.env.resume = True
-        self.learner: Learner = parts.algorithm.build(parts.hyper, self.env, parts.build)
+        self.learner: Learner = build_learner(parts.algorithm, parts.hyper, self.env, parts.build)
         # Those of the learner itself: its states are loaded in place.
         self.weights: dict[str, torch.Tensor] = dict(self.learner.state_dict()["network"])
         self.average, self.iterations = self._copied(), 0
@@ -187,7 +194,8 @@ class Side:
     def restart(self) -> None:
         """New weights and a new state of the optimizer, as for each best response of PSRO (Lanctot
         et al., 2017)."""
-        fresh = self.parts.algorithm.build(self.parts.hyper, self.env, self.parts.build)
+        parts = self.parts
+        fresh = build_learner(parts.algorithm, parts.hyper, self.env, parts.build)
         self.learner.load_state_dict({**fresh.state_dict(), "frames": self.learner.frames})
         fresh.close()
         self.average, self.iterations = self._copied(), 0

@@ -12,10 +12,11 @@ from typing import ClassVar
 import numpy as np
 
 from pursuit.simulator.policy import Policy
-from scripted_agents.limits import MAX_EXACT_WORK, MAX_FINAL_WORK, MAX_SNAPSHOT_CELLS
+from scripted_agents.limits import MAX_FINAL_WORK, MAX_SNAPSHOT_CELLS
 from scripted_agents.references import is_exact_team
 from train.evaluation.games import other_role
-from train.evaluation.matchups import can_solve, match
+from train.evaluation.matchups import match
+from train.evaluation.scores import OUTCOME
 from train.files import Plain
 from train.runs.folder import CONFIG, SELF_PLAY, SIDE, save_checkpoint, save_config
 from train.runs.forms import Objective
@@ -29,6 +30,7 @@ from train.self_play.metrics import (
     exact_best_responses,
     exploited,
     format_row,
+    has_nash_conv,
     limited_best_responses,
     matches,
     scripted_references,
@@ -101,8 +103,9 @@ class SelfPlay:
             self._load_state_dict(state)
         self._update_sampling()
         # The objective depends on the game alone: every learned policy is a table.
-        exact = can_solve(self.task, self.policy("chaser"), self.policy("evader"), MAX_EXACT_WORK)
-        column, unit = ("nash_conv", "discounted steps") if exact else ("steps", "steps")
+        exact = has_nash_conv(self.task, self.policy("chaser"), self.policy("evader"))
+        unit = OUTCOME if self.task.most_exits else "discounted steps"
+        column, unit = ("nash_conv", unit) if exact else ("steps", "steps")
         self.objective = Objective(column, unit, less_is_better=True)
 
     def _pool(self, role: str) -> OpponentPool:
@@ -189,16 +192,21 @@ class SelfPlay:
         """Exact exploitability where possible, and both sides against scripted agents.
 
         Exploitability is in discounted steps, lengths are in steps: exact in a duel, and of a team
-        up to the size `most` (`match`).
+        up to the size `most` (`match`). With exits both are in captures minus escapes.
         """
         chaser, evader = (self.policy(role) for role in ROLES)
         row = exploited(self.task, chaser, evader, self.parts.discount)
-        row["steps"] = match(self.task, chaser, evader, episodes, most=most).steps
+        met = match(self.task, chaser, evader, episodes, most=most)
+        row["steps"] = met.steps
+        if met.outcome is not None and met.escaped is not None:
+            row["outcome"] = met.outcome
+            row |= {"capture_rate": met.caught, "escape_rate": met.escaped}
+            row["timeout_rate"] = max(1.0 - met.caught - met.escaped, 0.0)
         for name in scripted_references(self.task):
             for role in self.sides:
                 other = self.parts.scripted[name, other_role(role)]
                 one, two = (chaser, other) if role == "chaser" else (other, evader)
-                row[f"{role}_vs_{name}"] = match(self.task, one, two, episodes, most=most).steps
+                row[f"{role}_vs_{name}"] = match(self.task, one, two, episodes, most=most).shown
         self.last = row
         return row
 
@@ -242,19 +250,19 @@ class SelfPlay:
             "mixtures": self.mixtures,
         }
         limited = any(self.task.hides_from(agent) for agent in self.task.agent_names)
-        has_nash_conv = "nash_conv" in evaluation
-        exact_team = is_exact_team(self.task, pair, MAX_FINAL_WORK)
+        known = "nash_conv" in evaluation
+        exact_team = not self.task.most_exits and is_exact_team(self.task, pair, MAX_FINAL_WORK)
         if limited:
             content["limited_view"] = True  # best responses and values have full view
             self.tell("best responses with a limited view", 0.0)
             intervals = limited_best_responses(self.task, pair, limits.search_seconds)
             content["limited_best_responses"] = intervals
-        if not has_nash_conv and not exact_team:
+        if not known and not exact_team:
             self.tell("NashConv of the whole game", 0.0)
             most = limits.whole_game_work
             content["whole_game"] = whole_game(self.task, pair, self.parts.discount, most)
         small = self.task.max_cells <= MAX_SNAPSHOT_CELLS
-        if has_nash_conv and small and not limited and not interrupted:
+        if known and small and not limited and not interrupted:
             kept = {role: self.pools[role].snapshots for role in self.sides}
             if limits.is_dry_run:
                 kept = {r: [Member(name, pair[r], False) for name in "ab"] for r in self.sides}
@@ -267,7 +275,7 @@ class SelfPlay:
             solved = is_exact_team(self.task, pair, limits.response_work)
             learned = {role: pair[role] for role in self.sides if solved}
             content["exact_best_response"] = exact_best_responses(self.task, learned, self.tell)
-        elif not has_nash_conv and settings.best_response_seconds and not interrupted:
+        elif not known and settings.best_response_seconds and not interrupted:
             content["approximate_best_response"] = self.approximate_best_responses(episodes)
         return content
 
@@ -279,7 +287,8 @@ class SelfPlay:
         return small
 
     def approximate_best_responses(self, episodes: int) -> dict[str, float]:
-        """Mean steps of a PPO trained against each learned side, which is fixed.
+        """Mean steps (with exits captures minus escapes) of a PPO trained against each learned
+        side, which is fixed.
 
         A bound on the value of a best response: {"against_evader": steps, ...}.
         """
@@ -294,7 +303,7 @@ class SelfPlay:
                 if run.stopped:
                     raise KeyboardInterrupt
                 chaser, evader = (run.trainee.policy(side) for side in ROLES)
-                steps[f"against_{role}"] = match(self.task, chaser, evader, episodes).steps
+                steps[f"against_{role}"] = match(self.task, chaser, evader, episodes).shown
         return steps
 
     # -- files -----------------------------------------------------------------------------------

@@ -14,6 +14,7 @@ from pursuit.plugins import Registry
 
 AXES = (
     "opponent-epsilon",
+    "slip",
     "goal-spread-fixed",
     "goal-spread-start",
     "start-distance",

@@ -149,7 +149,7 @@ class StagedSettings(AxisSettings):
     """Stages at equal distances along one axis."""
 
     axis: Annotated[str, passes(AXIS_PARTS.check)] = "auto"
-    """Task parameter that is varied: opponent-epsilon, goal-spread-fixed, goal-spread-start,
+    """Task parameter that is varied: opponent-epsilon, slip, goal-spread-fixed, goal-spread-start,
     start-distance, num-goals, maze-size, loops; for the arm target-distance, free-joints, hold,
     tolerance; or package.module:Name of a user-defined axis. auto: goal-spread-start in tasks with
     goals, target-distance for the arm, else start-distance."""

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from dataclasses import dataclass, replace
+from typing import Annotated, ClassVar, Self
 
 from pursuit.validation import choice, rule
 from train.settings.checks import Count, Positive, Settings, Share
@@ -24,6 +24,11 @@ class Hyperparameters(Settings):
     """Recurrent layer between the hidden layers and the output: gru, or None."""
     SELF_PLAY_ONLY: ClassVar[bool] = False
     """Whether the algorithm is for self-play only."""
+
+    def per_step(self, steps: int) -> Self:
+        """The same with the discount of each of so many steps of a round; `gamma` is of a round."""
+        names = [name for name in ("gamma", "gamma_end") if getattr(self, name, None) is not None]
+        return replace(self, **{name: getattr(self, name) ** (1.0 / steps) for name in names})
 
     @property
     def last_gamma(self) -> float:

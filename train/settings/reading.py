@@ -78,6 +78,8 @@ def settings_with(
 def complete_settings(form: type[Any], given: Any, name: str = "") -> Plain:
     """All plain fields of `form`, from a table that has exactly these.
 
+    The names in `form.ADDED`, which older versions did not write, may be missing.
+
     Args:
         form: a dataclass.
         given: the table.
@@ -88,7 +90,8 @@ def complete_settings(form: type[Any], given: Any, name: str = "") -> Plain:
     """
     check(isinstance(given, Mapping), f"{name}={shortened(given)}; give a table")
     names = names_of(form)
-    own = {key: value for key, value in given.items() if name or key not in INNER}
+    own: Plain = {added: getattr(form, added) for added in getattr(form, "ADDED", ())}
+    own |= {key: value for key, value in given.items() if name or key not in INNER}
     missing = next((known for known in names if known not in own), None)
     where = f" of {name}" if name else ""
     check(missing is None, f"setting {missing!r}{where} is missing")

@@ -69,6 +69,12 @@ def unnested_sides(given: Mapping[str, object]) -> Plain:
     return flat
 
 
+def default_rewards(given: Mapping[str, object]) -> str:
+    """The rewards of self-play by default: of steps, or with exits of captures and escapes."""
+    exits = given.get("task") == "escape" or {"exits", "num_exits"} & set(given)
+    return "win_loss" if exits else "zero_sum"
+
+
 @dataclass(frozen=True)
 class SelfPlaySettings(RunSettings):
     """All settings of a run of self-play."""

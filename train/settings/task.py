@@ -78,6 +78,9 @@ class TaskSettings(Settings):
     """A game in mazes, and the opponents in it."""
 
     OBSERVATION: ClassVar[str] = "index"
+    ADDED: ClassVar[tuple[str, ...]] = (
+        *("capture", "n_catch", "capture_check", "exits", "num_exits", "collisions", "slip"),
+    )
 
     task: str = "chase"
     """chase, maze, race, heist, escape or reacher (an arm; for its options see --task reacher

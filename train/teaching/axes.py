@@ -156,6 +156,24 @@ def opponent_epsilon(name: str, context: CurriculumContext, ends: AxisSettings) 
     return Axis(name, first, last, apply, whole=False)
 
 
+def slip(name: str, context: CurriculumContext, ends: AxisSettings) -> Axis:
+    """Largest probability of slips of the agents; 0 is the easiest. Others are scaled like it."""
+    slips = np.array(context.task.slips)
+    most = float(slips.max())
+    check(
+        most > 0.0,
+        f"curriculum {name!r} needs slips, and task {context.task.name!r} has none; give a slip "
+        "above 0",
+    )
+    error = "slip={}; give a probability of slips in [0, 1]"
+    first, last = ends_within(ends, (0.0, most), (0.0, 1.0), error, whole=False)
+
+    def apply(simulator: Any, games: NDArray[np.intp], values: NDArray[np.float64]) -> None:
+        simulator.configure(games, slip=values[:, None] * (slips / most))
+
+    return Axis(name, first, last, apply, whole=False)
+
+
 def goal_spread_fixed(name: str, context: CurriculumContext, ends: AxisSettings) -> Axis:
     """Largest distance in steps from the goal marks of the maze to the goals."""
     maze = context.task.mazes[0]
@@ -271,6 +289,7 @@ def longest_in(task: Task) -> int:
 
 AXIS_MAKERS: dict[str, Maker] = {
     "opponent-epsilon": Maker(opponent_epsilon, scripted=True),
+    "slip": Maker(slip),
     "goal-spread-fixed": Maker(goal_spread_fixed, goals=True, random_starts=True),
     "goal-spread-start": Maker(goal_spread_start, goals=True, random_starts=True),
     "start-distance": Maker(start_distance, random_starts=True, both=True),

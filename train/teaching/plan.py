@@ -77,6 +77,13 @@ def plan_curriculum(
     """
     if name == "none":
         return None
+    if isinstance(context, CurriculumContext):
+        played = context.task
+        check(
+            not played.most_exits or played.num_evaders == 1,
+            f"curriculum={name!r} with exits and num_evaders={played.num_evaders}: whether a game "
+            "is won is known at its end for one evader; give num_evaders=1, or curriculum none",
+        )
     if isinstance(settings, MazeReplaySettings):
         return plan_pool(name, settings, context, seed)
     axis, varied, task = None, None, context.task
