@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,9 +24,18 @@ from rule_values import (
 )
 
 from pursuit.mazes.generation import generate_graph
-from pursuit.mazes.maze import load_maze
+from pursuit.mazes.maze import Maze, load_maze
 from pursuit.tasks.task import Task
-from scripted_agents import solve_chase, solve_in_turns, solve_joint
+from scripted_agents import (
+    solve_chase,
+    solve_in_turns,
+    solve_joint,
+    solve_joint_game,
+    solve_matrix_game,
+)
+from scripted_agents.joint.equilibrium import team_chase_game
+from scripted_agents.joint.shapley_iteration import solve_infinite_horizon
+from scripted_agents.joint.sweeps import Quantity
 
 
 def chase(maze: str, rule: str, chasers: int) -> Task:
@@ -73,6 +84,70 @@ def test_plain_rules_give_the_results_of_the_other_solvers() -> None:
     _, values = solved(chase("3x3", "cell", 2))
     chased = solve_chase(maze, stay_action=True, num_chasers=2)
     assert values.mean() == pytest.approx(chased.mean_over_starts, abs=1e-8)
+
+
+def after_moves(maze: Maze, cells: tuple[int, ...], rule: str, actions: Any) -> Any:
+    """The cells of two chasers and an evader after a step, written from the text of the rules; None
+    after a capture."""
+    options = RULES[rule]
+    target = [
+        int(maze.neighbors[cell, action]) for cell, action in zip(cells, actions, strict=True)
+    ]
+    after = list(target)
+    if options.get("collisions") == "block":
+        for i in range(3):
+            others = [j for j in range(3) if j != i]
+            if target[i] in [c for j in others for c in (cells[j], target[j])]:
+                after[i] = cells[i]
+    *chasers, evader = after
+    ways = {int(cell) for cell in maze.neighbors[evader, :4]} - {evader}
+    swaps = [(after[i], cells[i]) == (cells[2], after[2]) for i in range(2)]
+    if options.get("capture") == "surround":
+        over = ways <= set(chasers)
+    elif options.get("capture") == "adjacent":
+        over = any(chaser in ways | {evader} for chaser in chasers)
+    else:
+        met = [c == evader or swap for c, swap in zip(chasers, swaps, strict=True)]
+        over = sum(met) >= options.get("n_catch", 1)
+    return None if over else tuple(after)
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_the_value_of_moves_at_once_is_that_of_brute_force(rule: str) -> None:
+    """Shapley's iteration over all cells, one matrix game after the other."""
+    maze, cells = load_maze("2x2-open"), list(product(range(4), repeat=3))
+    follows = {
+        now: [
+            [
+                after_moves(maze, now, rule, (*chasers, evader))
+                for chasers in product(range(5), repeat=2)
+            ]
+            for evader in range(5)
+        ]
+        for now in cells
+    }
+    values: dict[Any, float] = dict.fromkeys([*cells, None], 0.0)
+    for _ in range(150):
+        before = values
+        values = {None: 0.0}
+        for now, table in follows.items():
+            payoff = [[1.0 + 0.95 * before[after] for after in row] for row in table]
+            values[now] = solve_matrix_game(payoff).value
+    _, found = solved(chase("2x2-open", rule, 2))
+    starts = [values[now] for now in cells if len(set(now)) == 3]
+    bound = 20.0 * 0.95**150 + 1e-9
+    assert found.mean() == pytest.approx(np.mean(starts), abs=bound)
+    assert found.mean() >= np.mean(starts) - 1e-9
+
+
+def test_the_payoff_can_be_any_reward() -> None:
+    task = Task(
+        maze="3x3", num_chasers=1, num_evaders=1, exits=[5], rewards="win_loss", stay_action=True
+    )
+    game, twins = team_chase_game(task, Quantity([0, 1], [0, 0]), 0.9)
+    values, _ = solve_infinite_horizon(game)
+    lead = solve_joint_game(task, 0.9)
+    np.testing.assert_allclose(-2.0 * values[twins], lead.values, atol=1e-7)
 
 
 @pytest.mark.parametrize("order", ["simultaneous", "chasers_first"])
