@@ -212,6 +212,35 @@ def thesis() -> Iterable[dict[int, Cell]]:
     yield from ({}, {}, {})  # in words
 
 
+def capture_rules(*columns: str) -> Iterable[dict[int, Cell]]:
+    rows = data("rules/capture")
+    for maze, rule in dict.fromkeys((row["maze"], row["rule"]) for row in rows):
+        line: dict[int, Cell] = {0: maze, 1: rule, 2: "", 3: "", 4: "", 5: ""}
+        for row in rows:
+            if (row["maze"], row["rule"]) == (maze, rule):
+                shares = [100.0 * float(row[columns[0]])] if row[columns[0]] else []
+                line[1 + int(row["chasers"])] = shares and [*shares, float(row[columns[1]])]
+        yield line
+
+
+def classical_domain() -> Iterable[dict[int, Cell]]:
+    for row in data("rules/classical"):
+        yield {
+            0: row["order"],
+            1: row["prey_moves"],
+            2: numbers(row, "mean_steps"),
+            3: numbers(row, "worst_start"),
+            4: numbers(row, "scripted_steps", "scripted_ci95"),
+        }
+
+
+def exits() -> Iterable[dict[int, Cell]]:
+    for row in data("rules/escape"):
+        best = numbers(row, "best_chasers"), numbers(row, "equilibrium")
+        yield dict(enumerate((row["chasers"], row["exits"], *best, numbers(row, "scripted"),
+                              numbers(row, "best_evader"))))  # fmt: skip
+
+
 TABLES: dict[tuple[str, int], Callable[[], Iterable[dict[int, Cell]]]] = {
     ("libraries", 0): libraries,
     ("self_play", 3): lambda: methods("self-play-methods", ("worst",)),
@@ -219,6 +248,10 @@ TABLES: dict[tuple[str, int], Callable[[], Iterable[dict[int, Cell]]]] = {
     ("frames_and_states", 0): frames_and_states,
     ("curricula", 0): curricula,
     ("hyperparameters", 3): small_budgets,
+    ("rules", 0): lambda: capture_rules("forced", "mean_steps"),
+    ("rules", 1): lambda: capture_rules("turns_forced", "turns_rounds"),
+    ("rules", 2): classical_domain,
+    ("rules", 3): exits,
     ("thesis", 0): thesis,
 }
 """How the numbers of a table, given by its page and place, follow from the data."""

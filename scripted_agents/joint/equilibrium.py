@@ -19,6 +19,7 @@ from scripted_agents.joint.results import ChaseSolution
 from scripted_agents.joint.shapley_iteration import (
     Mask,
     Report,
+    StochasticGame,
     game_of_task,
     silent,
     solve_game,
@@ -172,14 +173,10 @@ def _solve(
     allowed: tuple[Mask, Mask] | None = None,
 ) -> ChaseSolution:
     maze, num_chasers = task.mazes[0], task.num_chasers
-    states = joint_states_of(task)
     shape = (maze.num_cells,) * (num_chasers + 1)
-    cells = np.stack(np.unravel_index(np.arange(states.count), shape), axis=1)
-    twins = np.ravel_multi_index((*np.sort(cells[:, :-1], axis=1).T, cells[:, -1]), shape)
-    seats, everybody = (num_chasers, *range(num_chasers)), [1] * (num_chasers + 1)
-    payoff = Quantity([0] * (num_chasers + 1), everybody)
-    same = None if num_chasers == 1 else twins
-    game = game_of_task(states, seats, payoff, discount, same, report, allowed)
+    cells = np.stack(np.unravel_index(np.arange(maze.num_cells ** len(shape)), shape), axis=1)
+    payoff = Quantity([0] * (num_chasers + 1), [1] * (num_chasers + 1))
+    game, twins = team_chase_game(task, payoff, discount, report=report, allowed=allowed)
     values, sweeps = solve_game(game, horizon)
     evader_policy, chaser_policy = game.strategies()
     evader_policy = evader_policy[twins]
@@ -209,6 +206,44 @@ def _solve(
     for array in (solution.values, solution.mixed, *solution.policies.values()):
         array.flags.writeable = False
     return solution
+
+
+def team_chase_game(
+    task: Task,
+    payoff: Quantity,
+    discount: float,
+    symmetries: NDArray[np.int64] | None = None,
+    report: Report = silent,
+    allowed: tuple[Mask, Mask] | None = None,
+) -> tuple[StochasticGame, NDArray[np.int64]]:
+    """The game of one evader, the row player, against a team of chasers, the column player.
+
+    Args:
+        task: a chase of one evader in one maze, with any options of the rules but slips and drawn
+            exits.
+        payoff: of the evader.
+        discount: of each step, or round of turns.
+        symmetries: [n, cells], cells after each map of the maze onto itself under which the rules
+            are the same; states that are equal up to these are looked at once. None for the
+            identity only.
+        report, allowed: as in `game_of_task`; `allowed` for one chaser.
+
+    Returns:
+        The game, and [states] int64, the state that stands for each: its values are those of all.
+    """
+    states = joint_states_of(task)
+    shape = (states.numbering.halves, *(task.max_cells,) * task.num_agents)
+    half, *cells = np.unravel_index(np.arange(states.count), shape)
+    everywhere = np.arange(task.max_cells)[None]
+    twins = np.arange(states.count)
+    if task.num_chasers > 1 or symmetries is not None:
+        for after in everywhere if symmetries is None else symmetries:
+            chasers = np.sort(after[np.stack(cells[:-1])], axis=0)
+            image = np.ravel_multi_index((half, *chasers, after[cells[-1]]), shape)
+            twins = np.minimum(twins, image)
+    seats = (task.num_chasers, *range(task.num_chasers))
+    same = None if task.num_chasers == 1 and symmetries is None else twins
+    return game_of_task(states, seats, payoff, discount, same, report, allowed), twins
 
 
 def _rename(
