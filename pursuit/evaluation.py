@@ -20,14 +20,15 @@ class Evaluation:
         episodes: number of episodes.
         mean_steps: mean episode length; a truncated episode counts with all its steps.
         ci95: half width of the 95 % confidence interval of `mean_steps`; 0 if it is exact.
-        success_rate: share of successful episodes: all evaders captured (chaser), not captured
-            until truncation (evader), or all goals collected (runner).
+        success_rate: share of successful episodes: all evaders captured (chaser), escaped or
+            not captured until truncation (evader), or all goals collected (runner).
         optimal_steps: mean episode length of the optimal policy; None if unknown.
         gap: mean_steps / optimal_steps - 1. Evaders maximise episode length, so their exact
             gap is at most 0; a sampled one can be above.
         gap_ci95: 95 % confidence interval of the gap (lower, upper), from paired differences on
             the same start positions (delta method for a ratio of means).
-        measure: the metric of the task: "steps", "goals" (race) or "return" (heist).
+        measure: the metric of the task: "steps", "goals" (race), "return" (heist), or with exits
+            the "outcome", captures minus escapes.
         mean, optimum: the mean of this metric for the policy and for the optimal policy; None if
             unknown.
         why_no_optimum: the reason why `optimum` is None; None if it is known.

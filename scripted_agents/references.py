@@ -22,6 +22,7 @@ from scripted_agents.limits import (
     MAX_BOUNDED_CELLS,
     MAX_EXACT_CELLS,
     MAX_EXACT_WORK,
+    MAX_FINAL_WORK,
     MAX_WORK,
     check_joint_states,
     count_joint_states,
@@ -44,8 +45,9 @@ class ExactReference:
             the mean steps over all starts.
         team: Several chasers and one evader without goals at random starts in one maze, or a duel
             with options of the rules, policies with known distributions, work of up to
-            MAX_EXACT_WORK. Exact: the best response of the agent, the mean over all starts, in
-            steps; with exits in captures - escapes.
+            MAX_EXACT_WORK; with exits or turns in final results MAX_FINAL_WORK. Exact: the best
+            response of the agent, the mean over all starts, in steps; with exits in captures -
+            escapes.
         joint: Any other game in one maze, policies with known distributions, work of up to
             MAX_WORK; in final results, `pursuit evaluate` and `pursuit baseline`
             MAX_EVALUATED_WORK. Exact: the best response of the agent from the starts of the
@@ -102,7 +104,8 @@ def reference_of(
             return ExactReference("duel")
         return _unknown(f"{len(task.mazes)} mazes; whole games are solved in one")
     seat = task.seat(agent)
-    if is_exact_team(task, {**opponents, task.agent_names[seat]: RandomAgent()}):
+    policies = {**opponents, task.agent_names[seat]: RandomAgent()}
+    if is_exact_team(task, policies, exact_work(task, most_work)):
         return ExactReference("team")
     reason = why_not_joint(task, opponents, most_work, seat)
     by_return = task.num_goals > 0 and task.seat_roles[seat] != "runner"
@@ -140,6 +143,13 @@ def is_table_in(task: Task, policy: Any) -> bool:
     seat = own.seat(agent)
     here = task.seat(own.seat_roles[seat])
     return own.sight.limits[seat] == task.sight.limits[here]
+
+
+def exact_work(task: Task, most_work: int) -> int:
+    """The size up to which policies of a chase of one evader are evaluated exactly: during
+    training, or with exits and turns also in final results (`most_work` above MAX_WORK)."""
+    final = most_work > MAX_WORK and (task.most_exits > 0 or task.options.turns)
+    return MAX_FINAL_WORK if final else MAX_EXACT_WORK
 
 
 def is_exact_team(task: Task, policies: Mapping[str, Policy], most: int = MAX_EXACT_WORK) -> bool:

@@ -102,6 +102,7 @@ def optimal_policy(contest: AnyContest) -> Policy | ArmPolicy:
     if not isinstance(contest, GameContest):
         raise ValueError("the optimum in several mazes is not one policy; give one of the mazes")
     best, among = contest.best_response(), contest.best_team_response()
+    among = contest.best_of_outcomes if among is None else among
     if best is not None:
         return TablePolicy(contest.task.mazes[0], best.policy)
     if among is not None:

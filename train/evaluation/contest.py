@@ -32,6 +32,7 @@ from scripted_agents.environments import DEFAULTS
 from scripted_agents.limits import MAX_WORK, SEARCH_SECONDS, work_of
 from scripted_agents.references import (
     ExactReference,
+    exact_work,
     is_exact_team,
     is_table_duel,
     reference_of,
@@ -114,7 +115,8 @@ class GameContest(MazeContest):
         """Exact over all starts if that can be computed; otherwise of sampled episodes."""
         certain: tuple[float, float] | tuple[None, None] = (None, None)
         bounded = self.is_limited and self.is_table_duel
-        if (found := exact_match(self.task, self._with(policy))) is not None:
+        most = exact_work(self.task, self.most_work)
+        if (found := exact_match(self.task, self._with(policy), most)) is not None:
             if bounded:
                 certain = discounted(self.task, self.role, policy, self.opponent_table())
             score = self._exact_score(name, found.steps, found.caught, *certain)
@@ -189,8 +191,8 @@ class GameContest(MazeContest):
     def best_team_response(self) -> TeamResponse | None:
         """The best response of this agent in a team chase; None if that is not solved, and with
         exits, see `best_of_outcomes`."""
-        exits = self.task.most_exits
-        if exits or not is_exact_team(self.task, self._with(RandomAgent())):
+        task, most = self.task, exact_work(self.task, self.most_work)
+        if task.most_exits or not is_exact_team(task, self._with(RandomAgent()), most):
             return None
         if self.task.options.turns:
             return self._joint_response(self.task)

@@ -127,7 +127,7 @@ class Score:
 
     def plain(self) -> Plain:
         """As a dict, without what there is only with exits."""
-        hidden = {name for name in ("outcome", *RATES) if getattr(self, name) is None}
+        hidden = () if self.rates else ("outcome", *RATES)
         return {name: value for name, value in asdict(self).items() if name not in hidden}
 
     @property
@@ -181,9 +181,8 @@ class Reference:
     def line(self) -> str:
         """The reference as one line of text."""
         missing = self.unit not in ("steps", DISCOUNTED)
-        less = "less" if self.distance >= 0 else "more"
-        if self.unit == OUTCOME:
-            less = "worse" if self.distance >= 0 else "better"
+        how = ("worse", "better") if self.unit == OUTCOME else ("less", "more")
+        less = how[self.distance < 0]
         far = f"{abs(self.distance):.3f} {less}" if missing else f"gap {100 * self.distance:+.2f} %"
         kinds = {"bound": "a bound", "best known": "best known, not proven"}
         what = kinds.get(self.kind, self.kind)
@@ -261,17 +260,15 @@ def score_table(
     if not by_steps:
         columns.append(numeric(measure.label, "value", ".3f"))
         if best is not None:
-            head = "above the best" if measure.less_is_better else "below the best"
-            columns.append(numeric(head, "missing", ".3f"))
+            side = "above" if measure.less_is_better else "below"
+            columns.append(numeric(f"{side} the best", "missing", ".3f"))
     columns += [
         numeric("steps", "mean_steps", ".3f"),
         Column("95 % interval", lambda row: str(row["interval"])),
         numeric("success", "success_rate", ".1f", 100, " %"),
     ]
     if any(score.rates for score in scores):
-        columns += [
-            numeric(f"{name.removesuffix('_rate')}s", name, ".1f", 100, " %") for name in RATES
-        ]
+        columns += [numeric(f"{name[:-5]}s", name, ".1f", 100, " %") for name in RATES]
     if by_steps:
         columns.append(numeric("gap to optimum", "gap", "+.2f", 100, " %"))
     if any(row["solved_gap"] is not None for row in rows):

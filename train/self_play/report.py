@@ -192,8 +192,8 @@ def describe_exploitability(results: Plain) -> list[str]:
     return lines
 
 
-def describe_whole_game(found: Plain, unit: str) -> str:
-    """NashConv in returns as a sentence."""
+def describe_whole_game(found: Plain, unit: str = "discounted returns") -> str:
+    """NashConv in returns of this unit as a sentence."""
     each = ", ".join(
         f"return of the {role} {value:.3f}, a best response gains {found['gains'][role]:.3f}"
         for role, value in found["returns"].items()

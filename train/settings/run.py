@@ -65,11 +65,11 @@ class TrainSettings(RunSettings, Generic[S]):
     """ppo, a2c, reinforce, dqn, cross_entropy or q_learning; for the arm ppo, a2c, reinforce,
     cross_entropy, ddpg, td3 or sac; or package.module:Name of a user-defined algorithm."""
     curriculum: str = "none"
-    """Scheduled: opponent-epsilon, goal-spread-fixed, goal-spread-start, start-distance, num-goals,
-    maze-size, loops; for the arm target-distance, free-joints, hold, tolerance. Adaptive:
-    success-gated, learning-progress, level-replay, learnability; for a suite of mazes maze-replay,
-    maze-learnability. Controls: none, uniform, reversed, shuffled. Or package.module:Name of a
-    user-defined curriculum or axis."""
+    """Scheduled: opponent-epsilon, slip, goal-spread-fixed, goal-spread-start, start-distance,
+    num-goals, maze-size, loops; for the arm target-distance, free-joints, hold, tolerance.
+    Adaptive: success-gated, learning-progress, level-replay, learnability; for a suite of mazes
+    maze-replay, maze-learnability. Controls: none, uniform, reversed, shuffled. Or
+    package.module:Name of a user-defined curriculum or axis."""
     observation: str = "auto"
     """Observation of the network. In mazes: index (one_hot computed faster), one_hot, positions,
     cells, walls, planes, window:R (convolutions), or package.module:Name of a user-defined one. For

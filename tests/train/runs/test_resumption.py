@@ -203,7 +203,7 @@ def test_learners_of_discrete_actions_resume_on_an_arm(tmp_path: Path) -> None:
 
 def taught(algorithm: str, curriculum: str, **flat: Any) -> Any:
     """A run with a curriculum: of a runner; of a chaser or an arm where that has not what turns."""
-    for game in (RUNNER, CHASER, SUITE):
+    for game in (RUNNER, CHASER, SUITE, {**CHASER, "slip": "0.2"}):
         with contextlib.suppress(ValueError):
             return tiny(algorithm, curriculum=curriculum, **game, **flat)
     return tiny(algorithm, curriculum=curriculum, **ARM, hold=3, **flat)
@@ -215,6 +215,11 @@ def taught(algorithm: str, curriculum: str, **flat: Any) -> Any:
 )
 def test_every_curriculum_resumes(curriculum: str, tmp_path: Path) -> None:
     check_resumption(RUN, taught("ppo", curriculum), tmp_path)
+
+
+def test_games_with_exits_slips_and_turns_resume(tmp_path: Path) -> None:
+    turns = {"move_order": "turns", "stay_action": True, "slip": "0.2"}
+    check_resumption(RUN, tiny("ppo", **{**CHASER, "task": "escape", **turns}), tmp_path)
 
 
 def test_levels_scored_by_advantages_resume(tmp_path: Path) -> None:
