@@ -67,6 +67,6 @@ def slip_chances(store: Store, state: int, chances: Any) -> None:
 def fill_move_chances(store: Store, chances: Any, moved: Any) -> None:
     """Fill `moved` [pairs] with the chances of moves, given those of choices."""
     moved[:] = chances
-    for state in range(store.shape[0]):
+    for state in range(store.shape.shape[0]):
         first = store.pairs[state]
         slip_chances(store, state, moved[first : first + store.shape[state, 0]])

@@ -378,7 +378,7 @@ REFUSED: list[tuple[str, dict[str, Any]]] = [
     ("n_catch", {"n_catch": 0}),
     ("surround' with n_catch=2", {"capture": "surround", "n_catch": 2}),
     ("capture", {"capture": "touch"}),
-    ("captures need chasers and evaders", {"num_chasers": 0, "num_goals": 1, "capture": "surround"}),
+    ("captures need chasers", {"num_chasers": 0, "num_goals": 1, "capture": "surround"}),
     ("captures need chasers", {"num_chasers": 0, "num_goals": 1, "capture_check": "after_chasers"}),
     ("simultaneous", {"capture_check": "after_chasers"}),
     ("only evaders escape", {"num_evaders": 0, "num_runners": 1, "num_goals": 1, "exits": [0]}),
