@@ -59,7 +59,8 @@ class AgentMark:
     Args:
         name: role and number, as in `"chaser_0"`; the role is chaser, evader or runner.
         cell: the number of its cell; after capture, of its last cell.
-        active: False if captured.
+        active: False if captured or escaped.
+        escaped: whether it has escaped; it is not drawn then.
 
     Raises:
         ValueError: an invalid name.
@@ -68,6 +69,7 @@ class AgentMark:
     name: str
     cell: int
     active: bool = True
+    escaped: bool = False
 
     def __post_init__(self) -> None:
         if self.role not in ("chaser", "evader", "runner") or not self.number.isdecimal():
@@ -96,9 +98,10 @@ class Scene:
         goals: the cells of the remaining goals.
         steps, max_steps: steps of the episode, and its maximal length.
         caption: text for the footer.
+        exits: the cells of exits.
 
     Raises:
-        ValueError: the cell of an agent or a goal is not in the maze.
+        ValueError: the cell of an agent, a goal or an exit is not in the maze.
     """
 
     maze: Maze
@@ -107,9 +110,10 @@ class Scene:
     steps: int
     max_steps: int
     caption: str = ""
+    exits: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
-        for cell in chain((agent.cell for agent in self.agents), self.goals):
+        for cell in chain((agent.cell for agent in self.agents), self.goals, self.exits):
             self.maze.check_cell(cell)
 
     @property
@@ -121,9 +125,9 @@ class Scene:
         """[height, width, 3] uint8, the picture in RGB; both sides are even numbers.
 
         Chasers are orange triangles, evaders blue circles, runners green squares, goals yellow
-        stars; captured agents are grey and crossed out. Agents of one role carry numbers if there
-        are several of them. Agents in the same cell are drawn side by side. The picture depends on
-        the scene only.
+        stars, exits green frames; captured agents are grey and crossed out, escaped ones left out.
+        Agents of one role carry numbers if there are several of them. Agents in the same cell are
+        drawn side by side. The picture depends on the scene only.
 
         Args:
             size: if `cell_pixels` is None, the maximal longer side of the picture without its
@@ -141,6 +145,11 @@ class Scene:
             raise ValueError(f"size={size}; a picture needs at least {least}")
         image, layout = _background(self.maze, cell_pixels, size, self.max_steps)
         image = image.copy()
+        frame, reach = ImageDraw.Draw(image), 0.42 * layout.inside
+        for cell in self.exits:
+            x, y = layout.middle(self.maze, cell)
+            box = [x - reach, y - reach, x + reach, y + reach]
+            frame.rectangle(box, outline=ROLE_COLORS["runner"], width=max(1, layout.inside // 12))
         for token, x, y in _placed_tokens(self, layout):
             image.paste(token, (x, y), token)
         draw_footer(image, layout.height, layout.font_size, self.footer, self.caption)
@@ -151,24 +160,32 @@ class Scene:
 
         Of a graph it is a line for each agent and goal with the name of its cell.
 
-        A cell holds C (chaser), E (evader), R (runner) or G (goal), in lower case when captured. If
-        several share a cell, it shows their number (`+` above nine), and a line below lists them.
+        A cell holds C (chaser), E (evader), R (runner), G (goal) or X (exit), in lower case when
+        captured. If several share a cell, it shows their number (`+` above nine), and a line below
+        lists them.
         """
         maze = self.maze
         if not maze.is_grid:
             return self._graph_text()
         lines = [list(line) for line in maze.to_text().splitlines()]
-        for mark in (*maze.goal_marks, *(() if maze.start_mark is None else (maze.start_mark,))):
+        for mark in (
+            *maze.goal_marks,
+            *maze.exit_marks,
+            *(() if maze.start_mark is None else (maze.start_mark,)),
+        ):
             lines[2 * maze.rows[mark] + 1][2 * maze.columns[mark] + 1] = " "
         names = defaultdict(list)
-        for agent in self.agents:
+        for agent in self._drawn_agents:
             names[agent.cell].append(agent.name if agent.active else f"{agent.name} (captured)")
         for goal in self.goals:
             names[goal].append("goal")
+        for cell in self.exits:
+            names[cell].append("exit")
         shared = []
         for cell in sorted(names):
             row, column, here = int(maze.rows[cell]), int(maze.columns[cell]), names[cell]
             letter = here[0][0] if "captured" in here[0] else here[0][0].upper()
+            letter = "X" if here[0] == "exit" else letter
             if len(here) > 1:
                 letter = str(len(here)) if len(here) < 10 else "+"
                 shared.append(f"{letter} at row {row}, column {column}: {', '.join(here)}")
@@ -176,14 +193,19 @@ class Scene:
         footer = f"{self.footer}  {self.caption}".rstrip()
         return "\n".join([*("".join(line) for line in lines), footer, *shared]) + "\n"
 
+    @property
+    def _drawn_agents(self) -> list[AgentMark]:
+        return [agent for agent in self.agents if not agent.escaped]
+
     def _graph_text(self) -> str:
         """`text` of a graph."""
         names = self.maze.cell_names
         agents = [
             f"{agent.name} at {names[agent.cell]}" + ("" if agent.active else " (captured)")
-            for agent in self.agents
+            for agent in self._drawn_agents
         ]
         goals = [f"goal at {names[goal]}" for goal in self.goals]
+        goals += [f"exit at {names[cell]}" for cell in self.exits]
         return "\n".join([*agents, *goals, f"{self.footer}  {self.caption}".rstrip()]) + "\n"
 
 
@@ -302,7 +324,7 @@ def _placed_tokens(scene: Scene, layout: _Layout) -> Iterator[tuple[Image.Image,
     inside = defaultdict(list)
     for goal in scene.goals:
         inside[goal].append(("goal", "", True))
-    for agent in sorted(scene.agents, key=lambda agent: agent.active):
+    for agent in sorted(scene._drawn_agents, key=lambda agent: agent.active):
         label = agent.number if roles.count(agent.role) > 1 else ""
         inside[agent.cell].append((agent.role, label, agent.active))
     for cell, tokens in inside.items():

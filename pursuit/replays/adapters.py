@@ -13,15 +13,21 @@ from pursuit.mazes.maze import Maze
 from pursuit.reacher.simulator import ReacherSimulator
 from pursuit.reacher.task import ReacherTask
 from pursuit.rules.arrays import Array
+from pursuit.simulator.next_episode import fill_epsilon
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.rewards import rewards_text
 from pursuit.tasks.task import Task
 from pursuit.tasks.visibility import agent_choice_text, view_radius_text
 from pursuit.validation import Plain as Plain
+from pursuit.validation import is_int
 
 State = dict[str, Array]
+OPTIONS = ("capture", "n_catch", "capture_check", "exits", "num_exits", "collisions", "slip")
+"""The settings of a task that older versions do not know."""
 DIGITS = "0123456789abcdefghijklmnopqrstuv"
 """The texts of the actions in a maze."""
+SLIP_STREAM = -1
+"""The stream of slips is the last of a game; see `pursuit.rules.layout.slip_stream`."""
 
 
 class TaskAdapter:
@@ -66,14 +72,15 @@ class MazeAdapter(TaskAdapter):
     def settings(self, task: Task) -> Plain:
         """The task as plain values, without a reward function (replays store the rewards).
 
-        Settings of partial observability are written only if used, so that older versions can read
-        the file.
+        Settings of partial observability and options of the rules are written only if used, so
+        that older versions can read the file.
         """
         own: Plain = vars(task)
         plain = {
             each.name: own[each.name]
             for each in fields(task)
             if each.name not in ("maze", "rewards", "view_radius", "line_of_sight", "unknown_maze")
+            and (each.name not in OPTIONS or own[each.name] != each.default)
         }
         visibility: Plain = {
             "view_radius": view_radius_text(own["view_radius"]),
@@ -110,29 +117,49 @@ class MazeAdapter(TaskAdapter):
 
     def start(self, simulator: Simulator, game: int) -> Plain:
         """The start state of the episode, as plain values."""
-        return {
+        start: Plain = {
             "positions": simulator.positions[game].tolist(),
             "goals": simulator.goals[game].tolist(),
             "maze": int(simulator.maze_index[game]),
         }
+        if simulator.task.num_exits:
+            start["exits"] = simulator.exits[game].tolist()
+        if simulator.task.options.slips:
+            start["slips"] = simulator.get_state().slip[game].tolist()
+            start["slip_stream"] = int(simulator.streams[game, SLIP_STREAM])
+        return start
 
     def begin(self, simulator: Simulator, start: Plain) -> None:
         """Start an episode in the game of a simulator; ValueError for an invalid start state."""
         goals = start.get("goals")
-        simulator.place(start.get("positions"), goals or None, start.get("maze", 0))  # type: ignore[arg-type]
+        exits = start.get("exits")
+        simulator.place(start.get("positions"), goals or None, start.get("maze", 0), exits=exits)  # type: ignore[arg-type]
+        if simulator.task.options.slips:
+            state, stream = simulator.get_state(), start.get("slip_stream")
+            if not is_int(stream) or not 0 <= stream < 2**64:
+                raise ValueError(
+                    f"slip_stream={stream!r}; give the stream of slips, 0 to 2**64 - 1"
+                )
+            fill_epsilon(state.slip, [start.get("slips")], "slip")
+            state.streams[0, SLIP_STREAM] = stream
+            simulator.set_state(state)
 
     def state(self, simulator: Simulator, game: int, final: bool = False) -> State:
         """Copies of the current state of a game, or of the final state of its last episode.
 
-        The keys are "cells" [agents], -1 after capture, "goals", and "events" [agents].
+        The keys are "cells" [agents], -1 after capture or escape, "goals", "events" [agents], and
+        in tasks with exits "exits".
         """
         games = simulator._outcome.final if final else simulator.games
         cells = np.where(games.active[game] == 0, -1, games.position[game])
-        return {
+        state = {
             "cells": cells.astype("<i4"),
             "goals": games.goal[game].astype("<i4"),
             "events": games.event[game].astype("<i4"),
         }
+        if simulator.task.most_exits:
+            state["exits"] = games.exit[game].astype("<i4")
+        return state
 
     def text_of_actions(self, actions: Array) -> list[str]:
         """One string of digits per agent."""

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.mazes.maze import Maze
-from pursuit.observations.observations import PLANES
+from pursuit.observations.observations import EXITS, PLANES
 from pursuit.replays.adapters import Plain, State
 from pursuit.replays.viewer.page import page
 from pursuit.rules.arrays import Array
-from pursuit.rules.layout import CAPTURED, COLLECTED
+from pursuit.rules.layout import CAPTURED, COLLECTED, ESCAPED
 from pursuit.rules.visibility import IN_VIEW
 
 MOVING = PLANES.index("walkable")
@@ -131,7 +131,9 @@ class Builder:
     ) -> None:
         task = replay.task
         maze = task.mazes[int(episode.start.get("maze") or 0)]
-        item["world"] = self._world(maze_data(maze, task.agent_names, task.num_goals))
+        item["world"] = self._world(
+            maze_data(maze, task.agent_names, task.num_goals, task.most_exits)
+        )
         cells = np.stack([state["cells"] for state in states])
         goals = np.stack([state["goals"] for state in states]).reshape(len(states), -1)
         events = np.stack([state["events"] for state in states])
@@ -140,6 +142,13 @@ class Builder:
         item["goals"] = [
             [int(goals[0, goal]), _first(goals[:, goal] < 0)] for goal in range(goals.shape[1])
         ]
+        if task.most_exits:
+            item["exits"] = [int(cell) for cell in states[0]["exits"] if cell >= 0]
+            left = (events & ESCAPED).any(axis=0)
+            item["escaped"] = [
+                bool(gone) and role == "evader"
+                for gone, role in zip(left, task.seat_roles, strict=True)
+            ]
         item["events"] = [
             [int(step), int(agent), kind]
             for kind, bit in (("collected", COLLECTED), ("captured", CAPTURED))
@@ -167,7 +176,9 @@ class Builder:
                 replay.world.step(simulator, episode.actions[step])
         item["seen"] = {
             "agent": task.agent_names[seat],
-            "names": list(PLANES[:MOVING]) + [IN_VIEW] * task.sight.limited,
+            "names": list(PLANES[:MOVING])
+            + [IN_VIEW] * task.sight.limited
+            + [EXITS] * bool(task.most_exits),
             "steps": marks,
         }
         if numbers and len(numbers[0]) <= MOST_NUMBERS:
@@ -185,7 +196,7 @@ class Builder:
         item["events"] = []
 
 
-def maze_data(maze: Maze, agents: Sequence[str], num_goals: int) -> Plain:
+def maze_data(maze: Maze, agents: Sequence[str], num_goals: int, num_exits: int = 0) -> Plain:
     """The world of `maze_board.js`."""
     height, width = maze.picture_size
     graph: Plain = {}
@@ -200,6 +211,7 @@ def maze_data(maze: Maze, agents: Sequence[str], num_goals: int) -> Plain:
         "cells": [[_plain_number(n) for n in place] for place in maze.picture.tolist()],
         "agents": [{"name": name, "role": name.split("_")[0]} for name in agents],
         "num_goals": num_goals,
+        "num_exits": num_exits,
     }
 
 

@@ -14,7 +14,7 @@ class MazeBoard {
     // The nodes of a graph are filled, so their values are drawn above them.
     const cells = world.neighbors ? ["seen", "openings", "values"] : ["values", "seen", "openings"];
     this.radii = world.neighbors ? radiiOf(world.cells) : null;
-    for (const name of ["blocked", ...cells, "walls", "trails", "arrows", "labels", "goals", "agents"]) {
+    for (const name of ["blocked", ...cells, "walls", "exits", "trails", "arrows", "labels", "goals", "agents"]) {
       this.layers[name] = layer(name);
     }
     if (world.neighbors) this.drawGraph(world);
@@ -22,6 +22,8 @@ class MazeBoard {
     this.squares = null;
     this.arrows = null;
     this.goals = Array.from({ length: world.num_goals }, () => token(this.layers.goals, "goal", ""));
+    this.exits = Array.from({ length: world.num_exits || 0 }, () =>
+      draw(this.layers.exits, "rect", { class: "exit", x: -3.9, y: -3.9, width: 7.8, height: 7.8 }));
     const many = (role) => world.agents.filter((agent) => agent.role === role).length > 1;
     this.agents = world.agents.map((agent) =>
       token(this.layers.agents, agent.role, many(agent.role) ? agent.name.split("_").pop() : ""));
@@ -88,7 +90,8 @@ class MazeBoard {
     frame.cells.forEach((cell, number) => {
       const gone = cell < 0;
       const where = gone ? (extras.last || [])[number] : cell;
-      if (where === undefined || where < 0) return place(this.agents[number], { visibility: "hidden" });
+      const escaped = gone && (frame.escaped || [])[number];
+      if (where === undefined || where < 0 || escaped) return place(this.agents[number], { visibility: "hidden" });
       const [x, y] = this.middle(where);
       const count = together.get(cell), turn = taken.get(cell) || 0;
       taken.set(cell, turn + 1);
@@ -106,6 +109,11 @@ class MazeBoard {
       if (cell === undefined || cell < 0) return place(goal, { visibility: "hidden" });
       const [x, y] = this.middle(cell);
       place(goal, { visibility: "visible", transform: `translate(${x} ${y})` });
+    });
+    this.exits.forEach((exit, number) => {
+      const cell = (frame.exits || [])[number];
+      if (cell === undefined) return place(exit, { visibility: "hidden" });
+      place(exit, { visibility: "visible", transform: `translate(${this.middle(cell).join(" ")})` });
     });
     this.trails.forEach((trail, number) => {
       const cells = (extras.trails || [])[number] || [];
