@@ -356,12 +356,18 @@ class PursuitParallelEnv(MazeGames, SimulatorParallelEnv):
 
 
 def scene_of(simulator: Simulator, game: int = 0, caption: str = "") -> Scene:
-    """The scene of one game of a simulator for `pursuit.rendering.rendering`."""
-    task = simulator.task
+    """The scene of one game of a simulator for `pursuit.rendering.rendering`.
+
+    An evader that left the game on an exit counts as escaped.
+    """
+    task, exits = simulator.task, {int(cell) for cell in simulator.exits[game] if cell >= 0}
     marks = zip(task.agent_names, simulator.positions[game], simulator.active[game], strict=True)
     return Scene(
         maze=task.mazes[simulator.maze_index[game]],
-        agents=tuple(AgentMark(name, int(cell), bool(active)) for name, cell, active in marks),
+        agents=tuple(
+            AgentMark(name, int(cell), bool(active), not active and int(cell) in exits)
+            for name, cell, active in marks
+        ),
         goals=tuple(int(cell) for cell in simulator.goals[game] if cell >= 0),
         steps=int(simulator.steps[game]),
         max_steps=task.max_steps * (2 if task.options.turns else 1),

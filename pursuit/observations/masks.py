@@ -81,15 +81,15 @@ def action_masks(
 def _blocked_moves(games: Games, world: World, task: Task, seat: int) -> NDArray[np.int32]:
     """[games] int32: the bit mask of the moves into cells of solid agents that the agent sees.
 
-    Chasers that move first may leave their cells before an evader moves, so they block no move for
-    certain.
+    If chasers move first, they may leave their cells before an evader moves, or capture another
+    one, so nobody blocks a move of an evader for certain.
     """
     seen, blocked = task.sight.observed_games(games, seat), np.zeros_like(games.steps)
     here = world.first_cell[games.maze] + games.position[:, seat]
     roles, role = task.seat_roles, task.seat_roles[seat]
     for other, its in enumerate(roles):
         across = task.capture != "cell" and {role, its} == {"chaser", "evader"}
-        gone = its == "chaser" != role and task.move_order == "chasers_first"
+        gone = role == "evader" and task.move_order == "chasers_first"
         if other == seat or gone or not (its == role or across):
             continue
         present = seen.active[:, other] != 0

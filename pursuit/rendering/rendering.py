@@ -61,6 +61,7 @@ class AgentMark:
         name: role and number, as in `"chaser_0"`; the role is chaser, evader or runner.
         cell: the number of its cell; after capture, of its last cell.
         active: False if captured or escaped.
+        escaped: whether it has escaped; it is not drawn then.
 
     Raises:
         ValueError: an invalid name.
@@ -69,6 +70,7 @@ class AgentMark:
     name: str
     cell: int
     active: bool = True
+    escaped: bool = False
 
     def __post_init__(self) -> None:
         if self.role not in ("chaser", "evader", "runner") or not self.number.isdecimal():
@@ -124,9 +126,9 @@ class Scene:
         """[height, width, 3] uint8, the picture in RGB; both sides are even numbers.
 
         Chasers are orange triangles, evaders blue circles, runners green squares, goals yellow
-        stars, exits green cells; captured and escaped agents are grey and crossed out. Agents of
-        one role carry numbers if there are several. Agents in one cell are drawn side by side. The
-        picture depends on the scene only.
+        stars, exits green cells; captured agents are grey and crossed out, escaped ones left out.
+        Agents of one role carry numbers if there are several of them. Agents in the same cell are
+        drawn side by side. The picture depends on the scene only.
 
         Args:
             size: if `cell_pixels` is None, the maximal longer side of the picture without its
@@ -169,7 +171,7 @@ class Scene:
         for mark, letter in (blank | dict.fromkeys(self.exits, "X")).items():
             lines[2 * maze.rows[mark] + 1][2 * maze.columns[mark] + 1] = letter
         names = defaultdict(list)
-        for agent in self.agents:
+        for agent in self._drawn_agents:
             names[agent.cell].append(agent.name if agent.active else f"{agent.name} (captured)")
         for goal in self.goals:
             names[goal].append("goal")
@@ -184,12 +186,16 @@ class Scene:
         footer = f"{self.footer}  {self.caption}".rstrip()
         return "\n".join([*("".join(line) for line in lines), footer, *shared]) + "\n"
 
+    @property
+    def _drawn_agents(self) -> list[AgentMark]:
+        return [agent for agent in self.agents if not agent.escaped]
+
     def _graph_text(self) -> str:
         """`text` of a graph."""
         names = self.maze.cell_names
         agents = [
             f"{agent.name} at {names[agent.cell]}" + ("" if agent.active else " (captured)")
-            for agent in self.agents
+            for agent in self._drawn_agents
         ]
         goals = [f"goal at {names[goal]}" for goal in self.goals]
         goals += [f"exit at {names[exit_]}" for exit_ in self.exits]
@@ -311,7 +317,7 @@ def _placed_tokens(scene: Scene, layout: _Layout) -> Iterator[tuple[Image.Image,
     inside = defaultdict(list)
     for goal in scene.goals:
         inside[goal].append(("goal", "", True))
-    for agent in sorted(scene.agents, key=lambda agent: agent.active):
+    for agent in sorted(scene._drawn_agents, key=lambda agent: agent.active):
         label = agent.number if roles.count(agent.role) > 1 else ""
         inside[agent.cell].append((agent.role, label, agent.active))
     for cell, tokens in inside.items():

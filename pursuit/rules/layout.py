@@ -101,7 +101,7 @@ class Games(NamedTuple):
     position: [games, agents], cells; a captured evader stays in the cell of its capture.
     active: [games, agents], 1, or 0 after capture or escape.
     event: [games, agents], the last step's events: a sum of COLLECTED, CAPTURED, WAS_CAPTURED,
-        ESCAPED.
+        ESCAPED (of an evader that escapes, and of all chasers then).
     goal: [games, goals], cells; -1 when collected or absent.
     steps: [games], steps of this episode.
     maze: [games], index of the maze.

@@ -146,8 +146,8 @@ def cells_taken(start: Start, num_goals: int, num_exits: int) -> np.uint64:
 
 
 @inlined
-def place_exits(start: Start) -> None:
-    """Place the exits of the maze, or draw different cells."""
+def place_exits(start: Start, num_goals: int) -> None:
+    """Place the exits of the maze, or draw different cells without an evader or a marked goal."""
     count, fixed = start.rules.options.exits, start.rules.fixed_exits
     size = start.world.num_cells[start.games.maze[start.game]]
     for number in range(count):
@@ -155,9 +155,21 @@ def place_exits(start: Start) -> None:
             cell = fixed[start.games.maze[start.game] * count + number]
         else:
             cell = next_below(start.streams, STARTS_STREAM, size)
-            while is_exit(start.games, start.game, cell, number):
+            while is_no_place_of_exit(start, cell, num_goals, number):
                 cell = next_below(start.streams, STARTS_STREAM, size)
         start.games.exit[start.game, number] = cell
+
+
+@inlined
+def is_no_place_of_exit(start: Start, cell: int, num_goals: int, num_exits: int) -> bool:
+    """Whether an evader, or one of the first goals or exits, is on `cell`."""
+    for evader in evaders_of(start.rules.teams):
+        if start.games.position[start.game, evader] == cell:
+            return True
+    for goal in range(num_goals):
+        if start.games.goal[start.game, goal] == cell:
+            return True
+    return is_exit(start.games, start.game, cell, num_exits)
 
 
 @inlined
@@ -184,9 +196,8 @@ def place_goals_on_marks(start: Start) -> int:
 
 @inlined
 def place_agents(start: Start) -> None:
-    """Place the exits, and every agent on its mark, or on a uniformly random free cell without a
-    marked goal."""
-    place_exits(start)
+    """Place every agent on its mark, or on a uniformly random free cell without a marked goal; then
+    the exits."""
     teams, world, position = start.rules.teams, start.world, start.games.position
     game, maze = start.game, start.games.maze[start.game]
     for agent in agents_of(teams):
@@ -207,6 +218,7 @@ def place_agents(start: Start) -> None:
             cell = draw_free_cell(start, marked_goals, 0, taken)
             position[game, agent] = cell
             taken |= bit_of(cell)
+    place_exits(start, marked_goals)
 
 
 @inlined

@@ -100,7 +100,7 @@ def settle(turn: Turn, num_captured: int, num_escaped: int) -> int:
         add_goal_rewards(turn, end)
     if rules.chaser.per_evader != 0.0:
         add_per_evader_rewards(turn, pays)
-    if rules.options.touches:
+    if rules.options.touches and (not rules.options.turns or (steps & 1) == 1):
         add_touch_rewards(turn)
     if collected > 0:
         count_goals(turn)

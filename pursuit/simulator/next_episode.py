@@ -90,13 +90,17 @@ def fill(name: str, array: Array, values: Array) -> None:
 
 
 def placed_exits(
-    task: Task, exits: ArrayLike | None, mazes: NDArray[np.int32], agents: NDArray[np.int32]
+    task: Task,
+    exits: ArrayLike | None,
+    mazes: NDArray[np.int32],
+    agents: NDArray[np.int32],
+    goals: NDArray[np.int32],
 ) -> NDArray[np.int32]:
     """[games, exits] int32: given exits of games in these mazes, or the fixed ones of the mazes.
 
     Raises:
         ValueError: missing exits, or some of a task with fixed ones; a cell out of range or twice;
-            an evader (of `agents` [games, agents]) on an exit.
+            an evader (of `agents` [games, agents]) or one of `goals` [games, goals] on an exit.
     """
     count, size = task.num_exits, task.most_exits
     places = np.full((len(mazes), size), -1, dtype=np.int32)
@@ -116,6 +120,8 @@ def placed_exits(
     evaders = agents[:, task.num_chasers : task.num_chasers + task.num_evaders]
     if (evaders[:, :, None] == places[:, None]).any():
         raise ValueError("an evader starts on an exit; give another cell")
+    if ((goals[:, :, None] == places[:, None]) & (goals[:, :, None] >= 0)).any():
+        raise ValueError("a goal is on an exit; give another cell")
     return places
 
 

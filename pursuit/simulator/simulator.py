@@ -275,8 +275,8 @@ class Simulator(BatchSimulator[Task], GameArrays):
             exits: [num_games, num_exits] cells; required if the task draws them, else left out.
 
         Raises:
-            ValueError: a cell out of range, two agents or goals in one cell, an evader on an exit,
-                or missing goals, exits or maze. Nothing is changed then.
+            ValueError: a cell out of range, two agents or goals in one cell, an evader or a goal on
+                an exit, or missing goals, exits or maze. Nothing is changed then.
         """
         task, count = self.task, self.num_games
         agents = np.empty((count, task.num_agents), dtype=np.int32)
@@ -308,7 +308,7 @@ class Simulator(BatchSimulator[Task], GameArrays):
         ordered = np.sort(both, axis=1)
         if ((ordered[:, 1:] == ordered[:, :-1]) & (ordered[:, 1:] >= 0)).any():
             raise ValueError("two agents or goals start in the same cell; give different cells")
-        places = placed_exits(task, exits, mazes, agents)
+        places = placed_exits(task, exits, mazes, agents, wanted)
         self.reset(seed, games)
         chosen = game_indices(games, self.num_games)
         live = (self.positions, self.goals, self.maze_index, self.exits)

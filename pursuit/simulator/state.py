@@ -71,11 +71,11 @@ def check_values(state: SimulatorState, task: Task) -> None:
         check_range(state, "exits", -1, sizes - 1)
     if task.options.slips:
         check_range(state, "slip", 0, 1)
-        check_range(state, "next_slip", UNCHANGED, 1)
     for name, limits in limits_of(task).items():
         check_range(state, f"next_{name}", *limits)
-    shares = state.next_epsilon
-    if (((shares < 0) & (shares != UNCHANGED)) | (shares > 1)).any():
-        raise ValueError("state does not match this simulator: next_epsilon is not in [0, 1]")
+    for name in ("next_epsilon", "next_slip") if task.options.slips else ("next_epsilon",):
+        shares = getattr(state, name)
+        if (((shares < 0) & (shares != UNCHANGED)) | (shares > 1)).any():
+            raise ValueError(f"state does not match this simulator: {name} is not in [0, 1]")
     waiting = (getattr(state, f"next_{name}") for name in NextEpisode._fields)
     check_waiting(task, NextEpisode(*waiting))

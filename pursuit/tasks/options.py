@@ -114,6 +114,7 @@ def check_options(task: Any) -> None:
     Raises:
         ValueError: they do.
     """
+    slips_of(task.slip, task.agent_names, task.seat_roles)  # checks the names
     both = task.num_chasers > 0 and task.num_evaders > 0
     teams = f"num_chasers={task.num_chasers} and num_evaders={task.num_evaders}"
     for name, default in (
@@ -191,10 +192,11 @@ def _check_exits_in(task: Any, maze: Maze, cells: tuple[int, ...]) -> None:
         not task.num_exits or not maze.exit_marks,
         f"num_exits={task.num_exits}, but {maze.name} has exits marked E; leave num_exits out",
     )
-    needed = max(task.num_agents, task.num_evaders + count) + task.num_goals
-    needed = max(needed, count + task.num_evaders + task.num_goals)
+    # Goals are drawn last, so cells must remain for them wherever the agents and exits are.
+    agents = task.num_agents if task.num_goals else task.num_evaders
     check(
-        not count or needed <= maze.num_cells,
-        f"{count} exits, {task.num_evaders} evaders and {task.num_goals} goals need different "
-        f"cells; maze {maze.name} has {maze.num_cells}. Use fewer, or a larger maze",
+        not count or agents + count + task.num_goals <= maze.num_cells,
+        f"{count} exits, {agents} {'agents' if task.num_goals else 'evaders'} and "
+        f"{task.num_goals} goals need different cells; maze {maze.name} has {maze.num_cells}. Use "
+        "fewer, or a larger maze",
     )
