@@ -140,7 +140,7 @@ class MazeAdapter(TaskAdapter):
                 raise ValueError(
                     f"slip_stream={stream!r}; give the stream of slips, 0 to 2**64 - 1"
                 )
-            fill_epsilon(state.slip, [start.get("slips")], "slip")
+            fill_epsilon(state.slip, np.array([start.get("slips")]), "slip")
             state.streams[0, SLIP_STREAM] = stream
             simulator.set_state(state)
 

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.mazes.maze import Maze
-from pursuit.observations.observations import EXITS, PLANES
+from pursuit.observations.observations import PLANES
 from pursuit.replays.adapters import Plain, State
 from pursuit.replays.viewer.page import page
 from pursuit.rules.arrays import Array
 from pursuit.rules.layout import CAPTURED, COLLECTED, ESCAPED
-from pursuit.rules.visibility import IN_VIEW
+from pursuit.rules.visibility import EXITS, IN_VIEW
 
 MOVING = PLANES.index("walkable")
 """Planes before this one (of the encoding "planes") show agents and goals, the others the maze."""
@@ -144,10 +144,9 @@ class Builder:
         ]
         if task.most_exits:
             item["exits"] = [int(cell) for cell in states[0]["exits"] if cell >= 0]
-            left = (events & ESCAPED).any(axis=0)
+            left = np.any(events & ESCAPED, axis=0).tolist()
             item["escaped"] = [
-                bool(gone) and role == "evader"
-                for gone, role in zip(left, task.seat_roles, strict=True)
+                gone and role == "evader" for gone, role in zip(left, task.seat_roles, strict=True)
             ]
         item["events"] = [
             [int(step), int(agent), kind]

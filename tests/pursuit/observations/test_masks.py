@@ -60,8 +60,8 @@ def test_masks_of_a_batch_are_those_of_its_cells() -> None:
     for _ in range(8):
         simulator.step(rng.integers(4, size=(200, 3)))
         over = simulator.terminated
-        masks = action_masks(simulator.games, world, 4, terminated=over)
-        some = action_masks(simulator.games, world, 4, slice(1, 3), over)
+        masks = action_masks(simulator.games, world, task, terminated=over)
+        some = action_masks(simulator.games, world, task, slice(1, 3), over)
         assert (some == masks[:, 1:]).all()
         for game, seat in np.ndindex(200, 3):
             cells = bump_masks(task.mazes[simulator.maze_index[game]], 4)
