@@ -358,14 +358,15 @@ class PursuitParallelEnv(MazeGames, SimulatorParallelEnv):
 def scene_of(simulator: Simulator, game: int = 0, caption: str = "") -> Scene:
     """The scene of one game of a simulator for `pursuit.rendering.rendering`.
 
-    An evader that left the game on an exit counts as escaped.
+    An evader that left the game on an exit without a chaser counts as escaped.
     """
     task, exits = simulator.task, {int(cell) for cell in simulator.exits[game] if cell >= 0}
+    chasers = set(simulator.positions[game, : task.num_chasers].tolist())
     marks = zip(task.agent_names, simulator.positions[game], simulator.active[game], strict=True)
     return Scene(
         maze=task.mazes[simulator.maze_index[game]],
         agents=tuple(
-            AgentMark(name, int(cell), bool(active), not active and int(cell) in exits)
+            AgentMark(name, int(cell), bool(active), not active and int(cell) in exits - chasers)
             for name, cell, active in marks
         ),
         goals=tuple(int(cell) for cell in simulator.goals[game] if cell >= 0),

@@ -15,8 +15,8 @@ from pursuit.observations.observations import PLANES
 from pursuit.replays.adapters import Plain, State
 from pursuit.replays.viewer.page import page
 from pursuit.rules.arrays import Array
-from pursuit.rules.layout import CAPTURED, COLLECTED
-from pursuit.rules.visibility import IN_VIEW
+from pursuit.rules.layout import CAPTURED, COLLECTED, ESCAPED
+from pursuit.rules.visibility import EXITS, IN_VIEW
 
 MOVING = PLANES.index("walkable")
 """Planes before this one (of the encoding "planes") show agents and goals, the others the maze."""
@@ -142,6 +142,11 @@ class Builder:
         item["goals"] = [
             [int(goals[0, goal]), _first(goals[:, goal] < 0)] for goal in range(goals.shape[1])
         ]
+        if task.most_exits:
+            left = np.any(events & ESCAPED, axis=0).tolist()
+            item["escaped"] = [
+                gone and role == "evader" for gone, role in zip(left, task.seat_roles, strict=True)
+            ]
         item["events"] = [
             [int(step), int(agent), kind]
             for kind, bit in (("collected", COLLECTED), ("captured", CAPTURED))
@@ -169,7 +174,9 @@ class Builder:
                 replay.world.step(simulator, episode.actions[step])
         item["seen"] = {
             "agent": task.agent_names[seat],
-            "names": list(PLANES[:MOVING]) + [IN_VIEW] * task.sight.limited,
+            "names": list(PLANES[:MOVING])
+            + [IN_VIEW] * task.sight.limited
+            + [EXITS] * bool(task.most_exits),
             "steps": marks,
         }
         if numbers and len(numbers[0]) <= MOST_NUMBERS:

@@ -92,7 +92,8 @@ class MazeBoard {
     frame.cells.forEach((cell, number) => {
       const gone = cell < 0;
       const where = gone ? (extras.last || [])[number] : cell;
-      if (where === undefined || where < 0) return place(this.agents[number], { visibility: "hidden" });
+      const escaped = gone && (frame.escaped || [])[number];
+      if (where === undefined || where < 0 || escaped) return place(this.agents[number], { visibility: "hidden" });
       const [x, y] = this.middle(where);
       const count = together.get(cell), turn = taken.get(cell) || 0;
       taken.set(cell, turn + 1);

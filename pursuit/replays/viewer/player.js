@@ -37,7 +37,7 @@ class Episode {
     }
     const cells = this.cells.map((path, agent) => (this.gone[agent] !== null && step >= this.gone[agent] ? -1 : path[step]));
     const goals = this.goals.map(([cell, gone]) => (gone !== null && step >= gone ? -1 : cell));
-    return { cells, goals, step };
+    return { cells, goals, escaped: this.escaped, step };
   }
 
   // [reward of the last step, return so far] of every agent.
@@ -328,8 +328,9 @@ class Player {
   words(frame) {
     if (frame.angles) return `step ${frame.step}: target at ${frame.target.map((part) => part.toFixed(2)).join(", ")}`;
     const { names, cells } = this.episode.world;
-    const where = (cell) => (cell < 0 ? "captured" : names ? `at ${names[cell]}` : `row ${cells[cell][0] + 1}, column ${cells[cell][1] + 1}`);
-    return `step ${frame.step}: ${this.episode.world.agents.map((agent, number) => `${agent.name} ${where(frame.cells[number])}`).join("; ")}`;
+    const gone = (number) => ((frame.escaped || [])[number] ? "escaped" : "captured");
+    const where = (cell, number) => (cell < 0 ? gone(number) : names ? `at ${names[cell]}` : `row ${cells[cell][0] + 1}, column ${cells[cell][1] + 1}`);
+    return `step ${frame.step}: ${this.episode.world.agents.map((agent, number) => `${agent.name} ${where(frame.cells[number], number)}`).join("; ")}`;
   }
 }
 
