@@ -356,10 +356,7 @@ class PursuitParallelEnv(MazeGames, SimulatorParallelEnv):
 
 
 def scene_of(simulator: Simulator, game: int = 0, caption: str = "") -> Scene:
-    """The scene of one game of a simulator for `pursuit.rendering.rendering`.
-
-    An evader that left the game on an exit without a chaser counts as escaped.
-    """
+    """The scene of one game. An evader that left it on an exit without a chaser has escaped."""
     task, exits = simulator.task, {int(cell) for cell in simulator.exits[game] if cell >= 0}
     chasers = set(simulator.positions[game, : task.num_chasers].tolist())
     marks = zip(task.agent_names, simulator.positions[game], simulator.active[game], strict=True)
