@@ -145,7 +145,7 @@ def count_joint_states(task: Task) -> int:
         for free in range(min(evaders, 1), evaders + 1)
     )
     sets = sum(comb(cells, left) for left in range(1, task.num_goals + 1))
-    halves = 2 if task.options.turns else 1
+    halves = task.steps_per_round
     return places * (sets if task.num_goals else 1) * comb(cells, task.num_exits) * halves
 
 

@@ -37,7 +37,7 @@ from train.machine import processor
 
 OUT = Path(__file__).parents[1] / "docs" / "results" / "data" / "rules"
 DISCOUNT = 0.95
-"""Of a step in the equilibrium values of `capture.csv`: 20 steps if nobody is ever captured."""
+"""Of a step in the equilibrium values of `capture.csv`: 20 steps if there is never a capture."""
 HORIZON = 100
 """Steps of a game in `escape.csv`."""
 EPISODES, LONGEST = 4000, 2000

@@ -279,7 +279,7 @@ class PursuitParallelEnv(MazeGames, SimulatorParallelEnv):
         spaces = self._spaces(simulator, observation, mask_bumps, mask_in_observation)
         self._encoder = simulator.encoder(observation)
         entities = task.num_agents + task.num_goals + task.most_exits
-        steps = task.max_steps * (2 if task.options.turns else 1)
+        steps = task.max_steps * task.steps_per_round
         high = np.array([task.max_cells] * entities + [steps], dtype=np.float32)
         state = gymnasium.spaces.Box(np.zeros_like(high), high, dtype=np.float32)
         super().__init__(simulator, list(task.agent_names), *spaces, state)
@@ -368,7 +368,7 @@ def scene_of(simulator: Simulator, game: int = 0, caption: str = "") -> Scene:
         ),
         goals=tuple(int(cell) for cell in simulator.goals[game] if cell >= 0),
         steps=int(simulator.steps[game]),
-        max_steps=task.max_steps * (2 if task.options.turns else 1),
+        max_steps=task.max_steps * task.steps_per_round,
         caption=caption,
         exits=tuple(int(cell) for cell in simulator.exits[game] if cell >= 0),
     )

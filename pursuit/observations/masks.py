@@ -82,7 +82,7 @@ def _blocked_moves(games: Games, world: World, task: Task, seat: int) -> NDArray
     """[games] int32: the bit mask of the moves into cells of solid agents that the agent sees.
 
     If chasers move first, they may leave their cells before an evader moves, or capture another
-    one, so nobody blocks a move of an evader for certain.
+    one, so no move of an evader is blocked for certain.
     """
     seen, blocked = task.sight.observed_games(games, seat), np.zeros_like(games.steps)
     here = world.first_cell[games.maze] + games.position[:, seat]

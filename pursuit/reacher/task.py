@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -58,6 +58,9 @@ class ReacherTask:
     Raises:
         ValueError: an invalid value; the message names the rule and the remedy.
     """
+
+    steps_per_round: ClassVar[int] = 1
+    """As of `pursuit.Task`, where a round of turns has two."""
 
     joints: Joints = 2
     start: Annotated[str, choice(*STARTS)] = "kept"

@@ -132,18 +132,18 @@ class MazeAdapter(TaskAdapter):
         }
         if simulator.task.num_exits:
             plain["exits"] = simulator.exits[game].tolist()
-        if simulator._slips:  # played back with the same random numbers
-            plain["slip"] = simulator._slips["slip"][game].tolist()
+        if simulator.slip is not None:  # played back with the same random numbers
+            plain["slip"] = simulator.slip[game].tolist()
             plain["slip_stream"] = int(simulator.streams[game, -1])
         return plain
 
     def begin(self, simulator: Simulator, start: Plain) -> None:
         """Start an episode in the game of a simulator; ValueError for an invalid start state."""
         goals, exits = start.get("goals"), start.get("exits")
-        if simulator._slips:
+        if simulator.slip is not None:
             simulator.configure(slip=np.array([start.get("slip")]))
         simulator.place(start.get("positions"), goals or None, start.get("maze", 0), exits=exits)  # type: ignore[arg-type]
-        if simulator._slips:
+        if simulator.slip is not None:
             simulator.streams[0, -1] = whole("slip_stream", start.get("slip_stream"), 0, 2**64 - 1)
 
     def state(self, simulator: Simulator, game: int, final: bool = False) -> State:

@@ -95,9 +95,9 @@ def goals_wanted(start: Start) -> int:
 
 
 @inlined
-def is_taken(start: Start, cell: int, num_goals: int, num_exits: int) -> bool:
-    """Whether an agent, or one of the first goals or exits, is on `cell`."""
-    for agent in agents_of(start.rules.teams):
+def is_taken(start: Start, agents: range, cell: int, num_goals: int, num_exits: int) -> bool:
+    """Whether one of these agents, or of the first goals or exits, is on `cell`."""
+    for agent in agents:
         if start.games.position[start.game, agent] == cell:
             return True
     for goal in range(num_goals):
@@ -124,7 +124,10 @@ def draw_free_cell(start: Start, num_goals: int, num_exits: int, taken: np.uint6
     """
     size = start.world.num_cells[start.games.maze[start.game]]
     cell = next_below(start.streams, STARTS_STREAM, size)
-    while taken & bit_of(cell) != 0 and (size <= 64 or is_taken(start, cell, num_goals, num_exits)):
+    agents = agents_of(start.rules.teams)
+    while taken & bit_of(cell) != 0 and (
+        size <= 64 or is_taken(start, agents, cell, num_goals, num_exits)
+    ):
         cell = next_below(start.streams, STARTS_STREAM, size)
     return cell
 
@@ -155,21 +158,9 @@ def place_exits(start: Start, num_goals: int) -> None:
             cell = fixed[start.games.maze[start.game] * count + number]
         else:
             cell = next_below(start.streams, STARTS_STREAM, size)
-            while is_no_place_of_exit(start, cell, num_goals, number):
+            while is_taken(start, evaders_of(start.rules.teams), cell, num_goals, number):
                 cell = next_below(start.streams, STARTS_STREAM, size)
         start.games.exit[start.game, number] = cell
-
-
-@inlined
-def is_no_place_of_exit(start: Start, cell: int, num_goals: int, num_exits: int) -> bool:
-    """Whether an evader, or one of the first goals or exits, is on `cell`."""
-    for evader in evaders_of(start.rules.teams):
-        if start.games.position[start.game, evader] == cell:
-            return True
-    for goal in range(num_goals):
-        if start.games.goal[start.game, goal] == cell:
-            return True
-    return is_exit(start.games, start.game, cell, num_exits)
 
 
 @inlined
@@ -292,7 +283,8 @@ def list_free_cells(start: Start, num_goals: int, radius: int) -> int:
             cell, away = i, table_distance(world, maze, center, i)
         else:
             cell, away = np.int64(search.queue[i]), radius
-        if away <= radius and not is_taken(start, cell, num_goals, start.rules.options.exits):
+        exits, agents = start.rules.options.exits, agents_of(start.rules.teams)
+        if away <= radius and not is_taken(start, agents, cell, num_goals, exits):
             search.queue[count] = cell
             count += 1
     return count

@@ -68,6 +68,8 @@ class Simulator(BatchSimulator[Task], GameArrays):
             number, to [num_games] (as in `configure`) or to [num_games, num_agents].
         next_epsilon: the same from the next episode on; -1 for no change.
         exits: [num_games, exits] int32, the cells of exits; -1 for absent ones.
+        slip, next_slip: [num_games, num_agents] float64, the probabilities of slips in this episode
+            and from the next one on (-1 for no change); None in tasks without slips.
         last_seed: the last seed of all streams; None after `set_state`, and after seeding only
             some games.
     """
@@ -89,11 +91,12 @@ class Simulator(BatchSimulator[Task], GameArrays):
         check_memory(f"num_games={num_games}", num_games * bytes_of_game, "take fewer games")
         self._actions_shape = (num_games, task.num_agents)
         memory = layout.allocate(num_games, *sizes)
-        self._slips: dict[str, NDArray[np.float64]] = {}
+        self.slip: NDArray[np.float64] | None = None
+        self.next_slip: NDArray[np.float64] | None = None
         if slips:
             memory.reals[:, layout.SLIP] = task.slips
             reals = memory.reals
-            self._slips = {"slip": reals[:, layout.SLIP], "next_slip": reals[:, layout.NEXT_SLIP]}
+            self.slip, self.next_slip = reals[:, layout.SLIP], reals[:, layout.NEXT_SLIP]
         self._arrays = memory
         self._mazes = lay_out(task.mazes)
         # The arguments of all kernels: the batch, the rules, the mazes, scratch memory.
@@ -216,9 +219,9 @@ class Simulator(BatchSimulator[Task], GameArrays):
             changed["epsilon"] = pending.epsilon[chosen]
             fill_epsilon(changed["epsilon"][:, seats], epsilon)
         if slip is not None:
-            if not self._slips:
+            if self.next_slip is None:
                 raise ValueError(f"slip={slip!r}; this task has no slips: give Task a slip above 0")
-            changed["slip"] = self._slips["next_slip"][chosen]
+            changed["slip"] = self.next_slip[chosen]
             fill_epsilon(changed["slip"][:, seats], slip, "slip")
         numbers = {
             "maze": maze,
@@ -241,15 +244,16 @@ class Simulator(BatchSimulator[Task], GameArrays):
             check_waiting(task, layout.NextEpisode(**waiting | changed))
         for name, values in changed.items():
             getattr(pending, name)[chosen] = values
-        if slips is not None:
-            self._slips["next_slip"][chosen] = slips
+        if slips is not None and self.next_slip is not None:
+            self.next_slip[chosen] = slips
 
     def _live(self) -> dict[str, Array]:
         """The live arrays that make up the state."""
         waiting = {f"next_{name}": array for name, array in self._coming._asdict().items()}
         exits = {"exits": self.exits} if self.task.most_exits else {}
         own = {name: getattr(self, name) for name in OWN}
-        return {**own, **exits, **self._slips, "epsilon": self._epsilon, **waiting}
+        slips = {} if self.slip is None else {"slip": self.slip, "next_slip": self.next_slip}
+        return {**own, **exits, **slips, "epsilon": self._epsilon, **waiting}
 
     def _check_values(self, state: SimulatorState) -> None:
         check_values(state, self.task)

@@ -65,7 +65,7 @@ def check_values(state: SimulatorState, task: Task) -> None:
     check_range(state, "positions", 0, sizes - 1)
     check_range(state, "goals", -1, sizes - 1)
     check_range(state, "active", 0, 1)
-    check_range(state, "steps", 0, task.max_steps * (2 if task.options.turns else 1))
+    check_range(state, "steps", 0, task.max_steps * task.steps_per_round)
     check_range(state, "epsilon", 0, 1)
     if task.most_exits:
         check_range(state, "exits", -1, sizes - 1)

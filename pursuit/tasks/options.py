@@ -5,7 +5,7 @@ The argument `task` of functions is a `pursuit.tasks.task.Task`, which imports t
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from pursuit.mazes.maze import Maze
@@ -41,17 +41,20 @@ def _slip_from_text(name: str, text: str) -> Any:
         if "=" not in text:
             return float(text)
         parts = [part.partition("=") for part in text.split(",")]
-        return {role.strip(): float(share) for role, _, share in parts}
+        shares = [(role.strip(), float(share)) for role, _, share in parts]
     except ValueError:
         rule = "give a probability, for roles or agents as in 'evader=0.1,chaser_0=0.2'"
         raise ValueError(f"{name}={text!r}; {rule}") from None
+    if len(dict(shares)) < len(shares):
+        raise ValueError(f"{name}={text!r}: a role is given twice; give it once")
+    return dict(shares)
 
 
 def slip_text(given: Slip) -> str:
     """The chance of slips as text, from which `check_slip` makes the same."""
     if isinstance(given, Mapping):
-        return ",".join(f"{role}={share:g}" for role, share in given.items())
-    return f"{given:g}" if is_number(given) else str(given)
+        return ",".join(f"{role}={slip_text(share)}" for role, share in given.items())
+    return repr(float(given)).removesuffix(".0") if is_number(given) else str(given)
 
 
 def slips_of(given: Slip, agent_names: Sequence[str], roles: Sequence[str]) -> tuple[float, ...]:
@@ -78,7 +81,7 @@ def check_exits(name: str, given: Any) -> tuple[int, ...]:
     """
     if isinstance(given, str):
         given = [int(cell) if cell.strip().isdigit() else cell for cell in given.split(",")]
-    cells = tuple(given) if isinstance(given, Sequence) else (given,)
+    cells = tuple(given) if isinstance(given, Iterable) else (given,)
     if not cells or not all(is_int(cell) and cell >= 0 for cell in cells):
         raise ValueError(f"{name}={given!r}; give the numbers of one or more cells")
     if len(set(cells)) < len(cells):
@@ -127,7 +130,7 @@ def check_options(task: Any) -> None:
         )
     check(
         task.n_catch <= max(task.num_chasers, 1),
-        f"n_catch={task.n_catch}, but num_chasers={task.num_chasers}, so nobody can be captured; "
+        f"n_catch={task.n_catch}, but num_chasers={task.num_chasers}, so no capture is possible; "
         "give at most the number of chasers",
     )
     check(
@@ -143,7 +146,7 @@ def check_options(task: Any) -> None:
     check(
         task.collisions == "share" or task.capture != "cell" or task.n_catch == 1,
         f"collisions='block' with capture='cell' and n_catch={task.n_catch}: chasers cannot share "
-        "the evader's cell, so nobody can be captured; give capture='adjacent' or 'surround'",
+        "the evader's cell, so it cannot be captured; give capture='adjacent' or 'surround'",
     )
     if task.move_order == "turns":
         check(

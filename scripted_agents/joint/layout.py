@@ -86,9 +86,9 @@ class Store(NamedTuple):
 
     pairs, edges: [states + 1] int64; shape: [states, 4] int32, the last whether a round ends with
     the step, so that what follows is discounted; following: int32; sides: float64; joints: int16.
-    slips: [deciding players] float64, the chances of their slips; empty if nobody's moves slip.
+    slips: [deciding players] float64, the chances of their slips; empty if no moves slip.
     axes: [states, deciding players, 2] int16, the number of options and the index of the one that
-    keeps the cell, -1 if there is none; empty if nobody's moves slip.
+    keeps the cell, -1 if there is none; empty if no moves slip.
     """
 
     pairs: Any
@@ -102,7 +102,7 @@ class Store(NamedTuple):
 
 
 NO_SLIPS = np.zeros(0), np.zeros((0, 0, 2), dtype=np.int16)
-"""The last two fields of a `Store` where nobody's moves slip."""
+"""The last two fields of a `Store` where no moves slip."""
 
 
 class Workspace(NamedTuple):

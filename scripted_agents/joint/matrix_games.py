@@ -8,7 +8,7 @@ import numpy as np
 
 from pursuit.compilation.compiled import allocating, compiled, inlined
 from scripted_agents.joint.layout import Store
-from scripted_agents.joint.slips import slip_values
+from scripted_agents.joint.slips import slip_options
 
 SADDLE = 1e-12
 """Relative difference below which the pure maximin and minimax count as equal."""
@@ -178,7 +178,7 @@ def sweep_games(
             if after >= 0:
                 worth[at, 0] += share * values[after]
         if store.slips.shape[0] > 0:
-            slip_values(store, state, worth)
+            slip_options(store, state, worth, False)
         for i in range(m):
             for j in range(n):
                 payoffs[i, j] = worth[i * n + j, 0]

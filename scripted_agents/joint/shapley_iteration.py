@@ -44,7 +44,7 @@ def restricted(store: Store, rows: Mask, columns: Mask) -> Store:
     Args:
         store: of two players who both decide, so that every pair of options is a joint action.
         rows, columns: [states, actions] bool of the row and of the column player; at least one
-            option of each in every state. Nobody's moves may slip.
+            option of each in every state. No moves may slip.
     """
     state = np.repeat(np.arange(len(store.shape)), store.shape[:, 0])
     within = np.arange(len(state)) - np.repeat(
@@ -172,8 +172,9 @@ class StochasticGame:
 
         chances = self._chances
         if len(self.store.slips):
-            chances = np.empty_like(chances)
-            fill_move_chances(self.store, self._chances, chances)
+            moved = np.empty((len(chances), 1))
+            fill_move_chances(self.store, chances, moved)
+            chances = moved[:, 0]
         ends = self.store.following < 0
         columns = np.where(ends, 0, self.store.following)
         lotteries = 0 if self._lotteries is None else self._lotteries.shape[0]

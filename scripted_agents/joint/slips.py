@@ -17,8 +17,11 @@ from scripted_agents.joint.layout import Store
 
 
 @subroutine
-def slip_values(store: Store, state: int, values: Any) -> None:
-    """Make the values of moves those of choices, `values` [options of all players, any]."""
+def slip_options(store: Store, state: int, values: Any, transposed: bool) -> None:
+    """Multiply `values` [options of all players, any] by the matrix of each player, in place.
+
+    Values of moves become those of choices; `transposed`, chances of choices those of moves.
+    """
     after = np.int64(store.shape[state, 0])
     for player in range(store.slips.shape[0]):
         many, keeps = np.int64(store.axes[state, player, 0]), store.axes[state, player, 1]
@@ -33,40 +36,19 @@ def slip_values(store: Store, state: int, values: Any) -> None:
                 for q in range(values.shape[1]):
                     total = 0.0
                     for option in range(many):
-                        total += values[first + option * after, q] if option != keeps else 0.0
+                        counts = transposed or option != keeps
+                        total += values[first + option * after, q] if counts else 0.0
                     for option in range(many):
-                        own = values[first + option * after, q]
-                        values[first + option * after, q] = (
-                            1.0 - slip
-                        ) * own + slip * total / moves
-
-
-@subroutine
-def slip_chances(store: Store, state: int, chances: Any) -> None:
-    """Make the chances of choices those of moves, `chances` [options of all players]."""
-    after = np.int64(store.shape[state, 0])
-    for player in range(store.slips.shape[0]):
-        many, keeps = np.int64(store.axes[state, player, 0]), store.axes[state, player, 1]
-        after //= many
-        moves = many - (keeps >= 0)
-        if moves == 0:
-            continue
-        slip = store.slips[player]
-        for block in range(store.shape[state, 0] // (many * after)):
-            for inner in range(after):
-                first, total = block * many * after + inner, 0.0
-                for option in range(many):
-                    total += chances[first + option * after]
-                for option in range(many):
-                    at = first + option * after
-                    chances[at] *= 1.0 - slip
-                    chances[at] += slip * total / moves if option != keeps else 0.0
+                        at = first + option * after
+                        values[at, q] *= 1.0 - slip
+                        if not transposed or option != keeps:
+                            values[at, q] += slip * total / moves
 
 
 @allocating
 def fill_move_chances(store: Store, chances: Any, moved: Any) -> None:
-    """Fill `moved` [pairs] with the chances of moves, given those of choices."""
-    moved[:] = chances
+    """Fill `moved` [pairs, 1] with the chances of moves, given those of choices, `chances`."""
+    moved[:, 0] = chances
     for state in range(store.shape.shape[0]):
         first = store.pairs[state]
-        slip_chances(store, state, moved[first : first + store.shape[state, 0]])
+        slip_options(store, state, moved[first : first + store.shape[state, 0]], True)

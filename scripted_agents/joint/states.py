@@ -156,12 +156,15 @@ class JointStates:
             return None
         if task.start == "marks":
             raise ValueError("starts at marks with goals and exits: no mean over starts is known")
-        free = []
-        for first in numbers.tolist():
-            games, _ = self.games(first, 1)
-            taken = {*games.position[0].tolist(), *games.exit[0].tolist()} - {-1}
-            free.append(task.max_cells - len(taken))
-        return np.array([1.0 / comb(cells, task.num_goals) for cells in free])
+        if not len(numbers):
+            return np.zeros(0)
+        first = int(numbers[0])
+        games, _ = self.games(first, int(numbers[-1]) - first + 1)
+        cells, exits = games.position[numbers - first], games.exit[numbers - first]
+        shared = (cells[:, :, None] == exits[:, None]).sum(axis=(1, 2))
+        free = task.max_cells - task.num_agents - (exits >= 0).sum(axis=1) + shared
+        ways = [comb(count, task.num_goals) for count in range(task.max_cells + 1)]
+        return 1.0 / np.array(ways, dtype=np.float64)[free]
 
 
 def joint_states_of(task: Task) -> JointStates:
@@ -173,7 +176,7 @@ def joint_states_of(task: Task) -> JointStates:
     count = count_joint_states(task)
     cells, evaders, goals = task.max_cells, task.num_evaders, task.num_goals
     masks = sorted(range(min(evaders, 1), 2**evaders), key=lambda mask: (mask.bit_count(), mask))
-    others, halves = task.num_chasers + task.num_runners, 2 if task.options.turns else 1
+    others, halves = task.num_chasers + task.num_runners, task.steps_per_round
     exits = exit_sets_of(task)
     sizes = [halves * cells ** (others + mask.bit_count()) for mask in masks]
     group_of = np.full(2**evaders, -1, dtype=np.int64)

@@ -8,7 +8,7 @@ import numpy as np
 
 from pursuit.compilation.compiled import compiled, inlined
 from scripted_agents.joint.layout import Backup, Store, Workspace
-from scripted_agents.joint.slips import slip_values
+from scripted_agents.joint.slips import slip_options
 from scripted_agents.tolerances import TIE
 
 
@@ -30,7 +30,7 @@ def back_up(store: Store, state: int, work: Workspace, backup: Backup, values: A
         for q in range(number):
             worth[own, q] = store.sides[edge + own * number + q] + discount * worth[own, q]
     if store.slips.shape[0] > 0:
-        slip_values(store, state, worth)
+        slip_options(store, state, worth, False)
     for own in range(ours):
         first = backup.sign * worth[own, 0]
         if first < bound:

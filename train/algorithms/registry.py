@@ -150,7 +150,7 @@ def build_learner(
 ) -> Learner:
     """The learner of an algorithm; its discount is that of a step, two of which are a round of
     turns, while the discount of settings is that of a round."""
-    each = getattr(env.simulator.task, "steps_per_round", 1)
+    each = env.simulator.task.steps_per_round
     return algorithm.build(settings.per_step(each) if each > 1 else settings, env, build)
 
 

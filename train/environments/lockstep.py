@@ -127,7 +127,7 @@ class LockstepEnv(EnvBase):
     def finish(self, games: NDArray[np.bool_]) -> None:
         """Record the episodes in the mask [num_games], which have just ended."""
         self.finished_returns.append(self._returns(games))
-        each = getattr(self.simulator.task, "steps_per_round", 1)
+        each = self.simulator.task.steps_per_round
         self.finished_lengths.append(-(-self.simulator.steps[games] // each))
         self.hook.episode_ended(games)
 

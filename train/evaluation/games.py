@@ -48,7 +48,7 @@ def play_out(
         over: [games] whether a game is over; called after every step.
         won: [games] whether a game is won; called after the step that ends it.
     """
-    most, each = games.task.max_steps, steps_per_round(games)
+    most, each = games.task.max_steps, games.task.steps_per_round
     lengths = np.full(games.num_games, most, dtype=np.int64)
     running, victories = np.ones(len(lengths), dtype=bool), np.zeros(len(lengths), dtype=bool)
     for number in range(1, most * each + 1):
@@ -61,11 +61,6 @@ def play_out(
             if not running.any():
                 break
     return lengths, victories
-
-
-def steps_per_round(games: Simulator | ReacherSimulator) -> int:
-    """As `Task`; 1 for an arm."""
-    return getattr(games.task, "steps_per_round", 1)
 
 
 def stepper(simulator: Simulator, policies: Sequence[Policy | None]) -> Callable[[], None]:

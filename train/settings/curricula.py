@@ -32,7 +32,7 @@ class CurriculumSettings(Settings):
 
     def build(self, axis: Any, seed: int) -> Curriculum:
         """A new curriculum over the values of an `Axis`, or over levels if that is None."""
-        raise NotImplementedError
+        raise ValueError(f"{type(self).__name__} builds no curriculum; give it build(axis, seed)")
 
     @property
     def solved_within(self) -> float:

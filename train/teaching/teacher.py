@@ -124,7 +124,7 @@ class Teacher(EpisodeHook):
         simulator, metrics = self.simulator, self.metrics
         chosen = games.nonzero()[0]
         won, returns = metrics.won(simulator)[chosen], metrics.returns(simulator)[chosen]
-        rounds = -(-simulator.steps[chosen] // getattr(simulator.task, "steps_per_round", 1))
+        rounds = -(-simulator.steps[chosen] // simulator.task.steps_per_round)
         outcome = (self.playing[chosen], won, returns, rounds)
         starts = (part[chosen] for part in self._starts)
         self._ended.append((*outcome, self._optima[chosen], *starts))

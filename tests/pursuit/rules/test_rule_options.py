@@ -18,6 +18,7 @@ from simulated import assert_equal, assert_same, play
 from pursuit.mazes.maze import Maze
 from pursuit.rules.layout import CAPTURED, COLLECTED, ESCAPED, WAS_CAPTURED
 from pursuit.simulator.simulator import Simulator
+from pursuit.tasks.options import check_slip, slip_text
 from pursuit.tasks.task import Rewards, Task, make_task
 from scripted_agents import AStarChaser, AStarEvader
 
@@ -433,3 +434,16 @@ def test_exits_on_marks_and_blocked_cells_are_refused() -> None:
     ):
         with pytest.raises(ValueError, match=message):
             Task(marked, 1, 1, **settings)
+
+
+def test_slips_as_text_are_exact_and_name_each_role_once() -> None:
+    for given in (0.1 + 0.2, 1 / 3, 1e-7, 0, {"evader": 1 / 7, "chaser_0": 0.0}):
+        text = slip_text(given)
+        assert check_slip("slip", text) == check_slip("slip", given)
+    with pytest.raises(ValueError, match="given twice"):
+        Task(ROOM, 1, 1, slip="evader=0.1,evader=0.2")
+
+
+def test_exits_are_any_list_of_cells() -> None:
+    for given in ([1, 5], (1, 5), np.array([1, 5]), range(1, 6, 4), "1,5"):
+        assert Task(ROOM, 1, 1, exits=given).fixed_exits == ((1, 5),)  # type: ignore[arg-type]
