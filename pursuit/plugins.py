@@ -31,6 +31,9 @@ Part = TypeVar("Part")
 ALLOW, LOOK_IN = "PURSUIT_ALLOW", "PURSUIT_LOOK_IN"
 """Environment variables: the modules that files may name (comma-separated), and their folders."""
 
+OPENSPIEL = "openspiel:"
+"""Prefix of the names of OpenSpiel's games, which name no module."""
+
 _NAME = r"[^\W\d]\w*"
 _REFERENCE = re.compile(rf"({_NAME}(?:\.{_NAME})*):({_NAME})")
 _allowed: set[str] = set()
@@ -96,13 +99,15 @@ def check_trusted(where: object, content: object) -> None:
 
 
 def references(content: Any) -> Iterator[str]:
-    """Every `package.module:Name` in nested plain values."""
-    if is_reference(content):
-        yield content
+    """Every `package.module:Name` in nested plain values, also with arguments in parentheses."""
+    name = content.partition("(")[0].strip() if isinstance(content, str) else None
+    if is_reference(name):
+        yield str(name)
     elif isinstance(content, Mapping):
-        for name, value in content.items():
-            yield from references(name)
-            yield from references(value)
+        for key, value in content.items():
+            yield from references(key)
+            if key != "game" or not str(value).startswith(OPENSPIEL):
+                yield from references(value)
     elif isinstance(content, list | tuple):
         for value in content:
             yield from references(value)
@@ -199,10 +204,10 @@ def sha256_of(module: str) -> str | None:
 # -- the registries --------------------------------------------------------------------------------
 
 
-def accepts(function: Callable[..., object], *arguments: object) -> bool:
+def accepts(function: Callable[..., object], *arguments: object, **named: object) -> bool:
     """Whether a function can be called with these arguments; True if its signature is unknown."""
     try:
-        inspect.signature(function).bind(*arguments)
+        inspect.signature(function).bind(*arguments, **named)
     except TypeError:
         return False
     except ValueError:  # some functions written in C

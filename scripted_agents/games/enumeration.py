@@ -5,21 +5,20 @@ from __future__ import annotations
 import contextlib
 import sys
 from array import array
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence, Sized
-from dataclasses import dataclass, field
+from collections.abc import Hashable, Iterable, Mapping, Sequence, Sized
 from itertools import islice, product
 from math import prod
 from time import perf_counter
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from pursuit.memory import check_memory
-from pursuit.tasks.task import Task
-from pursuit.validation import as_array, check_bool, shortened, whole
-from scripted_agents.games.game import Action, Game, State
+from pursuit.validation import check_bool, shortened, whole
+from scripted_agents.games.game import Game, State
+from scripted_agents.games.small_game import SmallGame
 from scripted_agents.limits import MAX_SMALL_STATES
 from scripted_agents.tolerances import SUM_TOLERANCE
 
@@ -38,129 +37,6 @@ FORMS = {
 Call = tuple[Any, ...]
 """A call of a function of the game: its name and its arguments."""
 START: Call = ("starts",)
-Behaviour = Callable[[State], Mapping[Action, float] | Sequence[float]] | ArrayLike
-"""See `SmallGame.table`."""
-
-
-@dataclass(frozen=True, eq=False)
-class SmallGame:
-    """All states of a game that can be reached, and their transitions.
-
-    A *joint action* is a choice of every player in one state. They are numbered state after state,
-    the last player's action counting fastest.
-
-    Attributes:
-        players: the name of each player.
-        states: all states; the start states first.
-        number: by state, its index in `states`.
-        actions: by player and state, the legal actions.
-        begins: [states + 1] int64, the first joint action of each state.
-        choices: [joint actions, players] int32, the index of each player's action.
-        rewards: [joint actions, players] float64, expected rewards of the step.
-        following: [joint actions, states] sparse, the probability of each next state; rows add up
-            to less than 1 where the game can end.
-        start: [states] float64, the probability of starting in each.
-        task: the task of a game of `game_of_task`; None for others.
-    """
-
-    players: tuple[str, ...]
-    states: list[Hashable] = field(repr=False)
-    number: dict[Hashable, int] = field(repr=False)
-    actions: list[list[Sequence[Hashable]]] = field(repr=False)
-    begins: NDArray[np.int64] = field(repr=False)
-    choices: NDArray[np.int32] = field(repr=False)
-    rewards: NDArray[np.float64] = field(repr=False)
-    following: csr_array = field(repr=False)
-    start: NDArray[np.float64] = field(repr=False)
-    task: Task | None = None
-
-    @property
-    def num_states(self) -> int:
-        """The number of states."""
-        return len(self.states)
-
-    def player(self, name: str) -> int:
-        """The index of a player; ValueError if there is none of this name."""
-        if name not in self.players:
-            raise ValueError(f"player {name!r}; the players are {', '.join(self.players)}")
-        return self.players.index(name)
-
-    def joint_action(self, state: int, chosen: Sequence[int]) -> int:
-        """The number of the joint action with these indices of the players' actions."""
-        within = 0
-        for actions, index in zip(self.actions, chosen, strict=True):
-            within = within * len(actions[state]) + index
-        return int(self.begins[state]) + within
-
-    def outcomes(self, joint: int) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
-        """The states that follow a joint action, and their probabilities."""
-        row = slice(*self.following.indptr[joint : joint + 2])
-        return self.following.indices[row], self.following.data[row]
-
-    def offsets(self, player: int) -> NDArray[np.int64]:
-        """[states + 1] int64: where the actions of each state begin in a table of this player."""
-        return np.cumsum([0, *map(len, self.actions[player])], dtype=np.int64)
-
-    def table(self, player: str, policy: Behaviour) -> NDArray[np.float64]:
-        """The probabilities of a policy as a flat array: the legal actions of state after state.
-
-        Args:
-            player: its name.
-            policy: a function of a state that returns the probability of each action, as a mapping
-                or in the order of the legal actions; or such a flat array.
-
-        Raises:
-            ValueError: an unknown action, a wrong number of probabilities, or no distribution.
-        """
-        index = self.player(player)
-        offsets = self.offsets(index)
-        if not callable(policy):
-            if isinstance(policy, str | Mapping):
-                raise ValueError(
-                    f"the policy of {player} is {shortened(policy)}; give a function of a state, "
-                    "or a table"
-                )
-            rule = "give a function of a state, or an array of probabilities"
-            table = as_array(f"the policy of {player}", policy, "biuf", rule).astype(np.float64)
-            if table.shape != (offsets[-1],):
-                raise ValueError(
-                    f"the table of {player} has shape {table.shape}; the game has "
-                    f"{offsets[-1]} pairs of a state and an action of this player"
-                )
-        else:
-            table = np.empty(offsets[-1])
-            for number, state in enumerate(self.states):
-                actions = self.actions[index][number]
-                row = _in_order(policy(state), actions, player, state)
-                table[offsets[number] : offsets[number + 1]] = row
-        total = np.add.reduceat(table, offsets[:-1])
-        bad = ~(np.abs(total - 1.0) <= 1e-6) | (np.minimum.reduceat(table, offsets[:-1]) < 0.0)
-        if bad.any():
-            state = int(np.argmax(bad))
-            row = table[offsets[state] : offsets[state + 1]].tolist()
-            raise ValueError(
-                f"the probabilities of {player} in {self.states[state]!r} are {row}; give "
-                "non-negative ones with sum 1"
-            )
-        return table / np.repeat(total, np.diff(offsets))
-
-
-def _in_order(
-    given: Any, actions: Sequence[Hashable], player: str, state: Hashable
-) -> NDArray[np.float64]:
-    if isinstance(given, Mapping):
-        unknown = [action for action in given if action not in actions]
-        if unknown:
-            raise ValueError(
-                f"{player} plays {unknown[0]!r} in {state!r}; the actions are {list(actions)}"
-            )
-        given = [given.get(action, 0.0) for action in actions]
-    what = f"the policy of {player} in {shortened(state)}: probabilities"
-    rule = f"give {len(actions)} probabilities, one for each of {shortened(list(actions))}"
-    row = as_array(what, given, "biuf", rule)
-    if row.shape != (len(actions),):
-        raise ValueError(f"{what}={shortened(given)}; {rule}")
-    return row
 
 
 def enumerate_game(
@@ -252,6 +128,7 @@ def enumerate_game(
         np.array(rewards).reshape(joints, len(players)),
         following,
         start,
+        source=game,
     )
 
 

@@ -13,8 +13,8 @@ from pursuit.environments.types import Info, Options, Single
 from pursuit.rules.arrays import Array
 from pursuit.simulator.simulator import Simulator
 from pursuit.validation import as_array, shortened, whole
-from scripted_agents.games.enumeration import SmallGame
 from scripted_agents.games.game import State
+from scripted_agents.games.small_game import SmallGame
 from scripted_agents.games.solve import Policies, check_game, tables_of
 
 

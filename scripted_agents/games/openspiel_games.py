@@ -168,3 +168,8 @@ def _resolved(position: pyspiel.State) -> list[tuple[float, pyspiel.State]]:
         for outcome, chance in position.chance_outcomes()
         for rest, after in _resolved(position.child(outcome))
     ]
+
+
+def openspiel_game(text: str) -> OpenSpielGame:
+    """The game of OpenSpiel in a name with arguments, such as "tic_tac_toe"."""
+    return OpenSpielGame(text)

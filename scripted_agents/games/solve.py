@@ -11,7 +11,7 @@ from scipy.sparse import csc_array, csr_array, eye_array
 from scipy.sparse.linalg import splu
 
 from pursuit.validation import number, shortened, whole
-from scripted_agents.games.enumeration import Behaviour, SmallGame
+from scripted_agents.games.small_game import Behaviour, SmallGame
 from scripted_agents.joint.layout import NO_SLIPS, Store
 from scripted_agents.joint.results import Equilibrium, JointNashConv, Solution
 from scripted_agents.joint.shapley_iteration import (
@@ -231,6 +231,26 @@ def equilibrium(
         tables[name] = dense[np.arange(many[player]) < sizes[:, None]]
     mean, mixed = float(game.start @ values), played.mixed
     return SmallEquilibrium(values=values, mean_over_starts=mean, policies=tables, mixed=mixed)
+
+
+def longest_play(game: SmallGame) -> int | None:
+    """The largest number of steps of an episode; None if one can go on forever."""
+    check_game(game)
+    joints = np.repeat(np.arange(game.num_states), np.diff(game.begins))
+    owner = csr_array((np.ones(len(joints)), (joints, np.arange(len(joints)))))
+    edges = (owner @ game.following).tocsr()
+    edges.eliminate_zeros()
+    edges.data[:] = 1.0
+    waiting = np.bincount(edges.indices, minlength=game.num_states)  # edges into each state
+    layer = np.flatnonzero(waiting == 0)
+    length, done = 0, 0
+    while len(layer):  # of states whose predecessors are all done (Kahn, 1962)
+        length, done = length + 1, done + len(layer)
+        reached = edges[layer].indices
+        waiting -= np.bincount(reached, minlength=game.num_states)
+        candidates = np.unique(reached)
+        layer = candidates[waiting[candidates] == 0]
+    return length if done == game.num_states else None
 
 
 def _check(discount: float, horizon: int | None) -> None:

@@ -10,8 +10,8 @@ from scipy.sparse import csr_array
 
 from pursuit.rules.layout import Games
 from pursuit.tasks.task import Task, checked_task
-from scripted_agents.games.enumeration import SmallGame
 from scripted_agents.games.game import State
+from scripted_agents.games.small_game import SmallGame
 from scripted_agents.joint.opponents import lay_out_others
 from scripted_agents.joint.states import joint_states_of
 from scripted_agents.joint.sweeps import Problem, Quantity, filled_store

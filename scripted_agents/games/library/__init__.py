@@ -1,0 +1,3 @@
+"""Shipped small games."""
+
+SHIPPED: dict[str, str] = {}

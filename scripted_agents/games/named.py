@@ -1,0 +1,118 @@
+"""Games by name: shipped ones, those of OpenSpiel, and user-defined ones."""
+
+from __future__ import annotations
+
+import ast
+import re
+from functools import lru_cache
+from importlib import import_module
+from typing import Any
+
+from pursuit.plugins import OPENSPIEL, Registry, accepts
+from pursuit.validation import check, raised, shortened
+from scripted_agents.games.enumeration import enumerate_game
+from scripted_agents.games.game import Game
+from scripted_agents.games.library import SHIPPED
+from scripted_agents.games.small_game import SmallGame
+
+GAMES: Registry[Any] = Registry(
+    "game",
+    "a class or function that returns a Game (players, starts, legal_actions, transitions)",
+    callable,
+    ours=tuple(SHIPPED),
+)
+"""Shipped and user-defined games."""
+
+
+def split_name(text: str) -> tuple[str, str]:
+    """ "module:Name" and "size=4" from "module:Name(size=4)"; without parentheses no arguments."""
+    found = re.fullmatch(r"\s*([^()\s]+)\s*(?:\((.*)\))?\s*", str(text), re.DOTALL)
+    check(
+        found is not None,
+        f"game={shortened(text)}; give a name, as soccer, openspiel:tic_tac_toe or module:Name, "
+        "with arguments in parentheses: goofspiel(cards=4)",
+    )
+    assert found is not None
+    return found[1], found[2] or ""
+
+
+def arguments_of(text: str, given: str) -> dict[str, Any]:
+    """The keyword arguments in "size=4, kind=open"; a bare word is a text.
+
+    Raises:
+        ValueError: something else than name=value with numbers, texts, True, False or None.
+    """
+    rule = f"game={shortened(text)}; give arguments as name=value, with numbers and texts"
+    try:
+        call = ast.parse(f"f({given})", mode="eval").body
+    except SyntaxError:
+        raise ValueError(rule) from None
+    check(isinstance(call, ast.Call) and not call.args, rule)
+    assert isinstance(call, ast.Call)
+    values: dict[str, Any] = {}
+    for each in call.keywords:
+        word = each.value.id if isinstance(each.value, ast.Name) else None
+        try:
+            value = ast.literal_eval(each.value) if word is None else word
+        except ValueError:
+            raise ValueError(rule) from None
+        check(each.arg is not None, rule)
+        values[str(each.arg)] = {"true": True, "false": False}.get(word or "", value)
+    return values
+
+
+def game_named(text: str) -> Game:
+    """The game of this name, not enumerated; see `load_game` for the names.
+
+    Raises:
+        ValueError: an unknown name, arguments that it does not accept, or no `Game`.
+    """
+    name, given = split_name(text)
+    if name.startswith(OPENSPIEL):
+        try:
+            from scripted_agents.games.openspiel_games import openspiel_game
+        except ImportError as error:
+            raise ValueError(
+                f"game={shortened(text)} needs OpenSpiel, which is not installed ({error.name}); "
+                "pip install 'pursuit[openspiel]'"
+            ) from None
+        spiel: Any = openspiel_game(str(text).strip().removeprefix(OPENSPIEL))
+        return spiel
+    values = arguments_of(text, given)
+    if name in SHIPPED:
+        module, _, attribute = SHIPPED[name].partition(":")
+        make = getattr(import_module(module), attribute)
+    else:
+        make = GAMES.get(name)
+    check(
+        accepts(make, **values),
+        f"game={shortened(text)}: {name} does not accept the arguments {shortened(given)}; see its "
+        "documentation",
+    )
+    try:
+        game = make(**values)
+    except ValueError:
+        raise
+    except Exception as error:  # of the user's code
+        raise ValueError(f"game={shortened(text)} raised {raised(error)}; mend it") from error
+    check(
+        isinstance(game, Game) and not isinstance(game, type),
+        f"game={shortened(text)} is {shortened(game)}; it must be {GAMES.needs}",
+    )
+    return game
+
+
+@lru_cache(maxsize=4)
+def load_game(text: str) -> SmallGame:
+    """A game by name, enumerated; one object for equal names.
+
+    Args:
+        text: the name of a shipped game ("soccer"), of a game of OpenSpiel
+            ("openspiel:tic_tac_toe"), or of a class or function that returns a `Game`
+            ("package.module:Name"); with keyword arguments in parentheses, "goofspiel(cards=4)".
+
+    Raises:
+        ValueError: an unknown name, arguments that it does not accept, no `Game`, or one that
+            cannot be enumerated.
+    """
+    return enumerate_game(game_named(text))

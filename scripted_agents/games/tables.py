@@ -1,0 +1,265 @@
+"""The transitions of an enumerated game as arrays, and the kernels that step copies of it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pursuit.compilation.compiled import compiled, inlined
+from pursuit.memory import check_memory
+from pursuit.rules.arrays import Flags, Ints, Reals, Words
+from pursuit.rules.randomness import next_uniform
+from scripted_agents.games.small_game import SmallGame
+
+STARTS_STREAM, CHANCE_STREAM, FIRST_PLAYER_STREAM = 0, 1, 2
+"""The random streams of a game: of start states, of chance, and of each player's policy."""
+ENDED, DRAWN = -1, -2
+"""In place of the state after a joint action: the game has ended; it is drawn from a row."""
+OK = -1
+
+Longs = NDArray[np.int64]
+Floats = NDArray[np.float32]
+
+
+class StepTables(NamedTuple):
+    """The transitions of a game.
+
+    Attributes:
+        begins: [states + 1] int64, the first joint action of each state.
+        places: [players, states, actions] int16, the place of an action, by its number in
+            `SmallGame.action_lists`, among the legal ones of a state; -1 for illegal ones.
+        sizes: [states, players] int16, the number of legal actions.
+        after: [joint actions] int32, the next state, `ENDED`, or `DRAWN`.
+        rewards: [joint actions, players] float32.
+        indptr, states, sums: the rows of `SmallGame.following` as indices and cumulative
+            probabilities.
+        starts, start_sums: the start states, and their cumulative probabilities.
+    """
+
+    begins: Longs
+    places: NDArray[np.int16]
+    sizes: NDArray[np.int16]
+    after: Ints
+    rewards: Floats
+    indptr: Longs
+    states: Ints
+    sums: Reals
+    starts: Ints
+    start_sums: Reals
+
+
+def step_tables(game: SmallGame) -> StepTables:
+    """The tables of a game; ValueError if they do not fit into memory."""
+    players, most = len(game.players), max(map(len, game.action_lists))
+    cells = players * game.num_states * most
+    needed = 2 * cells + (4 * players + 4) * len(game.choices) + 12 * game.following.nnz
+    check_memory(f"stepping a game of {game.num_states:,} states", needed, "give a smaller game")
+    places = np.full((players, game.num_states, most), -1, dtype=np.int16)
+    for player, (rows, every) in enumerate(zip(game.actions, game.action_lists, strict=True)):
+        number = {action: place for place, action in enumerate(every)}
+        numbers: dict[int, NDArray[np.intp]] = {}  # equal rows of actions are one object
+        for state, row in enumerate(rows):
+            if id(row) not in numbers:
+                numbers[id(row)] = np.array([number[action] for action in row])
+            places[player, state, numbers[id(row)]] = np.arange(len(row))
+    csr = game.following
+    counts, chances = np.diff(csr.indptr), csr.data
+    first = csr.indptr[:-1].astype(np.int64)
+    after = np.full(len(counts), ENDED, dtype=np.int32)
+    after[counts > 0] = DRAWN
+    single = np.flatnonzero(counts == 1)
+    certain = single[chances[first[single]] >= 1.0 - 1e-12]
+    after[certain] = csr.indices[first[certain]]
+    sums = np.concatenate([[0.0], np.cumsum(chances)])
+    owner = np.repeat(first, counts)
+    sums = sums[1:] - sums[owner]
+    # The ends of rows without an end of the game are exactly 1, so that no draw is above them.
+    last = csr.indptr[1:][counts > 0] - 1
+    sums[last[sums[last] >= 1.0 - 1e-9]] = 1.0
+    starts = np.flatnonzero(game.start > 0.0)
+    start_sums = np.cumsum(game.start[starts])
+    start_sums[-1] = 1.0
+    return StepTables(
+        game.begins.astype(np.int64),
+        places,
+        np.array([[len(row) for row in rows] for rows in game.actions], dtype=np.int16).T.copy(),
+        after,
+        game.rewards.astype(np.float32),
+        csr.indptr.astype(np.int64),
+        csr.indices.astype(np.int32),
+        sums,
+        starts.astype(np.int32),
+        start_sums,
+    )
+
+
+@inlined
+def place_of(sums: Reals, first: int, last: int, draw: float) -> int:
+    """The first place in sums[first:last], which ascend, with a sum above `draw`; `last` if there
+    is none."""
+    while first < last:
+        middle = (first + last) >> 1
+        if sums[middle] > draw:
+            last = middle
+        else:
+            first = middle + 1
+    return first
+
+
+@compiled
+def start_games(
+    starts: Ints,
+    start_sums: Reals,
+    chosen: Flags,
+    streams: Words,
+    state: Ints,
+    steps: Ints,
+    returns: Reals,
+    terminated: Flags,
+    truncated: Flags,
+    epsilon: Reals,
+    next_epsilon: Reals,
+) -> None:
+    """Start new episodes in the games of a mask."""
+    for game in range(chosen.shape[0]):
+        if chosen[game]:
+            _start(game, starts, start_sums, streams, state, steps, returns, epsilon, next_epsilon)
+            terminated[game] = truncated[game] = False
+
+
+@inlined
+def _start(
+    game: int,
+    starts: Ints,
+    start_sums: Reals,
+    streams: Words,
+    state: Ints,
+    steps: Ints,
+    returns: Reals,
+    epsilon: Reals,
+    next_epsilon: Reals,
+) -> None:
+    draw = next_uniform(streams[game], STARTS_STREAM)
+    state[game] = starts[place_of(start_sums, 0, starts.shape[0] - 1, draw)]
+    steps[game] = 0
+    for player in range(returns.shape[1]):
+        returns[game, player] = 0.0
+        if next_epsilon[game, player] >= 0.0:  # not for NaN
+            epsilon[game, player] = next_epsilon[game, player]
+            next_epsilon[game, player] = -1.0
+
+
+@compiled
+def step_games(
+    begins: Longs,
+    places: NDArray[np.int16],
+    sizes: NDArray[np.int16],
+    after: Ints,
+    rewards: Floats,
+    indptr: Longs,
+    next_states: Ints,
+    sums: Reals,
+    starts: Ints,
+    start_sums: Reals,
+    streams: Words,
+    state: Ints,
+    steps: Ints,
+    reward: Floats,
+    returns: Reals,
+    terminated: Flags,
+    truncated: Flags,
+    episode_returns: Reals,
+    episode_lengths: Ints,
+    final_state: Ints,
+    epsilon: Reals,
+    next_epsilon: Reals,
+    joints: Longs,
+    actions: Ints,
+    max_steps: int,
+    auto_restart: bool,
+) -> int:
+    """Step all games; `OK`, or game * players + player of an illegal action, and nothing moves.
+
+    Games that have ended do not move, and have rewards of 0.
+    """
+    players, most = actions.shape[1], places.shape[2]
+    for game in range(actions.shape[0]):
+        joint = np.int64(0)
+        for player in range(players):
+            action = actions[game, player]
+            place = -1
+            if 0 <= action < most:
+                place = np.int64(places[player, state[game], action])
+            if place < 0 and not (terminated[game] or truncated[game]):
+                return game * players + player
+            joint = joint * sizes[state[game], player] + place
+        joints[game] = begins[state[game]] + joint
+    for game in range(actions.shape[0]):
+        if not auto_restart and (terminated[game] or truncated[game]):
+            for player in range(players):
+                reward[game, player] = 0.0
+            continue
+        joint = joints[game]
+        following = after[joint]
+        if following == DRAWN:
+            last = indptr[joint + 1]
+            draw = next_uniform(streams[game], CHANCE_STREAM)
+            place = place_of(sums, indptr[joint], last, draw)
+            following = next_states[place] if place < last else ENDED
+        steps[game] += 1
+        for player in range(players):
+            reward[game, player] = rewards[joint, player]
+            returns[game, player] += rewards[joint, player]
+        terminated[game] = following == ENDED
+        truncated[game] = following != ENDED and steps[game] >= max_steps
+        if following != ENDED:
+            state[game] = following
+        if terminated[game] or truncated[game]:
+            episode_lengths[game], final_state[game] = steps[game], state[game]
+            for player in range(players):
+                episode_returns[game, player] = returns[game, player]
+            if auto_restart:
+                _start(
+                    game, starts, start_sums, streams, state, steps, returns, epsilon, next_epsilon
+                )
+    return OK
+
+
+@compiled
+def draw_actions(
+    offsets: Longs,
+    sums: Reals,
+    numbers: Ints,
+    state: Ints,
+    epsilon: Reals,
+    own: float,
+    streams: Words,
+    player: int,
+    actions: Ints,
+) -> None:
+    """Draw the actions of a table in every game.
+
+    Args:
+        offsets: [states + 1], where the legal actions of each state begin.
+        sums: [pairs of a state and an action] cumulative probabilities, from each state's first.
+        numbers: [pairs of a state and an action] the numbers of the actions.
+        state: [games].
+        epsilon: [games, players], the probabilities of a uniformly random action; NaN for `own`.
+        own: the probability of the table.
+        streams: [games, streams].
+        player: whose actions these are.
+        actions: [games], written.
+    """
+    for game in range(state.shape[0]):
+        draw = next_uniform(streams[game], FIRST_PLAYER_STREAM + player)
+        share = epsilon[game, player]
+        if not share >= 0.0:
+            share = own
+        first, last = offsets[state[game]], offsets[state[game] + 1]
+        if draw < share:
+            place = first + np.int64(draw / share * (last - first))
+        else:
+            place = place_of(sums, first, last, (draw - share) / (1.0 - share))
+        actions[game] = numbers[min(place, last - 1)]
