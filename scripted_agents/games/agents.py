@@ -50,12 +50,9 @@ class TableAgent:
         sums = np.cumsum(self._own)
         before = np.concatenate([[0.0], sums])[self._offsets[:-1]]
         self._sums = sums - np.repeat(before, sizes)
-        places = task.tables.places[self._seat]
-        state, number = np.nonzero(places >= 0)
-        # In the order of the legal actions of each state, which can differ from their numbers.
-        order = self._offsets[state] + places[state, number]
-        self._numbers = np.empty(len(number), dtype=np.int32)
-        self._numbers[order] = number
+        numbers = np.arange(task.num_actions(player), dtype=np.float64)
+        every = np.broadcast_to(numbers, (game.num_states, len(numbers)))
+        self._numbers = task.flat(player, every).astype(np.int32)
 
     def __repr__(self) -> str:
         return self.name + (f"(epsilon={self.epsilon:g})" if self.epsilon else "")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +23,8 @@ from scripted_agents.tolerances import SMALL_GAME_TOLERANCE, TIE
 
 MOST_SWEEPS = 3000
 """Of value iteration, enough for a discount of 0.99; then linear equations are solved."""
-ZERO_SUM = 1e-9
+NEGLIGIBLE = 1e-15
+"""Probability that an episode still goes on, below which further steps are not counted."""
 
 Policies = Mapping[str, Behaviour]
 Values = NDArray[np.float64]
@@ -97,6 +99,40 @@ def returns_of(
     return _iterate(
         back_up, rewards, discount, horizon, lambda values: _solved(step, rewards, discount)
     )
+
+
+class Played(NamedTuple):
+    """What is expected of an episode with a time limit.
+
+    Attributes:
+        returns: [players] float64, the sums of rewards.
+        steps: the number of steps.
+        ended: the probability that the game ends in time.
+    """
+
+    returns: Values
+    steps: float
+    ended: float
+
+
+def play_of(game: SmallGame, policies: Policies, max_steps: int) -> Played:
+    """The exact expectations of an episode of at most `max_steps` steps, from the starts.
+
+    Arguments and errors are those of `returns_of`.
+    """
+    check_game(game)
+    chances = _chances(game, policies, game.players)
+    state = np.repeat(np.arange(game.num_states), np.diff(game.begins))
+    weights = csr_array((chances, (state, np.arange(len(chances)))))
+    rewards, backwards = weights @ game.rewards, (weights @ game.following).T.tocsr()
+    at, returns, steps = game.start, np.zeros(len(game.players)), 0.0
+    for _ in range(whole("max_steps", max_steps, 1)):
+        returns = returns + at @ rewards
+        steps += float(at.sum())
+        at = backwards @ at
+        if at.sum() < NEGLIGIBLE:
+            break
+    return Played(returns, steps, min(max(1.0 - float(at.sum()), 0.0), 1.0))
 
 
 def respond(
@@ -213,9 +249,8 @@ def equilibrium(
             f"{len(game.players)} players; equilibria are computed for two with opposite rewards. "
             "nash_conv is defined for any number"
         )
-    odd = np.abs(game.rewards.sum(axis=1)) > ZERO_SUM * np.maximum(1.0, np.abs(game.rewards[:, 0]))
-    if odd.any():
-        joint = int(np.argmax(odd))
+    if game.unbalanced.any():
+        joint = int(np.argmax(game.unbalanced))
         state = game.states[int(np.searchsorted(game.begins, joint, side="right")) - 1]
         raise ValueError(
             f"in {state!r} the rewards are {game.rewards[joint].tolist()}; equilibria are computed "

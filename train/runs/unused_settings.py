@@ -7,7 +7,7 @@ from pursuit.validation import check
 from train.runs.tasks import task_of
 from train.settings.checks import check_default
 from train.settings.self_play import SelfPlaySettings, WholeSettings
-from train.settings.task import AnyTask, ReacherSettings, TaskSettings
+from train.settings.task import AnyTask, TaskSettings
 
 
 def check_unused_settings(settings: WholeSettings) -> None:
@@ -26,7 +26,7 @@ def check_unused_settings(settings: WholeSettings) -> None:
 
 def check_unused_task_settings(settings: AnyTask) -> None:
     """As `check_unused_settings`, for the settings of a task."""
-    if isinstance(settings, ReacherSettings):
+    if not isinstance(settings, TaskSettings):
         return
     task = task_of(settings)
     if task.num_agents == 1:
