@@ -8,9 +8,10 @@ from numpy.typing import NDArray
 from pursuit.validation import check, check_probability, unknown
 from scripted_agents.environments import POLICIES, is_custom_policy
 from scripted_agents.games import tables
+from scripted_agents.games.episodes import longest_play
 from scripted_agents.games.simulator import GameTask, StateView
 from scripted_agents.games.small_game import Behaviour, SmallGame
-from scripted_agents.games.solve import SmallEquilibrium, equilibrium, longest_play
+from scripted_agents.games.solve import SmallEquilibrium, equilibrium
 
 UNIFORM, EQUILIBRIUM = "uniform", "equilibrium"
 AGENTS = (UNIFORM, EQUILIBRIUM)

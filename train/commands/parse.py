@@ -68,7 +68,7 @@ def options_in(arguments: Sequence[str]) -> dict[str, str]:
 def default_task(options: Mapping[str, str]) -> AnyTask:
     """The default settings of the task that --task or --game names, chase by default."""
     form = task_form(options)
-    return SmallGameSettings(game=options.get("game", "")) if form is SmallGameSettings else form()  # type: ignore[call-arg]
+    return SmallGameSettings(game=options.get("game", "")) if form is SmallGameSettings else form()
 
 
 def default_budget(options: Mapping[str, str], seconds: float) -> Plain:

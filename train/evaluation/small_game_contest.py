@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from pursuit.rendering.rendering import Drawable
 from scripted_agents.games.agents import EQUILIBRIUM, UNIFORM, named_agent
+from scripted_agents.games.episodes import play_of
 from scripted_agents.games.simulator import GameSimulator, GameTask, StatePolicy
-from scripted_agents.games.solve import play_of, respond
+from scripted_agents.games.solve import respond
 from scripted_agents.references import ExactReference
 from train.evaluation.games import play_out
 from train.evaluation.scores import (
