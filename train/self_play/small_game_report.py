@@ -53,7 +53,8 @@ def describe_small_game(results: Plain) -> list[str]:
             f"Return of {players[0]}: {found[f'{players[0]}_return']:z.4f}; value of the game: "
             f"{found['game_value']:z.4f}. Exploitability: {each}."
         )
-    lines.append(f"{results['frames']:,} frames in {results['seconds']:.1f} s.")
+    if "frames" in results:
+        lines.append(f"{results['frames']:,} frames in {results['seconds']:.1f} s.")
     return lines
 
 
