@@ -46,10 +46,7 @@ class TableAgent:
         game, self._seat = task.game, task.seat(player)
         self._own = game.table(player, policy)
         self._offsets = game.offsets(self._seat)
-        sizes = np.diff(self._offsets)
-        sums = np.cumsum(self._own)
-        before = np.concatenate([[0.0], sums])[self._offsets[:-1]]
-        self._sums = sums - np.repeat(before, sizes)
+        self._sums = tables.row_sums(self._own, self._offsets)
         places = task.tables.places[self._seat]
         state, number = np.nonzero(places >= 0)
         # In the order of the legal actions of each state, which can differ from their numbers.
