@@ -134,3 +134,9 @@ GAMES: dict[str, Any] = {
     "masks": lambda: enumerate_game(RandomGame(2, seed=3)),
 }
 """Games by what is special about them."""
+
+
+def state_table(state: Any) -> Any:
+    """A policy of the second player of `Nim`."""
+    heap, mover = state
+    return [1.0] if mover == 0 else [1 / min(3, heap)] * min(3, heap)
