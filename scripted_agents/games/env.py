@@ -19,6 +19,7 @@ from pursuit.rendering.windows import metadata_of
 from pursuit.rules.arrays import Array
 from pursuit.simulator.simulator import Simulator
 from pursuit.validation import check_bool, named_settings, one_of, shortened, whole
+from scripted_agents.games.encoding import encoded_states
 from scripted_agents.games.game import State
 from scripted_agents.games.rendering import StateScene, scene_of
 from scripted_agents.games.seats import (
@@ -38,7 +39,6 @@ from scripted_agents.games.simulator import (
     GameSimulator,
     GameTask,
     StatePolicy,
-    encoded_states,
 )
 
 Policies = Mapping[str, Opponent]

@@ -29,7 +29,7 @@ from scripted_agents.games.seats import (
 )
 from scripted_agents.games.simulator import ENCODINGS, ONE_HOT, GameSimulator, GameTask
 
-__all__ = ["SmallGameParallelEnv", "env", "parallel_env", "raw_env"]
+__all__ = ["env", "parallel_env", "raw_env"]
 
 
 class SmallGameParallelEnv(SimulatorParallelEnv):
