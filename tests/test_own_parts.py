@@ -479,9 +479,10 @@ def test_rules_use_payoffs_and_progress_also_after_resuming(tmp_path: Path) -> N
     whole = start(SELF_PLAY, settings, tmp_path / "whole")
     whole.train()
     payoffs, side = whole.trainee.payoffs, whole.trainee.sides["chaser"]
-    pool = side.opponents.pool
+    (policy,), (shares,) = side.opponents.policies.values(), side.opponents.shares.values()
+    pool = policy.pool
     best = payoffs.names("evader")[payoffs.matrix().mean(axis=0).argmax()]
-    assert side.opponents.shares.tolist() == [float(name == best) for name in pool.names]
+    assert shares.tolist() == [float(name == best) for name in pool.names]
     assert "latest" not in payoffs.names("chaser") and "astar" in payoffs.names("chaser")
     with pytest.raises(ValueError, match="unknown evader with payoffs 'latest'"):
         payoffs("astar", "latest")

@@ -35,9 +35,9 @@ from train.runs.single import single_agent
 from train.runs.tasks import maze_text_of
 from train.runs.unused_settings import check_unused_settings
 from train.self_play.parts import self_play_from_plain, self_play_parts, self_play_settings_of
-from train.self_play.trainee import SelfPlay
+from train.self_play.small_games import self_play_run
 from train.settings.run import TrainSettings
-from train.settings.self_play import SelfPlaySettings, WholeSettings
+from train.settings.self_play import SelfPlayBase, WholeSettings
 from train.settings.task import TaskSettings
 from train.teaching.mazes import as_text, names_in
 
@@ -76,15 +76,19 @@ KINDS: dict[str, Kind] = {
         (CURVE, REPLAY, REPORT),
     ),
     SELF_PLAY: Kind(
-        SelfPlaySettings,
+        SelfPlayBase,
         self_play_settings_of,
         self_play_from_plain,
         partial(build_parts, self_play_parts),
-        partial(build_run, SelfPlay),
+        partial(build_run, self_play_run),
         "pursuit self-play",
         (CURVE, REPORT),
     ),
 }
+
+
+NAMES = {RUN: "TrainSettings", SELF_PLAY: "SelfPlaySettings"}
+"""The settings of each kind, for messages."""
 
 
 def start(kind: str, settings: WholeSettings, path: Path | str, final: Final | None = None) -> Run:
@@ -107,7 +111,7 @@ def start(kind: str, settings: WholeSettings, path: Path | str, final: Final | N
     own = KINDS[kind]
     check(
         isinstance(settings, own.settings),
-        f"settings={shortened(settings)}; give {own.settings.__name__}",
+        f"settings={shortened(settings)}; give {NAMES[kind]}",
     )
     path = as_path("path", path)
     check_new(path)

@@ -8,9 +8,10 @@ from numpy.typing import NDArray
 from pursuit.validation import check, check_probability, unknown
 from scripted_agents.environments import POLICIES, is_custom_policy
 from scripted_agents.games import tables
+from scripted_agents.games.episodes import longest_play
 from scripted_agents.games.simulator import GameTask, StateView
 from scripted_agents.games.small_game import Behaviour, SmallGame
-from scripted_agents.games.solve import SmallEquilibrium, equilibrium, longest_play
+from scripted_agents.games.solve import SmallEquilibrium, equilibrium
 
 UNIFORM, EQUILIBRIUM = "uniform", "equilibrium"
 AGENTS = (UNIFORM, EQUILIBRIUM)
@@ -47,12 +48,9 @@ class TableAgent:
         self._own = game.table(player, policy)
         self._offsets = game.offsets(self._seat)
         self._sums = tables.row_sums(self._own, self._offsets)
-        places = task.tables.places[self._seat]
-        state, number = np.nonzero(places >= 0)
-        # In the order of the legal actions of each state, which can differ from their numbers.
-        order = self._offsets[state] + places[state, number]
-        self._numbers = np.empty(len(number), dtype=np.int32)
-        self._numbers[order] = number
+        numbers = np.arange(task.num_actions(player), dtype=np.float64)
+        every = np.broadcast_to(numbers, (game.num_states, len(numbers)))
+        self._numbers = task.flat(player, every).astype(np.int32)
 
     def __repr__(self) -> str:
         return self.name + (f"(epsilon={self.epsilon:g})" if self.epsilon else "")

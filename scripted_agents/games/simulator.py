@@ -78,6 +78,17 @@ class GameTask:
         seat = self.seat(player)
         return np.asarray(self.tables.places[seat, :, : self.num_actions(seat)] >= 0)
 
+    def flat(self, player: str | int, rows: NDArray[np.float64]) -> NDArray[np.float64]:
+        """A table as of `SmallGame.table` from [states, actions] probabilities by the numbers of
+        actions."""
+        seat = self.seat(player)
+        places, offsets = self.tables.places[seat], self.game.offsets(seat)
+        state, number = np.nonzero(places >= 0)
+        found = np.empty(offsets[-1])
+        # Legal actions can be in another order than their numbers.
+        found[offsets[state] + places[state, number]] = rows[state, number]
+        return found
+
     @cached_property
     def _observed(self) -> dict[int, Array]:
         return {}

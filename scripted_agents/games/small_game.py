@@ -15,6 +15,9 @@ from pursuit.tasks.task import Task
 from pursuit.validation import as_array, shortened
 from scripted_agents.games.game import Action, Game, State
 
+ZERO_SUM = 1e-9
+"""Sums of rewards up to this share of the largest are 0."""
+
 Behaviour = Callable[[State], Mapping[Action, float] | Sequence[float]] | ArrayLike
 """See `SmallGame.table`."""
 
@@ -96,9 +99,24 @@ class SmallGame:
             found.append(tuple(every))
         return tuple(found)
 
+    @cached_property
+    def unbalanced(self) -> NDArray[np.bool_]:
+        """[joint actions] bool: whether the rewards do not add up to 0."""
+        largest = np.maximum(1.0, np.abs(self.rewards[:, 0]))
+        return np.abs(self.rewards.sum(axis=1)) > ZERO_SUM * largest
+
+    @property
+    def zero_sum(self) -> bool:
+        """Whether there are two players with opposite rewards."""
+        return len(self.players) == 2 and not self.unbalanced.any()
+
+    @cached_property
+    def _offsets(self) -> list[NDArray[np.int64]]:
+        return [np.cumsum([0, *map(len, rows)], dtype=np.int64) for rows in self.actions]
+
     def offsets(self, player: int) -> NDArray[np.int64]:
         """[states + 1] int64: where the actions of each state begin in a table of this player."""
-        return np.cumsum([0, *map(len, self.actions[player])], dtype=np.int64)
+        return self._offsets[player]
 
     def table(self, player: str, policy: Behaviour) -> NDArray[np.float64]:
         """The probabilities of a policy as a flat array: the legal actions of state after state.

@@ -22,7 +22,6 @@ from scripted_agents.tolerances import SMALL_GAME_TOLERANCE, TIE
 
 MOST_SWEEPS = 3000
 """Of value iteration, enough for a discount of 0.99; then linear equations are solved."""
-ZERO_SUM = 1e-9
 
 Policies = Mapping[str, Behaviour]
 Values = NDArray[np.float64]
@@ -84,9 +83,9 @@ def returns_of(
     Raises:
         ValueError: an invalid argument, or a policy that is missing or no distribution.
     """
-    _check(discount, horizon)
+    check_objective(discount, horizon)
     check_game(game)
-    chances = _chances(game, policies, game.players)
+    chances = joint_chances(game, policies, game.players)
     state = np.repeat(np.arange(game.num_states), np.diff(game.begins))
     weights = csr_array((chances, (state, np.arange(len(chances)))))
     step, rewards = weights @ game.following, np.asarray(weights @ game.rewards)
@@ -94,7 +93,7 @@ def returns_of(
     def back_up(values: Values) -> Values:
         return rewards + discount * (step @ values)
 
-    return _iterate(
+    return iterate(
         back_up, rewards, discount, horizon, lambda values: _solved(step, rewards, discount)
     )
 
@@ -112,7 +111,7 @@ def respond(
     policy iteration (Howard, 1960). Arguments and errors are those of `returns_of`; `policies` are
     those of all other players.
     """
-    _check(discount, horizon)
+    check_objective(discount, horizon)
     given = [players] if isinstance(players, str) else players
     team = tuple(given) if isinstance(given, Sequence) else ()
     check_game(game)
@@ -120,9 +119,9 @@ def respond(
     if not team or len(set(team)) < len(team):
         raise ValueError(f"players={players!r}; give one player, or several different ones")
     others = [name for name in game.players if name not in team]
-    chances = _chances(game, policies, others)
+    chances = joint_chances(game, policies, others)
     # The options of a state are the choices of the team, the last player's counting fastest.
-    sizes = np.array([[len(a) for a in game.actions[index]] for index in indices]).T
+    sizes = np.stack([np.diff(game.offsets(index)) for index in indices], axis=1)
     options = np.concatenate([[0], np.cumsum(sizes.prod(axis=1))])
     state = np.repeat(np.arange(game.num_states), np.diff(game.begins))
     option = np.zeros(len(state), dtype=np.int64)
@@ -158,9 +157,9 @@ def respond(
         return values
 
     nothing = np.zeros(game.num_states)
-    values = later = _iterate(back_up, nothing, discount, horizon, improved)
+    values = later = iterate(back_up, nothing, discount, horizon, improved)
     if horizon is not None:
-        later = _iterate(back_up, nothing, discount, horizon - 1, improved)
+        later = iterate(back_up, nothing, discount, horizon - 1, improved)
     first = best_options(later, TIE) - options[:-1]
     tables = {}
     for place in range(len(team) - 1, -1, -1):
@@ -206,16 +205,15 @@ def equilibrium(
         ValueError: another number of players, rewards that do not add up to 0, or an invalid
             discount or horizon.
     """
-    _check(discount, horizon)
+    check_objective(discount, horizon)
     check_game(game)
     if len(game.players) != 2:
         raise ValueError(
             f"{len(game.players)} players; equilibria are computed for two with opposite rewards. "
             "nash_conv is defined for any number"
         )
-    odd = np.abs(game.rewards.sum(axis=1)) > ZERO_SUM * np.maximum(1.0, np.abs(game.rewards[:, 0]))
-    if odd.any():
-        joint = int(np.argmax(odd))
+    if game.unbalanced.any():
+        joint = int(np.argmax(game.unbalanced))
         state = game.states[int(np.searchsorted(game.begins, joint, side="right")) - 1]
         raise ValueError(
             f"in {state!r} the rewards are {game.rewards[joint].tolist()}; equilibria are computed "
@@ -233,27 +231,8 @@ def equilibrium(
     return SmallEquilibrium(values=values, mean_over_starts=mean, policies=tables, mixed=mixed)
 
 
-def longest_play(game: SmallGame) -> int | None:
-    """The largest number of steps of an episode; None if one can go on forever."""
-    check_game(game)
-    joints = np.repeat(np.arange(game.num_states), np.diff(game.begins))
-    owner = csr_array((np.ones(len(joints)), (joints, np.arange(len(joints)))))
-    edges = (owner @ game.following).tocsr()
-    edges.eliminate_zeros()
-    edges.data[:] = 1.0
-    waiting = np.bincount(edges.indices, minlength=game.num_states)  # edges into each state
-    layer = np.flatnonzero(waiting == 0)
-    length, done = 0, 0
-    while len(layer):  # of states whose predecessors are all done (Kahn, 1962)
-        length, done = length + 1, done + len(layer)
-        reached = edges[layer].indices
-        waiting -= np.bincount(reached, minlength=game.num_states)
-        candidates = np.unique(reached)
-        layer = candidates[waiting[candidates] == 0]
-    return length if done == game.num_states else None
-
-
-def _check(discount: float, horizon: int | None) -> None:
+def check_objective(discount: float, horizon: int | None) -> None:
+    """ValueError for a discount or a horizon that is not allowed."""
     if horizon is not None:
         whole("horizon", horizon, 1)
     if not 0.0 < number("discount", discount) <= 1.0 or (horizon is None and discount == 1.0):
@@ -287,7 +266,7 @@ def tables_of(game: SmallGame, policies: Policies, players: Sequence[str]) -> di
     return {game.player(name): game.table(name, policies[name]) for name in players}
 
 
-def _chances(game: SmallGame, policies: Policies, players: Sequence[str]) -> Values:
+def joint_chances(game: SmallGame, policies: Policies, players: Sequence[str]) -> Values:
     """[joint actions] float64: the probability of the choices of these players."""
     chances = np.ones(len(game.choices))
     state = np.repeat(np.arange(game.num_states), np.diff(game.begins))
@@ -316,7 +295,7 @@ def _store(game: SmallGame, columns: int) -> tuple[Store, csr_array]:
     return store, csr_array(following[drawn])
 
 
-def _iterate(
+def iterate(
     back_up: Callable[[Values], Values],
     start: Values,
     discount: float,

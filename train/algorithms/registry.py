@@ -26,6 +26,7 @@ from train.algorithms import (
 from train.algorithms.learner import Build, Learner, network_loader
 from train.algorithms.rollouts import actor_critic_of
 from train.networks.policy import Player, Seat
+from train.networks.small_game_policy import SmallGameSeat
 from train.settings.algorithms import HYPERPARAMETERS, LEARNERS, Hyperparameters
 from train.tensors import State
 
@@ -124,10 +125,12 @@ class Algorithm:
             f"recurrent={settings.recurrent!r} is not supported by {self.name}; use "
             f"{' or '.join(_names_of(lambda other: other.recurrent))}",
         )
+        what = "an arm, which is fully observable"
+        if isinstance(player, SmallGameSeat):
+            what = "a small game, whose exact results need policies without memory"
         check(
             settings.recurrent is None or isinstance(player, Seat),
-            f"recurrent={settings.recurrent!r} is not supported for an arm, which is fully "
-            "observable; leave it out",
+            f"recurrent={settings.recurrent!r} is not supported for {what}; leave it out",
         )
 
     def check_self_play(self, role: str, agents: int) -> None:

@@ -20,7 +20,7 @@ from docstring_parser import parse_from_object
 
 from pursuit.plugins import ALLOW, allow
 from train.files import Plain
-from train.settings.task import AnyTask, task_form
+from train.settings.task import AnyTask, SmallGameSettings, task_form
 
 Form = TypeVar("Form")
 AGENT_OPTIONS = ("--line-of-sight", "--unknown-maze")
@@ -66,8 +66,9 @@ def options_in(arguments: Sequence[str]) -> dict[str, str]:
 
 
 def default_task(options: Mapping[str, str]) -> AnyTask:
-    """The default settings of the task that --task names, chase by default."""
-    return task_form(options.get("task"))()
+    """The default settings of the task that --task or --game names, chase by default."""
+    form = task_form(options)
+    return SmallGameSettings(game=options.get("game", "")) if form is SmallGameSettings else form()
 
 
 def default_budget(options: Mapping[str, str], seconds: float) -> Plain:

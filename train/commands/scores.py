@@ -100,7 +100,7 @@ def print_whole_game(contest: GameContest) -> None:
 def print_scores(scores: Sequence[Score], contest: AnyContest) -> None:
     """Print a table of scores (`score_table`), and the proven interval of the optimum."""
     certificate = contest.certificate()
-    table = score_table(scores, certificate, contest.measure, contest.beside)
+    table = score_table(scores, certificate, contest.measure, contest.beside, contest.success)
     print_table(table, width=100 + len(contest.beside))
     if certificate is not None:
         print(

@@ -27,16 +27,23 @@ from train.evaluation.scores import OUTCOME
 from train.files import Plain
 from train.reports.tables import print_table
 from train.runs.folder import CURVE, REPORT, SELF_PLAY
-from train.self_play.learners import checked_names, learning_side, unchecked_self_play
+from train.self_play.learners import (
+    checked_names,
+    learning_side,
+    players_of,
+    unchecked_self_play,
+)
 from train.settings.algorithms import Hyperparameters
 from train.settings.self_play import (
     LEARN,
     ROLES,
     LearningSide,
+    PlayedTask,
+    SelfPlayBase,
     SelfPlaySettings,
     default_rewards,
 )
-from train.settings.task import TaskSettings
+from train.settings.task import SmallGameSettings, TaskSettings, task_form
 
 
 @dataclass(frozen=True)
@@ -45,6 +52,14 @@ class Game(TaskSettings):
 
     role: tyro.conf.Suppress[str] = "auto"
     opponent: tyro.conf.Suppress[str | None] = None
+
+
+@dataclass(frozen=True)
+class SmallGame(SmallGameSettings):
+    """A small game, whose states are all enumerated."""
+
+    player: tyro.conf.Suppress[str] = "auto"
+    opponent: tyro.conf.Suppress[str] = "uniform"
 
 
 @dataclass(frozen=True)
@@ -66,6 +81,40 @@ class Options(SelfPlaySettings):
         pass
 
 
+@dataclass(frozen=True, kw_only=True)
+class SmallGameOptions(SelfPlayBase):
+    """The settings of a run of self-play in a small game; the sides of the players are added."""
+
+    task: SmallGame
+    algorithm: str = "ppo"
+    """Algorithm of all players, one that supports self-play: ppo, a2c, dqn, mmd, rnad, nfsp, or
+    package.module:Name."""
+
+    def __post_init__(self) -> None:
+        pass
+
+    @property
+    def sides(self) -> dict[str, str | LearningSide]:
+        """Not used: the players are options of their own."""
+        return {}
+
+
+def small_game_options(game: str, roles: Sequence[str], budget: Plain) -> Any:
+    """The options of self-play in a small game, with one for each player."""
+    text = (
+        "learn, or the fixed policy of {}: uniform, equilibrium, the folder of a run, or "
+        "package.module:Name of a function of a state that returns probabilities."
+    )
+    sides = [
+        (role, Annotated[str, tyro.conf.arg(help=text.format(role))], field(default=LEARN))
+        for role in roles
+    ]
+    make: Any = make_dataclass
+    form = make("Options", sides, bases=(SmallGameOptions,), frozen=True, kw_only=True)
+    form.__doc__ = SmallGameOptions.__doc__
+    return form(task=SmallGame(game=game), **budget)
+
+
 if TYPE_CHECKING:
     from train.runs.loop import Run
     from train.self_play.trainee import SelfPlay
@@ -81,9 +130,12 @@ class SelfPlayCommand(RunCommand):
     Algorithm and hyperparameters (--algorithm, and all under "hyper options") apply to both sides.
     With "chaser." or "evader." before the name, they apply to one side only:
     --chaser.entropy-coef 0.05 --evader.algorithm dqn --evader.batch-size 64.
+
+    With --game NAME the players of a small game learn, and their names take the place of chaser and
+    evader: `pursuit self-play --game soccer --help`.
     """
 
-    settings: Options
+    settings: Any
     hyper: Any
     other_algorithm: Any
 
@@ -91,14 +143,11 @@ class SelfPlayCommand(RunCommand):
 def self_play(arguments: Sequence[str]) -> None:
     """`pursuit self-play`."""
     given, settings = parsed(arguments)
-    name = f"self-play-{Path(settings.task.maze).stem}"
-    started, final = start_or_resume(SELF_PLAY, settings, given, name)
+    played = settings.task
+    where = Path(played.maze).stem if isinstance(played, TaskSettings) else played.label
+    started, final = start_or_resume(SELF_PLAY, settings, given, f"self-play-{where}")
     run = cast("Run[SelfPlay]", started)
-    task, sampling = run.trainee.task, run.trainee.settings.sampling
-    print(
-        f"self-play: {task.name} on maze {task.mazes[0].name}, {task.num_chasers} chaser(s), "
-        f"{task.num_evaders} evader(s); opponents: {sampling}"
-    )
+    print(f"self-play: {run.trainee.line()}; opponents: {run.trainee.settings.sampling}")
     run.trainee.tell = ProgressLine()
     drawn = present if given.report else None
     content = finish_run(run, final.episodes, "pursuit self-play", drawn)
@@ -106,20 +155,30 @@ def self_play(arguments: Sequence[str]) -> None:
     exit_after_signal(run)
 
 
-def parsed(arguments: Sequence[str]) -> tuple[SelfPlayCommand, SelfPlaySettings]:
+def parsed(arguments: Sequence[str]) -> tuple[SelfPlayCommand, SelfPlayBase]:
     """The command in `arguments`, and the settings.
 
     Raises:
         ValueError: unknown options or invalid values.
     """
     options = options_in(arguments)
-    checked_names(options)
-    for name in ("role", "opponent"):
-        check(name not in options, f"--{name} is for `pursuit train`; use --chaser or --evader")
-    rewards = default_rewards(options)
-    task, flat = parse_known(Game(rewards=rewards), arguments), Plain()
+    budget, flat = default_budget(options, 120.0), Plain()
+    task: PlayedTask
+    if task_form(options) is SmallGameSettings:
+        task = parse_known(SmallGame(game=options.get("game", "")), arguments)
+        roles, unused = players_of(task), ("player", "opponent")
+        settings = small_game_options(task.game, roles, budget)
+    else:
+        checked_names(options)
+        roles, unused = ROLES, ("role", "opponent")
+        rewards = default_rewards(options)
+        task = parse_known(Game(rewards=rewards), arguments)
+        settings = Options(task=Game(rewards=rewards), **budget)
+    for name in unused:
+        sided = " or ".join(f"--{role}" for role in roles)
+        check(name not in options, f"--{name} is for `pursuit train`; use {sided}")
     sides: dict[str, LearningSide] = {}
-    for role in ROLES:
+    for role in roles:
         arguments, own = split_side(role, arguments)
         if options.get(role, LEARN) == LEARN:
             chosen = options.get(f"{role}.algorithm", options.get("algorithm", "ppo"))
@@ -129,7 +188,6 @@ def parsed(arguments: Sequence[str]) -> tuple[SelfPlayCommand, SelfPlaySettings]
             flat |= {f"{role}.{name}": value for name, value in options_in(own).items()}
     shown = [*sides.values()] or [LearningSide()]
     hyper, others = shown[0].hyper, other_options(shown[-1], shown[0].hyper)
-    settings = Options(task=Game(rewards=rewards), **default_budget(options, 120.0))
     default = SelfPlayCommand(settings, unchecked(hyper), others)
     given = parse(SelfPlayCommand, arguments, "self-play", default)
     for part in (given.other_algorithm, given.hyper, given.settings, given.settings.task):
@@ -189,8 +247,13 @@ def present(run: Run[SelfPlay], content: Plain) -> None:
     """Write the figures, the tables and the report; as `Run.present`."""
     from train.self_play.payoffs import matches_table  # torch is slow to import
     from train.self_play.report import draw_self_play, write_self_play_report
+    from train.self_play.small_game_report import write_small_game_report
+    from train.self_play.small_games import SmallGamePlay
 
     trainee, folder = run.trainee, run.folder
+    if isinstance(trainee, SmallGamePlay):
+        write_small_game_report(folder, trainee, run.rows, content)
+        return
     title = f"Self-play on {trainee.task.mazes[0].name} ({trainee.settings.sampling})"
     draw_self_play(folder / CURVE, run.rows, title, trainee.settings.budget_unit)
     write_self_play_report(folder, trainee, title, content)
@@ -201,7 +264,15 @@ def show(run: Run[SelfPlay], content: Plain) -> None:
     """Print the results."""
     from train.self_play.payoffs import legend_of, matches_table
     from train.self_play.report import describe_exploitability
+    from train.self_play.small_game_report import describe_small_game, returns_table
+    from train.self_play.small_games import SmallGamePlay
 
+    if isinstance(run.trainee, SmallGamePlay):
+        print()
+        print_table(returns_table(content), 100)
+        print("", *describe_small_game(content), sep="\n")
+        print(f"results{'' if run.present is None else f', curve and {REPORT}'}: {run.folder}")
+        return
     matches = content["matches"]
     exact = not any(row["games"] for row in matches)
     exits = any("outcome" in row for row in matches)

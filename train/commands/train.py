@@ -32,7 +32,7 @@ from train.runs.tasks import default_settings, task_of
 from train.settings.algorithms import Hyperparameters
 from train.settings.presets import TUNED
 from train.settings.run import AgentSettings, TrainSettings
-from train.settings.task import AnyTask, ReacherSettings, TaskSettings
+from train.settings.task import AnyTask, TaskSettings
 
 if TYPE_CHECKING:
     from train.runs.loop import Run
@@ -103,7 +103,7 @@ def team_hint(given: AnyTask) -> str:
 
     Empty for a learner without teammates, and for runners, which self-play does not train.
     """
-    if isinstance(given, ReacherSettings):
+    if not isinstance(given, TaskSettings):
         return ""
     task, role = task_of(given), given.agent.split("_")[0]
     count = task.count(role)

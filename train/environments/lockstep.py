@@ -14,10 +14,11 @@ from torchrl.envs import EnvBase
 
 from pursuit.reacher.simulator import ReacherSimulator
 from pursuit.simulator.simulator import Simulator
+from scripted_agents.games.simulator import GameSimulator
 from train.environments.hooks import EpisodeHook
 from train.networks.policy import Player
 
-AnySimulator = Simulator | ReacherSimulator
+AnySimulator = Simulator | ReacherSimulator | GameSimulator
 FLAGS = ("terminated", "truncated", "done")
 NOT_OBSERVED = {"reward", *FLAGS}
 

@@ -26,6 +26,7 @@ from scripted_agents.tours.objective import tour_objective_gap
 from train.evaluation.contest import OUTCOMES, GameContest
 from train.evaluation.contests import AnyContest
 from train.evaluation.games import best_reply, duel_role, order_of
+from train.evaluation.small_game_contest import SmallGameContest
 
 
 class ObjectiveGap(NamedTuple):
@@ -55,6 +56,9 @@ def objective_gap(contest: AnyContest, discount: float) -> ObjectiveGap:
     mazes, starts at marks, too many goals to enumerate, rewards that do not favour short episodes
     (evader: long ones), a limited view, a whole game without discount, discount 0, and the arm.
     """
+    if isinstance(contest, SmallGameContest):
+        known = discount > 0.0
+        return ObjectiveGap(missing_return=contest.missing_return(discount)) if known else UNKNOWN
     if not isinstance(contest, GameContest) or contest.is_limited or discount == 0.0:
         return UNKNOWN
     task = contest.task

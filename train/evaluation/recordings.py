@@ -16,6 +16,7 @@ from train.evaluation.contest import GameContest
 from train.evaluation.contests import AnyContest
 from train.evaluation.games import duel_role, order_of, table_in
 from train.evaluation.scores import label_of
+from train.evaluation.small_game_contest import SmallGameContest
 
 MOST_OVERLAY_CELLS = 225
 """Maximum number of cells for overlays, as their size grows quadratically."""
@@ -49,6 +50,8 @@ def players_of(contest: AnyContest, player: str) -> dict[str, str]:
     """The names of the policies of a contest by agent."""
     if isinstance(contest, ArmContest):
         return {"arm": player}
+    if isinstance(contest, SmallGameContest):
+        return {**{n: label_of(own) for n, own in contest.opponents.items()}, contest.agent: player}
     task, own = contest.task, contest.task.agent_names[contest.task.seat(contest.agent)]
     found = {}
     for name, role in zip(task.agent_names, task.seat_roles, strict=True):

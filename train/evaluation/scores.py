@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Generic, Literal, Self, TypeVar
+from typing import ClassVar, Generic, Literal, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from pursuit.rendering.rendering import Drawable
 from pursuit.simulator.policy import Policy
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task
+from scripted_agents.games.simulator import GameSimulator, StatePolicy
 from scripted_agents.references import ExactReference
 from train.evaluation.departures import RATES
 from train.evaluation.hidden_contest import Certificate
@@ -230,11 +231,12 @@ def score_table(
     certificate: Certificate | None = None,
     measure: Measure = BY_STEPS,
     beside: str = "",
+    success: str = "success",
 ) -> ResultTable:
     """Scores with the gap to the optimum, or to its proven interval.
 
     A measure other than steps is the first column, followed by the difference to the optimum if
-    that is known. Names end with `beside`, the teammates.
+    that is known. Names end with `beside`, the teammates; `success` heads the success rates.
     """
     by_steps = measure.name == "steps"
     optimum = next((score for score in scores if score.name == "optimal"), None)
@@ -265,7 +267,7 @@ def score_table(
     columns += [
         numeric("steps", "mean_steps", ".3f"),
         Column("95 % interval", lambda row: str(row["interval"])),
-        numeric("success", "success_rate", ".1f", 100, " %"),
+        numeric(success, "success_rate", ".1f", 100, " %"),
     ]
     if any(score.rates for score in scores):
         columns += [numeric(f"{name[:-5]}s", name, ".1f", 100, " %") for name in RATES]
@@ -279,7 +281,7 @@ def score_table(
     return ResultTable(rows, columns)
 
 
-def label_of(policy: Policy) -> str:
+def label_of(policy: object) -> str:
     """The label of a policy: its `repr`, or the name of its class if it has no own `repr`."""
     plain = type(policy).__repr__ is object.__repr__
     return type(policy).__name__ if plain else repr(policy)
@@ -291,8 +293,8 @@ def beside_of(teammates: Mapping[str, str]) -> str:
     return "".join(f" + {n} × {name}" if n > 1 else f" + {name}" for name, n in counts.items())
 
 
-PolicyT = TypeVar("PolicyT", Policy, ArmPolicy)
-GamesT = TypeVar("GamesT", Simulator, ReacherSimulator)
+PolicyT = TypeVar("PolicyT", Policy, ArmPolicy, StatePolicy)
+GamesT = TypeVar("GamesT", Simulator, ReacherSimulator, GameSimulator)
 
 
 class Contest(ABC, Generic[PolicyT, GamesT]):
@@ -308,6 +310,9 @@ class Contest(ABC, Generic[PolicyT, GamesT]):
     def exact_reference(self) -> ExactReference:
         """Which exact optimum of the agent is known, or why none is."""
 
+    success: ClassVar[str] = "success"
+    """The heading of success rates in tables."""
+
     @property
     def beside(self) -> str:
         """The policies of teammates, as a suffix of every policy that plays with them."""
@@ -320,6 +325,10 @@ class Contest(ABC, Generic[PolicyT, GamesT]):
     @abstractmethod
     def line(self) -> str:
         """The evaluation in one line of text, including the other agents."""
+
+    def columns(self, policy: PolicyT) -> dict[str, float]:
+        """Further columns of `metrics.csv` for an evaluated policy."""
+        return {}
 
     def solved_up_to(self, most_work: int) -> Self:
         """The same contest; whole games are solved up to this size (`work_of`)."""

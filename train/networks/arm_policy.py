@@ -15,7 +15,7 @@ from pursuit.reacher.policy import ArmView
 from pursuit.reacher.task import ReacherTask
 from train.networks.features import Features, features_for
 from train.networks.layers import float32_inference
-from train.networks.policy import ActionNetwork, PolicyNetwork, Seat
+from train.networks.policy import ActionNetwork, PolicyNetwork
 from train.networks.recurrent_policy import chosen_from, probabilities_of
 
 
@@ -103,7 +103,3 @@ class ArmNetworkPolicy:
             logits = self.network.logits(observed.to(device))
         draws = None if self.greedy else view.uniform()
         return task.actions_of(chosen_from(probabilities_of(logits, None, self.greedy), draws))
-
-
-AnySeat = Seat | ArmSeat
-"""The learning agent of any task."""

@@ -235,8 +235,12 @@ class NetworkPolicy:
         Raises:
             ValueError: as `act`.
         """
-        check_looks(observations, self._shape, self.task, view, self.encoding)
+        self._check(view, observations)
         return chosen_from(self.probabilities(observations, allowed), draws)
+
+    def _check(self, view: GameView, observations: Observations) -> None:
+        """ValueError unless the observations have the form of those in training."""
+        check_looks(observations, self._shape, self.task, view, self.encoding)
 
 
 class LearnedPolicy(NetworkPolicy):

@@ -40,7 +40,7 @@ CONFIG, METRICS, RESULTS, CHECKPOINT = (
 CURVE, REPLAY = "learning_curve.png", "replay.gif"
 FINAL = "final"
 REPORT, REPLAYS = "report.html", "replays.json"
-FORMAT = 5
+FORMAT = 6
 """Version of `config.json` and `checkpoint.pt`; raised when older ones can no longer be read."""
 
 RUN, SIDE, SELF_PLAY = "single", "side", "self-play"

@@ -14,8 +14,12 @@ from scripted_agents.environments import (
     chosen_policies,
     default_policies,
     is_agent,
+    is_custom_policy,
     named_policy,
 )
+from scripted_agents.games.agents import AGENTS as GAME_AGENTS
+from scripted_agents.games.agents import TableAgent, named_agent
+from scripted_agents.games.simulator import GameTask, StatePolicy
 from train.algorithms.registry import entry
 from train.runs.folder import (
     CONFIG,
@@ -28,7 +32,7 @@ from train.runs.folder import (
 )
 from train.runs.saved import load_settings, player_of
 from train.runs.stable_baselines import load_stable_baselines
-from train.settings.task import in_maze
+from train.settings.task import SmallGameSettings, in_maze
 
 
 def load_policy(folder: Path | str, greedy: bool = True) -> Any:
@@ -119,6 +123,42 @@ def opponents_of(
         f"{task.name!r}: {', '.join(others) or 'none'}",
     )
     return {**default_policies(task, epsilon), role: policy}
+
+
+def player_policy(
+    name: str, task: GameTask, player: str, epsilon: float = 0.0, greedy: bool = False
+) -> StatePolicy:
+    """The policy of this name for a player of a small game, as a table.
+
+    Args:
+        name: as of `named_agent`; or the folder of a run (of self-play: of all players).
+        task, player: the game, and the player by name.
+        epsilon: the probability of a uniformly random action.
+        greedy: whether a learned policy plays its most probable action.
+
+    Raises:
+        ValueError: an unknown policy, or one of another game or player.
+    """
+    if name in GAME_AGENTS or is_custom_policy(name):
+        return named_agent(name, task, player, epsilon)
+    folder = Path(name)
+    check(
+        os.path.isdir(folder),
+        f"{shortened(name)}: not a policy; give {', '.join(GAME_AGENTS)}, package.module:Name of a "
+        "function of a state, or a run folder",
+    )
+    path = folder / player if is_self_play(folder) else folder
+    settings = load_settings(path)
+    check(
+        isinstance(settings.task, SmallGameSettings),
+        f"{name}: a run of task {settings.task.task!r}; give a run of this game",
+    )
+    learned = load_policy(path, greedy or not entry(settings.algorithm).learns_distribution)
+    check(
+        learned.agent == player,
+        f"{name}: is a policy of {learned.agent}, not of {player}; give another",
+    )
+    return TableAgent(task, player, learned.table(task), epsilon, name)
 
 
 def policy_in_seat(

@@ -16,8 +16,8 @@ from pursuit.validation import check
 from train.algorithms.registry import Algorithm, Build, entry
 from train.evaluation.contests import AnyContest
 from train.files import Plain
-from train.networks.arm_policy import AnySeat
 from train.networks.policy import NO_WALLS, Player
+from train.networks.small_game_policy import AnySeat
 from train.runs.saved import player_of, unchecked_settings
 from train.runs.threads import uses_bfloat16
 from train.runs.worlds import AnyEnv, World, world_of

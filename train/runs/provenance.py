@@ -11,9 +11,10 @@ from pathlib import Path
 from typing import Any, TypedDict
 
 from pursuit.observations.custom import OBSERVATIONS
-from pursuit.plugins import Registry, is_reference, sha256_of
+from pursuit.plugins import OPENSPIEL, Registry, is_reference, sha256_of
 from pursuit.tasks.rewards import REWARDS
 from scripted_agents.environments import POLICIES
+from scripted_agents.games.named import GAMES, split_name
 from train.files import Plain, read_json
 from train.schemas import read_as
 from train.settings.algorithms import LEARNERS
@@ -26,6 +27,7 @@ PARTS, COMMAND = "parts", "command"
 """Keys of `config.json` other than settings."""
 
 KINDS: dict[str, Registry[Any]] = {
+    "game": GAMES,
     "rewards": REWARDS,
     "observation": OBSERVATIONS,
     "opponent": POLICIES,
@@ -61,9 +63,16 @@ def own_parts(settings: WholeSettings | Mapping[str, object]) -> Iterator[tuple[
         elif setting in KINDS:
             names = value if isinstance(value, list | tuple) else [value]
             for number, name in enumerate(names):
-                module = KINDS[setting].origin(name) if isinstance(name, str) else None
+                module = origin_of(setting, name) if isinstance(name, str) else None
                 if module is not None:
                     yield f"{setting}[{number}]" if names is value else setting, name, module
+
+
+def origin_of(setting: str, name: str) -> str | None:
+    """The module of the part that a setting names; None for built-in parts."""
+    if setting == "game":
+        name = "" if name.startswith(OPENSPIEL) else split_name(name)[0]
+    return KINDS[setting].origin(name) if name else None
 
 
 def provenance(settings: WholeSettings | Plain) -> Records:

@@ -60,7 +60,9 @@ def write_report(
     builder.add(replay, extras)
     title = contest.line().split(", at most")[0]
     scores = [Score(**score) for score in results["scores"]]
-    table = score_table(scores, certificate_in(results), contest.measure, contest.beside)
+    table = score_table(
+        scores, certificate_in(results), contest.measure, contest.beside, contest.success
+    )
     about = f"Run {folder.name}: {settings.algorithm}, curriculum {settings.curriculum}."
     parts = [
         in_markdown(about),

@@ -10,12 +10,20 @@ from pursuit.plugins import check_trusted
 from pursuit.validation import check
 from train.algorithms.registry import entry
 from train.files import Plain
-from train.networks.arm_policy import AnySeat, ArmSeat
+from train.networks.arm_policy import ArmSeat
 from train.networks.policy import Seat
+from train.networks.small_game_policy import AnySeat, SmallGameSeat
 from train.runs.folder import CONFIG, RUN, SIDE, read_config
 from train.runs.forms import RESTORE
 from train.runs.provenance import check_sources
-from train.runs.tasks import DEFAULTS_BY, agent_of, default_settings, task_of
+from train.runs.tasks import (
+    DEFAULTS_BY,
+    agent_of,
+    default_settings,
+    game_of,
+    player_in,
+    task_of,
+)
 from train.settings.common import with_memory
 from train.settings.curricula import curriculum_form
 from train.settings.presets import SIZES, TUNED
@@ -28,7 +36,7 @@ from train.settings.reading import (
     typed,
 )
 from train.settings.run import AgentSettings, TrainSettings
-from train.settings.task import ReacherSettings, task_form
+from train.settings.task import ReacherSettings, SmallGameSettings, task_form
 from train.teaching.plan import training_task
 
 
@@ -39,7 +47,7 @@ def unchecked_settings(**flat: Any) -> AgentSettings:
         ValueError: an unknown name, a value of the wrong type, or one that is not allowed.
     """
     flat = with_memory(flat)
-    form = task_form(flat.get("task"))
+    form = task_form(flat)
     chosen = {n: flat.get(n) for n in (*DEFAULTS_BY, *SIZES)}
     preset = flat.get("preset", TUNED)
     default = default_settings(settings_with(form, flat, {}), preset=preset, **chosen)
@@ -63,7 +71,7 @@ def from_plain(plain: Plain, where: str) -> AgentSettings:
     with read_from(where, RESTORE):
         own = complete_settings(TrainSettings, plain)
         forms: dict[str, type[Any]] = {
-            "task": task_form(plain.get("task", {}).get("task")),
+            "task": task_form(plain.get("task", {})),
             "hyper": entry(own["algorithm"]).settings,
             "curriculum_settings": curriculum_form(own["curriculum"]),
         }
@@ -104,6 +112,15 @@ def player_of(settings: AgentSettings) -> AnySeat:
             "observable; leave it out",
         )
         return ArmSeat(given.build(), settings.observation, settings.network)
+    if isinstance(given, SmallGameSettings):
+        check(
+            settings.frame_stack == 1,
+            f"frame_stack={settings.frame_stack} is not supported for a small game, whose exact "
+            "results need policies without memory; leave it out",
+        )
+        game = game_of(given)
+        player, seen, network = player_in(given, game), settings.observation, settings.network
+        return SmallGameSeat(game, player, seen, network, settings.min_probability or 0.0)
     task = task_of(given)
     agent = agent_of(given, task)
     played = training_task(settings.curriculum, settings.curriculum_settings, task)

@@ -11,6 +11,10 @@ from pursuit.mazes.suite_files import PREFIX, is_suite
 from pursuit.tasks.rewards import REWARDS
 from pursuit.tasks.task import Task, make_task
 from pursuit.validation import check
+from scripted_agents.games.agents import DISCOUNT as GAME_DISCOUNT
+from scripted_agents.games.episodes import longest_play
+from scripted_agents.games.named import load_game
+from scripted_agents.games.simulator import GameTask
 from train.files import Plain
 from train.settings.presets import (
     TUNED,
@@ -21,7 +25,7 @@ from train.settings.presets import (
     hyperparameters,
     preset_algorithm,
 )
-from train.settings.task import AnyTask, ReacherSettings, TaskSettings
+from train.settings.task import AnyTask, ReacherSettings, SmallGameSettings, TaskSettings
 from train.teaching.mazes import named_maze
 
 DEFAULTS_BY = ("algorithm", "curriculum", "recurrent", "gamma", "frames")
@@ -52,6 +56,32 @@ def _built_once(name: str, **changed: Any) -> Task:
     return make_task(name, **changed)
 
 
+def game_of(settings: SmallGameSettings) -> GameTask:
+    """The small game of these settings, enumerated; one object for equal settings.
+
+    Raises:
+        ValueError: no such game, or one that cannot be enumerated.
+    """
+    return _game_with(settings.game, settings.max_steps)
+
+
+@lru_cache(maxsize=4)
+def _game_with(name: str, max_steps: int) -> GameTask:
+    return GameTask(load_game(name), name, max_steps)
+
+
+def discount_of(settings: SmallGameSettings) -> float:
+    """The default discount of a small game: 1 if it always ends within `max_steps`."""
+    longest = longest_play(game_of(settings).game)
+    ends = longest is not None and longest <= settings.max_steps
+    return 1.0 if ends else GAME_DISCOUNT
+
+
+def player_in(settings: SmallGameSettings, task: GameTask) -> str:
+    """The learning player; ValueError unless the game has it."""
+    return task.agent_names[0 if settings.player == "auto" else task.seat(settings.player)]
+
+
 def check_one_maze(task: Task, what: str) -> None:
     """ValueError if a task has several mazes; `what` is the subject of the message."""
     name = task.mazes[0].name
@@ -80,7 +110,7 @@ def maze_called(maze: str) -> str:
 
 def maze_text_of(settings: AnyTask) -> str | None:
     """The maze as text; None if there is none, and for a suite, which has its own files."""
-    if isinstance(settings, ReacherSettings):
+    if not isinstance(settings, TaskSettings):
         return None
     maze = maze_of(settings.maze)
     return None if isinstance(maze, str) else maze.to_text()
@@ -101,6 +131,8 @@ def profile_of(settings: AnyTask) -> TaskProfile:
     """The profile of a task for the presets: task, role and size; joints of an arm."""
     if isinstance(settings, ReacherSettings):
         return TaskProfile("reacher", "arm", 0, joints=settings.build().joints)
+    if isinstance(settings, SmallGameSettings):
+        return TaskProfile(settings.task, settings.player, 0)
     task = task_of(settings)
     return TaskProfile(
         settings.task,
@@ -140,9 +172,12 @@ def default_settings(
     algorithm = algorithm or preset_algorithm(preset) or "ppo"
     setting = replace(profile_of(task), recurrent=recurrent is not None)
     hyper = hyperparameters(algorithm, setting, preset, gamma is not None)
+    if isinstance(task, SmallGameSettings) and gamma is None:
+        constant: Plain = {"gamma_end": None} if hasattr(hyper, "gamma_end") else {}
+        hyper = replace(hyper, gamma=discount_of(task), **constant)
     of_preset = curriculum is None
     curriculum, curriculum_settings = curriculum_for(algorithm, setting, preset, curriculum)
-    one_maze = preset == TUNED and not setting.many_mazes and not isinstance(task, ReacherSettings)
+    one_maze = preset == TUNED and not setting.many_mazes and isinstance(task, TaskSettings)
     if one_maze and isinstance(frames, int) and frames > 0 and not any(sizes.values()):
         usual, hyper = hyper, for_budget(hyper, frames)
         if hyper != usual and of_preset:

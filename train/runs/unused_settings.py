@@ -6,8 +6,8 @@ from pursuit.tasks.rewards import ROLES, is_coefficients, rewards_from_text
 from pursuit.validation import check
 from train.runs.tasks import task_of
 from train.settings.checks import check_default
-from train.settings.self_play import SelfPlaySettings, WholeSettings
-from train.settings.task import AnyTask, ReacherSettings, TaskSettings
+from train.settings.self_play import SelfPlayBase, WholeSettings
+from train.settings.task import AnyTask, TaskSettings
 
 
 def check_unused_settings(settings: WholeSettings) -> None:
@@ -20,13 +20,13 @@ def check_unused_settings(settings: WholeSettings) -> None:
         settings: `TrainSettings` or `SelfPlaySettings`.
     """
     check_unused_task_settings(settings.task)
-    if isinstance(settings, SelfPlaySettings):
+    if isinstance(settings, SelfPlayBase):
         check_unused_self_play_settings(settings)
 
 
 def check_unused_task_settings(settings: AnyTask) -> None:
     """As `check_unused_settings`, for the settings of a task."""
-    if isinstance(settings, ReacherSettings):
+    if not isinstance(settings, TaskSettings):
         return
     task = task_of(settings)
     if task.num_agents == 1:
@@ -42,12 +42,12 @@ def check_unused_task_settings(settings: AnyTask) -> None:
             )
 
 
-def check_unused_self_play_settings(settings: SelfPlaySettings) -> None:
+def check_unused_self_play_settings(settings: SelfPlayBase) -> None:
     """As `check_unused_settings`, for the settings of self-play."""
     for name, scheme in (("window", "window"), ("pfsp_power", "pfsp")):
         if settings.sampling != scheme:
             other = f"sampling={settings.sampling!r} does not use it (sampling={scheme!r} does)"
-            check_default(settings, SelfPlaySettings, [name], other)
+            check_default(settings, SelfPlayBase, [name], other)
     steps, most = settings.episode_steps, settings.task.max_steps
     check(
         steps is None or steps <= most,

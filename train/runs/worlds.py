@@ -1,4 +1,4 @@
-"""Tasks with their opponents, environments and contests: games in mazes, and the arm."""
+"""Tasks with their opponents, environments and contests: games in mazes, arms, small games."""
 
 from __future__ import annotations
 
@@ -12,20 +12,24 @@ from pursuit.simulator.policy import Policy
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task
 from scripted_agents.environments import AGENTS
+from scripted_agents.games.simulator import GameSimulator, GameTask, StatePolicy
 from train.environments.arm_env import ArmEnv
 from train.environments.simulator_env import SimulatorEnv
+from train.environments.small_game_env import SmallGameTrainingEnv
 from train.evaluation.arm_contest import ArmContest
 from train.evaluation.contest import GameContest
 from train.evaluation.games import won_by
 from train.evaluation.scores import BY_MOST_STEPS, measure_of
+from train.evaluation.small_game_contest import SmallGameContest
 from train.evaluation.suite_contest import SuiteContest
-from train.networks.arm_policy import AnySeat, ArmSeat
+from train.networks.arm_policy import ArmSeat
 from train.networks.policy import Seat
-from train.runs.opponents import opponents_of
-from train.runs.tasks import agent_of, task_of
+from train.networks.small_game_policy import AnySeat, SmallGameSeat
+from train.runs.opponents import opponents_of, player_policy
+from train.runs.tasks import agent_of, game_of, player_in, task_of
 from train.settings.checks import EVALUATION_SEED
-from train.settings.task import AnyTask, ReacherSettings, TaskSettings
-from train.teaching.context import ArmContext, CurriculumContext
+from train.settings.task import AnyTask, ReacherSettings, SmallGameSettings, TaskSettings
+from train.teaching.context import ArmContext, CurriculumContext, SmallGameContext
 from train.teaching.plan import Plan
 from train.teaching.teacher import EpisodeMetrics, Teacher
 
@@ -138,10 +142,69 @@ class ArmWorld:
         return ArmContest(self.task, episodes, seed)
 
 
-World = GridWorld | ArmWorld
-AnyEnv = SimulatorEnv | ArmEnv
+@dataclass(frozen=True)
+class SmallGameWorld:
+    """A small game with the policies of the other players, with the interface of `GridWorld`."""
+
+    settings: SmallGameSettings
+
+    @cached_property
+    def task(self) -> GameTask:
+        """The game."""
+        return game_of(self.settings)
+
+    @cached_property
+    def agent(self) -> str:
+        """The learning player; ValueError unless the game has it."""
+        return player_in(self.settings, self.task)
+
+    @cached_property
+    def opponents(self) -> dict[str, StatePolicy]:
+        """The policy of every other player; ValueError for an unknown one."""
+        given = self.settings
+        how = (given.opponent_epsilon, given.opponent_policy == "greedy")
+        return {
+            name: player_policy(given.opponent, self.task, name, *how)
+            for name in self.task.agent_names
+            if name != self.agent
+        }
+
+    @property
+    def context(self) -> SmallGameContext:
+        """The game and the policies of the other players, for a curriculum."""
+        return SmallGameContext(self.task, self.agent, self.settings.opponent_epsilon)
+
+    def games(
+        self,
+        seat: AnySeat,
+        num_games: int,
+        seed: int,
+        plan: Plan | None,
+        first_game: int = 0,
+    ) -> tuple[SmallGameTrainingEnv, Teacher | None]:
+        """As in `GridWorld`."""
+        assert isinstance(seat, SmallGameSeat)
+        simulator = GameSimulator(seat.task, num_games, seed, first_game, auto_restart=False)
+        number = seat.number
+        metrics = EpisodeMetrics(
+            lambda games: games.returns[:, number] > games.returns.mean(axis=1),
+            lambda games: games.returns[:, number],
+        )
+        teacher = None if plan is None else Teacher(plan, simulator, metrics)
+        policies = [self.opponents.get(name) for name in seat.task.agent_names]
+        return SmallGameTrainingEnv(simulator, seat, policies, teacher), teacher
+
+    def contest(self, episodes: int, seed: int = EVALUATION_SEED) -> SmallGameContest:
+        """As in `GridWorld`."""
+        return SmallGameContest(self.task, self.agent, self.opponents, episodes, seed)
+
+
+World = GridWorld | ArmWorld | SmallGameWorld
+AnyEnv = SimulatorEnv | ArmEnv | SmallGameTrainingEnv
 
 
 def world_of(settings: AnyTask) -> World:
-    """The `GridWorld` or `ArmWorld` of a task's settings."""
+    """The world of a task's settings."""
+    if isinstance(settings, SmallGameSettings):
+        return SmallGameWorld(settings)
     return ArmWorld(settings) if isinstance(settings, ReacherSettings) else GridWorld(settings)

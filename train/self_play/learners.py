@@ -7,8 +7,10 @@ from dataclasses import replace
 from typing import Any
 
 from pursuit.validation import check
+from scripted_agents.environments import agent_name
+from scripted_agents.games.named import game_named
 from train.files import Plain
-from train.runs.tasks import profile_of
+from train.runs.tasks import discount_of, profile_of
 from train.settings.algorithms import Hyperparameters, hyperparameter_form
 from train.settings.common import with_memory
 from train.settings.presets import hyperparameters
@@ -17,17 +19,20 @@ from train.settings.self_play import (
     LEARN,
     ROLES,
     LearningSide,
+    PlayedTask,
+    SelfPlayBase,
     SelfPlaySettings,
+    SmallGameSelfPlay,
     default_rewards,
     self_play_ppo,
     unnested_sides,
 )
-from train.settings.task import TaskSettings
+from train.settings.task import SmallGameSettings, TaskSettings, task_form
 
 ALGORITHM = "algorithm"
 
 
-def learning_side(role: str, task: TaskSettings, common: Plain, own: Plain) -> LearningSide:
+def learning_side(role: str, task: PlayedTask, common: Plain, own: Plain) -> LearningSide:
     """A side that learns, with tuned hyperparameters where none are given.
 
     Args:
@@ -42,6 +47,8 @@ def learning_side(role: str, task: TaskSettings, common: Plain, own: Plain) -> L
     """
     algorithm = {**common, **own}.get(ALGORITHM, "ppo")
     form, default = hyperparameter_form(algorithm), self_play_ppo()
+    if isinstance(task, SmallGameSettings):
+        default = replace(default, gamma=discount_of(task), gamma_end=None)
     names = names_of(form)
     check_names(own, [ALGORITHM, *names], f" of the {role}'s algorithm {algorithm!r}")
     given = {name: value for name, value in common.items() if name in names}
@@ -50,10 +57,17 @@ def learning_side(role: str, task: TaskSettings, common: Plain, own: Plain) -> L
     given |= {name: value for name, value in own.items() if name != ALGORITHM}
     hyper: Hyperparameters = default
     if algorithm != "ppo":
-        tuned = hyperparameters(algorithm, profile_of(replace(task, role=role)))
+        tuned = hyperparameters(algorithm, profile_of(with_role(task, role)))
         same: Plain = {"gamma": default.gamma, "gamma_end": None, "recurrent": None}
         hyper = replace(tuned, **{name: same[name] for name in same if name in names})
     return LearningSide(algorithm, settings_with(form, given, vars(hyper)))
+
+
+def with_role(task: PlayedTask, role: str) -> PlayedTask:
+    """The settings of a game in which one role learns."""
+    if isinstance(task, SmallGameSettings):
+        return replace(task, player=role)
+    return replace(task, role=role)
 
 
 def checked_names(names: Iterable[str]) -> None:
@@ -65,23 +79,33 @@ def checked_names(names: Iterable[str]) -> None:
             check(False, f"unknown setting {name!r}; give {role}.{rest} (as an option {option})")
 
 
-def unchecked_self_play(**flat: Any) -> SelfPlaySettings:
+def unchecked_self_play(**flat: Any) -> SelfPlayBase:
     """As `self_play_settings_of`, without the checks that build the task and the policies."""
-    flat = with_memory(unnested_sides(flat))
-    checked_names(flat)
-    task = settings_with(TaskSettings, flat, {"rewards": default_rewards(flat)})
-    own: dict[str, Plain] = {role: {} for role in ROLES}
+    small = task_form(flat) is SmallGameSettings
+    flat = with_memory(flat)
+    task: PlayedTask
+    form: type[SelfPlayBase]
+    if small:
+        task, form = settings_with(SmallGameSettings, flat, {}), SmallGameSelfPlay
+        roles = players_of(task)
+    else:
+        task = settings_with(TaskSettings, flat, {"rewards": default_rewards(flat)})
+        form, roles = SelfPlaySettings, ROLES
+    flat = unnested_sides(flat, roles)
+    if not small:
+        checked_names(flat)
+    own: dict[str, Plain] = {role: {} for role in roles}
     common: Plain = {}
-    shared = {*names_of(TaskSettings, SelfPlaySettings), *ROLES}
+    shared = {*names_of(type(task), form), *roles}
     for name, value in flat.items():
         role, dot, rest = name.partition(".")
-        if dot and role in ROLES:
+        if dot and role in roles:
             own[role][rest] = value
         elif name not in shared:
             common[name] = value
     sides: Plain = {}
     known = {ALGORITHM, *shared}
-    for role in ROLES:
+    for role in roles:
         fixed = flat.get(role, LEARN)
         check(isinstance(fixed, str), f"{role}={fixed!r}; give a name, or a table of settings")
         if fixed == LEARN:
@@ -91,8 +115,27 @@ def unchecked_self_play(**flat: Any) -> SelfPlaySettings:
                 raise ValueError(f"{role}: {error}") from None
             known |= set(names_of(type(sides[role].hyper)))
         else:
-            sides[role] = fixed
+            sides[role] = agent_name(fixed)
             given = ", ".join(f"{role}.{name}" for name in own[role])
             check(not given, f"{given} with {role}={fixed!r}, which does not learn; leave it out")
     check_names(common, known, " of self-play")
-    return SelfPlaySettings(task=task, **sides, **typed(SelfPlaySettings, flat))
+    given_sides: Plain = {"players": sides} if small else sides
+    make: Any = form
+    made: SelfPlayBase = make(task=task, **given_sides, **typed(form, flat))
+    return made
+
+
+def players_of(task: SmallGameSettings) -> tuple[str, ...]:
+    """The players of a small game, which is not enumerated.
+
+    Raises:
+        ValueError: no such game, or a player with the name of a setting.
+    """
+    players = tuple(game_named(task.game).players)
+    settings = {*names_of(SmallGameSettings, SmallGameSelfPlay), ALGORITHM}
+    for name in players:
+        check(
+            name not in settings and "." not in name,
+            f"game={task.game!r}: a player is called {name!r}, as a setting; rename the player",
+        )
+    return players

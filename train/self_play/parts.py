@@ -7,6 +7,8 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from pursuit.simulator.policy import Policy
 from pursuit.tasks.task import Task
 from pursuit.validation import check, shortened
@@ -19,22 +21,34 @@ from scripted_agents.environments import (
     plays,
     scripted_policy,
 )
+from scripted_agents.games.agents import AGENTS as GAME_AGENTS
+from scripted_agents.games.agents import EQUILIBRIUM
+from scripted_agents.games.episodes import return_range
 from train.algorithms.registry import entry
 from train.evaluation.games import other_role
 from train.files import Plain
 from train.networks.policy import Seat
 from train.runs.forms import RESTORE
-from train.runs.opponents import policy_in_seat
+from train.runs.opponents import player_policy, policy_in_seat
 from train.runs.parts import build_of, check_sizes
-from train.runs.tasks import check_one_maze, task_of
-from train.self_play.learners import unchecked_self_play
+from train.runs.saved import player_of
+from train.runs.tasks import check_one_maze, game_of, task_of
+from train.self_play.learners import players_of, unchecked_self_play, with_role
 from train.self_play.side import SideParts
 from train.settings.algorithms import Hyperparameters, PPOSettings
 from train.settings.common import RunSettings, check_min_probability
 from train.settings.reading import complete_settings, read_from
 from train.settings.run import AgentSettings, TrainSettings
-from train.settings.self_play import ROLES, LearningSide, SelfPlaySettings, self_play_ppo
-from train.settings.task import TaskSettings
+from train.settings.self_play import (
+    NASH_SAMPLING,
+    ROLES,
+    LearningSide,
+    SelfPlayBase,
+    SelfPlaySettings,
+    SmallGameSelfPlay,
+    self_play_ppo,
+)
+from train.settings.task import SmallGameSettings, TaskSettings, task_form
 
 SHORT = 20
 """Default number of steps of training episodes without goals. Where the evader can escape, episodes
@@ -61,20 +75,28 @@ class SelfPlayParts:
         discount: of the exact game.
     """
 
-    settings: SelfPlaySettings
-    task: Task
+    settings: SelfPlayBase
+    task: Any
     sides: dict[str, SideParts]
-    frozen: dict[str, Policy]
-    scripted: dict[tuple[str, str], Policy]
+    frozen: dict[str, Any]
+    scripted: dict[tuple[str, str], Any]
     discount: float
 
+    @property
+    def roles(self) -> tuple[str, ...]:
+        """The roles, whether they learn or not."""
+        return tuple(self.settings.sides)
 
-def self_play_parts(settings: SelfPlaySettings) -> SelfPlayParts:
+
+def self_play_parts(settings: SelfPlayBase) -> SelfPlayParts:
     """The parts of self-play.
 
     Raises:
         ValueError: settings without two sides, or that an algorithm does not support.
     """
+    if isinstance(settings, SmallGameSelfPlay):
+        return small_game_parts(settings)
+    assert isinstance(settings, SelfPlaySettings)
     task = task_of(settings.task)
     check_one_maze(task, "self-play")
     check_sides(settings, task)
@@ -120,6 +142,47 @@ def self_play_parts(settings: SelfPlaySettings) -> SelfPlayParts:
     return SelfPlayParts(settings, task, sides, frozen, scripted, discount)
 
 
+def small_game_parts(settings: SmallGameSelfPlay) -> SelfPlayParts:
+    """The parts of self-play in a small game; ValueError as `self_play_parts`."""
+    task, discount = game_of(settings.task), settings.discount
+    game, sides = task.game, settings.sides
+    roles = task.agent_names
+    check(
+        settings.sampling not in NASH_SAMPLING or game.zero_sum,
+        f"sampling={settings.sampling!r} needs two players with opposite rewards; use latest, "
+        "window, uniform or pfsp",
+    )
+    names = [name for name in GAME_AGENTS if game.zero_sum or name != EQUILIBRIUM]
+    scripted = {
+        (name, role): player_policy(name, task, role)
+        for role in roles
+        for name in dict.fromkeys((*names, *settings.members))
+    }
+    how = (settings.task.opponent_epsilon, settings.task.opponent_policy == "greedy")
+    frozen = {
+        role: player_policy(side, task, role, *how)
+        for role, side in sides.items()
+        if isinstance(side, str)
+    }
+    steps = min(settings.episode_steps or task.max_steps, task.max_steps)
+    training = replace(task, max_steps=steps)
+    horizon = task.max_steps if discount == 1.0 else None
+    found: dict[str, SideParts] = {}
+    for role in settings.learning:
+        own = side_settings(settings, role)
+        seat: Any = player_of(own)
+        check_sizes(own.hyper, seat)
+        entry(own.algorithm).check_self_play(role, 1)
+        entry(own.algorithm).check_memory(own.hyper, seat)
+        # Returns in [-1, 1], the units of the coefficients of MMD and R-NaD.
+        largest = np.abs(return_range(game, role, discount, horizon)).max()
+        scale = 1.0 / largest if largest > 0.0 else 1.0
+        parts = (discount, scale, training, own.min_probability or 0.0)
+        seat = replace(seat, min_probability=0.0)
+        found[role] = SideParts(seat, entry(own.algorithm), own.hyper, build_of(own), *parts)
+    return SelfPlayParts(settings, task, found, frozen, scripted, discount)
+
+
 def check_sides(settings: SelfPlaySettings, task: Task) -> None:
     """ValueError unless the task has chasers and evaders only, and the algorithms support it."""
     check(
@@ -146,11 +209,13 @@ def check_sides(settings: SelfPlaySettings, task: Task) -> None:
         entry(settings.side(role).algorithm).check_self_play(role, task.count(role))
 
 
-def side_settings(settings: SelfPlaySettings, role: str) -> AgentSettings:
+def side_settings(settings: SelfPlayBase, role: str) -> AgentSettings:
     """The settings of the learner of one role, as those of a single-agent run."""
-    task = replace(settings.task, role=role)
-    played = task_of(task)
-    members = played.count(role)
+    task: Any = with_role(settings.task, role)
+    if isinstance(task, SmallGameSettings):
+        members, actions = 1, game_of(task).num_actions(role)
+    else:
+        members, actions = task_of(task).count(role), task_of(task).num_actions
     algorithm, hyper = settings.side(role).algorithm, settings.side(role).hyper
     games = max(hyper.num_games // members, 1) * members
     if isinstance(hyper, PPOSettings):
@@ -162,8 +227,8 @@ def side_settings(settings: SelfPlaySettings, role: str) -> AgentSettings:
     whole = {name: getattr(settings, name) for name in names}
     least = settings.min_probability
     if least is None:
-        least = min(MIN_PROBABILITY, 0.25 / played.num_actions)
-    whole["min_probability"] = check_min_probability(least, played.num_actions)
+        least = min(MIN_PROBABILITY, 0.25 / actions)
+    whole["min_probability"] = check_min_probability(least, actions)
     return TrainSettings(task, hyper, algorithm=algorithm, **whole)
 
 
@@ -198,7 +263,7 @@ def response_settings(settings: SelfPlaySettings, role: str, folder: Path) -> Se
 # -- settings from mappings ------------------------------------------------------------------------
 
 
-def self_play_settings_of(**flat: Any) -> SelfPlaySettings:
+def self_play_settings_of(**flat: Any) -> SelfPlayBase:
     """Settings of self-play by their names on the command line, checked.
 
     Algorithm and hyperparameters are those of both sides. A table of a side takes precedence:
@@ -213,15 +278,30 @@ def self_play_settings_of(**flat: Any) -> SelfPlaySettings:
     return settings
 
 
-def self_play_from_plain(plain: Plain, where: str) -> SelfPlaySettings:
+def self_play_from_plain(plain: Plain, where: str) -> SelfPlayBase:
     """Settings from the plain values of `config.json`; ValueError if these are invalid."""
     with read_from(where, RESTORE):
+        if task_form(plain.get("task", {})) is SmallGameSettings:
+            return _small_from_plain(plain)
         own = complete_settings(SelfPlaySettings, plain)
         task = TaskSettings(**complete_settings(TaskSettings, plain.get("task"), "task"))
         sides: Plain = {role: _side_from_plain(role, plain.get(role)) for role in ROLES}
         settings = SelfPlaySettings(task=task, **sides, **own)
         check_sides(settings, task_of(settings.task))
     return settings
+
+
+def _small_from_plain(plain: Plain) -> SmallGameSelfPlay:
+    own = complete_settings(SmallGameSelfPlay, plain)
+    task = SmallGameSettings(**complete_settings(SmallGameSettings, plain.get("task"), "task"))
+    given = plain.get("players")
+    names = players_of(task)
+    check(
+        isinstance(given, Mapping) and tuple(given) == names,
+        f"players={shortened(given)}; give a table of {', '.join(names)}",
+    )
+    sides = {role: _side_from_plain(role, plain["players"][role]) for role in names}
+    return SmallGameSelfPlay(task=task, players=sides, **own)
 
 
 def _side_from_plain(role: str, plain: object) -> str | LearningSide:

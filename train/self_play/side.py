@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -12,15 +13,19 @@ from numpy.typing import NDArray
 from pursuit.simulator.policy import Policy
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task
+from scripted_agents.games.simulator import GameSimulator, GameTask
 from train.algorithms.learner import Learner
 from train.algorithms.registry import Algorithm, Build, build_learner
 from train.environments.hooks import EpisodeHook
+from train.environments.lockstep import AnySimulator
 from train.environments.simulator_env import SimulatorEnv
+from train.environments.small_game_env import SmallGameTrainingEnv
 from train.evaluation.games import all_caught
 from train.networks.policy import Seat
+from train.networks.small_game_policy import SmallGameSeat
 from train.runs.folder import check_learned
 from train.runs.training_state import restore_simulator, simulator_tensors
-from train.self_play.pool import OpponentPool, PoolPolicy
+from train.self_play.pool import PoolPolicy
 from train.settings.algorithms import Hyperparameters
 from train.tensors import State
 
@@ -30,58 +35,84 @@ the iterations so far. Longer averages are nearer to mixed equilibria, shorter o
 
 
 class Opponents(EpisodeHook):
-    """Draws an opponent from a pool for every episode, and records the scores.
+    """Draws an opponent of each other role from its pool for every episode, and records the scores.
 
     Args:
         simulator: the games.
         role: of the learner.
+        others: the other roles.
         discount: of the scores.
         seed: of the sampling.
         steps: approximate number of steps between updates of an opponent that learns.
 
     Attributes:
-        policy: the policy of the other agents; its `opponents` are the members by game.
-        shares: sampling probabilities of the members of the pool.
+        policies: by role the policy of its agents; its `opponents` are the members by game.
+        shares: by role the sampling probabilities of the members of its pool.
         rng: of the sampling.
     """
 
     def __init__(
-        self, simulator: Simulator, role: str, discount: float, seed: int, steps: int = 1
+        self,
+        simulator: AnySimulator,
+        role: str,
+        others: Sequence[str],
+        discount: float,
+        seed: int,
+        steps: int = 1,
     ) -> None:
         super().__init__()
         self.simulator, self.role, self.discount = simulator, role, discount
-        pool: Any = None  # set once both sides are constructed
-        self.policy = PoolPolicy(pool, simulator.num_games, steps)
+        pool: Any = None  # set once all sides are constructed
+        count = simulator.num_games
+        self.policies = {other: PoolPolicy(pool, count, steps) for other in others}
         self.rng = np.random.default_rng(seed)
-        self.shares: NDArray[np.float64] = np.ones(1)
-
-    @property
-    def pool(self) -> OpponentPool:
-        """The pool of opponents."""
-        return self.policy.pool
+        self.shares: dict[str, NDArray[np.float64]] = {other: np.ones(1) for other in others}
 
     def after_restart(self, games: NDArray[np.intp]) -> None:
-        """Draw an opponent for each of these games."""
-        drawn = self.rng.choice(len(self.shares), size=len(games), p=self.shares)
-        self.policy.opponents[games] = drawn
+        """Draw the opponents of each of these games."""
+        for role, shares in self.shares.items():
+            drawn = self.rng.choice(len(shares), size=len(games), p=shares)
+            self.policies[role].opponents[games] = drawn
 
     def episode_ended(self, games: NDArray[np.bool_]) -> None:
-        """Record the learner's scores against the opponents of these games.
+        """Record the learner's scores against the opponents of these games."""
+        if isinstance(self.simulator, GameSimulator):
+            scores = game_scores(self.simulator, self.role, games)
+        else:
+            assert isinstance(self.simulator, Simulator)
+            scores = maze_scores(self.simulator, self.role, games, self.discount)
+        for policy in self.policies.values():
+            opponents = policy.opponents[games]
+            for member in np.unique(opponents).tolist():
+                policy.pool.note(member, scores[opponents == member])
 
-        The score of an evader is 1 - discount ** steps, its share of the highest discounted return;
-        that of a chaser is discount ** steps. With exits a chaser scores 1 for a game that ends by
-        a capture, 0 for one that ends by an escape, 1/2 if time is up.
-        """
-        task = self.simulator.task
-        rounds = -(-self.simulator.steps[games] // task.steps_per_round)
-        left = self.discount ** rounds.astype(np.float64)
-        if task.most_exits:  # the escapes of the last step, as `Payoffs` counts games to their end
-            won = all_caught(self.simulator)[games].astype(np.float64)
-            left = np.where(self.simulator.terminated[games], won, 0.5)
-        scores = left if self.role == "chaser" else 1.0 - left
-        opponents = self.policy.opponents[games]
-        for member in np.unique(opponents).tolist():
-            self.pool.note(member, scores[opponents == member])
+
+def maze_scores(
+    simulator: Simulator, role: str, games: NDArray[np.bool_], discount: float
+) -> NDArray[np.float64]:
+    """[n] the scores in [0, 1] of a role in the games of a mask, which have just ended.
+
+    The score of an evader is 1 - discount ** steps, its share of the highest discounted return;
+    that of a chaser is discount ** steps. With exits a chaser scores 1 for a game that ends by a
+    capture, 0 for one that ends by an escape, 1/2 if time is up.
+    """
+    task = simulator.task
+    rounds = -(-simulator.steps[games] // task.steps_per_round)
+    left = discount ** rounds.astype(np.float64)
+    if task.most_exits:  # the escapes of the last step, as `Payoffs` counts games to their end
+        won = all_caught(simulator)[games].astype(np.float64)
+        left = np.where(simulator.terminated[games], won, 0.5)
+    return np.asarray(left if role == "chaser" else 1.0 - left)
+
+
+def game_scores(
+    simulator: GameSimulator, player: str, games: NDArray[np.bool_]
+) -> NDArray[np.float64]:
+    """[n] the scores of a player in the games of a mask, which have just ended: 1 for a return
+    above the mean of all players, 0 for one below it, 1/2 for one equal to it."""
+    returns = simulator.returns[games]
+    lead = returns[:, simulator.task.seat(player)] - returns.mean(axis=1)
+    return np.asarray(0.5 + 0.5 * np.sign(np.where(np.abs(lead) < 1e-9, 0.0, lead)))
 
 
 @dataclass(frozen=True)
@@ -97,14 +128,36 @@ class SideParts:
         min_probability: of actions of the evaluated policy.
     """
 
-    seat: Seat
+    seat: Seat | SmallGameSeat
     algorithm: Algorithm
     hyper: Hyperparameters
     build: Build
     discount: float
     scale: float
-    training: Task
+    training: Task | GameTask
     min_probability: float
+
+    def games(
+        self, number: int, others: Sequence[str]
+    ) -> tuple[SimulatorEnv | SmallGameTrainingEnv, Opponents]:
+        """The training environment of the side with this number, and its opponents."""
+        count, steps = self.hyper.num_games, getattr(self.hyper, "rollout_steps", 1)
+        seed, first = self.build.seed, number * 2**20
+        how = (self.seat.agent, others, self.discount, 2 * seed + number, steps)
+        if isinstance(self.training, GameTask):
+            assert isinstance(self.seat, SmallGameSeat)
+            copies = GameSimulator(self.training, count, seed, first, auto_restart=False)
+            opponents = Opponents(copies, *how)
+            players: Any = [opponents.policies.get(name) for name in self.training.agent_names]
+            env = SmallGameTrainingEnv(copies, self.seat, players, opponents, self.scale)
+            return env, opponents
+        assert isinstance(self.seat, Seat)
+        task, members = self.training, self.seat.members
+        games = Simulator(task, count // members, seed, first, auto_restart=False)
+        opponents = Opponents(games, *how)
+        policies = [opponents.policies.get(role) for role in task.seat_roles]
+        maze_env = SimulatorEnv(games, self.seat, policies, opponents, members, self.scale)
+        return maze_env, opponents
 
 
 class Side:
@@ -112,7 +165,8 @@ class Side:
 
     Args:
         parts: of the side.
-        number: index of the role, for different starts of both roles with the same seed.
+        number: index of the role, for different starts of all roles with the same seed.
+        others: the other roles.
         state: of `state_dict`; None for a new side.
 
     Attributes:
@@ -124,34 +178,18 @@ class Side:
         iterations: in the average.
     """
 
-    def __init__(self, parts: SideParts, number: int, state: State | None = None) -> None:
+    def __init__(
+        self, parts: SideParts, number: int, others: Sequence[str], state: State | None = None
+    ) -> None:
         self.parts = parts
-        task, role = parts.seat.task, parts.seat.agent
-        games = parts.hyper.num_games // task.count(role)
-        self.simulator = Simulator(
-            parts.training,
-            games,
-            seed=parts.build.seed,
-            first_game=number * 2**20,
-            auto_restart=False,
-        )
-        self.opponents = Opponents(
-            self.simulator,
-            role,
-            parts.discount,
-            2 * parts.build.seed + number,
-            getattr(parts.hyper, "rollout_steps", 1),
-        )
-        seat, pool = parts.seat, self.opponents.policy
-        policies = [None if own == role else pool for own in task.seat_roles]
-        self.env = SimulatorEnv(
-            self.simulator, seat, policies, self.opponents, seat.members, parts.scale
-        )
+        self.env, self.opponents = parts.games(number, others)
+        self.simulator = self.env.simulator
         if state is not None:
             check_learned(parts.algorithm.name, state)
             # before the collector of the learner reads the environment
             restore_simulator(self.simulator, state["simulator"])
-            pool.opponents[:] = state["opponents"].numpy()
+            for role, pool in self.opponents.policies.items():
+                pool.opponents[:] = state["opponents"][role].numpy()
             self.opponents.rng.bit_generator.state = state["rng"]
             self.env.idle[:] = state["idle"].numpy()
             self.env.resume = True
@@ -184,7 +222,8 @@ class Side:
 
     def evaluated_policy(self) -> Policy:
         """The policy with averaged weights, in float32 and without improbable actions."""
-        seat = replace(self.parts.seat, min_probability=self.parts.min_probability)
+        seat: Any = self.parts.seat
+        seat = replace(seat, min_probability=self.parts.min_probability)
         return self._loaded(seat, self.snapshot())
 
     def policy(self) -> Policy:
@@ -205,7 +244,7 @@ class Side:
         check_learned(self.parts.algorithm.name, {"learner": state})
         return self._loaded(self.parts.seat, state)
 
-    def _loaded(self, seat: Seat, state: State) -> Policy:
+    def _loaded(self, seat: Any, state: State) -> Policy:
         """A policy from a state, without drawing from torch's generator, so that runs do not depend
         on when policies are loaded."""
         with torch.random.fork_rng(devices=[]):
@@ -223,7 +262,10 @@ class Side:
             "average": self.average,
             "iterations": self.iterations,
             "simulator": simulator_tensors(self.simulator),
-            "opponents": torch.from_numpy(self.opponents.policy.opponents.copy()),
+            "opponents": {
+                role: torch.from_numpy(policy.opponents.copy())
+                for role, policy in self.opponents.policies.items()
+            },
             "idle": torch.from_numpy(self.env.idle.copy()),
             "rng": self.opponents.rng.bit_generator.state,
         }

@@ -15,15 +15,16 @@ from pursuit.simulator.policy import Policy
 from scripted_agents.limits import MAX_FINAL_WORK, MAX_SNAPSHOT_CELLS
 from scripted_agents.references import is_exact_team
 from train.evaluation.games import other_role
-from train.evaluation.matchups import match
+from train.evaluation.matchups import discounted_steps, match
 from train.evaluation.scores import OUTCOME
 from train.files import Plain
 from train.runs.folder import CONFIG, SELF_PLAY, SIDE, save_checkpoint, save_config
 from train.runs.forms import Objective
 from train.runs.loop import BRIEF_STEPS, build_parts, build_run
+from train.runs.tasks import maze_text_of
 from train.runs.trainee import Clock
 from train.runs.training_state import policy_memories, restore_policy_memories
-from train.self_play.meta_game import Payoffs
+from train.self_play.meta_game import PAIR_EPISODES, Payoffs
 from train.self_play.metrics import (
     DRY_RUN,
     ResultLimits,
@@ -45,10 +46,8 @@ from train.self_play.parts import (
 )
 from train.self_play.pool import Member, OpponentPool, weights
 from train.self_play.side import Side
-from train.settings.self_play import (
-    NASH_SAMPLING,
-    ROLES,
-)
+from train.settings.checks import evaluation_seed
+from train.settings.self_play import NASH_SAMPLING, ROLES, SelfPlaySettings
 from train.tensors import State
 
 
@@ -84,29 +83,41 @@ class SelfPlay:
         self.settings, self.task = parts.settings, parts.task
         self.parts, self.folder = parts, folder
         self.sides = {
-            role: Side(own, ROLES.index(role), None if state is None else state["sides"][role])
+            role: Side(
+                own,
+                parts.roles.index(role),
+                [other for other in parts.roles if other != role],
+                None if state is None else state["sides"][role],
+            )
             for role, own in parts.sides.items()
         }
-        self.pools = {role: self._pool(role) for role in ROLES}
-        for role, side in self.sides.items():
-            side.opponents.policy.pool = self.pools[other_role(role)]
+        self.pools = {role: self._pool(role) for role in parts.roles}
+        for side in self.sides.values():
+            for other, policy in side.opponents.policies.items():
+                policy.pool = self.pools[other]
         self.on_snapshot: Callable[[SelfPlay], object] = lambda trainee: None
         self.tell: Callable[[str, float], None] = lambda what, share: None
         self.rng = np.random.default_rng(parts.settings.seed)
         self.taken, self.progress, self.last = 0, 0.0, dict[str, float]()
         self.limits = ResultLimits()
-        learning = tuple(self.sides)
-        seed = parts.settings.seed
-        self.payoffs = Payoffs(self.task, self.pools, learning, parts.discount, seed)
+        self.payoffs = Payoffs(self.pools, tuple(self.sides), self.payoff)
         self.mixtures: dict[str, dict[str, float]] = {}
         if state is not None:
             self._load_state_dict(state)
         self._update_sampling()
-        # The objective depends on the game alone: every learned policy is a table.
+        self.objective = self._objective()
+
+    def _objective(self) -> Objective:
+        # It depends on the game alone: every learned policy is a table.
         exact = has_nash_conv(self.task, self.policy("chaser"), self.policy("evader"))
         unit = OUTCOME if self.task.most_exits else "discounted steps"
         column, unit = ("nash_conv", unit) if exact else ("steps", "steps")
-        self.objective = Objective(column, unit, less_is_better=True)
+        return Objective(column, unit, less_is_better=True)
+
+    def payoff(self, chaser: Policy, evader: Policy) -> float:
+        """The payoff of two policies, which evaders maximise: `discounted_steps`."""
+        seed = evaluation_seed(self.settings.seed)
+        return discounted_steps(self.task, chaser, evader, self.parts.discount, PAIR_EPISODES, seed)
 
     def _pool(self, role: str) -> OpponentPool:
         if role in self.sides:
@@ -119,6 +130,14 @@ class SelfPlay:
             if (name, role) in self.parts.scripted:
                 pool.add_scripted(name, self.parts.scripted[name, role])
         return pool
+
+    def line(self) -> str:
+        """The game in one line of text."""
+        task = self.task
+        return (
+            f"{task.name} on maze {task.mazes[0].name}, {task.num_chasers} chaser(s), "
+            f"{task.num_evaders} evader(s)"
+        )
 
     @property
     def frames(self) -> int:
@@ -155,36 +174,35 @@ class SelfPlay:
     def _update_sampling(self) -> None:
         """Update the sampling probabilities of opponents."""
         settings = self.settings
-        for role, side in self.sides.items():
-            pool = self.pools[other_role(role)]
-            mixture = None
-            if settings.sampling in NASH_SAMPLING and self.mixtures:
-                shares_by_name = self.mixtures[other_role(role)]
-                shares = np.array([shares_by_name.get(name, 0.0) for name in pool.names])
-                mixture = shares / shares.sum() if shares.sum() > 0 else None
-            sampling = settings.sampling if other_role(role) in self.sides else "latest"
-            window, power = settings.window, settings.pfsp_power
-            side.opponents.shares = weights(
-                pool, sampling, window, power, mixture, self.payoffs, self.progress
-            )
+        for side in self.sides.values():
+            for role in side.opponents.shares:
+                pool, mixture = self.pools[role], None
+                if settings.sampling in NASH_SAMPLING and self.mixtures:
+                    by_name = self.mixtures[role]
+                    shares = np.array([by_name.get(name, 0.0) for name in pool.names])
+                    mixture = shares / shares.sum() if shares.sum() > 0 else None
+                sampling = settings.sampling if role in self.sides else "latest"
+                how = (sampling, settings.window, settings.pfsp_power, mixture, self.payoffs)
+                side.opponents.shares[role] = weights(pool, *how, self.progress)
 
     def _take_snapshots(self) -> None:
-        places = {role: self.pools[role].names for role in ROLES}
+        places = {role: pool.names for role, pool in self.pools.items()}
         for role, side in self.sides.items():
             self.pools[role].add(f"{self.taken:05d}", side.snapshot(), self.rng)
-        for role in ROLES:
-            self._keep_opponents(role, places[role])
+        for role, names in places.items():
+            self._keep_opponents(role, names)
         self.payoffs.forget()
         if self.settings.sampling in NASH_SAMPLING:
             self.mixtures = self.payoffs.mixtures()
 
     def _keep_opponents(self, role: str, before: list[str]) -> None:
         """Update the opponents of running games after members of a pool have moved."""
-        names, learner = self.pools[role].names, self.sides.get(other_role(role))
-        if learner is not None:
-            moved = np.array([names.index(name) if name in names else 0 for name in before])
-            opponents = learner.opponents.policy.opponents
-            opponents[:] = moved[opponents]
+        names = self.pools[role].names
+        moved = np.array([names.index(name) if name in names else 0 for name in before])
+        for side in self.sides.values():
+            if role in side.opponents.policies:
+                opponents = side.opponents.policies[role].opponents
+                opponents[:] = moved[opponents]
 
     # -- evaluation ------------------------------------------------------------------------------
 
@@ -294,6 +312,7 @@ class SelfPlay:
         """
         steps = {}
         for role in self.sides:
+            assert isinstance(self.settings, SelfPlaySettings)
             settings = response_settings(self.settings, role, self.folder / role)
             with TemporaryDirectory() as folder:
                 run = build_run(SelfPlay, build_parts(self_play_parts, settings), Path(folder))
@@ -345,7 +364,7 @@ class SelfPlay:
             own = folder / role
             if not (own / CONFIG).exists():
                 own.mkdir(exist_ok=True)
-                maze = self.task.mazes[0].to_text()
+                maze = maze_text_of(self.settings.task)
                 save_config(own, SIDE, side_settings(self.settings, role), maze)
             learner = side.learner.state_dict() | side.snapshot()
             name = side.parts.algorithm.name

@@ -18,7 +18,7 @@ Form = TypeVar("Form")
 
 KINDS = {"tuple": "a list of strings", **WORDS}
 """The types of settings in messages; the first match is used."""
-INNER = frozenset({"task", "hyper", "curriculum_settings", "chaser", "evader"})
+INNER = frozenset({"task", "hyper", "curriculum_settings", "chaser", "evader", "players"})
 """Fields of run settings that are themselves settings."""
 RENAMED = {"judged": "num_scored", "judge_every": "score_every"}
 """Former names of settings: the new ones, for messages."""

@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
-from pursuit.observations.custom import check_observation
 from pursuit.plugins import Registry, accepts
-from pursuit.validation import Rule, at_least, check, passes
+from pursuit.validation import Rule, at_least, check, passes, shortened
 from scripted_agents.environments import AGENTS, agent_name, is_custom_policy
+from scripted_agents.games.agents import AGENTS as GAME_AGENTS
 from train.files import Plain
 from train.settings.algorithms import Hyperparameters, PPOSettings, hyperparameter_form
 from train.settings.checks import NotNegative, threads_from
 from train.settings.common import RunSettings
 from train.settings.presets import TUNED_RULES
 from train.settings.run import AgentSettings
-from train.settings.task import AGENT, TaskSettings
+from train.settings.task import AGENT, SmallGameSettings, TaskSettings
 
+PlayedTask = TaskSettings | SmallGameSettings
 ROLES = ("chaser", "evader")
 LEARN = "learn"
 """The name of a side that learns, on the command line and in files."""
@@ -58,11 +60,11 @@ class LearningSide:
         )
 
 
-def unnested_sides(given: Mapping[str, object]) -> Plain:
+def unnested_sides(given: Mapping[str, object], roles: Sequence[str] = ROLES) -> Plain:
     """Settings by name, with a table chaser = {entropy_coef = 0.05} as chaser.entropy_coef."""
     flat: Plain = {}
     for name, value in given.items():
-        if name in ROLES and isinstance(value, Mapping):
+        if name in roles and isinstance(value, Mapping):
             flat |= {f"{name}.{own}": setting for own, setting in value.items()}
         else:
             flat[name] = value
@@ -75,17 +77,20 @@ def default_rewards(given: Mapping[str, object]) -> str:
     return "win_loss" if exits else "zero_sum"
 
 
-@dataclass(frozen=True)
-class SelfPlaySettings(RunSettings):
-    """All settings of a run of self-play."""
+@dataclass(frozen=True, kw_only=True)
+class SelfPlayBase(RunSettings):
+    """The settings of self-play in any game, but for the game and its sides.
 
-    task: TaskSettings = field(default_factory=lambda: TaskSettings(rewards="zero_sum"))
-    chaser: Annotated[str | LearningSide, AGENT] = field(default_factory=LearningSide)
-    """The chasers: how they learn, or a fixed policy: astar, random, uniform, equilibrium,
-    searching (or sweeping, belief), the folder of a run, or package.module:Name of a
-    user-defined policy."""
-    evader: Annotated[str | LearningSide, AGENT] = field(default_factory=LearningSide)
-    """The evaders, as `chaser`."""
+    Attributes:
+        task: the game.
+        AGENTS: the names of scripted agents.
+        UNDISCOUNTED: whether a discount of 1 is allowed.
+    """
+
+    AGENTS: ClassVar[tuple[str, ...]] = AGENTS
+    UNDISCOUNTED: ClassVar[bool] = False
+
+    task: PlayedTask
     sampling: Annotated[str, passes(SAMPLING_PARTS.check)] = "latest"
     """Distribution over opponents: latest, window (the latest policy and snapshots, and the
     members), uniform (the whole pool: fictitious self-play), pfsp (prioritised by difficulty),
@@ -107,9 +112,9 @@ class SelfPlaySettings(RunSettings):
     members: Annotated[tuple[str, ...], MEMBERS] = ()
     """Scripted agents in the pools from the start: astar, random, uniform, equilibrium,
     searching (or sweeping, belief), or package.module:Name of a user-defined policy."""
-    observation: Annotated[str, passes(check_observation)] = "index"
+    observation: str = "index"
     """Observation of the networks: index, one_hot, positions, cells, walls, planes, or
-    package.module:Name of a user-defined one."""
+    package.module:Name of a user-defined one; in small games index, one_hot or observe."""
     threads: Annotated[int, threads_from(1)] = 1
     """Threads of torch."""
     best_response_seconds: NotNegative = 20.0
@@ -119,12 +124,10 @@ class SelfPlaySettings(RunSettings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check(
-            self.task.role == "auto",
-            f"role={self.task.role!r}, but both roles learn in self-play; leave role out, and give "
-            "the fixed policy of one as chaser or evader",
-        )
-        check(self.task.opponent is None, "opponent is for `pursuit train`; use chaser or evader")
+        self.task.check_observation(self.observation)
+        for role, side in self.sides.items():
+            fits = isinstance(side, str | LearningSide)
+            check(fits, f"{role}={shortened(side)}; give a name, or a LearningSide")
         check(
             self.sampling != "window" or self.window <= self.pool_size,
             f"window={self.window} is more than pool_size={self.pool_size}; raise pool_size",
@@ -134,17 +137,18 @@ class SelfPlaySettings(RunSettings):
             f"snapshots={self.snapshots} is more than pool_size={self.pool_size}, but "
             f"{self.sampling} keeps all; raise pool_size, or take fewer snapshots",
         )
-        check(bool(self.learning), "chaser and evader are both fixed; set one of them to learn")
+        fixed = "both fixed" if len(self.sides) == 2 else "all fixed"
+        check(bool(self.learning), f"{' and '.join(self.sides)} are {fixed}; set one to learn")
         for name, none in (("sampling", "latest"), ("members", ())):
             check(
-                len(self.learning) == len(ROLES) or getattr(self, name) == none,
+                len(self.learning) > 1 or getattr(self, name) == none,
                 f"{name}={getattr(self, name)!r}, but the fixed role is the only opponent; leave "
                 f"{name} out, or let both roles learn (members may hold the fixed policy)",
             )
         for name in self.members:
             check(
-                name in AGENTS or is_custom_policy(name),
-                f"unknown member {name!r}; one of {', '.join(AGENTS)}, or package.module:Name",
+                name in self.AGENTS or is_custom_policy(name),
+                f"unknown member {name!r}; one of {', '.join(self.AGENTS)}, or package.module:Name",
             )
             check(self.members.count(name) == 1, f"member {name!r} is given twice; give it once")
         discounts = {}
@@ -154,7 +158,7 @@ class SelfPlaySettings(RunSettings):
             discounts[f"{role}.{last}"] = hyper.last_gamma
         for name, discount in discounts.items():
             check(
-                0.0 < discount < 1.0,
+                0.0 < discount < 1.0 or (self.UNDISCOUNTED and discount == 1.0),
                 f"{name}={discount} is outside (0, 1); give one inside, as it is also the discount "
                 "of the exact game",
             )
@@ -165,9 +169,14 @@ class SelfPlaySettings(RunSettings):
         )
 
     @property
+    @abstractmethod
+    def sides(self) -> dict[str, str | LearningSide]:
+        """By role how it learns, or its fixed policy."""
+
+    @property
     def learning(self) -> tuple[str, ...]:
         """The roles that learn."""
-        return tuple(role for role in ROLES if isinstance(getattr(self, role), LearningSide))
+        return tuple(role for role, side in self.sides.items() if not isinstance(side, str))
 
     @property
     def discount(self) -> float:
@@ -176,9 +185,55 @@ class SelfPlaySettings(RunSettings):
 
     def side(self, role: str) -> LearningSide:
         """The algorithm and the hyperparameters of a role that learns."""
-        side: LearningSide = getattr(self, role)
+        side = self.sides[role]
+        assert not isinstance(side, str)
         return side
 
 
-WholeSettings = AgentSettings | SelfPlaySettings
+@dataclass(frozen=True)
+class SelfPlaySettings(SelfPlayBase):
+    """All settings of a run of self-play in mazes."""
+
+    task: TaskSettings = field(default_factory=lambda: TaskSettings(rewards="zero_sum"))
+    chaser: Annotated[str | LearningSide, AGENT] = field(default_factory=LearningSide)
+    """The chasers: how they learn, or a fixed policy: astar, random, uniform, equilibrium,
+    searching (or sweeping, belief), the folder of a run, or package.module:Name of a
+    user-defined policy."""
+    evader: Annotated[str | LearningSide, AGENT] = field(default_factory=LearningSide)
+    """The evaders, as `chaser`."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check(
+            self.task.role == "auto",
+            f"role={self.task.role!r}, but both roles learn in self-play; leave role out, and give "
+            "the fixed policy of one as chaser or evader",
+        )
+        check(self.task.opponent is None, "opponent is for `pursuit train`; use chaser or evader")
+
+    @property
+    def sides(self) -> dict[str, str | LearningSide]:
+        """As of the base."""
+        return {"chaser": self.chaser, "evader": self.evader}
+
+
+@dataclass(frozen=True)
+class SmallGameSelfPlay(SelfPlayBase):
+    """All settings of a run of self-play in a small game."""
+
+    AGENTS: ClassVar[tuple[str, ...]] = GAME_AGENTS
+    UNDISCOUNTED: ClassVar[bool] = True
+
+    task: SmallGameSettings
+    players: dict[str, str | LearningSide]
+    """By player how it learns, or its fixed policy: uniform, equilibrium, the folder of a run, or
+    package.module:Name of a function of a state that returns probabilities."""
+
+    @property
+    def sides(self) -> dict[str, str | LearningSide]:
+        """As of the base."""
+        return self.players
+
+
+WholeSettings = AgentSettings | SelfPlayBase
 """The settings of a run of any kind."""

@@ -1,13 +1,16 @@
-"""Settings of tasks and opponents by name: games in mazes, and the arm."""
+"""Settings of tasks and opponents by name: games in mazes, the arm, and small games."""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, ClassVar
 
 from pursuit.mazes.suite_files import PREFIX, is_suite
 from pursuit.observations.custom import check_observation
+from pursuit.plugins import OPENSPIEL
 from pursuit.reacher.observations import ENCODINGS as ARM_ENCODINGS
 from pursuit.reacher.task import ReacherTask
 from pursuit.tasks.options import (
@@ -28,9 +31,11 @@ from pursuit.tasks.visibility import (
 )
 from pursuit.validation import Rule, check, choice, one_of, rule
 from scripted_agents.environments import agent_name
+from scripted_agents.games.named import split_name
+from scripted_agents.games.simulator import ENCODINGS as GAME_ENCODINGS
 from train.settings.checks import RANDOM_MOVES, Settings
 
-REACHER = "reacher"
+REACHER, GAME = "reacher", "game"
 AGENT = Rule(lambda _, name: agent_name(name))
 """An agent by name; former names are replaced."""
 MOST_STEPS = 100_000
@@ -83,8 +88,8 @@ class TaskSettings(Settings):
     )
 
     task: str = "chase"
-    """chase, maze, race, heist, escape or reacher (an arm; for its options see --task reacher
-    --help)."""
+    """chase, maze, race, heist, escape, reacher (an arm; for its options see --task reacher --help)
+    or game (a small game; see --game NAME --help)."""
     role: str = "auto"
     """Learning agent: chaser, evader or runner, or one agent such as chaser_1. auto: the first."""
     maze: str = "5x5"
@@ -159,7 +164,7 @@ class TaskSettings(Settings):
             f"task={self.task!r} is not a game in mazes; use {', '.join(TASK_NAMES)} here, and the "
             "arm in `pursuit train`, `baseline`, `render` or a sweep (ReacherSettings in Python)",
         )
-        one_of("task", self.task, (*TASK_NAMES, REACHER))
+        one_of("task", self.task, (*TASK_NAMES, REACHER, GAME))
 
     @property
     def agent(self) -> str:
@@ -227,16 +232,63 @@ class ReacherSettings(Settings):
         one_of("observation", name, ARM_ENCODINGS)
 
 
-AnyTask = TaskSettings | ReacherSettings
+@dataclass(frozen=True)
+class SmallGameSettings(Settings):
+    """A small game, whose states are all enumerated, and the policies of the other players."""
+
+    OBSERVATION: ClassVar[str] = "index"
+
+    task: Annotated[str, choice(GAME)] = GAME
+    """game (for the options of games in mazes see --task chase --help)."""
+    game: str = ""
+    """Name of the game: a shipped one such as soccer or goofspiel(cards=4), openspiel:NAME(...), or
+    package.module:Name(size=4) of a class or function that returns a Game."""
+    player: str = "auto"
+    """Learning player, by name. auto: the first."""
+    max_steps: Steps = 200
+    """Steps after which an episode is truncated, at most 100,000."""
+    opponent: Annotated[str, AGENT] = "uniform"
+    """Policy of the other players: uniform, equilibrium (of a zero-sum game of two), the folder of
+    a run, or package.module:Name of a function of a state that returns probabilities."""
+    opponent_epsilon: Annotated[float, RANDOM_MOVES] = 0.0
+    """Probability of a uniformly random action of the opponents, in [0, 1]."""
+    opponent_policy: Annotated[str, choice("sampled", "greedy")] = "sampled"
+    """Policy of a learned opponent: sampled (from its distribution), or greedy (the most probable
+    action)."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        split_name(self.game)
+
+    @property
+    def agent(self) -> str:
+        """The learning player."""
+        return self.player
+
+    @property
+    def label(self) -> str:
+        """The beginning of the name of a run's folder."""
+        name = "-".join(re.findall(r"[\w.]+", self.game.removeprefix(OPENSPIEL)))
+        return name if self.player == "auto" else f"{name}-{self.player}"
+
+    def check_observation(self, name: str) -> None:
+        """ValueError unless this observation exists."""
+        one_of("observation", name, GAME_ENCODINGS)
+
+
+AnyTask = TaskSettings | ReacherSettings | SmallGameSettings
 
 
 def in_maze(task: AnyTask, what: str) -> TaskSettings:
     """`task` if it is a game in mazes, otherwise ValueError; `what` starts the message."""
-    if isinstance(task, ReacherSettings):
+    if not isinstance(task, TaskSettings):
         raise ValueError(f"{what}: not for task {task.task!r}; use a game in mazes")
     return task
 
 
-def task_form(name: object) -> type[AnyTask]:
-    """The settings class of a task; `TaskSettings` for an unknown name, which it refuses."""
-    return ReacherSettings if name == REACHER else TaskSettings
+def task_form(given: Mapping[str, object]) -> type[AnyTask]:
+    """The settings class of a task, by the settings "task" and "game"; `TaskSettings` for an
+    unknown name, which it refuses."""
+    if given.get("game") is not None or given.get("task") == GAME:
+        return SmallGameSettings
+    return ReacherSettings if given.get("task") == REACHER else TaskSettings

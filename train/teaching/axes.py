@@ -24,7 +24,12 @@ from pursuit.validation import check
 from train.settings.axes import AXIS_PARTS, Apply
 from train.settings.axes import Axis as Axis
 from train.settings.curricula import AxisSettings
-from train.teaching.context import AnyContext, ArmContext, CurriculumContext
+from train.teaching.context import (
+    AnyContext,
+    ArmContext,
+    CurriculumContext,
+    SmallGameContext,
+)
 from train.teaching.mazes import training_mazes
 
 
@@ -40,6 +45,7 @@ class Maker:
         scripted: whether the task must have opponents, all of them scripted.
         mazes: whether the axis varies the maze (`curriculum_mazes`).
         arm: whether it is an axis of the arm, not of games in mazes.
+        small_games: whether it is also an axis of small games.
     """
 
     make: Callable[[str, Any, AxisSettings], Axis]
@@ -49,11 +55,14 @@ class Maker:
     scripted: bool = False
     mazes: bool = False
     arm: bool = False
+    small_games: bool = False
 
     def check(self, name: str, context: AnyContext, ends: AxisSettings) -> None:
         """ValueError unless the task meets the requirements."""
         arm = isinstance(context, ArmContext)
-        needs = [(self.arm, arm, "an arm"), (not self.arm, not arm, "games in mazes")]
+        small = isinstance(context, SmallGameContext)
+        in_mazes = not self.arm and not (small and self.small_games)
+        needs = [(self.arm, arm, "an arm"), (in_mazes, not arm and not small, "games in mazes")]
         if isinstance(context, CurriculumContext):
             task = context.task
             scripted = task.num_agents > 1 and context.learned_opponent is None
@@ -288,7 +297,7 @@ def longest_in(task: Task) -> int:
 
 
 AXIS_MAKERS: dict[str, Maker] = {
-    "opponent-epsilon": Maker(opponent_epsilon, scripted=True),
+    "opponent-epsilon": Maker(opponent_epsilon, scripted=True, small_games=True),
     "slip": Maker(slip),
     "goal-spread-fixed": Maker(goal_spread_fixed, goals=True, random_starts=True),
     "goal-spread-start": Maker(goal_spread_start, goals=True, random_starts=True),

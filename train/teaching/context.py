@@ -10,6 +10,7 @@ from pursuit.reacher.task import ReacherTask
 from pursuit.simulator.policy import Policy
 from pursuit.tasks.task import Task
 from pursuit.validation import check
+from scripted_agents.games.simulator import GameTask
 from train.teaching.optimum import Optimum, arm_optimum, optimum_of
 
 
@@ -72,4 +73,28 @@ class ArmContext:
         return arm_optimum(task)
 
 
-AnyContext = CurriculumContext | ArmContext
+@dataclass(frozen=True)
+class SmallGameContext:
+    """A small game for which a curriculum is built; as `CurriculumContext`.
+
+    Attributes:
+        task: the game.
+        agent: the learning player.
+        opponent_epsilon: the probability of a random action of the other players.
+    """
+
+    task: GameTask
+    agent: str
+    opponent_epsilon: float
+    default_axis: ClassVar[str] = "opponent-epsilon"
+    """The axis for "auto"."""
+
+    def check_levels(self, name: str) -> None:
+        """Nothing to check: any start can be replayed."""
+
+    def optimum(self, task: GameTask) -> Optimum | None:
+        """None: games have no optimum in steps."""
+        return None
+
+
+AnyContext = CurriculumContext | ArmContext | SmallGameContext

@@ -10,6 +10,7 @@ from curricula import Curriculum
 from pursuit.reacher.task import ReacherTask
 from pursuit.tasks.task import Task
 from pursuit.validation import check
+from scripted_agents.games.simulator import GameTask
 from train.settings.axes import Axis
 from train.settings.curricula import (
     CURRICULA,
@@ -28,7 +29,7 @@ from train.teaching.mazes import training_mazes
 from train.teaching.optimum import Optimum
 from train.teaching.regret import RegretScorer
 
-Rules = TypeVar("Rules", bound=Task | ReacherTask)
+Rules = TypeVar("Rules", bound=Task | ReacherTask | GameTask)
 
 
 @dataclass(frozen=True)
@@ -48,7 +49,7 @@ class Plan:
     name: str
     settings: CurriculumSettings
     axis: Axis | None
-    task: Task | ReacherTask
+    task: Task | ReacherTask | GameTask
     optimum: Optimum | None
     seed: int
     scorer: RegretScorer | None = None
@@ -162,7 +163,7 @@ def training_task(name: str, settings: CurriculumSettings, task: Rules) -> Rules
     Raises:
         ValueError: mazes that the curriculum does not allow.
     """
-    if isinstance(task, ReacherTask) or not isinstance(settings, AxisSettings):
+    if not isinstance(task, Task) or not isinstance(settings, AxisSettings):
         return task
     varied = axis_name(name, settings)
     if varied == "auto" or not maker_of(varied).mazes:

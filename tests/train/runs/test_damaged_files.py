@@ -220,7 +220,7 @@ def test_code_in_a_checkpoint_with_a_right_checksum_is_not_run(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     path = tmp_path / "checkpoint.pt"
-    torch.save({"format": 5, "trainee": Evil()}, path)
+    torch.save({"format": 6, "trainee": Evil()}, path)
     path.write_bytes(path.read_bytes() + MARK + hashlib.sha256(path.read_bytes()).digest())
     with pytest.raises(ValueError, match="not only tensors and plain values"):
         load_checkpoint(tmp_path)

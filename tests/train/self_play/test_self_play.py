@@ -53,9 +53,11 @@ from train.settings.task import TaskSettings
 def make_env(tmp_path: Path, role: str, **settings: int) -> SimulatorEnv:
     task = make_task("chase", maze="5x5", max_steps=12, **settings)
     simulator = Simulator(task, 32, seed=1, auto_restart=False)
-    opponents = Opponents(simulator, role, 0.95, seed=0)
-    opponents.policy.pool = OpponentPool(tmp_path, RandomAgent(), 3, lambda state: Always(0))
-    policies = [None if seat == role else opponents.policy for seat in task.seat_roles]
+    other = "evader" if role == "chaser" else "chaser"
+    opponents = Opponents(simulator, role, [other], 0.95, seed=0)
+    pool = OpponentPool(tmp_path, RandomAgent(), 3, lambda state: Always(0))
+    opponents.policies[other].pool = pool
+    policies = [opponents.policies.get(seat) for seat in task.seat_roles]
     return SimulatorEnv(simulator, Seat(task, role), policies, opponents, task.count(role))
 
 

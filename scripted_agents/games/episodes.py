@@ -1,0 +1,99 @@
+"""Exact expectations of episodes of enumerated games: returns, lengths, and their bounds."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from pursuit.validation import whole
+from scripted_agents.games.small_game import SmallGame
+from scripted_agents.games.solve import (
+    Policies,
+    Values,
+    check_game,
+    check_objective,
+    iterate,
+    joint_chances,
+)
+
+NEGLIGIBLE = 1e-15
+"""Probability that an episode still goes on, below which further steps are not counted."""
+
+
+class Played(NamedTuple):
+    """What is expected of an episode with a time limit.
+
+    Attributes:
+        returns: [players] float64, the sums of rewards.
+        steps: the number of steps.
+        ended: the probability that the game ends in time.
+    """
+
+    returns: Values
+    steps: float
+    ended: float
+
+
+def play_of(game: SmallGame, policies: Policies, max_steps: int) -> Played:
+    """The exact expectations of an episode of at most `max_steps` steps, from the starts.
+
+    Arguments and errors are those of `returns_of`.
+    """
+    check_game(game)
+    chances = joint_chances(game, policies, game.players)
+    state = np.repeat(np.arange(game.num_states), np.diff(game.begins))
+    weights = csr_array((chances, (state, np.arange(len(chances)))))
+    rewards, backwards = weights @ game.rewards, (weights @ game.following).T.tocsr()
+    at, returns, steps = game.start, np.zeros(len(game.players)), 0.0
+    for _ in range(whole("max_steps", max_steps, 1)):
+        returns = returns + at @ rewards
+        steps += float(at.sum())
+        at = backwards @ at
+        if at.sum() < NEGLIGIBLE:
+            break
+    return Played(returns, steps, min(max(1.0 - float(at.sum()), 0.0), 1.0))
+
+
+def return_range(
+    game: SmallGame, player: str, discount: float = 0.95, horizon: int | None = None
+) -> tuple[float, float]:
+    """The least and the largest expected return of a player from the starts, whatever all play.
+
+    Arguments and errors are those of `returns_of`.
+    """
+    check_objective(discount, horizon)
+    rewards = game.rewards[:, game.player(player)]
+    ends = []
+    for sign in (-1.0, 1.0):
+
+        def back_up(values: Values, sign: float = sign) -> Values:
+            later = sign * rewards + discount * (game.following @ values)
+            return np.asarray(np.maximum.reduceat(later, game.begins[:-1]))
+
+        start = np.zeros(game.num_states)
+        # Without a horizon the sweeps of a good approximation are enough.
+        found = iterate(back_up, start, discount, horizon, lambda values: values)
+        ends.append(sign * float(game.start @ found))
+    return ends[0], ends[1]
+
+
+def longest_play(game: SmallGame) -> int | None:
+    """The largest number of steps of an episode; None if one can go on forever."""
+    check_game(game)
+    joints = np.repeat(np.arange(game.num_states), np.diff(game.begins))
+    owner = csr_array((np.ones(len(joints)), (joints, np.arange(len(joints)))))
+    edges = (owner @ game.following).tocsr()
+    edges.eliminate_zeros()
+    edges.data[:] = 1.0
+    waiting = np.bincount(edges.indices, minlength=game.num_states)  # edges into each state
+    layer = np.flatnonzero(waiting == 0)
+    length, done = 0, 0
+    while len(layer):  # of states whose predecessors are all done (Kahn, 1962)
+        length, done = length + 1, done + len(layer)
+        reached = edges[layer].indices
+        waiting -= np.bincount(reached, minlength=game.num_states)
+        candidates = np.unique(reached)
+        layer = candidates[waiting[candidates] == 0]
+    return length if done == game.num_states else None

@@ -1,0 +1,165 @@
+"""Evaluation of a player of a small game in returns, exactly."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pursuit.rendering.rendering import Drawable
+from scripted_agents.games.agents import EQUILIBRIUM, UNIFORM, named_agent
+from scripted_agents.games.episodes import play_of
+from scripted_agents.games.simulator import GameSimulator, GameTask, StatePolicy
+from scripted_agents.games.solve import nash_conv, respond
+from scripted_agents.references import ExactReference
+from train.evaluation.games import play_out
+from train.evaluation.scores import (
+    BEST_RETURN,
+    BY_RETURN,
+    Contest,
+    Measure,
+    Reference,
+    Score,
+    label_of,
+    strongest_reference,
+)
+from train.files import Plain
+from train.settings.checks import EVALUATION_SEED
+
+
+@dataclass(frozen=True)
+class SmallGameContest(Contest[StatePolicy, GameSimulator]):
+    """Evaluation of one player of a small game against fixed policies; all scores are exact.
+
+    The measure is the return of an episode, without discount and within the time limit. Its optimum
+    may depend on the time. The success rate of a score is the share of episodes that end in time.
+    """
+
+    success: ClassVar[str] = "ended"
+
+    task: GameTask
+    agent: str
+    opponents: Mapping[str, StatePolicy]
+    episodes: int = 1000
+    seed: int = EVALUATION_SEED
+
+    @property
+    def measure(self) -> Measure:
+        """As `Contest`."""
+        return BY_RETURN
+
+    @property
+    def exact_reference(self) -> ExactReference:
+        """As `Contest`."""
+        return ExactReference("small game")
+
+    @cached_property
+    def tables(self) -> dict[str, NDArray[np.float64]]:
+        """The tables of the other players."""
+        return {name: policy.table(self.task) for name, policy in self.opponents.items()}
+
+    def describe(self) -> Plain:
+        """The task, the game, and the learning player."""
+        return {"task": "game", "role": self.agent, "maze": None, "game": self.task.name}
+
+    def line(self) -> str:
+        """As `Contest`."""
+        game = self.task.game
+        others = ", ".join(f"{name} {label_of(own)}" for name, own in self.opponents.items())
+        return (
+            f"game {self.task.name}: {self.agent} ({game.num_states:,} states, "
+            f"{len(game.choices):,} joint actions), with {others}, at most {self.task.max_steps} "
+            "steps"
+        )
+
+    def score(self, name: str, policy: StatePolicy) -> Score:
+        """As `Contest`, exact."""
+        return self._score(name, policy.table(self.task))
+
+    def _score(self, name: str, table: NDArray[np.float64]) -> Score:
+        task = self.task
+        found = play_of(task.game, {**self.tables, self.agent: table}, task.max_steps)
+        mean = float(found.returns[task.seat(self.agent)])
+        return Score(
+            name, found.steps, 0.0, found.ended, self.episodes, exact=True, mean_return=mean
+        )
+
+    def optimal(self) -> Score | None:
+        """None: a game has no optimum in steps."""
+        return None
+
+    @cached_property
+    def best_return(self) -> float:
+        """The return of the best response within the time limit."""
+        game, limit = self.task.game, self.task.max_steps
+        return respond(game, self.agent, self.tables, 1.0, limit).mean_over_starts
+
+    def columns(self, policy: StatePolicy) -> dict[str, float]:
+        """As `Contest`: how far the return is below that of the best response, and NashConv with
+        the policies of the others."""
+        tables = {**self.tables, self.agent: policy.table(self.task)}
+        found = nash_conv(self.task.game, tables, 1.0, self.task.max_steps)
+        return {"return_regret": found.gains[self.agent], "nash_conv": found.nash_conv}
+
+    def missing_return(self, discount: float) -> float:
+        """The return that the best response for a discount lacks."""
+        game, limit = self.task.game, self.task.max_steps
+        horizon = limit if discount == 1.0 else None
+        plan = respond(game, self.agent, self.tables, discount, horizon).policies[self.agent]
+        own = self._score("", plan).mean_return
+        return self.best_return - float(own or 0.0)
+
+    def baselines(self) -> list[Score]:
+        """Uniform play, the equilibrium of a zero-sum game of two, and the best response."""
+        names = [UNIFORM, *([EQUILIBRIUM] if self.task.game.zero_sum else [])]
+        scores = [self.score(name, named_agent(name, self.task, self.agent)) for name in names]
+        plan = respond(self.task.game, self.agent, self.tables, 1.0, self.task.max_steps)
+        best = self._score("", plan.policies[self.agent])  # of its first step, for steps and ends
+        optimum = Score(
+            BEST_RETURN, best.mean_steps, 0.0, best.success_rate, self.episodes, exact=True,
+            mean_return=self.best_return,
+        )  # fmt: skip
+        return [*scores, optimum]
+
+    def reference(self, scores: Sequence[Score], learned: Score) -> Reference | None:
+        """As `Contest`."""
+        return strongest_reference(scores, learned, self.measure)
+
+    def starts(self) -> GameSimulator:
+        """As `Contest`."""
+        return GameSimulator(self.task, self.episodes, self.seed, auto_restart=False)
+
+    def start(self, number: int) -> GameSimulator:
+        """As `Contest`."""
+        return GameSimulator(self.task, 1, self.seed, number, auto_restart=False)
+
+    def stepper(self, games: GameSimulator, policy: StatePolicy) -> Callable[[], None]:
+        """As `Contest`."""
+        by_name = {**self.opponents, self.agent: policy}
+        policies = [by_name[name] for name in self.task.agent_names]
+        actions = np.zeros((games.num_games, self.task.num_agents), dtype=np.int32)
+
+        def step() -> None:
+            games.act(policies, actions)
+            games.step(actions)
+
+        return step
+
+    def play(self, policy: StatePolicy) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+        """As `Contest`; an episode that ends in time counts as won."""
+        games: Any = self.starts()
+        return play_out(
+            games, self.stepper(games, policy), lambda each: each.ended, lambda e: e.terminated
+        )
+
+    def scene(self, games: GameSimulator, caption: str) -> Drawable:
+        """As `Contest`."""
+        raise NotImplementedError
+
+    def optimal_lengths(self) -> NDArray[np.float64] | None:
+        """None: there is no optimum in steps."""
+        return None

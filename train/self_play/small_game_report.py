@@ -1,0 +1,92 @@
+"""Tables, sentences, figures and the report of self-play in a small game."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from train.files import Plain
+from train.reports.curves import Panel, Series, draw_panels
+from train.reports.figures import BLACK, PALETTE, time_scale
+from train.reports.pages import picture, section, write_page
+from train.reports.tables import Column, ResultTable, Row, in_markdown, words
+from train.runs.folder import CURVE, REPORT
+from train.self_play.report import settings_and_command
+from train.self_play.small_games import SmallGamePlay
+
+
+def returns_table(results: Plain) -> ResultTable:
+    """The returns of every player: a row for each of its policies, a column for each of those of
+    all others."""
+    rows: dict[tuple[str, str], Row] = {}
+    for entry in results["returns"]:
+        key = (entry["player"], entry["policy"])
+        row = rows.setdefault(key, {"player": key[0], "policy": key[1]})
+        row[f"against {entry['against']}"] = entry["return"]
+    against = list(dict.fromkeys(entry["against"] for entry in results["returns"]))
+    columns = [Column(f"against {name}", partial(_cell, f"against {name}")) for name in against]
+    return ResultTable([*rows.values()], [words("player"), words("policy"), *columns])
+
+
+def _cell(name: str, row: Row) -> str:
+    return f"{row[name]:z.4f}"
+
+
+def describe_small_game(results: Plain) -> list[str]:
+    """The results as sentences: exact NashConv, gains of best responses, and the game's value."""
+    found, start = results["evaluation"], results.get("at_start", {})
+    discount, players = results["discount"], results["players"]
+    how = "undiscounted" if discount == 1.0 else f"discounted by {discount:g} per step"
+    before = f" (at the start {start['nash_conv']:z.4f})" if "nash_conv" in start else ""
+    zero = "0 is an equilibrium" if results["zero_sum"] else "0 is a Nash equilibrium of the game"
+    gains = ", ".join(f"{name} {found[f'{name}_gain']:z.4f}" for name in players)
+    lines = [
+        f"NashConv {found['nash_conv']:z.4f}{before}, exact, in returns {how}; {zero}.",
+        f"What a best response would gain: {gains}.",
+    ]
+    if "game_value" in found:
+        each = ", ".join(f"{name} {found[f'{name}_exploitability']:z.4f}" for name in players)
+        lines.append(
+            f"Return of {players[0]}: {found[f'{players[0]}_return']:z.4f}; value of the game: "
+            f"{found['game_value']:z.4f}. Exploitability: {each}."
+        )
+    lines.append(f"{results['frames']:,} frames in {results['seconds']:.1f} s.")
+    return lines
+
+
+def draw_curve(
+    path: Path, rows: Sequence[Row], players: Sequence[str], unit: str, title: str
+) -> None:
+    """Draw NashConv, and the gain of every player's best response, over training time."""
+    times = np.array([row[unit] for row in rows]) * time_scale(unit)
+
+    def line(name: str, label: str, *style: object) -> Series:
+        return Series([(times, np.array([row[name] for row in rows]))], label, *style)  # type: ignore[arg-type]
+
+    lines = [line("nash_conv", "NashConv", BLACK, "-", 2.2)]
+    for name, color in zip(players, PALETTE[:6] * len(players), strict=False):
+        lines.append(line(f"{name}_gain", f"gain of a best response of {name}", color, "--", 1.3))
+    panel = Panel(lines, "return, exact", scale="from 0")
+    draw_panels(path, [[panel]], unit, title)
+
+
+def write_small_game_report(
+    folder: Path, trainee: SmallGamePlay, rows: Sequence[Row], results: Plain
+) -> Path:
+    """Write the learning curve and `report.html` into the folder of self-play in a small game."""
+    title = f"Self-play in {trainee.task.name} ({trainee.settings.sampling})"
+    draw_curve(folder / CURVE, rows, trainee.parts.roles, trainee.settings.budget_unit, title)
+    about = f"Run {folder.name}: {results['algorithm']}, opponents {results['sampling']}."
+    parts = [
+        in_markdown(about),
+        *describe_small_game(results),
+        *section("NashConv over time", picture(folder / CURVE, "NashConv over time")),
+        *section("Returns at the end", returns_table(results).markdown()),
+        *section("Settings and command", *settings_and_command(folder, results)),
+    ]
+    path = folder / REPORT
+    write_page(path, title, parts)
+    return path
