@@ -273,17 +273,13 @@ class SmallGameVectorEnv(SeatOfSmallGame, LockstepVectorEnv, Vector):
 
 
 def _arguments(
-    game: PlayedGame,
-    player: str | int,
-    opponent: Any,
-    opponent_epsilon: float,
-    settings: dict[str, Any],
+    game: PlayedGame, player: str | int, opponent: Any, epsilon: float, settings: dict[str, Any]
 ) -> dict[str, Any]:
-    """The task, player and policies of a registered environment."""
-    task = task_of(game, **named_settings("SmallGame-v0", settings, ("max_steps",)))
-    seat = task.seat(player)
-    policies = opponents_of(task, seat, opponent, opponent_epsilon)
-    return {"game": task, "player": seat, "policies": policies}
+    """The arguments of a registered environment."""
+    limit = {name: settings.pop(name) for name in ("max_steps", "max_cycles") if name in settings}
+    task = task_of(game, **named_settings("SmallGame-v0", limit, ("max_steps",)))
+    policies = opponents_of(task, task.seat(player), opponent, epsilon)
+    return {"game": task, "player": player, "policies": policies, **settings}
 
 
 def small_game_env(
@@ -291,9 +287,6 @@ def small_game_env(
     player: str | int = 0,
     opponent: Any = "uniform",
     opponent_epsilon: float = 0.0,
-    observation: str = ONE_HOT,
-    render_mode: str | None = None,
-    mask_in_observation: bool = False,
     **settings: Any,
 ) -> SmallGameEnv:
     """`pursuit/SmallGame-v0`: a player of a small game.
@@ -304,16 +297,9 @@ def small_game_env(
         opponent: of all other players, or a dict by player: "uniform", "equilibrium",
             package.module:Name of a function of a state, or a policy as of `SmallGameEnv`.
         opponent_epsilon: the probability of random actions of opponents by name.
-        observation, render_mode, mask_in_observation: as of `SmallGameEnv`.
-        **settings: max_steps (or max_cycles).
+        **settings: the other arguments of `SmallGameEnv`; max_cycles is another name of max_steps.
     """
-    arguments = _arguments(game, player, opponent, opponent_epsilon, settings)
-    return SmallGameEnv(
-        **arguments,
-        observation=observation,
-        render_mode=render_mode,
-        mask_in_observation=mask_in_observation,
-    )
+    return SmallGameEnv(**_arguments(game, player, opponent, opponent_epsilon, settings))
 
 
 # `gymnasium.make` reads there which render modes need a wrapper of its own.
@@ -325,12 +311,6 @@ def small_game_vector_env(
     player: str | int = 0,
     opponent: Any = "uniform",
     opponent_epsilon: float = 0.0,
-    num_envs: int = 1,
-    observation: str = ONE_HOT,
-    render_mode: str | None = None,
-    seed: int | None = None,
-    autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
-    mask_in_observation: bool = False,
     max_episode_steps: int | None = None,
     **settings: Any,
 ) -> SmallGameVectorEnv:
@@ -338,16 +318,8 @@ def small_game_vector_env(
 
     Args:
         max_episode_steps: truncates earlier than the task, as a TimeLimit; -1 for no limit.
+        **settings: the other arguments of `SmallGameVectorEnv`; max_cycles as above.
     """
-    arguments = _arguments(game, player, opponent, opponent_epsilon, settings)
-    envs = SmallGameVectorEnv(
-        **arguments,
-        num_envs=num_envs,
-        observation=observation,
-        render_mode=render_mode,
-        seed=seed,
-        autoreset_mode=autoreset_mode,
-        mask_in_observation=mask_in_observation,
-    )
+    envs = SmallGameVectorEnv(**_arguments(game, player, opponent, opponent_epsilon, settings))
     envs.limit_episodes(max_episode_steps)
     return envs
