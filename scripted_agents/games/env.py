@@ -276,7 +276,9 @@ def _arguments(
     game: PlayedGame, player: str | int, opponent: Any, epsilon: float, settings: dict[str, Any]
 ) -> dict[str, Any]:
     """The arguments of a registered environment."""
-    limit = {name: settings.pop(name) for name in ("max_steps", "max_cycles") if name in settings}
+    limit: dict[str, Any] = {
+        name: settings.pop(name) for name in ("max_steps", "max_cycles") if name in settings
+    }
     task = task_of(game, **named_settings("SmallGame-v0", limit, ("max_steps",)))
     policies = opponents_of(task, task.seat(player), opponent, epsilon)
     return {"game": task, "player": player, "policies": policies, **settings}
