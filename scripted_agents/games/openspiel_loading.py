@@ -47,11 +47,12 @@ def loaded(game: pyspiel.Game | str) -> tuple[pyspiel.Game, int | None]:
         return game, None
     if not isinstance(game, str):
         raise ValueError(f"game={game!r}; give a pyspiel.Game, or the name of one")
-    name, known = game.split("(")[0].strip(), {k.short_name: k for k in pyspiel.registered_games()}
+    game, known = game.strip(), {kind.short_name: kind for kind in pyspiel.registered_games()}
+    name = game.partition("(")[0]
     if name not in known:
         close = did_you_mean(name, known)
         raise ValueError(f"Unknown game {name!r}{close}; pyspiel.registered_names() lists them")
-    if game.strip() == name and known[name].default_loadable:
+    if game == name and known[name].default_loadable:
         return pyspiel.load_game(name), None
     horizon = "own" if "horizon" in known[name].parameter_specification else "ours"
     command = [sys.executable, "-c", TRIAL, game, horizon, str(TRIAL_MOVES)]
@@ -70,4 +71,7 @@ def loaded(game: pyspiel.Game | str) -> tuple[pyspiel.Game, int | None]:
     if trial.returncode:
         raise ValueError(f"game={game!r}: {trial.stderr.splitlines()[-1]}")
     text, given = json.loads(trial.stdout.splitlines()[0])
-    return pyspiel.load_game(text), given
+    try:
+        return pyspiel.load_game(text), given
+    except pyspiel.SpielError as error:  # of games in Python, which the trial does not know
+        raise ValueError(f"game={game!r}: {str(error).splitlines()[0]}") from None

@@ -167,6 +167,7 @@ def test_positions_of_one_text_that_go_on_in_different_ways_are_refused(name: st
         ("stones_and_gems", "chance outcomes"),
         ("checkers(rows=4,columns=4)", "ends before the first move"),
         ("hex(board_size=1)", "Cannot choose"),
+        ("hex (board_size=2)", "Unknown game 'hex '"),
         ("nim(", "Missing closing bracket"),
         ("misere", "Missing parameter game"),
         ("nim(pile_sizes=x)", "game='nim"),
