@@ -131,8 +131,8 @@ def check_same_game(own: GameTask, task: GameTask) -> None:
         mine is theirs
         or (mine.players == theirs.players and mine.states == theirs.states
             and mine.actions == theirs.actions),
-        f"this policy was trained in game {own.name!r} with {mine.num_states} states, not in "
-        f"{task.name!r} with {theirs.num_states}; use it there",
+        f"this policy was trained in game {own.name!r} with {mine.num_states} states, and players, "
+        f"states or legal actions of {task.name!r} with {theirs.num_states} differ; use it there",
     )  # fmt: skip
 
 
