@@ -77,7 +77,7 @@ class SmallGameSeat:
         """The features of its observation."""
         shape, states = self.observed.shape[1:], self.task.game.num_states
         if self.encoding == INDEX:
-            high = np.array([states - 1])
+            high = np.array([states - 1], dtype=np.int32)
             return features_for(
                 Features("index", shape, high, np.arange(states + 1), states), self.network
             )
