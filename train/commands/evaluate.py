@@ -26,6 +26,7 @@ from train.commands.suites import compared, evaluate_in_mazes
 from train.evaluation.arm_contest import ArmContest
 from train.evaluation.objective_gap import UNKNOWN, objective_gap
 from train.evaluation.recordings import recorded
+from train.evaluation.small_game_contest import SmallGameContest
 from train.evaluation.suite_contest import SuiteContest
 from train.evaluation.suite_report import summary_of
 from train.files import Plain, check_folder, check_new_files, reserved, write_json
@@ -161,6 +162,10 @@ def evaluate_and_print(given: EvaluateCommand | EvaluateModelCommand, replays: P
     task, training, policies = loaded.task, loaded.training, loaded.policies
     evaluated = "learned" if loaded.greedy else "learned, sampled"
     contest = contest_of(task, given.episodes, given.seed).solved_up_to(MAX_EVALUATED_WORK)
+    check(
+        replays is None or not isinstance(contest, SmallGameContest),
+        "--replays takes games in mazes and arms; `pursuit view` shows episodes of a small game",
+    )
     more: Plain = {}
     print(contest.line())
     if isinstance(contest, SuiteContest):

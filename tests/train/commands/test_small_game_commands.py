@@ -411,6 +411,7 @@ def test_runs_that_do_not_fit(
         ([*evaluate, "--opponent", runs / "pair/first"], "is a policy of first, not of second"),
         ([*evaluate, "--opponent", "nosuch"], "'nosuch': not a policy"),
         ([*evaluate, "--maze", "5x5"], "not for task 'game'"),
+        ([*evaluate, "--replays", tmp_path / "a.json"], "`pursuit view` shows episodes"),
         (["export", runs / "pair"], f"give {runs / 'pair/first'} or {runs / 'pair/second'}"),
         (["export", runs / "table"], "has no network"),
         (["train", "--resume", runs / "pair"], "a run of kind 'self-play'"),
