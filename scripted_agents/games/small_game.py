@@ -56,6 +56,10 @@ class SmallGame:
     task: Task | None = None
     source: Game | None = field(default=None, repr=False)
 
+    def __deepcopy__(self, memo: dict[int, object]) -> SmallGame:
+        """Itself, as it never changes."""
+        return self
+
     @property
     def num_states(self) -> int:
         """The number of states."""
@@ -106,9 +110,13 @@ class SmallGame:
         """Whether there are two players with opposite rewards."""
         return len(self.players) == 2 and not self.unbalanced.any()
 
+    @cached_property
+    def _offsets(self) -> list[NDArray[np.int64]]:
+        return [np.cumsum([0, *map(len, rows)], dtype=np.int64) for rows in self.actions]
+
     def offsets(self, player: int) -> NDArray[np.int64]:
         """[states + 1] int64: where the actions of each state begin in a table of this player."""
-        return np.cumsum([0, *map(len, self.actions[player])], dtype=np.int64)
+        return self._offsets[player]
 
     def table(self, player: str, policy: Behaviour) -> NDArray[np.float64]:
         """The probabilities of a policy as a flat array: the legal actions of state after state.

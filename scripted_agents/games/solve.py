@@ -121,7 +121,7 @@ def respond(
     others = [name for name in game.players if name not in team]
     chances = joint_chances(game, policies, others)
     # The options of a state are the choices of the team, the last player's counting fastest.
-    sizes = np.array([[len(a) for a in game.actions[index]] for index in indices]).T
+    sizes = np.stack([np.diff(game.offsets(index)) for index in indices], axis=1)
     options = np.concatenate([[0], np.cumsum(sizes.prod(axis=1))])
     state = np.repeat(np.arange(game.num_states), np.diff(game.begins))
     option = np.zeros(len(state), dtype=np.int64)

@@ -326,8 +326,8 @@ class Contest(ABC, Generic[PolicyT, GamesT]):
     def line(self) -> str:
         """The evaluation in one line of text, including the other agents."""
 
-    def columns(self, score: Score) -> dict[str, float]:
-        """Further columns of `metrics.csv` for the score of an evaluation."""
+    def columns(self, policy: PolicyT) -> dict[str, float]:
+        """Further columns of `metrics.csv` for an evaluated policy."""
         return {}
 
     def solved_up_to(self, most_work: int) -> Self:

@@ -14,7 +14,7 @@ from pursuit.rendering.rendering import Drawable
 from scripted_agents.games.agents import EQUILIBRIUM, UNIFORM, named_agent
 from scripted_agents.games.episodes import play_of
 from scripted_agents.games.simulator import GameSimulator, GameTask, StatePolicy
-from scripted_agents.games.solve import respond
+from scripted_agents.games.solve import nash_conv, respond
 from scripted_agents.references import ExactReference
 from train.evaluation.games import play_out
 from train.evaluation.scores import (
@@ -98,9 +98,12 @@ class SmallGameContest(Contest[StatePolicy, GameSimulator]):
         game, limit = self.task.game, self.task.max_steps
         return respond(game, self.agent, self.tables, 1.0, limit).mean_over_starts
 
-    def columns(self, score: Score) -> dict[str, float]:
-        """As `Contest`: how far the return is below that of the best response."""
-        return {"return_regret": self.best_return - float(score.mean_return or 0.0)}
+    def columns(self, policy: StatePolicy) -> dict[str, float]:
+        """As `Contest`: how far the return is below that of the best response, and NashConv with
+        the policies of the others."""
+        tables = {**self.tables, self.agent: policy.table(self.task)}
+        found = nash_conv(self.task.game, tables, 1.0, self.task.max_steps)
+        return {"return_regret": found.gains[self.agent], "nash_conv": found.nash_conv}
 
     def missing_return(self, discount: float) -> float:
         """The return that the best response for a discount lacks."""

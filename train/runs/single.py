@@ -117,7 +117,7 @@ class SingleAgent:
             row["episode_return"] = float(np.concatenate(returns).mean())
             row["episode_length"] = float(np.concatenate(lengths).mean())
         row["episodes"] = float(sum(map(len, lengths)))
-        row |= self.contest.columns(score)
+        row |= self.contest.columns(self.policy)
         return row if self.teacher is None else row | self.teacher.figures()
 
     def forget_episodes(self) -> None:
@@ -140,8 +140,9 @@ class SingleAgent:
         of_steps = measure.name == "steps"
         if not of_steps:
             parts.append(f"{name} {measure.label} {row[measure.column]:6.2f}")
-        if "return_regret" in row:
+        if "nash_conv" in row:
             parts.append(f"below the best {row['return_regret']:z7.3f}")
+            parts.append(f"NashConv {row['nash_conv']:z7.3f}")
         parts.append(f"{name} {row['mean_steps']:6.2f} steps")
         if of_steps and "optimality_gap" in row:
             parts.append(f"gap {100 * row['optimality_gap']:+7.2f} %")
@@ -169,13 +170,15 @@ class SingleAgent:
         scores = [*contest.baselines(), *(contest.score(*each) for each in policies.items())]
         build, plan = self.parts.build, self.parts.plan
         objective = objective_gap(contest, self.parts.hyper.last_gamma)
+        found = evaluation_of(scores, self.evaluated, contest, objective)
+        found["evaluation"] |= contest.columns(self.policy)
         return {
             **contest.describe(),
             "algorithm": self.parts.algorithm.name,
             "curriculum": "none" if plan is None else plan.name,
             "seed": build.seed,
             **({} if self.replicas is None else {"processes": self.replicas.processes}),
-            **evaluation_of(scores, self.evaluated, contest, objective),
+            **found,
             "device": build.device,
             "precision": build.precision,
             **({} if self.update_form is None else {"update": self.update_form}),

@@ -11,6 +11,8 @@ from pursuit.mazes.suite_files import PREFIX, is_suite
 from pursuit.tasks.rewards import REWARDS
 from pursuit.tasks.task import Task, make_task
 from pursuit.validation import check
+from scripted_agents.games.agents import DISCOUNT as GAME_DISCOUNT
+from scripted_agents.games.episodes import longest_play
 from scripted_agents.games.named import load_game
 from scripted_agents.games.simulator import GameTask
 from train.files import Plain
@@ -66,6 +68,13 @@ def game_of(settings: SmallGameSettings) -> GameTask:
 @lru_cache(maxsize=4)
 def _game_with(name: str, max_steps: int) -> GameTask:
     return GameTask(load_game(name), name, max_steps)
+
+
+def discount_of(settings: SmallGameSettings) -> float:
+    """The default discount of a small game: 1 if it always ends within `max_steps`."""
+    longest = longest_play(game_of(settings).game)
+    ends = longest is not None and longest <= settings.max_steps
+    return 1.0 if ends else GAME_DISCOUNT
 
 
 def player_in(settings: SmallGameSettings, task: GameTask) -> str:
@@ -163,6 +172,9 @@ def default_settings(
     algorithm = algorithm or preset_algorithm(preset) or "ppo"
     setting = replace(profile_of(task), recurrent=recurrent is not None)
     hyper = hyperparameters(algorithm, setting, preset, gamma is not None)
+    if isinstance(task, SmallGameSettings) and gamma is None:
+        constant: Plain = {"gamma_end": None} if hasattr(hyper, "gamma_end") else {}
+        hyper = replace(hyper, gamma=discount_of(task), **constant)
     of_preset = curriculum is None
     curriculum, curriculum_settings = curriculum_for(algorithm, setting, preset, curriculum)
     one_maze = preset == TUNED and not setting.many_mazes and isinstance(task, TaskSettings)

@@ -8,11 +8,9 @@ from typing import Any
 
 from pursuit.validation import check
 from scripted_agents.environments import agent_name
-from scripted_agents.games.agents import DISCOUNT as GAME_DISCOUNT
-from scripted_agents.games.episodes import longest_play
 from scripted_agents.games.named import game_named
 from train.files import Plain
-from train.runs.tasks import game_of, profile_of
+from train.runs.tasks import discount_of, profile_of
 from train.settings.algorithms import Hyperparameters, hyperparameter_form
 from train.settings.common import with_memory
 from train.settings.presets import hyperparameters
@@ -70,13 +68,6 @@ def with_role(task: PlayedTask, role: str) -> PlayedTask:
     if isinstance(task, SmallGameSettings):
         return replace(task, player=role)
     return replace(task, role=role)
-
-
-def discount_of(task: SmallGameSettings) -> float:
-    """The default discount of a small game: 1 if it always ends within `max_steps`."""
-    longest = longest_play(game_of(task).game)
-    ends = longest is not None and longest <= task.max_steps
-    return 1.0 if ends else GAME_DISCOUNT
 
 
 def checked_names(names: Iterable[str]) -> None:
