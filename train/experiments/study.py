@@ -292,30 +292,27 @@ def unnested_tables(content: Table, small: bool = False) -> Table:
     tables = [content.get(name) for name in TABLES]
     tables += variants if isinstance(variants, list) else []
     small = small or any(isinstance(table, dict) and "game" in table for table in tables)
+
+    def flat(name: str, table: Any) -> Any:
+        if not isinstance(table, dict):
+            return table
+        return unnested_sides(table, sides_in(table, name) if small else ROLES)
+
     for name, value in content.items():
         if name in VERSIONS and isinstance(value, dict):
             found[name] = unnested_tables(value, small)
-        elif name in TABLES and isinstance(value, dict):
-            found[name] = unnested_sides(value, sides_in(value, name) if small else ROLES)
+        elif name in TABLES:
+            found[name] = flat(name, value)
         elif name == "variants" and isinstance(value, list):
-            found[name] = [
-                unnested_sides(v, sides_in(v, name) if small else ROLES)
-                if isinstance(v, dict)
-                else v
-                for v in value
-            ]
+            found[name] = [flat(name, each) for each in value]
     return found
 
 
 def sides_in(table: Table, name: str) -> list[str]:
-    """The players with a table of settings in a table of the file; in [search] ranges are also
-    tables."""
-    sides = {side: own.values() for side, own in table.items() if isinstance(own, dict)}
-    return [
-        side
-        for side, values in sides.items()
-        if name != "search" or all(isinstance(value, dict) for value in values)
-    ]
+    """The players with a table of settings in a table of the file; in [search] ranges are tables,
+    too."""
+    sides = {side: [*own.values()] for side, own in table.items() if isinstance(own, dict)}
+    return [s for s, own in sides.items() if name != "search" or {*map(type, own)} == {dict}]
 
 
 def choose_version(file: StudyFile, version: str | None) -> StudyFile:

@@ -10,8 +10,12 @@ import numpy as np
 import pytest
 
 from train.commands.main import main
+from train.kinds import start
+from train.runs.folder import RUN, SELF_PLAY
+from train.runs.parts import settings_of
 from train.self_play.game_league import enter_game, play_game_league, sampled_returns
 from train.self_play.league import rate
+from train.self_play.parts import self_play_settings_of
 
 PURE = [f"matrix_games:{name}" for name in ("rock", "paper", "scissors")]
 TWICE = "matrix_games:Rounds(rounds=2)"
@@ -66,11 +70,15 @@ def test_runs_enter_for_the_players_that_they_learned(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    tiny = ["--game", TWICE, "--frames", "512", "--num-games", "16", "--minibatch-size", "64"]
-    tiny += ["--max-steps", "7", "--no-report"]
-    main(["self-play", *tiny, "--out", "both"])
-    main(["train", *tiny, "--player", "column", "--opponent", PURE[0], "--out", "one"])
-    capsys.readouterr()
+    tiny: dict[str, Any] = {
+        "game": TWICE,
+        "frames": 512,
+        "num_games": 16,
+        "minibatch_size": 64,
+        "max_steps": 7,
+    }
+    start(SELF_PLAY, self_play_settings_of(**tiny), "both").train()
+    start(RUN, settings_of(**tiny, player="column", opponent=PURE[0]), "one").train()
     main(["league", "both", "one", "uniform", "--game", TWICE, "--games", "10", "--out", "l"])
     said = capsys.readouterr().out
     assert f"return of column in game {TWICE}, at most 7 (exact)" in said
