@@ -14,7 +14,6 @@ from pursuit.tasks.task import Task
 from scripted_agents import evaluate_exactly, mean_over_starts, solve_matrix_game
 from scripted_agents.duel.action_values import outcomes
 from scripted_agents.duel.best_response import MoveOrder
-from scripted_agents.games.simulator import GameTask
 from scripted_agents.references import is_table_duel
 from train.evaluation.games import table_in
 from train.self_play.pool import Member
@@ -173,14 +172,12 @@ def spread(members: Sequence[Member], most: int) -> list[Member]:
 
 
 def diversity_of(
-    task: Task | GameTask, discount: float, kept: Mapping[str, Sequence[Member]]
+    task: Task, discount: float, kept: Mapping[str, Sequence[Member]]
 ) -> dict[str, Measures]:
     """The diversity of both roles, for snapshots in the pools, spread over the run.
 
     {} if a side does not learn, or has fewer than two snapshots that are tables.
     """
-    if isinstance(task, GameTask):
-        return {}
     chosen = {role: spread(members, MOST_SNAPSHOTS) for role, members in kept.items()}
     policies = [member.policy for members in chosen.values() for member in members]
     if len(kept) < 2 or min(map(len, chosen.values())) < 2 or not is_table_duel(task, *policies):

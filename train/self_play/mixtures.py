@@ -173,7 +173,8 @@ def snapshot_results(
     mixtures: Mapping[str, Mapping[str, float]] | None,
     min_probability: float,
 ) -> Plain:
-    """ "diversity" of the snapshots in the pools, and "mixture_nash_conv" where it is known.
+    """ "diversity" of the snapshots in the pools, but in small games, and "mixture_nash_conv" where
+    it is known.
 
     Arguments as in `mixture_nash_conv`, and the sampling rule; `mixtures` are the Nash mixtures of
     the run, if it has any.
@@ -183,4 +184,6 @@ def snapshot_results(
         shares = mixtures if sampling in NASH_SAMPLING else None
         bounds = mixture_nash_conv(task, discount, kept, shares, min_probability)
         results |= {} if bounds is None else {"mixture_nash_conv": bounds}
+    if isinstance(task, GameTask):
+        return results
     return {**results, "diversity": diversity_of(task, discount, kept)}

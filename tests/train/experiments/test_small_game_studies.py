@@ -13,6 +13,7 @@ import pytest
 from scipy.stats import ttest_rel
 
 from pursuit.plugins import _allowed, _resolved, allow
+from train.experiments.contestant_runs import settings_of
 from train.experiments.executors import perform
 from train.experiments.expansion import load_study
 from train.experiments.report import report_on
@@ -177,6 +178,11 @@ def test_what_does_not_fit_is_refused(games: Path, old: str, new: str, message: 
     allow("study_games")
     with pytest.raises(ValueError, match=message):
         study_in(games, SELF_PLAY.replace(old, new, 1), "ablation")
+
+
+def test_libraries_are_not_compared_in_games() -> None:
+    with pytest.raises(ValueError, match="libraries are compared in mazes"):
+        settings_of(contestant="ours", game="soccer", frames=1000)
 
 
 # -- rows and reports ------------------------------------------------------------------------------
