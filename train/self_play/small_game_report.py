@@ -14,7 +14,7 @@ from train.reports.figures import BLACK, PALETTE, time_scale
 from train.reports.pages import picture, section, write_page
 from train.reports.tables import Column, ResultTable, Row, in_markdown, words
 from train.runs.folder import CURVE, REPORT
-from train.self_play.report import settings_and_command
+from train.self_play.report import describe_snapshots, settings_and_command
 from train.self_play.small_games import SmallGamePlay
 
 
@@ -53,6 +53,7 @@ def describe_small_game(results: Plain) -> list[str]:
             f"Return of {players[0]}: {found[f'{players[0]}_return']:z.4f}; value of the game: "
             f"{found['game_value']:z.4f}. Exploitability: {each}."
         )
+    lines += describe_snapshots(results)
     if "frames" in results:
         lines.append(f"{results['frames']:,} frames in {results['seconds']:.1f} s.")
     return lines
