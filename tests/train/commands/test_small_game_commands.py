@@ -247,6 +247,8 @@ def test_evaluate_scores_one_player_against_the_other_players_of_its_run(
     assert evaluation["mean_return"] == pytest.approx(play(game, [greedy, other], None)[0])
     best = play(game, [None, other], 0)[0]
     assert evaluation["return_regret"] == pytest.approx(best - evaluation["mean_return"])
+    gain = play(game, [greedy, None], 1)[1] - play(game, [greedy, other], None)[1]
+    assert evaluation["nash_conv"] == pytest.approx(best - evaluation["mean_return"] + gain)
 
 
 @pytest.mark.parametrize("name", ["pair", "alone"])
