@@ -66,6 +66,10 @@ class OpenSpielGame:
             raise ValueError(f"{self.spiel} ends before the first move; give a larger game")
         return [(chance, self._name(position, 0)) for chance, position in found]
 
+    def draw(self, state: State) -> str:
+        """The position as OpenSpiel writes it."""
+        return str(state[0])
+
     def legal_actions(self, state: State, player: int) -> list[Action]:
         """The legal actions; None for a player that is not to move."""
         return list(state[3][player]) or [None]

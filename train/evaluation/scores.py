@@ -263,7 +263,7 @@ def score_table(
         columns.append(numeric(measure.label, "value", ".3f"))
         if best is not None:
             side = "above" if measure.less_is_better else "below"
-            columns.append(numeric(f"{side} the best", "missing", ".3f"))
+            columns.append(numeric(f"{side} the best", "missing", "z.3f"))
     columns += [
         numeric("steps", "mean_steps", ".3f"),
         Column("95 % interval", lambda row: str(row["interval"])),

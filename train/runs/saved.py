@@ -92,10 +92,11 @@ def load_settings(folder: Path | str) -> AgentSettings:
     """
     folder = Path(folder)
     kind, plain = read_config(folder)
+    sides: Plain = plain.get("players", dict.fromkeys(("chaser", "evader")))
+    roles = [str(folder / role) for role, own in sides.items() if not isinstance(own, str)]
     check(
         kind in (RUN, SIDE),
-        f"{folder}: a run of kind {kind!r}, with a policy for each role; give {folder / 'chaser'} "
-        f"or {folder / 'evader'}",
+        f"{folder}: a run of kind {kind!r}, with a policy for each role; give {' or '.join(roles)}",
     )
     check_trusted(folder / CONFIG, plain)
     check_sources(folder / CONFIG, plain)
