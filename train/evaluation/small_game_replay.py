@@ -162,7 +162,7 @@ def _played(task: GameTask, policies: Mapping[str, StatePolicy], number: int) ->
         games.step(actions)
         named = zip(task.game.action_lists, actions[0].tolist(), strict=True)
         chosen.append([str(every[action]) for every, action in named])
-        rewards.append(np.round(games.rewards[0], 5).tolist())
+        rewards.append(np.round(games.rewards[0].astype(float), 5).tolist())
         states.append(int(games.state[0]))
     return {
         "length": len(chosen),
