@@ -51,8 +51,8 @@ def test_drawn_exits_are_part_of_the_states_and_of_the_starts() -> None:
     waiting = {name: lambda state: {0: 1.0} for name in task.agent_names}
     env = SmallGameEnv(small, "evader_0", waiting)
     env.reset(seed=0)
-    assert env.simulator is not None
-    assert states_of_games(env.simulator.games) == [small.states[env.state]]
+    assert env.recorded is not None
+    assert states_of_games(env.recorded.games) == [small.states[env.state]]
 
 
 def test_a_team_has_the_nash_conv_of_the_joint_solver() -> None:
@@ -221,8 +221,9 @@ class Soccer:
         return (*places, ball), (0.0, 0.0), False
 
 
-def test_soccer_has_the_values_of_openspiels() -> None:
-    openspiel = pytest.importorskip("scripted_agents.games.openspiel", exc_type=ImportError)
+def test_soccer_has_the_values_of_openspiels(monkeypatch: pytest.MonkeyPatch) -> None:
+    openspiel = pytest.importorskip("scripted_agents.games.openspiel_games", exc_type=ImportError)
+    monkeypatch.setattr(openspiel, "CHECKED", 100_000)  # all comparisons take half a minute
     ours, theirs = (
         enumerate_game(Soccer()),
         enumerate_game(openspiel.OpenSpielGame("markov_soccer")),
