@@ -85,4 +85,4 @@ class Hostile:
         return [(1.0, HOSTILE, (1.0, -1.0), False)]
 
     def draw(self, state: Any) -> str:
-        return f" <svg>{state}"  # does not begin with <svg, so it is text
+        return f"{state}<svg>"  # does not begin with <svg, so it is text

@@ -38,7 +38,7 @@ from train.self_play.parts import self_play_from_plain, self_play_parts, self_pl
 from train.self_play.small_games import self_play_run
 from train.settings.run import TrainSettings
 from train.settings.self_play import SelfPlayBase, WholeSettings
-from train.settings.task import SmallGameSettings, TaskSettings
+from train.settings.task import TaskSettings
 from train.teaching.mazes import as_text, names_in
 
 
@@ -189,16 +189,14 @@ def resume(folder: Path | str, kind: str) -> Run:
     """
     folder = Path(folder)
     check(folder.is_dir(), f"{folder}: no such folder")
-    found, settings = read_settings(folder)
+    found, _ = read_settings(folder)
     check(
         found == kind,
         f"{folder}: a run of kind {found!r}; resume it by `{KINDS[found].again} --resume {folder}`",
     )
-    undrawn = {name for name in KINDS[kind].pictures if not (folder / name).exists()}
-    if isinstance(settings.task, SmallGameSettings):
-        undrawn -= {REPLAY}  # drawn only of text
+    drawn = all((folder / name).exists() for name in KINDS[kind].pictures)
     check(
-        not is_complete(folder) or bool(undrawn),
+        not is_complete(folder) or not drawn,
         f"{folder}: complete; its budget is spent. See {folder / RESULTS}",
     )
     return open_run(folder)

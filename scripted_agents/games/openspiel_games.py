@@ -147,10 +147,6 @@ class OpenSpielGame:
             self._meet(state, position, None)
         return [(chance, state) for chance, state, _ in starts]
 
-    def draw(self, state: State) -> str:
-        """The position as OpenSpiel writes it."""
-        return str(state[0])
-
     def legal_actions(self, state: State, player: int) -> list[Action]:
         """The legal actions; None for a player that is not to move."""
         return list(state[3][player]) or [None]

@@ -152,8 +152,7 @@ def present(run: Run[SingleAgent], content: Plain) -> None:
         content["objective"]["column"],
         settings.budget_unit,
     )
-    if scenes := contest.scenes(trainee.policy):
-        save_animation(folder / REPLAY, scenes)
+    save_animation(folder / REPLAY, contest.scenes(trainee.policy))
     final = trainee.final_contest(content["evaluation"]["episodes"])
     write_report(folder, settings, final, trainee.policy, content)
 
@@ -182,6 +181,5 @@ def show(run: Run[SingleAgent], content: Plain) -> None:
         print(f"\n{headline(content)}")
     print_reference(content.get("reference", {}), trainee.final_contest(evaluation["episodes"]))
     print_objective_gap(evaluation, trainee.parts.hyper.last_gamma)
-    drawn = ", replay" if (run.folder / REPLAY).exists() else ""
-    files = "results" if run.present is None else f"results, curve{drawn} and {REPORT}"
+    files = "results" if run.present is None else f"results, curve, replay and {REPORT}"
     print(f"{files}: {run.folder}")

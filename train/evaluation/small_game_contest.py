@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from pursuit.rendering.rendering import Drawable
 from scripted_agents.games.agents import EQUILIBRIUM, UNIFORM, named_agent
 from scripted_agents.games.episodes import play_of
+from scripted_agents.games.rendering import scene_of
 from scripted_agents.games.simulator import GameSimulator, GameTask, StatePolicy
 from scripted_agents.games.solve import nash_conv, respond
 from scripted_agents.references import ExactReference
@@ -27,7 +28,6 @@ from train.evaluation.scores import (
     label_of,
     strongest_reference,
 )
-from train.evaluation.small_game_replay import SVG, TextScene, drawing_of
 from train.files import Plain
 from train.settings.checks import EVALUATION_SEED
 
@@ -158,21 +158,8 @@ class SmallGameContest(Contest[StatePolicy, GameSimulator]):
         )
 
     def scene(self, games: GameSimulator, caption: str) -> Drawable:
-        """As `Contest`: the text that the game's `draw` returns."""
-        text = drawing_of(self.task.game, int(games.state[0])) or ""
-        ended = ", ended" if games.ended.any() else ""
-        content = f"{text}\n\nstep {games.steps[0]} / {self.task.max_steps}{ended}\n{caption}"
-        lines = content.splitlines()
-        return TextScene(content, len(lines), max(map(len, lines)))
-
-    def scenes(self, policy: StatePolicy, episodes: int = 3) -> list[Drawable]:
-        """As `Contest`, of one size; empty unless the game's `draw` returns text."""
-        text = drawing_of(self.task.game, 0)
-        if text is None or text.startswith(SVG):
-            return []
-        found: list[Any] = super().scenes(policy, episodes)
-        sides = {side: max(getattr(s, side) for s in found) for side in ("lines", "columns")}
-        return [replace(scene, **sides) for scene in found]
+        """As `Contest`: the state as text."""
+        return replace(scene_of(games), caption=caption)
 
     def optimal_lengths(self) -> NDArray[np.float64] | None:
         """None: there is no optimum in steps."""

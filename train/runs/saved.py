@@ -36,6 +36,7 @@ from train.settings.reading import (
     typed,
 )
 from train.settings.run import AgentSettings, TrainSettings
+from train.settings.self_play import ROLES
 from train.settings.task import ReacherSettings, SmallGameSettings, task_form
 from train.teaching.plan import training_task
 
@@ -92,11 +93,11 @@ def load_settings(folder: Path | str) -> AgentSettings:
     """
     folder = Path(folder)
     kind, plain = read_config(folder)
-    sides: Plain = plain.get("players", dict.fromkeys(("chaser", "evader")))
-    roles = [str(folder / role) for role, own in sides.items() if not isinstance(own, str)]
+    sides = plain.get("players") or ROLES  # of a small game, or of a game in mazes
     check(
         kind in (RUN, SIDE),
-        f"{folder}: a run of kind {kind!r}, with a policy for each role; give {' or '.join(roles)}",
+        f"{folder}: a run of kind {kind!r}, with a policy for each role; give "
+        + " or ".join(str(folder / role) for role in sides),
     )
     check_trusted(folder / CONFIG, plain)
     check_sources(folder / CONFIG, plain)

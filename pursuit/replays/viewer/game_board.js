@@ -1,5 +1,6 @@
 // The board of a small game: the drawing of a state. SVG is shown as an image, in which browsers run
-// no scripts and load nothing.
+// no scripts and load nothing; an image needs the namespace, which SVG in a page may leave out.
+const NAMED = `<svg xmlns="${SVG}"`;
 
 class GameBoard {
   constructor(element, world) {
@@ -11,11 +12,14 @@ class GameBoard {
 
   // frame: {state}, a number in world.states
   show(frame) {
-    const { text, drawing } = this.world.states[frame.state], isPicture = drawing.startsWith("<svg");
+    const { text, drawing } = this.world.states[frame.state], isPicture = drawing.trimStart().startsWith("<svg");
     this.text.hidden = isPicture;
     this.image.hidden = !isPicture;
-    if (isPicture) place(this.image, { src: `data:image/svg+xml,${encodeURIComponent(drawing)}`, alt: text });
-    else this.text.textContent = drawing;
+    if (!isPicture) this.text.textContent = drawing;
+    else {
+      const complete = drawing.includes("xmlns=") ? drawing.trimStart() : drawing.replace("<svg", NAMED);
+      place(this.image, { src: `data:image/svg+xml,${encodeURIComponent(complete)}`, alt: text });
+    }
   }
 }
 

@@ -36,7 +36,7 @@ class Episode {
       return { angles: this.angles[step], target: this.target, step };
     }
     if (this.world.kind === "game") {
-      return { state: this.states[step], ended: this.terminated && step === this.length, step };
+      return { state: this.states[step], ended: this.terminated && step === this.length && !this.shows_end, step };
     }
     const cells = this.cells.map((path, agent) => (this.gone[agent] !== null && step >= this.gone[agent] ? -1 : path[step]));
     const goals = this.goals.map(([cell, gone]) => (gone !== null && step >= gone ? -1 : cell));
