@@ -260,7 +260,7 @@ def score_table(
         rows.append(row)
     columns = [words("", "name")]
     if not by_steps:
-        columns.append(numeric(measure.label, "value", ".3f"))
+        columns.append(numeric(measure.label, "value", "z.3f"))
         if best is not None:
             side = "above" if measure.less_is_better else "below"
             columns.append(numeric(f"{side} the best", "missing", "z.3f"))
