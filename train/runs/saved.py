@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -93,11 +94,12 @@ def load_settings(folder: Path | str) -> AgentSettings:
     """
     folder = Path(folder)
     kind, plain = read_config(folder)
-    sides = plain.get("players") or ROLES  # of a small game, or of a game in mazes
+    sides = plain.get("players")  # of a small game
+    sides = sides if isinstance(sides, Mapping) else dict.fromkeys(ROLES)
+    roles = [str(folder / role) for role, own in sides.items() if not isinstance(own, str)]
     check(
         kind in (RUN, SIDE),
-        f"{folder}: a run of kind {kind!r}, with a policy for each role; give "
-        + " or ".join(str(folder / role) for role in sides),
+        f"{folder}: a run of kind {kind!r}, with a policy for each role; give {' or '.join(roles)}",
     )
     check_trusted(folder / CONFIG, plain)
     check_sources(folder / CONFIG, plain)

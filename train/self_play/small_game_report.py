@@ -17,7 +17,7 @@ from train.reports.figures import BLACK, PALETTE, time_scale
 from train.reports.pages import PLAYER_ELEMENT, picture, section, write_page
 from train.reports.tables import Column, ResultTable, Row, in_markdown, words
 from train.runs.folder import CURVE, REPORT
-from train.self_play.report import EPISODES, settings_and_command
+from train.self_play.report import EPISODES, describe_snapshots, settings_and_command
 from train.self_play.small_games import SmallGamePlay
 
 
@@ -56,6 +56,7 @@ def describe_small_game(results: Plain) -> list[str]:
             f"Return of {players[0]}: {found[f'{players[0]}_return']:z.4f}; value of the game: "
             f"{found['game_value']:z.4f}. Exploitability: {each}."
         )
+    lines += describe_snapshots(results)
     lines.append(f"{results['frames']:,} frames in {results['seconds']:.1f} s.")
     return lines
 
