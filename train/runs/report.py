@@ -11,7 +11,8 @@ from train.evaluation.contests import AnyContest
 from train.evaluation.hidden_contest import Certificate
 from train.evaluation.maze_contest import MazeContest
 from train.evaluation.recordings import add_episodes, recorded, sides_of
-from train.evaluation.scores import Reference, Score, beside_of, score_table
+from train.evaluation.score_table import score_table
+from train.evaluation.scores import Reference, Score, beside_of
 from train.evaluation.small_game_contest import SmallGameContest
 from train.files import Plain, read_json
 from train.reports.pages import PLAYER_ELEMENT, details, pairs, picture, section, write_page
