@@ -29,6 +29,9 @@ from train.networks.small_game_policy import SmallGameSeat, check_same_game
 from train.settings.algorithms import QLearningSettings
 from train.tensors import State
 
+TableEnv = SimulatorEnv | SmallGameTrainingEnv
+TableSeat = Seat | SmallGameSeat
+
 MAX_STATES = 20_000_000
 """Limit of the table's size: with four actions 320 MB, and as much for the visits."""
 
@@ -90,7 +93,7 @@ class StateNumbers:
         number_states(*games, *self.for_kernels, chosen, states)
 
 
-def check_player(settings: QLearningSettings, seat: Seat | SmallGameSeat) -> None:
+def check_player(settings: QLearningSettings, seat: TableSeat) -> None:
     """ValueError for a task without a table, a limited view, or unbounded values."""
     if isinstance(seat, SmallGameSeat):
         game = seat.task.game
@@ -230,9 +233,7 @@ class SmallGameTable:
         return task.flat(self.agent, np.eye(self.seat.num_actions)[self._best(slice(None))])
 
 
-def policy_of(
-    seat: Seat | SmallGameSeat, q_values: NDArray[np.float64]
-) -> QTablePolicy | SmallGameTable:
+def policy_of(seat: TableSeat, q_values: NDArray[np.float64]) -> QTablePolicy | SmallGameTable:
     """The greedy policy of a table for a player."""
     if isinstance(seat, SmallGameSeat):
         return SmallGameTable(seat, q_values)
@@ -255,26 +256,18 @@ class QLearning:
         visits: [states, actions] uint32.
     """
 
-    def __init__(
-        self,
-        settings: QLearningSettings,
-        env: SimulatorEnv | SmallGameTrainingEnv,
-        options: Build,
-    ) -> None:
+    def __init__(self, settings: QLearningSettings, env: TableEnv, options: Build) -> None:
         self.settings, self.env, self.frames = settings, env, 0
         simulator, player = env.simulator, env.player
         self.numbers = StateNumbers(simulator.task)
         self._small = isinstance(player, SmallGameSeat)
-        self.allowed = (
-            player.legal
-            if isinstance(player, SmallGameSeat)
-            else allowed_in(player.task, player.mask_bumps)
-        )
+        own: Any = player
+        self.allowed = own.legal if self._small else allowed_in(own.task, own.mask_bumps)
         self.q_values = initial_values(self.numbers, player.num_actions, settings.optimism)
         self.visits = np.zeros(self.q_values.shape, dtype=np.uint32)
         self._streams = np.zeros((simulator.num_games, 1), dtype=np.uint64)
-        own: Any = np.uint64(EXPLORATION_SEEDS + options.seed)
-        seed_streams(self._streams, own, simulator.first_game)
+        first: Any = np.uint64(EXPLORATION_SEEDS + options.seed)
+        seed_streams(self._streams, first, simulator.first_game)
         agents = simulator.task.num_agents
         self._actions = np.zeros((simulator.num_games, agents), dtype=np.int32)
         # A small game as the kernels take it: a maze with one agent.
@@ -362,7 +355,7 @@ class QLearning:
 
 
 def load(
-    settings: QLearningSettings, seat: Seat | SmallGameSeat, state: State, greedy: bool = True
+    settings: QLearningSettings, seat: TableSeat, state: State, greedy: bool = True
 ) -> QTablePolicy | SmallGameTable:
     """The policy in a `QLearning.state_dict`; ValueError for a table of another shape."""
     shape = (StateNumbers(seat.task).count, seat.num_actions)

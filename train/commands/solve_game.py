@@ -16,7 +16,6 @@ from scripted_agents.games.small_game import SmallGame
 from scripted_agents.games.solve import (
     SmallEquilibrium,
     SmallResponse,
-    check_objective,
     equilibrium,
     nash_conv,
     respond,
@@ -73,16 +72,14 @@ def solve_game(given: SolveGameCommand) -> None:
         discount = DISCOUNT if longest is None and horizon is None else 1.0
     if discount == 1.0 and horizon is None:
         horizon = longest
-    check_objective(discount, horizon)
     how = "undiscounted" if discount == 1.0 else f"discounted by {discount:g} per step"
     limit = "" if horizon is None or horizon == longest else f", within {horizon} steps"
+    ends = f"always end, after at most {longest or 0:,} steps"
     text = {
         "game": f"{given.game}: players {', '.join(game.players)}",
         "size": f"{game.num_states:,} states, {len(game.choices):,} joint actions",
         "enumerated in": f"{enumerated:.2f} s",
-        "episodes": "can go on forever"
-        if longest is None
-        else f"always end, after at most {longest:,} steps",
+        "episodes": "can go on forever" if longest is None else ends,
         "returns": how + limit,
     }
     began = perf_counter()
@@ -148,9 +145,8 @@ def described_gains(game: SmallGame, discount: float, horizon: int | None) -> di
 
 def tables_of(game: SmallGame, solution: SmallEquilibrium | SmallResponse) -> Plain:
     """The values and policies of a solution, state after state, for a JSON file."""
-    kind, mixed = "equilibrium", getattr(solution, "mixed", None)
-    if mixed is None:
-        kind = f"best response to {UNIFORM} play"
+    mixed = getattr(solution, "mixed", None)
+    kind = "equilibrium" if mixed is not None else f"best response to {UNIFORM} play"
     rows: list[Plain] = [
         {"state": str(state), "value": value, "policies": {}}
         for state, value in zip(game.states, solution.values.tolist(), strict=True)
