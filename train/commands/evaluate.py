@@ -110,9 +110,13 @@ def evaluate(arguments: Sequence[str]) -> None:
     check_new_files([given.out, replays, given.table], given.overwrite)
     with reserved(given.out, replays, given.table, overwrite=given.overwrite):
         if isinstance(given, EvaluateCommand) and is_small_self_play(given.run):
-            evaluate_players(given)
+            content = evaluate_players(given)
         else:
-            evaluate_and_print(given, replays)
+            content = evaluate_and_print(given, replays)
+        if given.out is not None:
+            from train.machine import machine, versions  # torch is slow to import
+
+            write_json(given.out, {**content, "versions": versions(), "machine": machine()})
 
 
 def is_small_self_play(run: Path) -> bool:
@@ -121,40 +125,31 @@ def is_small_self_play(run: Path) -> bool:
     return kind == SELF_PLAY and task_form(plain.get("task", {})) is SmallGameSettings
 
 
-def evaluate_players(given: EvaluateCommand) -> None:
-    """Print the exact NashConv of a whole run of self-play in a small game, and write it."""
+def evaluate_players(given: EvaluateCommand) -> Plain:
+    """Print the exact NashConv of a whole run of self-play in a small game; the results."""
     names = ("opponent", "opponent_policy", "opponent_epsilon", "maze", "replays", "table")
     why = f"{given.run} is a whole run of self-play, in which every player plays its own policy"
     check_default(given, EvaluateCommand, names, why)
     from train.kinds import read_settings  # torch is slow to import
     from train.runs.opponents import player_policy
     from train.self_play.small_game_report import describe_small_game
-    from train.self_play.small_games import exact_row, value_of
+    from train.self_play.small_games import described, exact_row
 
     with print_warnings():
         settings: Any = read_settings(given.run)[1]
         task, discount, run = game_of(settings.task), settings.discount, str(given.run)
         tables = {name: player_policy(run, task, name).table(task) for name in settings.sides}
-    content = {
-        "task": settings.task.task,
-        "game": task.name,
-        "players": list(task.agent_names),
-        "states": task.game.num_states,
-        "zero_sum": task.game.zero_sum,
-        "discount": discount,
-        "evaluation": exact_row(task, tables, discount, value_of(task, discount)),
-    }
+    found = exact_row(task, tables, discount)
+    content = {**described(task, discount), "evaluation": found}
     print(*describe_small_game(content), sep="\n")
-    if given.out is not None:
-        from train.machine import machine, versions
-
-        write_json(given.out, {**content, "versions": versions(), "machine": machine()})
+    return content
 
 
-def evaluate_and_print(given: EvaluateCommand | EvaluateModelCommand, replays: Path | None) -> None:
-    """Evaluate, print the scores and write the output files."""
-    from train.machine import machine, versions  # torch is slow to import
-    from train.runs.parts import contest_of
+def evaluate_and_print(
+    given: EvaluateCommand | EvaluateModelCommand, replays: Path | None
+) -> Plain:
+    """Evaluate, print the scores and write the replays; the results."""
+    from train.runs.parts import contest_of  # torch is slow to import
     from train.runs.single import evaluation_of
     from train.runs.worlds import GridWorld
 
@@ -196,16 +191,7 @@ def evaluate_and_print(given: EvaluateCommand | EvaluateModelCommand, replays: P
         games = {f"episode {number + 1}": number for number in range(given.replay_episodes)}
         path = recorded(contest, played, games, loaded.named["algorithm"]).save(replays)
         print(f"replays: {path}; watch them with: pursuit view {path}")
-    if given.out is not None:
-        content = {
-            **contest.describe(),
-            **loaded.named,
-            **results,
-            **more,
-            "versions": versions(),
-            "machine": machine(),
-        }
-        write_json(given.out, content)
+    return {**contest.describe(), **loaded.named, **results, **more}
 
 
 @dataclass(frozen=True)

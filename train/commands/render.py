@@ -20,7 +20,6 @@ from scripted_agents import (
 )
 from scripted_agents.environments import DEFAULTS
 from scripted_agents.games.agents import UNIFORM, TableAgent, named_agent
-from scripted_agents.games.solve import respond
 from train.commands.parse import default_task, options_in, parse, print_warnings
 from train.evaluation.arm_contest import ArmContest
 from train.evaluation.contest import GameContest
@@ -103,9 +102,8 @@ def optimal_policy(contest: AnyContest) -> Any:
         check(not contest.task.discrete_actions, "unknown for discrete actions: omit --optimal")
         return LeastStepsPolicy()
     if isinstance(contest, SmallGameContest):
-        task, agent = contest.task, contest.agent
-        response = respond(task.game, agent, contest.tables, 1.0, task.max_steps)
-        return TableAgent(task, agent, response.policies[agent])
+        agent = contest.agent
+        return TableAgent(contest.task, agent, contest.best.policies[agent])
     if not isinstance(contest, GameContest):
         raise ValueError("the optimum in several mazes is not one policy; give one of the mazes")
     best, among = contest.best_response(), contest.best_team_response()

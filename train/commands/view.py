@@ -14,8 +14,7 @@ from pursuit.replays.replay import Replay
 from pursuit.replays.viewer.data import Builder, Extras
 from pursuit.validation import at_least, check
 from train.commands.parse import parse, print_warnings
-from train.evaluation.recordings import add_episodes, recorded, sides_of
-from train.evaluation.small_game_contest import SmallGameContest
+from train.evaluation.recordings import add_episodes
 from train.files import check_new_files
 from train.play.browser import open_page
 from train.reports.pages import PLAYER_ELEMENT, write_page
@@ -117,13 +116,8 @@ def add_run(builder: Builder, folder: Path, episodes: int) -> None:
     settings = load_settings(folder)
     policy = load_policy(folder, greedy=settings.evaluate == "greedy")
     contest = contest_of(settings.task, max(episodes, 2))
-    names = [f"{folder.name}, episode {number + 1}" for number in range(episodes)]
-    games = {name: number for number, name in enumerate(names)}
-    if isinstance(contest, SmallGameContest):
-        add_episodes(builder, contest, policy, games, settings.algorithm)
-        return
-    replay = recorded(contest, policy, games, settings.algorithm)
-    builder.add(replay, Extras(names=names, sides=sides_of(contest, policy)))
+    games = {f"{folder.name}, episode {number + 1}": number for number in range(episodes)}
+    add_episodes(builder, contest, policy, games, settings.algorithm)
 
 
 def add_replay(builder: Builder, path: Path) -> None:

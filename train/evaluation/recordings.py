@@ -8,7 +8,7 @@ from typing import Any
 
 from pursuit.replays.recorder import Recorder
 from pursuit.replays.replay import Replay
-from pursuit.replays.viewer.data import Builder, Side
+from pursuit.replays.viewer.data import Builder, Extras, Side
 from scripted_agents import action_values
 from scripted_agents.references import is_table_duel
 from train.evaluation.arm_contest import ArmContest
@@ -48,13 +48,27 @@ def recorded(contest: AnyContest, policy: Any, games: Mapping[str, int], player:
 
 
 def add_episodes(
-    builder: Builder, contest: SmallGameContest, policy: Any, games: Mapping[str, int], player: str
-) -> None:
-    """Add episodes of a contest in a small game to a page; the other arguments are those of
-    `recorded`."""
-    policies = {**contest.opponents, contest.agent: policy}
-    labels = players_of(contest, player)
-    add_small_game(builder, contest.task, policies, games, 1.0, labels)
+    builder: Builder,
+    contest: AnyContest,
+    policy: Any,
+    games: Mapping[str, int],
+    player: str,
+    **extras: Any,
+) -> Replay | None:
+    """Add episodes of a contest to a page, with overlays.
+
+    The other arguments are those of `recorded`, and of `Extras`.
+
+    Returns:
+        The replay; None in a small game, which has none.
+    """
+    if isinstance(contest, SmallGameContest):
+        policies = {**contest.opponents, contest.agent: policy}
+        add_small_game(builder, contest.task, policies, games, 1.0, players_of(contest, player))
+        return None
+    replay = recorded(contest, policy, games, player)
+    builder.add(replay, Extras(names=list(games), sides=sides_of(contest, policy), **extras))
+    return replay
 
 
 def players_of(contest: AnyContest, player: str) -> dict[str, str]:

@@ -15,7 +15,7 @@ from scripted_agents.games.agents import EQUILIBRIUM, UNIFORM, named_agent
 from scripted_agents.games.episodes import play_of
 from scripted_agents.games.rendering import scene_of
 from scripted_agents.games.simulator import GameSimulator, GameTask, StatePolicy
-from scripted_agents.games.solve import nash_conv, respond
+from scripted_agents.games.solve import SmallResponse, nash_conv, respond
 from scripted_agents.references import ExactReference
 from train.evaluation.games import play_out
 from train.evaluation.scores import (
@@ -94,10 +94,9 @@ class SmallGameContest(Contest[StatePolicy, GameSimulator]):
         return None
 
     @cached_property
-    def best_return(self) -> float:
-        """The return of the best response within the time limit."""
-        game, limit = self.task.game, self.task.max_steps
-        return respond(game, self.agent, self.tables, 1.0, limit).mean_over_starts
+    def best(self) -> SmallResponse:
+        """The best response within the time limit."""
+        return respond(self.task.game, self.agent, self.tables, 1.0, self.task.max_steps)
 
     def columns(self, policy: StatePolicy) -> dict[str, float]:
         """As `Contest`: how far the return is below that of the best response, and NashConv with
@@ -108,23 +107,19 @@ class SmallGameContest(Contest[StatePolicy, GameSimulator]):
 
     def missing_return(self, discount: float) -> float:
         """The return that the best response for a discount lacks."""
-        game, limit = self.task.game, self.task.max_steps
-        horizon = limit if discount == 1.0 else None
-        plan = respond(game, self.agent, self.tables, discount, horizon).policies[self.agent]
-        own = self._score("", plan).mean_return
-        return self.best_return - float(own or 0.0)
+        plan = self.best
+        if discount != 1.0:
+            plan = respond(self.task.game, self.agent, self.tables, discount)
+        own = self._score("", plan.policies[self.agent]).mean_return
+        return self.best.mean_over_starts - float(own or 0.0)
 
     def baselines(self) -> list[Score]:
         """Uniform play, the equilibrium of a zero-sum game of two, and the best response."""
         names = [UNIFORM, *([EQUILIBRIUM] if self.task.game.zero_sum else [])]
         scores = [self.score(name, named_agent(name, self.task, self.agent)) for name in names]
-        plan = respond(self.task.game, self.agent, self.tables, 1.0, self.task.max_steps)
-        best = self._score("", plan.policies[self.agent])  # of its first step, for steps and ends
-        optimum = Score(
-            BEST_RETURN, best.mean_steps, 0.0, best.success_rate, self.episodes, exact=True,
-            mean_return=self.best_return,
-        )  # fmt: skip
-        return [*scores, optimum]
+        # Steps and ends are those of the policy of its first step.
+        first = self._score(BEST_RETURN, self.best.policies[self.agent])
+        return [*scores, replace(first, mean_return=self.best.mean_over_starts)]
 
     def reference(self, scores: Sequence[Score], learned: Score) -> Reference | None:
         """As `Contest`."""

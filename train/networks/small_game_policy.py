@@ -97,12 +97,6 @@ class SmallGamePolicy(NetworkPolicy):
     seat: SmallGameSeat  # type: ignore[assignment]
     task: GameTask  # type: ignore[assignment]
 
-    def act(self, view: StateView) -> NDArray[np.int32]:  # type: ignore[override]
-        """[num_games] int32: actions; draws use the random stream of the view."""
-        draws = None if self.greedy else view.uniform()
-        seen = view.observe(self.encoding)
-        return self.choose(view, seen, draws, self.seat.masks(view))  # type: ignore[arg-type]
-
     def _check(self, view: StateView, observations: Array) -> None:  # type: ignore[override]
         check_same_game(self.task, view.task)
 

@@ -6,14 +6,13 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from pursuit.replays.viewer.data import Builder, Extras
+from pursuit.replays.viewer.data import Builder
 from train.evaluation.contests import AnyContest
 from train.evaluation.hidden_contest import Certificate
 from train.evaluation.maze_contest import MazeContest
-from train.evaluation.recordings import add_episodes, recorded, sides_of
+from train.evaluation.recordings import add_episodes
 from train.evaluation.score_table import score_table
 from train.evaluation.scores import Reference, Score, beside_of
-from train.evaluation.small_game_contest import SmallGameContest
 from train.files import Plain, read_json
 from train.reports.pages import PLAYER_ELEMENT, details, pairs, picture, section, write_page
 from train.reports.tables import in_markdown
@@ -50,19 +49,12 @@ def write_report(
     """
     games = {f"episode {number + 1}": number for number in range(EPISODES)}
     builder = Builder()
-    if isinstance(contest, SmallGameContest):
-        add_episodes(builder, contest, policy, games, settings.algorithm)
-    else:
-        replay = recorded(contest, policy, games, settings.algorithm)
-        if path is None:
-            replay.save(folder / REPLAYS)
-        extras = Extras(
-            names=list(games),
-            sides=sides_of(contest, policy),
-            seat=contest.agent if isinstance(contest, MazeContest) else None,
-            encoding=settings.observation if isinstance(contest, MazeContest) else None,
-        )
-        builder.add(replay, extras)
+    seen: Plain = {}
+    if isinstance(contest, MazeContest):
+        seen = {"seat": contest.agent, "encoding": settings.observation}
+    replay = add_episodes(builder, contest, policy, games, settings.algorithm, **seen)
+    if path is None and replay is not None:
+        replay.save(folder / REPLAYS)
     title = contest.line().split(", at most")[0]
     scores = [Score(**score) for score in results["scores"]]
     table = score_table(

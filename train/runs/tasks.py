@@ -77,6 +77,11 @@ def discount_of(settings: SmallGameSettings) -> float:
     return 1.0 if ends else GAME_DISCOUNT
 
 
+def horizon_of(task: GameTask, discount: float) -> int | None:
+    """The horizon of exact results in a small game: its time limit, None with a discount."""
+    return task.max_steps if discount == 1.0 else None
+
+
 def player_in(settings: SmallGameSettings, task: GameTask) -> str:
     """The learning player; ValueError unless the game has it."""
     return task.agent_names[0 if settings.player == "auto" else task.seat(settings.player)]

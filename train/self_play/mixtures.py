@@ -21,6 +21,7 @@ from scripted_agents.references import is_table_duel
 from train.evaluation.games import best_reply, other_role, table_in, values_between
 from train.files import Plain
 from train.networks.recurrent_policy import without_improbable
+from train.runs.tasks import horizon_of
 from train.self_play.diversity import diversity_of
 from train.self_play.pool import Member
 from train.settings.self_play import NASH_SAMPLING
@@ -96,7 +97,7 @@ def _replies_in_duel(task: Task, role: str, discount: float) -> tuple[Reply, Gai
 
 
 def _replies_in_game(task: GameTask, role: str, discount: float) -> tuple[Reply, Gain]:
-    game, horizon = task.game, task.max_steps if discount == 1.0 else None
+    game, horizon = task.game, horizon_of(task, discount)
     other = next(name for name in game.players if name != role)
     seat, value = game.player(other), equilibrium(game, discount, horizon).mean_over_starts
     value = value if seat == 0 else -value

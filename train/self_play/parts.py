@@ -28,11 +28,12 @@ from train.algorithms.registry import entry
 from train.evaluation.games import other_role
 from train.files import Plain
 from train.networks.policy import Seat
+from train.networks.small_game_policy import SmallGameSeat
 from train.runs.forms import RESTORE
 from train.runs.opponents import player_policy, policy_in_seat
 from train.runs.parts import build_of, check_sizes
 from train.runs.saved import player_of
-from train.runs.tasks import check_one_maze, game_of, task_of
+from train.runs.tasks import check_one_maze, game_of, horizon_of, task_of
 from train.self_play.learners import players_of, unchecked_self_play, with_role
 from train.self_play.side import SideParts
 from train.settings.algorithms import Hyperparameters, PPOSettings
@@ -126,20 +127,21 @@ def self_play_parts(settings: SelfPlayBase) -> SelfPlayParts:
     for role in settings.learning:
         own = side_settings(settings, role)
         seat = Seat(task, role, own.observation, played.mask_bumps, own.frame_stack, own.network)
-        check_sizes(own.hyper, seat)
-        entry(own.algorithm).check_memory(own.hyper, seat)
-        sides[role] = SideParts(
-            seat,
-            entry(own.algorithm),
-            own.hyper,
-            build_of(own),
-            discount,
-            # Returns of up to 1 / (1 - gamma) steps would make the value loss dominate.
-            1.0 - discount if played.rewards == "zero_sum" else 1.0,
-            training,
-            own.min_probability or 0.0,
-        )
+        # Returns of up to 1 / (1 - gamma) steps would make the value loss dominate.
+        scale = 1.0 - discount if played.rewards == "zero_sum" else 1.0
+        sides[role] = side_parts(own, seat, discount, scale, training)
     return SelfPlayParts(settings, task, sides, frozen, scripted, discount)
+
+
+def side_parts(
+    own: AgentSettings, seat: Seat | SmallGameSeat, discount: float, scale: float, training: Any
+) -> SideParts:
+    """The parts of the side with these settings; ValueError if they do not fit."""
+    check_sizes(own.hyper, seat)
+    algorithm = entry(own.algorithm)
+    algorithm.check_memory(own.hyper, seat)
+    how = (discount, scale, training, own.min_probability or 0.0)
+    return SideParts(seat, algorithm, own.hyper, build_of(own), *how)
 
 
 def small_game_parts(settings: SmallGameSelfPlay) -> SelfPlayParts:
@@ -159,27 +161,20 @@ def small_game_parts(settings: SmallGameSelfPlay) -> SelfPlayParts:
         for name in dict.fromkeys((*names, *settings.members))
     }
     how = (settings.task.opponent_epsilon, settings.task.opponent_policy == "greedy")
-    frozen = {
-        role: player_policy(side, task, role, *how)
-        for role, side in sides.items()
-        if isinstance(side, str)
-    }
+    fixed = {role: side for role, side in sides.items() if isinstance(side, str)}
+    frozen = {role: player_policy(name, task, role, *how) for role, name in fixed.items()}
     steps = min(settings.episode_steps or task.max_steps, task.max_steps)
     training = replace(task, max_steps=steps)
-    horizon = task.max_steps if discount == 1.0 else None
     found: dict[str, SideParts] = {}
     for role in settings.learning:
         own = side_settings(settings, role)
-        seat: Any = player_of(own)
-        check_sizes(own.hyper, seat)
         entry(own.algorithm).check_self_play(role, 1)
-        entry(own.algorithm).check_memory(own.hyper, seat)
+        seat: Any = player_of(own)
         # Returns in [-1, 1], the units of the coefficients of MMD and R-NaD.
-        largest = np.abs(return_range(game, role, discount, horizon)).max()
+        largest = np.abs(return_range(game, role, discount, horizon_of(task, discount))).max()
         scale = 1.0 / largest if largest > 0.0 else 1.0
-        parts = (discount, scale, training, own.min_probability or 0.0)
         seat = replace(seat, min_probability=0.0)
-        found[role] = SideParts(seat, entry(own.algorithm), own.hyper, build_of(own), *parts)
+        found[role] = side_parts(own, seat, discount, scale, training)
     return SelfPlayParts(settings, task, found, frozen, scripted, discount)
 
 
@@ -281,27 +276,22 @@ def self_play_settings_of(**flat: Any) -> SelfPlayBase:
 def self_play_from_plain(plain: Plain, where: str) -> SelfPlayBase:
     """Settings from the plain values of `config.json`; ValueError if these are invalid."""
     with read_from(where, RESTORE):
-        if task_form(plain.get("task", {})) is SmallGameSettings:
-            return _small_from_plain(plain)
-        own = complete_settings(SelfPlaySettings, plain)
-        task = TaskSettings(**complete_settings(TaskSettings, plain.get("task"), "task"))
+        small = task_form(plain.get("task", {})) is SmallGameSettings
+        own = complete_settings(SmallGameSelfPlay if small else SelfPlaySettings, plain)
+        form: Any = SmallGameSettings if small else TaskSettings
+        task = form(**complete_settings(form, plain.get("task"), "task"))
+        if small:
+            given, names = plain.get("players"), players_of(task)
+            check(
+                isinstance(given, Mapping) and tuple(given) == names,
+                f"players={shortened(given)}; give a table of {', '.join(names)}",
+            )
+            players = {role: _side_from_plain(role, plain["players"][role]) for role in names}
+            return SmallGameSelfPlay(task=task, players=players, **own)
         sides: Plain = {role: _side_from_plain(role, plain.get(role)) for role in ROLES}
         settings = SelfPlaySettings(task=task, **sides, **own)
         check_sides(settings, task_of(settings.task))
     return settings
-
-
-def _small_from_plain(plain: Plain) -> SmallGameSelfPlay:
-    own = complete_settings(SmallGameSelfPlay, plain)
-    task = SmallGameSettings(**complete_settings(SmallGameSettings, plain.get("task"), "task"))
-    given = plain.get("players")
-    names = players_of(task)
-    check(
-        isinstance(given, Mapping) and tuple(given) == names,
-        f"players={shortened(given)}; give a table of {', '.join(names)}",
-    )
-    sides = {role: _side_from_plain(role, plain["players"][role]) for role in names}
-    return SmallGameSelfPlay(task=task, players=sides, **own)
 
 
 def _side_from_plain(role: str, plain: object) -> str | LearningSide:

@@ -144,20 +144,15 @@ class SideParts:
         count, steps = self.hyper.num_games, getattr(self.hyper, "rollout_steps", 1)
         seed, first = self.build.seed, number * 2**20
         how = (self.seat.agent, others, self.discount, 2 * seed + number, steps)
-        if isinstance(self.training, GameTask):
-            assert isinstance(self.seat, SmallGameSeat)
-            copies = GameSimulator(self.training, count, seed, first, auto_restart=False)
-            opponents = Opponents(copies, *how)
-            players: Any = [opponents.policies.get(name) for name in self.training.agent_names]
-            env = SmallGameTrainingEnv(copies, self.seat, players, opponents, self.scale)
-            return env, opponents
-        assert isinstance(self.seat, Seat)
-        task, members = self.training, self.seat.members
-        games = Simulator(task, count // members, seed, first, auto_restart=False)
+        task, seat, members = self.training, self.seat, self.seat.members
+        small = isinstance(task, GameTask)
+        form: Any = GameSimulator if small else Simulator
+        games = form(task, count // members, seed, first, auto_restart=False)
         opponents = Opponents(games, *how)
-        policies = [opponents.policies.get(role) for role in task.seat_roles]
-        maze_env = SimulatorEnv(games, self.seat, policies, opponents, members, self.scale)
-        return maze_env, opponents
+        roles = task.agent_names if isinstance(task, GameTask) else task.seat_roles
+        policies = [opponents.policies.get(role) for role in roles]
+        of_env: Any = SmallGameTrainingEnv if small else SimulatorEnv
+        return of_env(games, seat, policies, opponents, members, self.scale), opponents
 
 
 class Side:

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from copy import copy
-from dataclasses import replace
-from functools import cached_property
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -18,11 +16,10 @@ from scripted_agents.games.simulator import GameTask
 from scripted_agents.games.solve import equilibrium, nash_conv, returns_of
 from train.files import Plain
 from train.runs.forms import Objective
-from train.runs.loop import BRIEF_STEPS
-from train.self_play.metrics import DRY_RUN
+from train.runs.tasks import horizon_of
 from train.self_play.parts import SelfPlayParts
 from train.self_play.trainee import SelfPlay
-from train.settings.self_play import SmallGameSelfPlay
+from train.settings.task import GAME
 from train.tensors import State
 
 MOST_SOLVED = 100_000
@@ -31,25 +28,20 @@ MOST_SOLVED = 100_000
 Tables = dict[str, NDArray[np.float64]]
 
 
-def horizon_of(task: GameTask, discount: float) -> int | None:
-    """The horizon of exact results of self-play; None with a discount."""
-    return task.max_steps if discount == 1.0 else None
-
-
+@lru_cache(maxsize=4)
 def value_of(task: GameTask, discount: float) -> float | None:
-    """The value of a game for the first player; None unless it is zero-sum and small."""
+    """The value of a game for the first player, computed once; None unless it is zero-sum and
+    small."""
     game = task.game
     if not game.zero_sum or len(game.choices) > MOST_SOLVED:
         return None
     return equilibrium(game, discount, horizon_of(task, discount)).mean_over_starts
 
 
-def exact_row(
-    task: GameTask, tables: Mapping[str, Any], discount: float, value: float | None
-) -> dict[str, float]:
-    """NashConv of the policies of all players, returns, gains of best responses, and steps; with
-    the `value` of a zero-sum game of two also the exploitability of each."""
-    roles = task.agent_names
+def exact_row(task: GameTask, tables: Mapping[str, Any], discount: float) -> dict[str, float]:
+    """NashConv of the policies of all players, returns, gains of best responses, and steps; in a
+    small zero-sum game of two also its value and the exploitability of each."""
+    roles, value = task.agent_names, value_of(task, discount)
     found = nash_conv(task.game, tables, discount, horizon_of(task, discount))
     row = {"nash_conv": found.nash_conv}
     row |= {f"{role}_return": found.returns[role] for role in roles}
@@ -61,6 +53,19 @@ def exact_row(
         row[f"{second}_exploitability"] = found.best[first] - value
     row["steps"] = play_of(task.game, tables, task.max_steps).steps
     return row
+
+
+def described(task: GameTask, discount: float) -> Plain:
+    """The game of results: its name, size, players and discount."""
+    return {
+        "task": GAME,
+        "game": task.name,
+        "maze": None,
+        "states": task.game.num_states,
+        "players": list(task.agent_names),
+        "zero_sum": task.game.zero_sum,
+        "discount": discount,
+    }
 
 
 class SmallGamePlay(SelfPlay):
@@ -80,18 +85,13 @@ class SmallGamePlay(SelfPlay):
             f"actions), {', '.join(self.parts.roles)}"
         )
 
-    @property
-    def horizon(self) -> int | None:
-        """Of exact results; None with a discount."""
-        return horizon_of(self.task, self.parts.discount)
-
     def _objective(self) -> Objective:
         return Objective("nash_conv", "return", less_is_better=True)
 
     def _exact(self, tables: Mapping[str, Any]) -> tuple[float, ...]:
         """The expected return of every player."""
-        game = self.task.game
-        found = returns_of(game, tables, self.parts.discount, self.horizon)
+        game, discount = self.task.game, self.parts.discount
+        found = returns_of(game, tables, discount, horizon_of(self.task, discount))
         return tuple((game.start @ found).tolist())
 
     def payoff(self, one: Any, two: Any) -> float:
@@ -104,21 +104,16 @@ class SmallGamePlay(SelfPlay):
         policies: dict[str, Any] = {role: self.policy(role) for role in self.parts.roles}
         return {role: policy.table(self.task) for role, policy in policies.items()}
 
-    @cached_property
-    def game_value(self) -> float | None:
-        """The value of the game for the first player; None unless it is zero-sum and small."""
-        return value_of(self.task, self.parts.discount)
-
     def evaluate(self, episodes: int = 300, most: int = 0) -> dict[str, float]:
         """Exact NashConv, the gain of each best response, and returns, also against uniform play.
 
         In a zero-sum game of two also the value of the game and the exploitability of each.
         """
         roles, tables = self.parts.roles, self.tables()
-        row = exact_row(self.task, tables, self.parts.discount, self.game_value)
+        row = exact_row(self.task, tables, self.parts.discount)
+        others = self.scripted_tables(UNIFORM)
         for number, role in enumerate(roles):
             if role in self.sides:
-                others = self.scripted_tables(UNIFORM)
                 row[f"{role}_vs_{UNIFORM}"] = self._exact({**others, role: tables[role]})[number]
         self.last = row
         return row
@@ -137,30 +132,10 @@ class SmallGamePlay(SelfPlay):
     def results(self, interrupted: bool, episodes: int) -> Plain:
         """NashConv, returns of all pairs of learned and named policies, and the pools; in zero-sum
         games of two also NashConv of mixtures of snapshots (`snapshot_results`)."""
-        settings, sides = self.settings, [side.parts for side in self.sides.values()]
-        assert isinstance(settings, SmallGameSelfPlay)
         dry = self.limits.is_dry_run
         evaluation = dict(self.last) if dry and self.last else self.evaluate()
-        content = {
-            "task": settings.task.task,
-            "game": settings.task.game,
-            "maze": None,
-            "states": self.task.game.num_states,
-            "players": list(self.parts.roles),
-            "zero_sum": self.task.game.zero_sum,
-            "algorithm": ", ".join(side.algorithm.name for side in sides),
-            "sampling": settings.sampling,
-            "seed": settings.seed,
-            "discount": self.parts.discount,
-            "precision": sides[0].build.precision,
-            "update": ", ".join(
-                getattr(side.learner, "update_form", "torch") for side in self.sides.values()
-            ),
-            "evaluation": evaluation,
-            "returns": self.all_returns(),
-            "pools": {role: pool.described() for role, pool in self.pools.items()},
-            "mixtures": self.mixtures,
-        }
+        game = described(self.task, self.parts.discount)
+        content = self.content(game, evaluation, {"returns": self.all_returns()})
         if not interrupted:
             self.add_snapshot_results(content, {role: self.policy(role) for role in self.pools})
         return content
@@ -183,13 +158,6 @@ class SmallGamePlay(SelfPlay):
                         {"player": role, "policy": policy, "against": against, "return": value}
                     )
         return rows
-
-    def brief(self) -> SmallGamePlay:
-        """As `Trainee`."""
-        small = copy(self)
-        small.task = replace(self.task, max_steps=min(self.task.max_steps, BRIEF_STEPS))
-        small.limits, small.tell = DRY_RUN, lambda what, share: None
-        return small
 
 
 def self_play_run(parts: SelfPlayParts, folder: Path, state: State | None = None) -> SelfPlay:

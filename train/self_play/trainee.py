@@ -242,7 +242,6 @@ class SelfPlay:
         """Exploitability, matches between all policies, pools; for teams best responses to each
         side, exact if the game is small enough, otherwise approximate."""
         settings, limits = self.settings, self.limits
-        sides = [side.parts for side in self.sides.values()]
         pair, players = {role: self.policy(role) for role in ROLES}, dict[str, dict[str, Policy]]()
         for role in ROLES:
             players[role] = {"learned" if role in self.sides else "frozen": pair[role]}
@@ -251,22 +250,9 @@ class SelfPlay:
                     players[role][name] = self.parts.scripted[name, role]
         evaluation = dict(self.last) if limits.is_dry_run else {}
         evaluation = evaluation or self.evaluate(episodes, limits.evaluated_work)
-        content: Plain = {
-            "task": settings.task.task,
-            "maze": self.task.mazes[0].name,
-            "algorithm": ", ".join(side.algorithm.name for side in sides),
-            "sampling": settings.sampling,
-            "seed": settings.seed,
-            "discount": self.parts.discount,
-            "precision": sides[0].build.precision,
-            "update": ", ".join(
-                getattr(side.learner, "update_form", "torch") for side in self.sides.values()
-            ),
-            "evaluation": evaluation,
-            "matches": matches(self.task, players, episodes, limits.evaluated_work),
-            "pools": {role: pool.described() for role, pool in self.pools.items()},
-            "mixtures": self.mixtures,
-        }
+        game = {"task": settings.task.task, "maze": self.task.mazes[0].name}
+        met = matches(self.task, players, episodes, limits.evaluated_work)
+        content = self.content(game, evaluation, {"matches": met})
         limited = any(self.task.hides_from(agent) for agent in self.task.agent_names)
         known = "nash_conv" in evaluation
         exact_team = not self.task.most_exits and is_exact_team(self.task, pair, MAX_FINAL_WORK)
@@ -289,6 +275,24 @@ class SelfPlay:
         elif not known and settings.best_response_seconds and not interrupted:
             content["approximate_best_response"] = self.approximate_best_responses(episodes)
         return content
+
+    def content(self, game: Plain, evaluation: dict[str, float], played: Plain) -> Plain:
+        """The entries of all results: of this game, evaluation and policies against others."""
+        sides = [*self.sides.values()]
+        updates = (getattr(side.learner, "update_form", "torch") for side in sides)
+        return {
+            **game,
+            "algorithm": ", ".join(side.parts.algorithm.name for side in sides),
+            "sampling": self.settings.sampling,
+            "seed": self.settings.seed,
+            "discount": self.parts.discount,
+            "precision": sides[0].parts.build.precision,
+            "update": ", ".join(updates),
+            "evaluation": evaluation,
+            **played,
+            "pools": {role: pool.described() for role, pool in self.pools.items()},
+            "mixtures": self.mixtures,
+        }
 
     def add_snapshot_results(self, content: Plain, pair: Mapping[str, Any]) -> None:
         """Add `snapshot_results`, and in the evaluation NashConv of the policies that the sampling
