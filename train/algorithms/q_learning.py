@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from math import comb
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import torch
@@ -43,7 +43,7 @@ EXPLORATION_SEEDS = 2**63
 class StateNumbers:
     """Enumerates the states of a task's games.
 
-    A small game counts as a maze with one agent, whose cell is the number of the state.
+    A small game counts as one with all cells 0 but that of the learner, the number of the state.
 
     Args:
         task: with one maze, or a small game.
@@ -58,8 +58,9 @@ class StateNumbers:
 
     def __init__(self, task: Task | GameTask) -> None:
         if isinstance(task, GameTask):
-            self.count = cells = task.game.num_states
-            self.for_kernels = (cells, np.ones((cells + 2, 1), dtype=np.int64))
+            self.count, self.goal_sets = task.game.num_states, [1]
+            # Cells that make the base of all digits 1, so that a state is their sum.
+            self.for_kernels = (1 if task.num_agents < 3 else 0, np.ones((3, 1), dtype=np.int64))
             return
         if len(task.mazes) != 1:
             raise ValueError(
@@ -126,7 +127,7 @@ def check_player(settings: QLearningSettings, seat: TableSeat) -> None:
 
 def initial_values(numbers: StateNumbers, actions: int, optimism: float) -> NDArray[np.float64]:
     """[states, actions] float64: `optimism` for every remaining goal; without goals, once."""
-    goal_sets = getattr(numbers, "goal_sets", [1])
+    goal_sets = numbers.goal_sets
     if len(goal_sets) == 1:
         return np.full((numbers.count, actions), optimism)
     left = np.repeat(np.arange(len(goal_sets)), goal_sets)
@@ -258,24 +259,20 @@ class QLearning:
 
     def __init__(self, settings: QLearningSettings, env: TableEnv, options: Build) -> None:
         self.settings, self.env, self.frames = settings, env, 0
-        simulator, player = env.simulator, env.player
+        simulator, player = env.simulator, cast("Any", env.player)
         self.numbers = StateNumbers(simulator.task)
-        self._small = isinstance(player, SmallGameSeat)
-        own: Any = player
-        self.allowed = own.legal if self._small else allowed_in(own.task, own.mask_bumps)
+        small = isinstance(player, SmallGameSeat)
+        self.allowed = player.legal if small else allowed_in(player.task, player.mask_bumps)
         self.q_values = initial_values(self.numbers, player.num_actions, settings.optimism)
         self.visits = np.zeros(self.q_values.shape, dtype=np.uint32)
         self._streams = np.zeros((simulator.num_games, 1), dtype=np.uint64)
-        first: Any = np.uint64(EXPLORATION_SEEDS + options.seed)
-        seed_streams(self._streams, first, simulator.first_game)
+        own: Any = np.uint64(EXPLORATION_SEEDS + options.seed)
+        seed_streams(self._streams, own, simulator.first_game)
         agents = simulator.task.num_agents
         self._actions = np.zeros((simulator.num_games, agents), dtype=np.int32)
-        # A small game as the kernels take it: a maze with one agent.
-        self._alone, self._chosen = (
-            empty_games(simulator.num_games, 1, 0),
-            self._actions[:, :1].copy(),
-        )
-        self._alone.active[:] = 1
+        # Small games as the kernels take them; see `StateNumbers`.
+        self._as_games = empty_games(simulator.num_games, agents, 0)
+        self._as_games.active[:] = 1
         self._states = np.zeros(simulator.num_games, dtype=np.int64)
         self._done = np.zeros(simulator.num_games, dtype=bool)
         self._begun = False
@@ -286,15 +283,13 @@ class QLearning:
         simulator = self.env.simulator
         if isinstance(simulator, Simulator):
             return simulator.games
-        self._alone.position[:, 0] = simulator.state
-        return self._alone
+        self._as_games.position[:, self.env.seat] = simulator.state
+        return self._as_games
 
     def iterate(self, progress: float) -> dict[str, float]:
         """Play and learn STEPS_PER_ITERATION steps of every game."""
-        settings, env, small = self.settings, self.env, self._small
-        simulator: Any = env.simulator
-        seat, actions = env.seat, self._actions
-        chosen, column = (self._chosen, 0) if small else (actions, seat)
+        settings, env = self.settings, self.env
+        simulator, seat, actions = env.simulator, env.seat, self._actions
         if not self._begun:
             if not env.resume:
                 env.reset_games()
@@ -308,17 +303,14 @@ class QLearning:
             simulator.act(env.policies, actions)
             choose_actions(
                 self.q_values, states, self._games.position, self.allowed, self._streams, epsilon,
-                chosen, column,
+                actions, seat,
             )  # fmt: skip
-            if small:
-                actions[:, seat] = chosen[:, 0]
             simulator.step(actions)
-            rewards = simulator.rewards
             size, count = learn(
-                self.q_values, self.visits, *self._games, self.numbers.for_kernels, self.allowed,
-                states, chosen, column, rewards[:, [seat]] if small else rewards,
-                simulator.terminated, simulator.truncated, done, settings.gamma,
-                settings.learning_rate, settings.learning_rate_power,
+                self.q_values, self.visits, *self._games, self.numbers.for_kernels,
+                self.allowed, states, actions, seat, simulator.rewards, simulator.terminated,
+                simulator.truncated, done, settings.gamma, settings.learning_rate,
+                settings.learning_rate_power,
             )  # fmt: skip
             error += size
             if count:

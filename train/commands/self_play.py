@@ -41,6 +41,7 @@ from train.settings.self_play import (
     PlayedTask,
     SelfPlayBase,
     SelfPlaySettings,
+    SmallGameSelfPlay,
     default_rewards,
 )
 from train.settings.task import SmallGameSettings, TaskSettings, task_form
@@ -82,7 +83,7 @@ class Options(SelfPlaySettings):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SmallGameOptions(SelfPlayBase):
+class SmallGameOptions(SmallGameSelfPlay):
     """The settings of a run of self-play in a small game; the sides of the players are added."""
 
     task: SmallGame
@@ -90,13 +91,11 @@ class SmallGameOptions(SelfPlayBase):
     """Algorithm of all players, one that supports self-play: ppo, a2c, dqn, mmd, rnad, nfsp, or
     package.module:Name."""
 
+    players: tyro.conf.Suppress[Any] = None
+    """Not used: the players are options of their own."""
+
     def __post_init__(self) -> None:
         pass
-
-    @property
-    def sides(self) -> dict[str, str | LearningSide]:
-        """Not used: the players are options of their own."""
-        return {}
 
 
 def small_game_options(game: str, roles: Sequence[str], budget: Plain) -> Any:
@@ -247,18 +246,17 @@ def other_options(side: LearningSide, hyper: Hyperparameters) -> object:
 def present(run: Run[SelfPlay], content: Plain) -> None:
     """Write the figures, the tables and the report; as `Run.present`."""
     from train.self_play.payoffs import matches_table  # torch is slow to import
-    from train.self_play.report import draw_self_play, write_self_play_report
+    from train.self_play.report import draw_self_play, title_of, write_self_play_report
     from train.self_play.small_game_report import draw_curve, write_small_game_report
     from train.self_play.small_games import SmallGamePlay
 
-    trainee, folder = run.trainee, run.folder
+    trainee, folder, unit = run.trainee, run.folder, run.trainee.settings.budget_unit
     if isinstance(trainee, SmallGamePlay):
-        draw_curve(folder / CURVE, trainee, run.rows)
+        draw_curve(folder / CURVE, run.rows, content, unit)
         write_small_game_report(folder, trainee, content)
         return
-    title = f"Self-play on {trainee.task.mazes[0].name} ({trainee.settings.sampling})"
-    draw_self_play(folder / CURVE, run.rows, title, trainee.settings.budget_unit)
-    write_self_play_report(folder, trainee, title, content)
+    draw_self_play(folder / CURVE, run.rows, title_of(content), unit)
+    write_self_play_report(folder, trainee, content)
     matches_table(content["matches"]).write(folder)
 
 

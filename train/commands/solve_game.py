@@ -16,11 +16,13 @@ from scripted_agents.games.small_game import SmallGame
 from scripted_agents.games.solve import (
     SmallEquilibrium,
     SmallResponse,
+    Values,
     equilibrium,
     nash_conv,
     respond,
     returns_of,
 )
+from scripted_agents.joint.results import JointNashConv
 from train.files import Plain, check_new_files, write_json
 from train.reports.tables import in_lines
 from train.settings.checks import Settings
@@ -84,13 +86,17 @@ def solve_game(given: SolveGameCommand) -> None:
     }
     began = perf_counter()
     solution: SmallEquilibrium | SmallResponse | None = None
+    uniform = {name: uniform_table(game, name) for name in game.players}
     if team is not None:
-        solution, found = described_response(game, team, discount, horizon)
+        others = {name: table for name, table in uniform.items() if name not in team}
+        solution = respond(game, team, others, discount, horizon)
+        returns = game.start @ returns_of(game, uniform, discount, horizon)
+        found = described_response(game, solution, returns)
     elif game.zero_sum:
         solution = equilibrium(game, discount, horizon)
         found = described_equilibrium(game, solution)
     else:
-        found = described_gains(game, discount, horizon)
+        found = described_gains(nash_conv(game, uniform, discount, horizon))
     print(in_lines({**text, **found, "solved in": f"{perf_counter() - began:.2f} s"}, WIDTH))
     if out is not None and solution is not None:
         named: Plain = {"game": given.game, "discount": discount, "horizon": horizon}
@@ -108,36 +114,28 @@ def described_equilibrium(game: SmallGame, solution: SmallEquilibrium) -> dict[s
     }
 
 
-def described_response(
-    game: SmallGame, team: tuple[str, ...], discount: float, horizon: int | None
-) -> tuple[SmallResponse, dict[str, str]]:
+def described_response(game: SmallGame, best: SmallResponse, returns: Values) -> dict[str, str]:
     """The best response of a team to uniform play of all others, and what it gains."""
-    tables = {name: uniform_table(game, name) for name in game.players}
-    others = {name: table for name, table in tables.items() if name not in team}
-    best = respond(game, team, others, discount, horizon)
-    returns = game.start @ returns_of(game, tables, discount, horizon)
+    team = best.players
     plays = returns[[game.player(name) for name in team]].sum()
-    names = " + ".join(team)
+    names, others = " + ".join(team), [name for name in game.players if name not in team]
     against = f", {', '.join(others)} {UNIFORM}" if others else ""
-    return best, {
+    return {
         f"best response of {names}": f"{best.mean:z.6f} (mean over starts{against})",
         f"{UNIFORM} play of {names}": f"{plays:z.6f}",
     }
 
 
-def described_gains(game: SmallGame, discount: float, horizon: int | None) -> dict[str, str]:
+def described_gains(found: JointNashConv) -> dict[str, str]:
     """Returns of uniform play, of the best response of each player to it, and its NashConv."""
-    found = nash_conv(
-        game, {name: uniform_table(game, name) for name in game.players}, discount, horizon
-    )
-    many = len(game.players)
+    many = len(found.returns)
     kind = f"{many} players" if many != 2 else "rewards that do not add up to 0"
     return {
         "equilibrium": f"none is computed for this kind of game ({kind}); what follows is exact",
         **{
             f"return of {name}": f"{found.returns[name]:z.6f} in {UNIFORM} play, "
             f"{found.best[name]:z.6f} with the best response to it"
-            for name in game.players
+            for name in found.returns
         },
         f"NashConv of {UNIFORM} play": f"{found.nash_conv:z.6f}",
     }

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 
@@ -70,7 +70,6 @@ def report_again(folder: Path, out: Path | None) -> Path:
     from train.self_play.report import write_self_play_report
     from train.self_play.small_game_report import write_small_game_report
     from train.self_play.small_games import SmallGamePlay
-    from train.self_play.trainee import SelfPlay
 
     kind, _ = read_config(folder)
     check(
@@ -78,13 +77,11 @@ def report_again(folder: Path, out: Path | None) -> Path:
         f"{folder}: no results yet; continue with {KINDS[kind].again} --resume {folder}",
     )
     if kind == SELF_PLAY:
-        results = load_results(folder)
-        trainee = open_run(folder).trainee
-        if isinstance(trainee, SmallGamePlay):
-            return write_small_game_report(folder, trainee, results, out)
-        assert isinstance(trainee, SelfPlay)  # of this kind of run
-        title = f"Self-play on {results['maze']} ({results['sampling']})"
-        return write_self_play_report(folder, trainee, title, results, out)
+        trainee: Any = open_run(folder).trainee
+        small = isinstance(trainee, SmallGamePlay)
+        write: Any = write_small_game_report if small else write_self_play_report
+        page: Path = write(folder, trainee, load_results(folder), out)
+        return page
     settings, results = load_settings(folder), load_results(folder)
     policy = load_policy(folder, greedy=settings.evaluate == "greedy")
     contest = contest_of(settings.task, results["evaluation"]["episodes"])

@@ -71,12 +71,7 @@ class GridWorld:
         return CurriculumContext(self.task, self.agent, self.opponents, epsilon, learned)
 
     def games(
-        self,
-        seat: AnySeat,
-        num_games: int,
-        seed: int,
-        plan: Plan | None,
-        first_game: int = 0,
+        self, seat: AnySeat, num_games: int, seed: int, plan: Plan | None, first_game: int = 0
     ) -> tuple[SimulatorEnv, Teacher | None]:
         """The training environment, and the teacher in it.
 
@@ -123,12 +118,7 @@ class ArmWorld:
         return ArmContext(self.task)
 
     def games(
-        self,
-        seat: AnySeat,
-        num_games: int,
-        seed: int,
-        plan: Plan | None,
-        first_game: int = 0,
+        self, seat: AnySeat, num_games: int, seed: int, plan: Plan | None, first_game: int = 0
     ) -> tuple[ArmEnv, Teacher | None]:
         """As in `GridWorld`."""
         assert isinstance(seat, ArmSeat)
@@ -176,12 +166,7 @@ class SmallGameWorld:
         return SmallGameContext(self.task, self.agent, self.opponents, epsilon)
 
     def games(
-        self,
-        seat: AnySeat,
-        num_games: int,
-        seed: int,
-        plan: Plan | None,
-        first_game: int = 0,
+        self, seat: AnySeat, num_games: int, seed: int, plan: Plan | None, first_game: int = 0
     ) -> tuple[SmallGameTrainingEnv, Teacher | None]:
         """As in `GridWorld`."""
         assert isinstance(seat, SmallGameSeat)

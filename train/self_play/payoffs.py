@@ -8,7 +8,7 @@ from pathlib import Path
 
 from train.files import Plain
 from train.reports.figures import draw_matrix
-from train.reports.tables import Column, ResultTable, Row, words
+from train.reports.tables import Column, ResultTable, Row, numeric, words
 from train.self_play.league import LeagueTable
 from train.settings.self_play import ROLES
 
@@ -78,19 +78,15 @@ def ratings_table(role: str, content: Plain) -> ResultTable:
     """The ratings of one role of a league, the best by Elo first."""
     ratings, shares = content[f"{role}_ratings"], content["nash"][f"{role}_mixture"]
     rows = [{**row, "nash_share": share} for row, share in zip(ratings, shares, strict=True)]
+    of_game = "payoff_against_nash" in ratings[0]
+    against = ("payoff_against_nash", "z.2f") if of_game else ("steps_against_nash", ".2f")
     columns = [
         words(role, "name"),
         Column("Elo [95 %]", lambda r: f"{r['elo']:.0f} [{r['elo_low']:.0f}, {r['elo_high']:.0f}]"),
         Column("Nash share", lambda r: f"{100 * r['nash_share']:.1f} %"),
-        Column(f"{content.get('unit', 'steps')} against Nash", _against_nash),
+        numeric(f"{content.get('unit', 'steps')} against Nash", *against),
     ]
     return ResultTable(sorted(rows, key=lambda row: -row["elo"]), columns)
-
-
-def _against_nash(row: Row) -> str:
-    if "payoff_against_nash" in row:
-        return f"{row['payoff_against_nash']:z.2f}"
-    return f"{row['steps_against_nash']:.2f}"
 
 
 def payoff_tables(table: LeagueTable, content: Plain) -> dict[str, ResultTable]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -56,33 +56,41 @@ def draw_self_play(
 
     The axis has the `unit` of the budget, frames or seconds.
     """
-    times = np.array([row[unit] for row in rows]) * time_scale(unit)
-
-    def known(lines: Mapping[str, Series]) -> list[Series]:
-        return [
-            replace(line, curves=[(times, np.array([row[name] for row in rows]))])
-            for name, line in lines.items()
-            if name in rows[0]
-        ]
-
     exits = "outcome" in rows[0]
     label, scale = (OUTCOME, "linear") if exits else ("steps until capture (log)", "log")
-    panels = [Panel(known(AGAINST_SCRIPTED), label, scale=scale)]
-    if exploitability := known(EXPLOITABILITY):
+    panels = [Panel(known(rows, unit, AGAINST_SCRIPTED), label, scale=scale)]
+    if exploitability := known(rows, unit, EXPLOITABILITY):
         label = f"exploitability, exact\n({OUTCOME if exits else 'discounted steps'})"
         panels.insert(0, Panel(exploitability, label, scale="from 0"))
     draw_panels(path, [[panel] for panel in panels], unit, title)
 
 
+def known(
+    rows: Sequence[Mapping[str, float]], unit: str, lines: Mapping[str, Series]
+) -> list[Series]:
+    """The lines whose columns are in these rows, over training time, with their curves."""
+    times = np.array([row[unit] for row in rows]) * time_scale(unit)
+    return [
+        replace(line, curves=[(times, np.array([row[name] for row in rows]))])
+        for name, line in lines.items()
+        if name in rows[0]
+    ]
+
+
+def title_of(results: Plain) -> str:
+    """Of the figure and of the page."""
+    where = f"in {results['game']}" if "game" in results else f"on {results['maze']}"
+    return f"Self-play {where} ({results['sampling']})"
+
+
 def write_self_play_report(
-    folder: Path, trainee: SelfPlay, title: str, results: Plain, path: Path | None = None
+    folder: Path, trainee: SelfPlay, results: Plain, path: Path | None = None
 ) -> Path:
     """Write `report.html`, `replays.json` and `payoff.png` into the folder of self-play.
 
     Args:
         folder: of the run.
         trainee: the two sides.
-        title: of the page.
         results: the contents of `results.json`.
         path: of the page, if not in the folder; then no replays are written.
 
@@ -106,6 +114,7 @@ def write_self_play_report(
     draw_league(payoff, league, f"{league.unit}: snapshots against each other")
     players = {row[role] for row in results["matches"] for role in ROLES}
     legend = legend_of(players, trainee.settings.task.opponent_epsilon)
+    title = title_of(results)
     about = f"Run {folder.name}: {results['algorithm']}, opponents {results['sampling']}."
     parts = [
         in_markdown(about),

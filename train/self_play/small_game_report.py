@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from pursuit.replays.viewer.data import Builder
 from train.evaluation.small_game_replay import add_small_game
 from train.files import Plain
 from train.reports.curves import Panel, Series, draw_panels
-from train.reports.figures import BLACK, PALETTE, time_scale
+from train.reports.figures import PALETTE
 from train.reports.pages import PLAYER_ELEMENT, picture, section, write_page
-from train.reports.tables import Column, ResultTable, Row, in_markdown, words
+from train.reports.tables import ResultTable, Row, in_markdown, numeric, words
 from train.runs.folder import CURVE, REPORT
-from train.self_play.report import EPISODES, describe_snapshots, settings_and_command
+from train.self_play.report import (
+    EPISODES,
+    EXPLOITABILITY,
+    describe_snapshots,
+    known,
+    settings_and_command,
+    title_of,
+)
 from train.self_play.small_games import SmallGamePlay
 
 
@@ -30,12 +34,8 @@ def returns_table(results: Plain) -> ResultTable:
         row = rows.setdefault(key, {"player": key[0], "policy": key[1]})
         row[f"against {entry['against']}"] = entry["return"]
     against = list(dict.fromkeys(entry["against"] for entry in results["returns"]))
-    columns = [Column(f"against {name}", partial(_cell, f"against {name}")) for name in against]
+    columns = [numeric(f"against {name}", f"against {name}", "z.4f") for name in against]
     return ResultTable([*rows.values()], [words("player"), words("policy"), *columns])
-
-
-def _cell(name: str, row: Row) -> str:
-    return f"{row[name]:z.4f}"
 
 
 def describe_small_game(results: Plain) -> list[str]:
@@ -62,24 +62,13 @@ def describe_small_game(results: Plain) -> list[str]:
     return lines
 
 
-def title_of(trainee: SmallGamePlay) -> str:
-    """Of the figure and of the page."""
-    return f"Self-play in {trainee.task.name} ({trainee.settings.sampling})"
-
-
-def draw_curve(path: Path, trainee: SmallGamePlay, rows: Sequence[Row]) -> None:
+def draw_curve(path: Path, rows: Sequence[Row], results: Plain, unit: str) -> None:
     """Draw NashConv, and the gain of every player's best response, over training time."""
-    unit, players = trainee.settings.budget_unit, trainee.parts.roles
-    times = np.array([row[unit] for row in rows]) * time_scale(unit)
-
-    def line(name: str, label: str, *style: object) -> Series:
-        return Series([(times, np.array([row[name] for row in rows]))], label, *style)  # type: ignore[arg-type]
-
-    lines = [line("nash_conv", "NashConv", BLACK, "-", 2.2)]
+    players, lines = results["players"], {"nash_conv": EXPLOITABILITY["nash_conv"]}
     for name, color in zip(players, PALETTE[:6] * len(players), strict=False):
-        lines.append(line(f"{name}_gain", f"gain of a best response of {name}", color, "--", 1.3))
-    panel = Panel(lines, "return, exact", scale="from 0")
-    draw_panels(path, [[panel]], unit, title_of(trainee))
+        lines[f"{name}_gain"] = Series((), f"gain of a best response of {name}", color, "--", 1.3)
+    panel = Panel(known(rows, unit, lines), "return, exact", scale="from 0")
+    draw_panels(path, [[panel]], unit, title_of(results))
 
 
 def write_small_game_report(
@@ -112,6 +101,6 @@ def write_small_game_report(
         *section("Returns at the end", returns_table(results).markdown()),
         *section("Settings and command", *settings_and_command(folder, results)),
     ]
-    path, title = path or folder / REPORT, title_of(trainee)
+    path, title = path or folder / REPORT, title_of(results)
     write_page(path, title, parts, builder.data(title))
     return path
