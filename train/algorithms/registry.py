@@ -125,11 +125,9 @@ class Algorithm:
             f"recurrent={settings.recurrent!r} is not supported by {self.name}; use "
             f"{' or '.join(_names_of(lambda other: other.recurrent))}",
         )
-        what = "an arm, which is fully observable"
-        if isinstance(player, SmallGameSeat):
-            what = "a small game, whose exact results need policies without memory"
+        what = getattr(player, "NO_MEMORY", None)
         check(
-            settings.recurrent is None or isinstance(player, Seat),
+            settings.recurrent is None or what is None,
             f"recurrent={settings.recurrent!r} is not supported for {what}; leave it out",
         )
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +23,7 @@ from scripted_agents import (
     least_steps_of,
 )
 from scripted_agents.references import ExactReference, reference_of
-from train.evaluation.games import half_width, play_out
+from train.evaluation.games import half_width
 from train.evaluation.scores import (
     BY_STEPS,
     Contest,
@@ -84,6 +85,8 @@ class ArmContest(Contest[ArmPolicy, ReacherSimulator]):
     they would then depend on the policy.
     """
 
+    simulator: ClassVar[type[ReacherSimulator]] = ReacherSimulator
+
     task: ReacherTask
     episodes: int = 1000
     seed: int = EVALUATION_SEED
@@ -120,23 +123,9 @@ class ArmContest(Contest[ArmPolicy, ReacherSimulator]):
             f"at most {task.max_steps} steps"
         )
 
-    def starts(self) -> ReacherSimulator:
-        """A simulator of all episodes at their starts."""
-        return ReacherSimulator(self.task, self.episodes, self.seed, auto_restart=False)
-
-    def start(self, number: int) -> ReacherSimulator:
-        """As `Contest`."""
-        return ReacherSimulator(self.task, 1, self.seed, number, auto_restart=False)
-
     def stepper(self, games: ReacherSimulator, policy: ArmPolicy) -> Callable[[], None]:
         """As `Contest`."""
         return lambda: games.step(policy.act(games.view()))
-
-    def play(self, policy: ArmPolicy) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-        """As `Contest`; an episode that ends within the tolerance is won."""
-        arms = self.starts()
-        step = self.stepper(arms, policy)
-        return play_out(arms, step, lambda games: games.ended, lambda games: games.terminated)
 
     def score(self, name: str, policy: ArmPolicy) -> Score:
         """As `Contest`, by simulation."""

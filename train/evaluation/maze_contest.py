@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +45,8 @@ class MazeContest(Contest[Policy, Simulator]):
 
     Starts are seeded, and the same for all evaluated policies.
     """
+
+    simulator: ClassVar[type[Simulator]] = Simulator
 
     task: Task
     agent: str
@@ -122,14 +125,6 @@ class MazeContest(Contest[Policy, Simulator]):
             f"{task.name}: {self.agent} on maze {maze.name} ({maze.num_cells} cells; "
             f"{', '.join(parts)}){against}, at most {task.max_steps} steps"
         )
-
-    def starts(self) -> Simulator:
-        """The games of the evaluation at their starts."""
-        return Simulator(self.task, self.episodes, self.seed, auto_restart=False)
-
-    def start(self, number: int) -> Simulator:
-        """One of the games of the evaluation at its start."""
-        return Simulator(self.task, 1, self.seed, first_game=number, auto_restart=False)
 
     def play(self, policy: Policy) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
         """Play all episodes: lengths [episodes], and whether they were won [episodes]."""

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import ClassVar, Generic, Literal, Self, TypeVar
+from typing import Any, ClassVar, Generic, Literal, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from pursuit.tasks.task import Task
 from scripted_agents.games.simulator import GameSimulator, StatePolicy
 from scripted_agents.references import ExactReference
 from train.evaluation.departures import RATES
+from train.evaluation.games import play_out
 from train.evaluation.hidden_contest import Certificate
 from train.files import Plain
 
@@ -242,7 +243,17 @@ GamesT = TypeVar("GamesT", Simulator, ReacherSimulator, GameSimulator)
 
 
 class Contest(ABC, Generic[PolicyT, GamesT]):
-    """Evaluation of one agent; the base of all contests."""
+    """Evaluation of one agent; the base of all contests.
+
+    Attributes:
+        simulator: the class of the simulator of its games.
+        task, episodes, seed: what it simulates.
+    """
+
+    simulator: ClassVar[Any]
+    task: Any
+    episodes: int
+    seed: int
 
     @property
     @abstractmethod
@@ -284,9 +295,9 @@ class Contest(ABC, Generic[PolicyT, GamesT]):
     def score(self, name: str, policy: PolicyT) -> Score:
         """The score of a policy."""
 
-    @abstractmethod
     def optimal(self) -> Score | None:
-        """The exact optimum; None if it is not known."""
+        """The exact optimum in steps; None if it is not known."""
+        return None
 
     @abstractmethod
     def baselines(self) -> list[Score]:
@@ -302,21 +313,26 @@ class Contest(ABC, Generic[PolicyT, GamesT]):
 
     # -- episodes ------------------------------------------------------------------------------
 
-    @abstractmethod
     def starts(self) -> GamesT:
         """The games of the evaluation at their starts."""
+        games: GamesT = self.simulator(self.task, self.episodes, self.seed, auto_restart=False)
+        return games
 
-    @abstractmethod
     def start(self, number: int) -> GamesT:
         """One of the games of the evaluation at its start."""
+        games: GamesT = self.simulator(self.task, 1, self.seed, number, auto_restart=False)
+        return games
 
     @abstractmethod
     def stepper(self, games: GamesT, policy: PolicyT) -> Callable[[], None]:
         """A function that plays one step of games of this contest with a policy."""
 
-    @abstractmethod
     def play(self, policy: PolicyT) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-        """Play all episodes: lengths [episodes], and whether they were won [episodes]."""
+        """Play all episodes: lengths [episodes], and whether they were won [episodes]; in games
+        without a rule of their own those that end in time."""
+        games: Any = self.starts()
+        step = self.stepper(games, policy)
+        return play_out(games, step, lambda each: each.ended, lambda each: each.terminated)
 
     def game(self, policy: PolicyT, number: int) -> tuple[GamesT, Iterator[None]]:
         """One episode by number: a simulator at its start, and an iterator that plays it."""
@@ -347,6 +363,6 @@ class Contest(ABC, Generic[PolicyT, GamesT]):
 
     # -- lengths -------------------------------------------------------------------------------
 
-    @abstractmethod
     def optimal_lengths(self) -> NDArray[np.float64] | None:
         """[episodes] optimal length from each start; None if it is not known."""
+        return None

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,6 @@ from scripted_agents.games.rendering import scene_of
 from scripted_agents.games.simulator import GameSimulator, GameTask, StatePolicy
 from scripted_agents.games.solve import SmallResponse, nash_conv, respond
 from scripted_agents.references import ExactReference
-from train.evaluation.games import play_out
 from train.evaluation.scores import (
     BEST_RETURN,
     BY_RETURN,
@@ -41,6 +40,7 @@ class SmallGameContest(Contest[StatePolicy, GameSimulator]):
     """
 
     success: ClassVar[str] = "ended"
+    simulator: ClassVar[type[GameSimulator]] = GameSimulator
 
     task: GameTask
     agent: str
@@ -89,10 +89,6 @@ class SmallGameContest(Contest[StatePolicy, GameSimulator]):
             name, found.steps, 0.0, found.ended, self.episodes, exact=True, mean_return=mean
         )
 
-    def optimal(self) -> Score | None:
-        """None: a game has no optimum in steps."""
-        return None
-
     @cached_property
     def best(self) -> SmallResponse:
         """The best response within the time limit."""
@@ -125,14 +121,6 @@ class SmallGameContest(Contest[StatePolicy, GameSimulator]):
         """As `Contest`."""
         return strongest_reference(scores, learned, self.measure)
 
-    def starts(self) -> GameSimulator:
-        """As `Contest`."""
-        return GameSimulator(self.task, self.episodes, self.seed, auto_restart=False)
-
-    def start(self, number: int) -> GameSimulator:
-        """As `Contest`."""
-        return GameSimulator(self.task, 1, self.seed, number, auto_restart=False)
-
     def stepper(self, games: GameSimulator, policy: StatePolicy) -> Callable[[], None]:
         """As `Contest`."""
         by_name = {**self.opponents, self.agent: policy}
@@ -145,17 +133,6 @@ class SmallGameContest(Contest[StatePolicy, GameSimulator]):
 
         return step
 
-    def play(self, policy: StatePolicy) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-        """As `Contest`; an episode that ends in time counts as won."""
-        games: Any = self.starts()
-        return play_out(
-            games, self.stepper(games, policy), lambda each: each.ended, lambda e: e.terminated
-        )
-
     def scene(self, games: GameSimulator, caption: str) -> Drawable:
         """As `Contest`: the state as text."""
         return replace(scene_of(games), caption=caption)
-
-    def optimal_lengths(self) -> NDArray[np.float64] | None:
-        """None: there is no optimum in steps."""
-        return None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
@@ -32,6 +32,8 @@ class ArmSeat:
     task: ReacherTask
     encoding: str = "positions"
     network: str = "auto"
+    NO_MEMORY: ClassVar[str] = "an arm, which is fully observable"
+    """Why its policies have no memory."""
 
     @property
     def continuous(self) -> bool:

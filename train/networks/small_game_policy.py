@@ -37,6 +37,8 @@ class SmallGameSeat:
     continuous: ClassVar[bool] = False
     members: ClassVar[int] = 1
     frame_stack: ClassVar[int] = 1
+    NO_MEMORY: ClassVar[str] = "a small game, whose exact results need policies without memory"
+    """Why its policies have no memory."""
 
     @property
     def number(self) -> int:

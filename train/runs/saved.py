@@ -38,7 +38,7 @@ from train.settings.reading import (
 )
 from train.settings.run import AgentSettings, TrainSettings
 from train.settings.self_play import ROLES
-from train.settings.task import ReacherSettings, SmallGameSettings, task_form
+from train.settings.task import ReacherSettings, SmallGameSettings, TaskSettings, task_form
 from train.teaching.plan import training_task
 
 
@@ -109,19 +109,16 @@ def load_settings(folder: Path | str) -> AgentSettings:
 def player_of(settings: AgentSettings) -> AnySeat:
     """The learning agent in the training games of a run; ValueError if there is none."""
     given = settings.task
-    if isinstance(given, ReacherSettings):
+    if not isinstance(given, TaskSettings):
+        form = ArmSeat if isinstance(given, ReacherSettings) else SmallGameSeat
         check(
             settings.frame_stack == 1,
-            f"frame_stack={settings.frame_stack} is not supported for an arm, which is fully "
-            "observable; leave it out",
+            f"frame_stack={settings.frame_stack} is not supported for {form.NO_MEMORY}; leave it "
+            "out",
         )
+    if isinstance(given, ReacherSettings):
         return ArmSeat(given.build(), settings.observation, settings.network)
     if isinstance(given, SmallGameSettings):
-        check(
-            settings.frame_stack == 1,
-            f"frame_stack={settings.frame_stack} is not supported for a small game, whose exact "
-            "results need policies without memory; leave it out",
-        )
         game = game_of(given)
         player, seen, network = player_in(given, game), settings.observation, settings.network
         return SmallGameSeat(game, player, seen, network, settings.min_probability or 0.0)
