@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,8 +89,7 @@ class SmallGameSeat:
 
     def policy(self, network: PolicyNetwork, greedy: bool = True) -> SmallGamePolicy:
         """A policy with this network."""
-        seat: Any = self
-        return SmallGamePolicy(network, seat, greedy)
+        return SmallGamePolicy(network, self, greedy)  # type: ignore[arg-type]
 
 
 class SmallGamePolicy(NetworkPolicy):

@@ -98,13 +98,12 @@ def play_game_league(
     shape = (len(sides[0]), len(sides[1]))
     exact = np.zeros((2, *shape))
     sampled = np.zeros((*shape, games if task.game.zero_sum else 0))
-    for i, one in enumerate(sides[0]):
-        for j, two in enumerate(sides[1]):
-            pair = one.policy, two.policy
-            tables = {e.role: e.policy.table(task) for e in (one, two)}
-            exact[:, i, j] = play_of(task.game, tables, task.max_steps).returns
-            if task.game.zero_sum:
-                sampled[i, j] = sampled_returns(task, pair, games, evaluation_seed(seed))
+    for i, j in np.ndindex(shape):
+        one, two = sides[0][i].policy, sides[1][j].policy
+        tables = {first: one.table(task), second: two.table(task)}
+        exact[:, i, j] = play_of(task.game, tables, task.max_steps).returns
+        if task.game.zero_sum:
+            sampled[i, j] = sampled_returns(task, (one, two), games, evaluation_seed(seed))
     names = [[entry.name for entry in side] for side in sides]
     own = None if task.game.zero_sum else exact[0]
     how = (None, f"return of {second}", (first, second), own)

@@ -8,6 +8,7 @@ bounded from above by responses that know the snapshot, and from below by respon
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -99,7 +100,7 @@ def _replies_in_duel(task: Task, role: str, discount: float) -> tuple[Reply, Gai
 def _replies_in_game(task: GameTask, role: str, discount: float) -> tuple[Reply, Gain]:
     game, horizon = task.game, horizon_of(task, discount)
     other = next(name for name in game.players if name != role)
-    seat, value = game.player(other), equilibrium(game, discount, horizon).mean_over_starts
+    seat, value = game.player(other), value_in(task, discount)
     value = value if seat == 0 else -value
 
     def reply(table: Table) -> tuple[Table, float]:
@@ -120,9 +121,10 @@ def _table_of(task: Task | GameTask, policy: Any, least: float) -> Table:
     return without_improbable(table_in(task, policy), least)
 
 
-def can_mix(task: GameTask) -> bool:
-    """Whether bounds of mixtures are computed in a game: it is zero-sum, of two, and small."""
-    return task.game.zero_sum and len(task.game.choices) <= MOST_MIXED
+@lru_cache(maxsize=4)
+def value_in(task: GameTask, discount: float) -> float:
+    """The value of a zero-sum small game for the first player, computed once."""
+    return equilibrium(task.game, discount, horizon_of(task, discount)).mean_over_starts
 
 
 def mixture_nash_conv(
@@ -145,9 +147,9 @@ def mixture_nash_conv(
         None if a role does not learn or has no snapshot, if a snapshot is no table, or if a mixture
         has other policies than snapshots.
     """
-    if len(kept) < 2 or not all(kept.values()):
-        return None
-    if isinstance(task, GameTask) and not can_mix(task):
+    game = task.game if isinstance(task, GameTask) else None
+    able = game is None or (game.zero_sum and len(game.choices) <= MOST_MIXED)
+    if len(kept) < 2 or not all(kept.values()) or not able:
         return None
     bounds = []
     for role, members in kept.items():

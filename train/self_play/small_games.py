@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +12,11 @@ from numpy.typing import NDArray
 from scripted_agents.games.agents import UNIFORM
 from scripted_agents.games.episodes import play_of
 from scripted_agents.games.simulator import GameTask
-from scripted_agents.games.solve import equilibrium, nash_conv, returns_of
+from scripted_agents.games.solve import nash_conv, returns_of
 from train.files import Plain
 from train.runs.forms import Objective
 from train.runs.tasks import horizon_of
+from train.self_play.mixtures import value_in
 from train.self_play.parts import SelfPlayParts
 from train.self_play.trainee import SelfPlay
 from train.settings.task import GAME
@@ -28,30 +28,20 @@ MOST_SOLVED = 100_000
 Tables = dict[str, NDArray[np.float64]]
 
 
-@lru_cache(maxsize=4)
-def value_of(task: GameTask, discount: float) -> float | None:
-    """The value of a game for the first player, computed once; None unless it is zero-sum and
-    small."""
-    game = task.game
-    if not game.zero_sum or len(game.choices) > MOST_SOLVED:
-        return None
-    return equilibrium(game, discount, horizon_of(task, discount)).mean_over_starts
-
-
 def exact_row(task: GameTask, tables: Mapping[str, Any], discount: float) -> dict[str, float]:
     """NashConv of the policies of all players, returns, gains of best responses, and steps; in a
     small zero-sum game of two also its value and the exploitability of each."""
-    roles, value = task.agent_names, value_of(task, discount)
-    found = nash_conv(task.game, tables, discount, horizon_of(task, discount))
+    game, roles = task.game, task.agent_names
+    found = nash_conv(game, tables, discount, horizon_of(task, discount))
     row = {"nash_conv": found.nash_conv}
     row |= {f"{role}_return": found.returns[role] for role in roles}
     row |= {f"{role}_gain": found.gains[role] for role in roles}
-    if value is not None:
-        first, second = roles
+    if game.zero_sum and len(game.choices) <= MOST_SOLVED:
+        (first, second), value = roles, value_in(task, discount)
         row["game_value"] = value
         row[f"{first}_exploitability"] = found.best[second] + value
         row[f"{second}_exploitability"] = found.best[first] - value
-    row["steps"] = play_of(task.game, tables, task.max_steps).steps
+    row["steps"] = play_of(game, tables, task.max_steps).steps
     return row
 
 
