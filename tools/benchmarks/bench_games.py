@@ -9,9 +9,7 @@ values, which are equal. It needs OpenSpiel: pip install 'pursuit[openspiel]'.
 from __future__ import annotations
 
 import argparse
-import platform
 import random
-from pathlib import Path
 from time import perf_counter
 
 import numpy as np
@@ -20,6 +18,7 @@ from pursuit.plugins import OPENSPIEL
 from scripted_agents.games import GameSimulator, GameTask, load_game, nash_conv
 from scripted_agents.games.agents import named_agent, uniform_table
 from scripted_agents.games.episodes import longest_play
+from train.machine import processor
 
 try:
     import pyspiel
@@ -37,14 +36,6 @@ GAMES = (
 """Of OpenSpiel; the last one has chance moves."""
 SOLVED = (*GAMES[2:], "goofspiel(num_cards=5,points_order=descending)")
 """For NashConv."""
-
-
-def processor() -> str:
-    """The name of the processor."""
-    info = Path("/proc/cpuinfo")
-    lines = info.read_text(encoding="utf-8").splitlines() if info.exists() else []
-    names = (line.partition(": ")[2] for line in lines if line.startswith("model name"))
-    return next(names, platform.processor())
 
 
 class Copies:
@@ -129,13 +120,8 @@ def main() -> None:
         ]
         step, both, loop = np.max(rows, axis=0) / 1e6
         print(f"{name:<48}{step:>10.1f}{both:>10.1f}{loop:>11.4f}", flush=True)
-    titles = "".join(
-        f"{title:>{width}}"
-        for title, width in (
-            ("states", 8), ("enumerate", 12), ("ours", 12), ("OpenSpiel", 12),
-            ("ours", 14), ("OpenSpiel", 14),
-        )
-    )  # fmt: skip
+    titles = f"{'states':>8}{'enumerate':>12}" + f"{'ours':>12}{'OpenSpiel':>12}"
+    titles += f"{'ours':>14}{'OpenSpiel':>14}"
     print(f"\n{'NashConv of uniform play: seconds, values':<48}{titles}")
     for name in SOLVED:
         compare_nash_conv(name)

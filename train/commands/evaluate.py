@@ -181,8 +181,7 @@ def evaluate_and_print(
         print_bounds(contest)
     gap = UNKNOWN if loaded.gamma is None else objective_gap(contest, loaded.gamma)
     chosen = "greedy" if loaded.greedy else "sampled"
-    results = evaluation_of(scores, chosen, contest, gap)
-    results["evaluation"] |= contest.columns(policies[evaluated])
+    results = evaluation_of(scores, chosen, contest, gap, policies[evaluated])
     print_reference(results["reference"], contest)
     if loaded.gamma is not None:
         print_objective_gap(results["evaluation"], loaded.gamma)

@@ -170,15 +170,13 @@ class SingleAgent:
         scores = [*contest.baselines(), *(contest.score(*each) for each in policies.items())]
         build, plan = self.parts.build, self.parts.plan
         objective = objective_gap(contest, self.parts.hyper.last_gamma)
-        found = evaluation_of(scores, self.evaluated, contest, objective)
-        found["evaluation"] |= contest.columns(self.policy)
         return {
             **contest.describe(),
             "algorithm": self.parts.algorithm.name,
             "curriculum": "none" if plan is None else plan.name,
             "seed": build.seed,
             **({} if self.replicas is None else {"processes": self.replicas.processes}),
-            **found,
+            **evaluation_of(scores, self.evaluated, contest, objective, self.policy),
             "device": build.device,
             "precision": build.precision,
             **({} if self.update_form is None else {"update": self.update_form}),
@@ -241,10 +239,12 @@ def evaluation_of(
     evaluated: str,
     contest: AnyContest,
     objective: ObjectiveGap = UNKNOWN,
+    policy: Any = None,
 ) -> Plain:
-    """ "evaluation", "reference" and "scores" of `results.json`; `objective` is the objective gap.
+    """ "evaluation", "reference" and "scores" of `results.json`.
 
-    With a limited view the optimum is an interval.
+    `objective` is the objective gap; `policy` the evaluated policy, for `Contest.columns`. With a
+    limited view the optimum is an interval.
     """
     by_name = {score.name: score for score in scores}
     learned = by_name["learned" if evaluated == "greedy" else "learned, sampled"]
@@ -287,6 +287,7 @@ def evaluation_of(
             **({"outcome_gap": objective.missing_return} if learned.rates else {}),
             **certified,
             **others,
+            **({} if policy is None else contest.columns(policy)),
             **learned.rates,
         },
         "reference": {} if held is None else asdict(held),
