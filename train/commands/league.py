@@ -15,7 +15,7 @@ from train.commands.parse import parse, print_warnings
 from train.files import Plain, check_output_folder, hold, write_json
 from train.reports.tables import ResultTable, print_table
 from train.runs.provenance import command_line
-from train.settings.checks import Settings
+from train.settings.checks import Settings, check_default
 from train.settings.self_play import MEMBERS, ROLES
 from train.settings.task import GAME
 
@@ -84,9 +84,8 @@ def league(arguments: Sequence[str]) -> None:
     with print_warnings():
         models = (given.model_roles, given.model_observations)
         if given.game is not None:
-            for name in ("maze", "opponent_epsilon", "model_roles", "model_observations"):
-                value = getattr(given, name)
-                check(not value, f"{name}={value!r} is for games in mazes; leave it out")
+            of_mazes = ("maze", "opponent_epsilon", "model_roles", "model_observations")
+            check_default(given, LeagueCommand, of_mazes, "it is for games in mazes")
             task, entered = enter_game(names, given.game, given.greedy, given.names)
             where, place = {"task": GAME, "maze": None, "game": task.name}, f"in game {task.name}"
         else:

@@ -80,12 +80,11 @@ class SmallGameSeat:
         shape, states = self.observed.shape[1:], self.task.game.num_states
         if self.encoding == INDEX:
             high = np.array([states - 1], dtype=np.int32)
-            return features_for(
-                Features("index", shape, high, np.arange(states + 1), states), self.network
-            )
-        largest = np.abs(self.observed).max(axis=0)
-        kind = "planes" if len(shape) == 3 else "flat"
-        return features_for(Features(kind, shape, np.maximum(largest, 1e-6)), self.network)  # type: ignore[arg-type]
+            seen = Features("index", shape, high, np.arange(states + 1), states)
+        else:
+            largest = np.maximum(np.abs(self.observed).max(axis=0), 1e-6)
+            seen = Features("planes" if len(shape) == 3 else "flat", shape, largest)
+        return features_for(seen, self.network)
 
     def policy(self, network: PolicyNetwork, greedy: bool = True) -> SmallGamePolicy:
         """A policy with this network."""

@@ -46,10 +46,10 @@ def enter_game(
     )
     title = dict(zip(names, entry_names(names, _is_named, called), strict=True))
     first = next((name for name in names if not _is_named(name)), None)
-    found: list[tuple[str, str, str]] = []  # title, player, policy
+    entries: list[Entry] = []
     for name in names:
         if _is_named(name):
-            found += [(title[name], player, name) for player in _players_of(name, task)]
+            entries += _named_entries(name, title[name], task)
             continue
         for path in folders_of(name, players, AGENTS):
             own = load_settings(path).task
@@ -57,27 +57,27 @@ def enter_game(
                 raise ValueError(f"{name}: a run of task {own.task!r}; give a run of game {game}")
             if name == first:
                 task = replace(task, max_steps=own.max_steps)
-            found.append((title[name], player_in(own, game_of(own)), str(path)))
+            player = player_in(own, game_of(own))
+            policy = player_policy(str(path), task, player, 0.0, greedy)
+            entries.append(Entry(title[name], player, policy))
     for player in players:
         check(
-            any(own == player for _, own, _ in found),
+            any(entry.role == player for entry in entries),
             f"no policy of {player} among the entries; add uniform, or a run of {player}",
         )
-    policies = (player_policy(name, task, player, 0.0, greedy) for _, player, name in found)
-    return task, [Entry(*own[:2], policy) for own, policy in zip(found, policies, strict=True)]
+    return task, entries
 
 
 def _is_named(name: str) -> bool:
     return name in AGENTS or is_custom_policy(name)
 
 
-def _players_of(name: str, task: GameTask) -> list[str]:
-    """The players that a named policy can play; ValueError if there is none."""
-    found, refused = list[str](), ValueError()
+def _named_entries(name: str, title: str, task: GameTask) -> list[Entry]:
+    """A named policy for every player that it can play; ValueError if there is none."""
+    found, refused = list[Entry](), ValueError()
     for player in task.agent_names:
         try:
-            player_policy(name, task, player)
-            found.append(player)
+            found.append(Entry(title, player, player_policy(name, task, player)))
         except ValueError as error:
             refused = error
     if not found:

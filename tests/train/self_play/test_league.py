@@ -237,8 +237,8 @@ def test_evaluations_never_use_training_seeds(
             seeds.append(seed)
             super().seed(seed, games)
 
-    for module in ("maze_contest", "matchups"):
-        monkeypatch.setattr(f"train.evaluation.{module}.Simulator", Spied)
+    monkeypatch.setattr("train.evaluation.maze_contest.MazeContest.simulator", Spied)
+    monkeypatch.setattr("train.evaluation.matchups.Simulator", Spied)
     monkeypatch.chdir(tmp_path)
     main(["league", "astar", "random", "--maze", "3x3", "--games", "2", "--seed", "5"])
     main(["baseline", "--task", "maze", "--maze", "3x3", "--episodes", "2", "--seed", "5"])
