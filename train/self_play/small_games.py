@@ -45,8 +45,8 @@ def exact_row(task: GameTask, tables: Mapping[str, Any], discount: float) -> dic
     return row
 
 
-def described(task: GameTask, discount: float) -> Plain:
-    """The game of results: its name, size, players and discount."""
+def described(task: GameTask) -> Plain:
+    """The game of results: its name, size and players."""
     return {
         "task": GAME,
         "game": task.name,
@@ -54,7 +54,6 @@ def described(task: GameTask, discount: float) -> Plain:
         "states": task.game.num_states,
         "players": list(task.agent_names),
         "zero_sum": task.game.zero_sum,
-        "discount": discount,
     }
 
 
@@ -124,8 +123,8 @@ class SmallGamePlay(SelfPlay):
         games of two also NashConv of mixtures of snapshots (`snapshot_results`)."""
         dry = self.limits.is_dry_run
         evaluation = dict(self.last) if dry and self.last else self.evaluate()
-        game = described(self.task, self.parts.discount)
-        content = self.content(game, evaluation, {"returns": self.all_returns()})
+        played = {"returns": self.all_returns()}
+        content = self.content(described(self.task), evaluation, played)
         if not interrupted:
             self.add_snapshot_results(content, {role: self.policy(role) for role in self.pools})
         return content
