@@ -47,6 +47,7 @@ bench: $(SETUP)
 	$(BIN)/python tools/benchmarks/bench_self_play.py
 	$(BIN)/python tools/benchmarks/bench_viewer.py
 	$(BIN)/python tools/benchmarks/bench_searchers.py
+	$(BIN)/python tools/benchmarks/bench_games.py
 
 campaign: $(SETUP)
 	$(BIN)/python tools/campaign/campaign.py

@@ -1,11 +1,13 @@
 """Pursuit: mazes, chasers, evaders and runners, with exact optima as references.
 
 Importing this package registers the Gymnasium ids `pursuit/Chaser-v0`, `pursuit/Evader-v0`,
-`pursuit/Maze-v0`, `pursuit/Race-v0`, `pursuit/HeistChaser-v0`, `pursuit/HeistEvader-v0` and
-`pursuit/Reacher-v0`, and the PettingZoo ids `pursuit/chase-v0`, `pursuit/maze-v0`,
-`pursuit/race-v0`, `pursuit/heist-v0` and `pursuit/reacher-v0`, both "parallel" and "aec". The names
-in `__init__.pyi` are imported on first use, which keeps `import pursuit` fast. They include what
-users need of `scripted_agents` and `train` for policies, runs and evaluation.
+`pursuit/Maze-v0`, `pursuit/Race-v0`, `pursuit/HeistChaser-v0`, `pursuit/HeistEvader-v0`,
+`pursuit/EscapeChaser-v0`, `pursuit/EscapeEvader-v0`, `pursuit/Reacher-v0` and
+`pursuit/SmallGame-v0`, and the PettingZoo ids `pursuit/chase-v0`, `pursuit/maze-v0`,
+`pursuit/race-v0`, `pursuit/heist-v0`, `pursuit/escape-v0`, `pursuit/reacher-v0` and
+`pursuit/small_game-v0`, both "parallel" and "aec". The names in `__init__.pyi` are imported on
+first use, which keeps `import pursuit` fast. They include what users need of `scripted_agents` and
+`train` for policies, runs and evaluation.
 """
 
 import ast
@@ -55,11 +57,17 @@ gymnasium.register(
     entry_point="pursuit.reacher.single_agent:reacher_env",
     vector_entry_point="pursuit.reacher.single_agent:reacher_vector_env",
 )
+gymnasium.register(
+    id="pursuit/SmallGame-v0",
+    entry_point="pursuit.scripted_agents.games.env:small_game_env",
+    vector_entry_point="pursuit.scripted_agents.games.env:small_game_vector_env",
+)
 with contextlib.suppress(FileNotFoundError):  # PettingZoo reads the current folder at its import
     import pettingzoo
 
     if hasattr(pettingzoo, "register"):  # PettingZoo has a registry since 1.27
-        for _task in ("chase", "maze", "race", "heist", "escape", "reacher"):
+        for _task in ("chase", "maze", "race", "heist", "escape", "reacher", "small_game"):
+            _folder = "pursuit.scripted_agents.games" if _task == "small_game" else "pursuit"
             for _type, _maker in (("parallel", "parallel_env"), ("aec", "env")):
-                _entry = f"pursuit.{_task}_v0:{_maker}"
+                _entry = f"{_folder}.{_task}_v0:{_maker}"
                 pettingzoo.register(_type, f"pursuit/{_task}-v0", entry_point=_entry)

@@ -182,7 +182,8 @@ def simulator_of(env: object) -> Any:
     for layer in _layers(env):
         if hasattr(layer, "auto_restart") and hasattr(layer, "get_state"):
             return layer
-        own = vars(layer).get("simulator")
+        kept = vars(layer)  # a small game has the simulator of its task in `recorded`
+        own = kept.get("recorded", kept.get("simulator"))
         if own is not None:
             return own
     raise ValueError(

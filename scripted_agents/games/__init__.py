@@ -4,11 +4,18 @@ Write a `Game` (or take a PettingZoo environment as a `ParallelGame`), list its 
 `enumerate_game`, and ask for `returns_of`, `respond`, `nash_conv` and `equilibrium`.
 """
 
+from scripted_agents.games import small_game_v0 as small_game_v0
+from scripted_agents.games.agents import TableAgent as TableAgent
 from scripted_agents.games.enumeration import enumerate_game as enumerate_game
 from scripted_agents.games.env import SmallGameEnv as SmallGameEnv
+from scripted_agents.games.env import SmallGameVectorEnv as SmallGameVectorEnv
 from scripted_agents.games.game import Game as Game
 from scripted_agents.games.game import ParallelGame as ParallelGame
+from scripted_agents.games.named import load_game as load_game
+from scripted_agents.games.simulator import GameSimulator as GameSimulator
+from scripted_agents.games.simulator import GameTask as GameTask
 from scripted_agents.games.small_game import SmallGame as SmallGame
+from scripted_agents.games.small_game_v0 import SmallGameParallelEnv as SmallGameParallelEnv
 from scripted_agents.games.solve import SmallEquilibrium as SmallEquilibrium
 from scripted_agents.games.solve import SmallResponse as SmallResponse
 from scripted_agents.games.solve import equilibrium as equilibrium

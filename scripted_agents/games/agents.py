@@ -47,10 +47,7 @@ class TableAgent:
         game, self._seat = task.game, task.seat(player)
         self._own = game.table(player, policy)
         self._offsets = game.offsets(self._seat)
-        sizes = np.diff(self._offsets)
-        sums = np.cumsum(self._own)
-        before = np.concatenate([[0.0], sums])[self._offsets[:-1]]
-        self._sums = sums - np.repeat(before, sizes)
+        self._sums = tables.row_sums(self._own, self._offsets)
         numbers = np.arange(task.num_actions(player), dtype=np.float64)
         every = np.broadcast_to(numbers, (game.num_states, len(numbers)))
         self._numbers = task.flat(player, every).astype(np.int32)

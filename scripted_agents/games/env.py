@@ -1,120 +1,327 @@
-"""One player of a small game as a Gymnasium environment, to train in any library."""
+"""One player of a small game as Gymnasium environments, to train in any library."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from typing import Any
 
-import gymnasium
 import numpy as np
+from gymnasium.vector import AutoresetMode
 from numpy.typing import ArrayLike, NDArray
 
-from pursuit.environments.types import Info, Options, Single
+from pursuit.environments.parallel import RENDER_FPS
+from pursuit.environments.single_env import SingleEnv, checked_actions
+from pursuit.environments.types import Observations, Options, Single, Space, Vector
+from pursuit.environments.vector import LockstepVectorEnv
+from pursuit.observations.masks import ACTION_MASK
+from pursuit.rendering.windows import metadata_of
 from pursuit.rules.arrays import Array
 from pursuit.simulator.simulator import Simulator
-from pursuit.validation import as_array, shortened, whole
+from pursuit.validation import check_bool, named_settings, one_of, shortened, whole
+from scripted_agents.games.encoding import encoded_states
 from scripted_agents.games.game import State
-from scripted_agents.games.small_game import SmallGame
-from scripted_agents.games.solve import Policies, check_game, tables_of
+from scripted_agents.games.rendering import StateScene, scene_of
+from scripted_agents.games.seats import (
+    Opponent,
+    PlayedGame,
+    action_number,
+    begin,
+    opponents_of,
+    seat_policies,
+    spaces_of,
+    task_of,
+    with_waits,
+)
+from scripted_agents.games.simulator import (
+    ENCODINGS,
+    ONE_HOT,
+    GameSimulator,
+    GameTask,
+    StatePolicy,
+)
+
+Policies = Mapping[str, Opponent]
 
 
-class SmallGameEnv(Single):
-    """One player of an enumerated game; policies play the others.
+class SeatOfSmallGame:
+    """One player of a batch of games, with policies for the others.
 
-    Actions are indices in the legal actions. The observation is a one-hot vector of the state's
-    number, [states] float32, or `encode(state)`. `action_masks()` is that of MaskablePPO. In a game
-    of `game_of_task` a simulator plays the same episode, which `pursuit.Recorder` records.
+    Implements the methods that `SingleEnv` and `LockstepVectorEnv` need.
+    """
+
+    simulator: GameSimulator
+    task: GameTask
+    policies: list[StatePolicy | None]
+    _table: NDArray[np.float32] | None = None
+    """[states, *shape], the observations of `encode`."""
+
+    def _take_seat(
+        self,
+        task: GameTask,
+        player: str | int,
+        policies: Policies,
+        num_envs: int,
+        observation: str,
+        mask_in_observation: bool,
+    ) -> tuple[GameSimulator, Space, Space]:
+        """Set the policies; the simulator, and the spaces of observations and actions."""
+        self.game, self.player = task.game, task.seat(player)
+        self.policies = seat_policies(task, policies, self.player)
+        self.observation = one_of("observation", observation, ENCODINGS)
+        self.mask_in_observation = check_bool("mask_in_observation", mask_in_observation)
+        spaces = spaces_of(task, self.player, observation, mask_in_observation, self._table)
+        self._legal = task.legal(self.player)
+        self.has_masks = not self._legal.all()
+        self._actions = np.zeros((num_envs, task.num_agents), dtype=np.int32)
+        return GameSimulator(task, num_envs, auto_restart=False), *spaces
+
+    def _begin(
+        self, seed: int | None, options: Options, games: NDArray[np.bool_] | None = None
+    ) -> None:
+        begin(self.simulator, seed, options, games)
+
+    def _checked_legal(self, actions: Array, over: NDArray[np.bool_]) -> NDArray[np.int32]:
+        """[games] the numbers of legal actions, except in games of the mask `over`."""
+        simulator = self.simulator
+        numbers = with_waits(simulator, self.player, actions)
+        wrong = ~self._legal[simulator.state, numbers] & ~over
+        if wrong.any():
+            game = int(wrong.argmax())
+            raise ValueError(simulator.why_illegal(game, self.player, int(numbers[game])))
+        return numbers
+
+    def _advance(self, actions: Array | int) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
+        simulator = self.simulator
+        simulator.act(self.policies, self._actions)
+        self._actions[:, self.player] = actions
+        simulator.step(self._actions)
+        return simulator.rewards[:, self.player], simulator.terminated, simulator.truncated
+
+    def _observe(self) -> Observations:
+        if self._table is not None:
+            observed: Array = self._table[self.simulator.state]
+        else:
+            observed = self.simulator.observe(self.observation, self.player)
+        if not self.mask_in_observation:
+            return observed
+        return {"observation": observed, ACTION_MASK: self._masks().astype(np.int8)}
+
+    def _returns(self) -> NDArray[np.float64]:
+        return self.simulator.returns[:, self.player]
+
+    def _infos(self) -> dict[str, Array]:
+        return {ACTION_MASK: self._masks().astype(np.int8)} if self.has_masks else {}
+
+    def _masks(self) -> NDArray[np.bool_]:
+        """[games, actions], a new array: the legal actions."""
+        return self._legal[self.simulator.state]
+
+    def _scene(self, game: int = 0) -> StateScene:
+        return scene_of(self.simulator, game)
+
+
+# skrl looks for Gymnasium's class among the direct bases only.
+class SmallGameEnv(SeatOfSmallGame, SingleEnv, Single):
+    """One player of an enumerated game as a Gymnasium environment; policies play the others.
+
+    Actions are numbers of `game.action_lists[player]`. Illegal ones are refused; while your player
+    is not to move (its only action is None) the action is ignored. If not all actions are legal in
+    all states, the info holds "action_mask", [actions] int8, and `action_masks()` is that of
+    MaskablePPO. The reward is the expected one of the joint action. The info of the last step holds
+    "episode_return" and "episode_length". `reset(options={"state": state})` starts in this state.
+
+    In a game of `game_of_task` a simulator of the task, `recorded`, plays the same episode, which
+    `pursuit.Recorder` records.
 
     Args:
         game: the game.
-        player: your player.
-        policies: of all other players; see `SmallGame.table`.
-        max_steps: steps after which an episode is truncated.
-        encode: a function of a state that returns an array; None for one-hot vectors.
+        player: your player, by name or index.
+        policies: of all other players: see `SmallGame.table`, or a `TableAgent`.
+        max_steps: steps after which an episode is truncated; None for those of a `GameTask`, or
+            else 200.
+        encode: a function of a state that returns an array of numbers, in place of `observation`.
+        observation: "one_hot" ([states] float32), "index" ([1] int32), or "observe", the function
+            of the game.
+        render_mode: None, "ansi", "rgb_array" or "human": the text of `draw(state)` of the game, or
+            of the state.
+        mask_in_observation: whether observations are {"observation", "action_mask"}.
 
     Raises:
         ValueError: an invalid argument, or a policy that is missing or no distribution. In `step`:
-            an action that is not legal.
+            an action that is not legal; nothing is changed then.
     """
+
+    simulator: GameSimulator
+    task: GameTask
 
     def __init__(
         self,
-        game: SmallGame,
-        player: str,
+        game: PlayedGame,
+        player: str | int,
         policies: Policies,
-        max_steps: int = 200,
-        encode: Callable[[State], Array] | None = None,
+        max_steps: int | None = None,
+        encode: Callable[[State], ArrayLike] | None = None,
+        observation: str = ONE_HOT,
+        render_mode: str | None = None,
+        mask_in_observation: bool = False,
     ) -> None:
-        check_game(game)
-        self.game, self.player = game, game.player(player)
-        self.max_steps = whole("max_steps", max_steps, 1)
-        others = [name for name in game.players if name != player]
-        self._tables = tables_of(game, policies, others)
-        if encode is not None and not callable(encode):
-            raise ValueError(f"encode={encode!r}; give a function of a state, or None")
-        self._offsets = {number: game.offsets(number) for number in self._tables}
-        self._encode = encode
-        most = max(map(len, game.actions[self.player]))
-        self.action_space = gymnasium.spaces.Discrete(most)
-        shape = np.shape(self._observe(0))
-        self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, shape, np.float32)
-        self.state, self.steps = 0, 0
-        self.simulator: Simulator | None = None
-        if game.task is not None:
-            played = replace(game.task, max_steps=self.max_steps)
-            self.simulator = Simulator(played, auto_restart=False)
-            self.simulator.last_seed = None
+        task = task_of(game, max_steps)
+        self._render_as(render_mode, RENDER_FPS)
+        if encode is not None:
+            if not callable(encode):
+                raise ValueError(f"encode={encode!r}; give a function of a state, or None")
+            self._table = encoded_states(
+                task.game.states, encode, lambda state: f"encode({shortened(state)})"
+            )
+        seat = self._take_seat(task, player, policies, 1, observation, mask_in_observation)
+        super().__init__(*seat)
+        self.recorded: Simulator | None = None
+        if task.game.task is not None:
+            self.recorded = Simulator(
+                replace(task.game.task, max_steps=task.max_steps), auto_restart=False
+            )
+            self.recorded.last_seed = None
 
-    def observations(self) -> NDArray[np.float32]:
-        """[states, *shape] float32: the observation in every state, to compute a table."""
-        return np.stack([self._observe(number) for number in range(self.game.num_states)])
+    @property
+    def state(self) -> int:
+        """The number of the present state; after an episode of that before the end."""
+        return int(self.simulator.state[0])
+
+    @property
+    def steps(self) -> int:
+        """Steps of the episode so far."""
+        return int(self.simulator.steps[0])
+
+    def observations(self) -> Array:
+        """[states, *shape]: the observation in every state, to compute a table."""
+        if self._table is not None:
+            return self._table.copy()
+        return self.task.observations(self.player, self.observation).copy()
 
     def action_masks(self) -> NDArray[np.bool_]:
         """[actions] bool, the legal actions of the present state."""
-        legal = len(self.game.actions[self.player][self.state])
-        return np.arange(self.action_space.n) < legal  # type: ignore[attr-defined]
+        return self._masks()[0]
 
-    def reset(self, *, seed: int | None = None, options: Options = None) -> tuple[Array, Info]:
-        """A state drawn by the start probabilities."""
-        super().reset(seed=seed)
-        self.state = int(self.np_random.choice(self.game.num_states, p=self.game.start))
-        self.steps = 0
-        if self.simulator is not None:
+    def _begin(
+        self, seed: int | None, options: Options, games: NDArray[np.bool_] | None = None
+    ) -> None:
+        super()._begin(seed, options, games)
+        if self.recorded is not None:
             start: State = self.game.states[self.state]
-            exits = start[2] if self.simulator.task.num_exits else None
-            self.simulator.place(start[0], start[1] or None, seed=seed, exits=exits)
-        return self._observe(self.state), {}
+            exits = start[2] if self.recorded.task.num_exits else None
+            self.recorded.place(start[0], start[1] or None, seed=seed, exits=exits)
 
-    def step(self, action: ArrayLike) -> tuple[Array, float, bool, bool, Info]:
-        """One step; the reward is the expected one of the joint action."""
-        game = self.game
-        legal = len(game.actions[self.player][self.state])
-        rule = f"{game.states[self.state]!r} has {legal} actions, give 0 to {legal - 1}"
-        given = as_array("action", action, "iu", rule)
-        if given.size != 1 or not 0 <= given.item() < legal:
-            raise ValueError(f"action={shortened(action)}; {rule}")
-        chosen = [given.item()] * len(game.actions)
-        for number, table in self._tables.items():
-            first, last = self._offsets[number][self.state : self.state + 2]
-            chosen[number] = int(self.np_random.choice(last - first, p=table[first:last]))
-        if self.simulator is not None:
-            rows = zip(game.actions, chosen, strict=True)
-            self.simulator.step([[actions[self.state][index] for actions, index in rows]])
-        joint = game.joint_action(self.state, chosen)
-        states, chances = game.outcomes(joint)
-        draw, ended = self.np_random.random(), True
-        place = int(np.searchsorted(chances.cumsum(), draw, side="right"))
-        if place < len(chances):
-            self.state, ended = int(states[place]), False
-        self.steps += 1
-        reward = float(game.rewards[joint, self.player])
-        truncated = not ended and self.steps >= self.max_steps
-        return self._observe(self.state), reward, ended, truncated, {}
+    def _checked(self, actions: ArrayLike) -> Array:
+        number = action_number(self.task, self.player, actions)
+        return self._checked_legal(np.array([number], dtype=np.int32), self.simulator.ended)
 
-    def _observe(self, number: int) -> NDArray[np.float32]:
-        if self._encode is not None:
-            given = self._encode(self.game.states[number])
-            return as_array("encode(state)", given, "biuf", "numbers").astype(np.float32)
-        seen = np.zeros(self.game.num_states, dtype=np.float32)
-        seen[number] = 1.0
-        return seen
+    def _advance(self, actions: Array | int) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
+        results = super()._advance(actions)
+        if self.recorded is not None:
+            pairs = zip(self.game.action_lists, self._actions[0].tolist(), strict=True)
+            self.recorded.step([[every[number] for every, number in pairs]])
+        return results
+
+
+class SmallGameVectorEnv(SeatOfSmallGame, LockstepVectorEnv, Vector):
+    """One player of many copies of a game as a Gymnasium vector environment over a `GameSimulator`.
+
+    For restarts and infos see `pursuit.environments.vector`, for actions `SmallGameEnv`.
+
+    Args:
+        game, player, policies, max_steps, observation, mask_in_observation: as of `SmallGameEnv`.
+        num_envs: games in the batch.
+        render_mode: None, "ansi" or "rgb_array".
+        seed: seed of the first reset, if `reset` gets none.
+        autoreset_mode: one of `gymnasium.vector.AutoresetMode`, or its name.
+
+    Raises:
+        ValueError: an invalid argument, or a policy that is missing or no distribution.
+    """
+
+    simulator: GameSimulator
+    task: GameTask
+
+    def __init__(
+        self,
+        game: PlayedGame,
+        player: str | int,
+        policies: Policies,
+        num_envs: int = 1,
+        max_steps: int | None = None,
+        observation: str = ONE_HOT,
+        render_mode: str | None = None,
+        seed: int | None = None,
+        autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
+        mask_in_observation: bool = False,
+    ) -> None:
+        num_envs = whole("num_envs", num_envs, 1, 2**63 - 1)
+        task = task_of(game, max_steps)
+        seat = self._take_seat(task, player, policies, num_envs, observation, mask_in_observation)
+        super().__init__(*seat, render_mode, RENDER_FPS, seed, autoreset_mode)
+
+    def action_masks(self) -> NDArray[np.bool_]:
+        """[num_envs, actions] bool, the legal actions of the present states."""
+        return self._masks()
+
+    def _checked(self, actions: ArrayLike) -> Array:
+        most = self.task.num_actions(self.player) - 1
+        rule = f"integers from 0 to {most}"
+        given = checked_actions(actions, "iu", (self.num_envs,), rule, (0, most))
+        return self._checked_legal(given, self.simulator.ended | self._over)
+
+
+def _arguments(
+    game: PlayedGame, player: str | int, opponent: Any, epsilon: float, settings: dict[str, Any]
+) -> dict[str, Any]:
+    """The arguments of a registered environment."""
+    limit: dict[str, Any] = {
+        name: settings.pop(name) for name in ("max_steps", "max_cycles") if name in settings
+    }
+    task = task_of(game, **named_settings("SmallGame-v0", limit, ("max_steps",)))
+    policies = opponents_of(task, task.seat(player), opponent, epsilon)
+    return {"game": task, "player": player, "policies": policies, **settings}
+
+
+def small_game_env(
+    game: PlayedGame,
+    player: str | int = 0,
+    opponent: Any = "uniform",
+    opponent_epsilon: float = 0.0,
+    **settings: Any,
+) -> SmallGameEnv:
+    """`pursuit/SmallGame-v0`: a player of a small game.
+
+    Args:
+        game: the game, or its name; see `load_game`.
+        player: your player, by name or index.
+        opponent: of all other players, or a dict by player: "uniform", "equilibrium",
+            package.module:Name of a function of a state, or a policy as of `SmallGameEnv`.
+        opponent_epsilon: the probability of random actions of opponents by name.
+        **settings: the other arguments of `SmallGameEnv`; max_cycles is another name of max_steps.
+    """
+    return SmallGameEnv(**_arguments(game, player, opponent, opponent_epsilon, settings))
+
+
+# `gymnasium.make` reads there which render modes need a wrapper of its own.
+small_game_env.metadata = metadata_of(RENDER_FPS)  # type: ignore[attr-defined]
+
+
+def small_game_vector_env(
+    game: PlayedGame,
+    player: str | int = 0,
+    opponent: Any = "uniform",
+    opponent_epsilon: float = 0.0,
+    max_episode_steps: int | None = None,
+    **settings: Any,
+) -> SmallGameVectorEnv:
+    """`pursuit/SmallGame-v0`, vectorised over the `GameSimulator`.
+
+    Args:
+        max_episode_steps: truncates earlier than the task, as a TimeLimit; -1 for no limit.
+        **settings: the other arguments of `SmallGameVectorEnv`; max_cycles as above.
+    """
+    envs = SmallGameVectorEnv(**_arguments(game, player, opponent, opponent_epsilon, settings))
+    envs.limit_episodes(max_episode_steps)
+    return envs

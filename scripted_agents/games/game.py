@@ -29,7 +29,8 @@ class Game(Protocol):
         players: the name of each player.
     """
 
-    players: Sequence[str]
+    @property
+    def players(self) -> Sequence[str]: ...  # noqa: D102 -- see the class
 
     def starts(self) -> Iterable[tuple[float, Hashable]]:
         """The probability of each start state."""

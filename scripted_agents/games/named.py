@@ -76,8 +76,7 @@ def game_named(text: str) -> Game:
                 f"game={shortened(text)} needs OpenSpiel, which is not installed ({error.name}); "
                 "pip install 'pursuit[openspiel]'"
             ) from None
-        spiel: Any = openspiel_game(str(text).strip().removeprefix(OPENSPIEL))
-        return spiel
+        return openspiel_game(str(text).strip().removeprefix(OPENSPIEL))
     values = arguments_of(text, given)
     if name in SHIPPED:
         module, _, attribute = SHIPPED[name].partition(":")

@@ -16,8 +16,9 @@ from pursuit.rules.randomness import draw_uniform
 from pursuit.simulator.batch import BatchSimulator
 from pursuit.simulator.next_episode import fill_epsilon, game_indices
 from pursuit.simulator.state import SimulatorState, check_range
-from pursuit.validation import as_array, check, one_of, raised, shortened, whole
+from pursuit.validation import as_array, check, one_of, shortened, whole
 from scripted_agents.games import tables
+from scripted_agents.games.encoding import encoded_states
 from scripted_agents.games.small_game import SmallGame
 from scripted_agents.games.solve import check_game
 
@@ -115,37 +116,31 @@ class GameTask:
 
     def _all_observations(self, seat: int) -> NDArray[np.float32]:
         function = getattr(self.game.source, "observe", None)
-        name, states = self.game.players[seat], self.game.states
         check(
             callable(function),
             f"observation='observe', but game {self.name!r} has no function observe(state, "
             "player); write one, or use index or one_hot",
         )
-        found: NDArray[np.float32] = np.zeros((0, 0), dtype=np.float32)
-        for number, state in enumerate(states):
-            try:
-                given = function(state, seat)  # type: ignore[misc]
-            except Exception as error:  # of the user's code
-                raise ValueError(
-                    f"observe({shortened(state)}, {seat}) raised {raised(error)}; mend it"
-                ) from error
-            what = f"observe({shortened(state)}, {seat}), of {name},"
-            row = as_array(what, given, "biuf", "return an array of numbers")
-            if number == 0:
-                needed = 4 * row.size * len(states)
-                check_memory(f"observe for {len(states):,} states", needed, "return smaller arrays")
-                found = np.empty((len(states), *row.shape), dtype=np.float32)
-            check(
-                row.shape == found.shape[1:],
-                f"{what} has shape {row.shape}, and {found.shape[1:]} in the first state; return "
-                "arrays of one shape",
+        return encoded_states(
+            self.game.states,
+            lambda state: function(state, seat),  # type: ignore[misc]
+            lambda state: f"observe({shortened(state)}, {seat})",
+        )
+
+    @cached_property
+    def waiting(self) -> NDArray[np.bool_]:
+        """[players, states] bool: whether a player is not to move, as its only action is None."""
+        rows = []
+        for seat, every in enumerate(self.game.action_lists):
+            alone = self.tables.sizes[:, seat] == 1
+            rows.append(
+                alone & (every[-1] is None) & (self.tables.places[seat, :, len(every) - 1] >= 0)
             )
-            check(
-                bool(np.isfinite(row).all()),
-                f"{what} contains numbers that are not finite; return finite ones",
-            )
-            found[number] = row
-        return found
+        return np.array(rows)
+
+    def __deepcopy__(self, memo: dict[int, object]) -> GameTask:
+        """Itself, as it never changes: policies of a game play in copies of its simulators."""
+        return self
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,7 +256,7 @@ class GameSimulator(BatchSimulator[GameTask]):
         self.returns, self.episode_returns = np.zeros((2, count, players))
         self.terminated, self.truncated = np.zeros((2, count), dtype=bool)
         self.epsilon = np.full((count, players), np.nan)
-        self.next_epsilon = np.full((count, players), -1.0)
+        self.next_epsilon = np.full((count, players), tables.UNCHANGED)
         self._joints = np.zeros(count, dtype=np.int64)
         self._arrays = (
             self.streams, self.state, self.steps, self.rewards, self.returns, self.terminated,
@@ -360,7 +355,14 @@ class GameSimulator(BatchSimulator[GameTask]):
 
     def observe(self, encoding: str = INDEX, seat: int | str = 0) -> Array:
         """[num_games, ...] the observations of a player; see `GameTask.observations`."""
-        return self.task.observations(seat, encoding)[self.state]
+        number = self.task.seat(seat)
+        if encoding == INDEX:
+            return self.state[:, None].copy()
+        if encoding != ONE_HOT:
+            return self.task.observations(number, encoding)[self.state]
+        seen = np.zeros((self.num_games, self.task.game.num_states), dtype=np.float32)
+        seen[np.arange(self.num_games), self.state] = 1.0
+        return seen
 
     def view(self, seat: int | str) -> StateView:
         """The view of the games for the policy of a player."""

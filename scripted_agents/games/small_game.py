@@ -56,6 +56,10 @@ class SmallGame:
     task: Task | None = None
     source: Game | None = field(default=None, repr=False)
 
+    def __deepcopy__(self, memo: dict[int, object]) -> SmallGame:
+        """Itself, as it never changes."""
+        return self
+
     @property
     def num_states(self) -> int:
         """The number of states."""

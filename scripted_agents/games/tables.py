@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,7 @@ from pursuit.compilation.compiled import compiled, inlined
 from pursuit.memory import check_memory
 from pursuit.rules.arrays import Flags, Ints, Reals, Words
 from pursuit.rules.randomness import next_uniform
+from pursuit.validation import check
 from scripted_agents.games.small_game import SmallGame
 
 STARTS_STREAM, CHANCE_STREAM, FIRST_PLAYER_STREAM = 0, 1, 2
@@ -18,6 +19,8 @@ STARTS_STREAM, CHANCE_STREAM, FIRST_PLAYER_STREAM = 0, 1, 2
 ENDED, DRAWN = -1, -2
 """In place of the state after a joint action: the game has ended; it is drawn from a row."""
 OK = -1
+UNCHANGED = -1.0
+"""In place of the probability of random actions from the next episode on."""
 
 Longs = NDArray[np.int64]
 Floats = NDArray[np.float32]
@@ -56,6 +59,12 @@ def step_tables(game: SmallGame) -> StepTables:
     cells = players * game.num_states * most
     needed = 2 * cells + (4 * players + 4) * len(game.choices) + 12 * game.following.nnz
     check_memory(f"stepping a game of {game.num_states:,} states", needed, "give a smaller game")
+    check(most < 2**15, f"a player has {most:,} different actions; give a game with fewer")
+    largest = float(np.abs(game.rewards).max())
+    check(
+        largest <= float(np.finfo(np.float32).max),
+        f"a reward of {largest:g} does not fit into float32; give smaller rewards",
+    )
     places = np.full((players, game.num_states, most), -1, dtype=np.int16)
     for player, (rows, every) in enumerate(zip(game.actions, game.action_lists, strict=True)):
         number = {action: place for place, action in enumerate(every)}
@@ -72,9 +81,7 @@ def step_tables(game: SmallGame) -> StepTables:
     single = np.flatnonzero(counts == 1)
     certain = single[chances[first[single]] >= 1.0 - 1e-12]
     after[certain] = csr.indices[first[certain]]
-    sums = np.concatenate([[0.0], np.cumsum(chances)])
-    owner = np.repeat(first, counts)
-    sums = sums[1:] - sums[owner]
+    sums = row_sums(chances, csr.indptr)
     # The ends of rows without an end of the game are exactly 1, so that no draw is above them.
     last = csr.indptr[1:][counts > 0] - 1
     sums[last[sums[last] >= 1.0 - 1e-9]] = 1.0
@@ -93,6 +100,18 @@ def step_tables(game: SmallGame) -> StepTables:
         starts.astype(np.int32),
         start_sums,
     )
+
+
+def row_sums(chances: Reals, begins: NDArray[Any]) -> Reals:
+    """Cumulative sums within each row; `begins` [rows + 1] is where the rows begin.
+
+    Each row by itself: differences of sums over all rows would lose digits.
+    """
+    sums, counts = chances.copy(), np.diff(begins)
+    for place in range(1, int(counts.max(initial=0))):
+        here = begins[:-1][counts > place] + place
+        sums[here] += sums[here - 1]
+    return sums
 
 
 @inlined
@@ -146,7 +165,7 @@ def _start(
     steps[game] = 0
     for player in range(returns.shape[1]):
         returns[game, player] = 0.0
-        if next_epsilon[game, player] >= 0.0:  # not for NaN
+        if next_epsilon[game, player] != UNCHANGED:
             epsilon[game, player] = next_epsilon[game, player]
             next_epsilon[game, player] = -1.0
 
@@ -192,7 +211,8 @@ def step_games(
             place = -1
             if 0 <= action < most:
                 place = np.int64(places[player, state[game], action])
-            if place < 0 and not (terminated[game] or truncated[game]):
+            # With `auto_restart` a game with these flags has already restarted.
+            if place < 0 and (auto_restart or not (terminated[game] or truncated[game])):
                 return game * players + player
             joint = joint * sizes[state[game], player] + place
         joints[game] = begins[state[game]] + joint

@@ -15,6 +15,12 @@ SADDLE = 1e-12
 
 SMALLEST_PIVOT = 1e-11
 
+LARGEST_GAP = 1e-9
+"""Share of the span of the payoffs by which the two strategies may miss each other's guarantee."""
+
+ATTEMPTS, PERTURBED, PERTURBATION = 3, 2, 1e-8
+"""Ways of choosing pivots, the last one of a perturbed game."""
+
 BLAND_AFTER = 40
 """Pivots by the largest coefficient; from then on by Bland's rule (1977), which cannot cycle."""
 
@@ -33,13 +39,18 @@ def pivot(tableau: Any, rows: int, last: int, entering: int, leaving: int) -> No
 
 
 @inlined
-def write_first_tableau(payoff: Any, lowest: float, span: float, tableau: Any, basis: Any) -> None:
-    """The tableau in which the slack variables are the basis."""
+def write_first_tableau(
+    payoff: Any, lowest: float, span: float, perturbed: bool, tableau: Any, basis: Any
+) -> None:
+    """The tableau in which the slack variables are the basis; `perturbed`: of a game with payoffs
+    that differ by up to `PERTURBATION` of their span, which is not degenerate."""
     m, n = payoff.shape
     last = n + m
     for i in range(m):
         for j in range(n):
             tableau[i, j] = (payoff[i, j] - lowest) / span + 1.0
+            if perturbed:
+                tableau[i, j] += PERTURBATION * (0.6180339887 * (i * n + j + 1) % 1.0)
         for j in range(m):
             tableau[i, n + j] = 1.0 if i == j else 0.0
         tableau[i, last] = 1.0
@@ -90,8 +101,27 @@ def solve_matrix(payoff: Any, tableau: Any, basis: Any, row: Any, column: Any) -
         row[best_row], column[best_column] = 1.0, 1.0
         return lower, upper - lower
 
+    # Degenerate games, with many nearly equal payoffs, can defeat the first way of choosing pivots.
+    value, gap = lower, np.inf
+    for attempt in range(ATTEMPTS):
+        write_first_tableau(payoff, lowest, span, attempt == PERTURBED, tableau, basis)
+        optimize(tableau, m, n, attempt > 0, basis)
+        write_strategies(tableau, basis, row, column)
+        value = (1.0 / tableau[m, n + m] - 1.0) * span + lowest
+        least, most = guarantees(payoff, row, column)
+        gap = most - least
+        if abs(gap) <= LARGEST_GAP * span:  # not for NaN
+            break
+        value = 0.5 * (least + most)
+    return value, upper - lower
+
+
+@inlined
+def optimize(tableau: Any, m: int, n: int, careful: bool, basis: Any) -> None:
+    """Pivots until no coefficient is negative; `careful`: of nearly equal ratios the largest
+    pivot."""
     last = n + m
-    write_first_tableau(payoff, lowest, span, tableau, basis)
+    smallest = 1e-9 if careful else SMALLEST_PIVOT
     for pivots in range(100 * (m + n)):
         entering = -1
         least = -SMALLEST_PIVOT
@@ -105,26 +135,54 @@ def solve_matrix(payoff: Any, tableau: Any, basis: Any, row: Any, column: Any) -
             break
         leaving, ratio = -1, np.inf
         for i in range(m):
-            if tableau[i, entering] > SMALLEST_PIVOT:
+            if tableau[i, entering] > smallest:
                 mine = tableau[i, last] / tableau[i, entering]
-                if mine < ratio or (mine == ratio and basis[i] < basis[leaving]):
+                if careful and leaving >= 0 and abs(mine - ratio) <= SADDLE:
+                    better = tableau[i, entering] > tableau[leaving, entering]
+                else:
+                    better = mine < ratio or (mine == ratio and basis[i] < basis[leaving])
+                if better:
                     leaving, ratio = i, mine
         if leaving < 0:
             break
         pivot(tableau, m, last, entering, leaving)
         basis[leaving] = entering
+
+
+@inlined
+def write_strategies(tableau: Any, basis: Any, row: Any, column: Any) -> None:
+    """The strategies of an optimal tableau."""
+    m, n = row.shape[0], column.shape[0]
+    column[:] = 0.0
     total_row, total_column = 0.0, 0.0
     for i in range(m):
         row[i] = max(tableau[m, n + i], 0.0)
         total_row += row[i]
         if basis[i] < n:
-            column[basis[i]] = max(tableau[i, last], 0.0)
+            column[basis[i]] = max(tableau[i, n + m], 0.0)
             total_column += column[basis[i]]
     for i in range(m):
         row[i] /= total_row
     for j in range(n):
         column[j] /= total_column
-    return (1.0 / tableau[m, last] - 1.0) * span + lowest, upper - lower
+
+
+@inlined
+def guarantees(payoff: Any, row: Any, column: Any) -> tuple[float, float]:
+    """What `row` gets at least, and `column` concedes at most."""
+    m, n = payoff.shape
+    least, most = np.inf, -np.inf
+    for j in range(n):
+        total = 0.0
+        for i in range(m):
+            total += row[i] * payoff[i, j]
+        least = min(least, total)
+    for i in range(m):
+        total = 0.0
+        for j in range(n):
+            total += payoff[i, j] * column[j]
+        most = max(most, total)
+    return least, most
 
 
 @allocating

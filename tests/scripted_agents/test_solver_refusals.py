@@ -229,7 +229,7 @@ def calls_of_small_games() -> Iterator[Call]:
     given = {"game": small, "player": "bank", "policies": rows}
     told = {"game": games, "player": (None, 5, [], {}, "x"), "policies": wrong}
     encodes = (5, "ab", [], lambda state: None, lambda state: "x", lambda state: 1j)
-    yield SmallGameEnv, given, {**told, "max_steps": (*WHOLE, 0), "encode": encodes}
+    yield SmallGameEnv, given, {**told, "max_steps": (*WHOLE[1:], 0), "encode": encodes}
     env = SmallGameEnv(small, "caller", rows)
     env.reset(seed=0)
     actions = (None, 0.9, 1.0, "0", "head", 2, -1, [], {}, True, 1j, np.nan, [0, 1], 2**70)

@@ -1,3 +1,14 @@
-"""Shipped small games."""
+"""Shipped small games: `SHIPPED` names them; docs/environments/small_games.md has their sizes and
+values."""
 
-SHIPPED: dict[str, str] = {}
+SHIPPED: dict[str, str] = {
+    name: f"scripted_agents.games.library.{name}:{made}"
+    for name, made in {
+        "border_control": "BorderControl",
+        "goofspiel": "Goofspiel",
+        "oshi_zumo": "oshi_zumo",
+        "rock_paper_scissors": "RockPaperScissors",
+        "soccer": "Soccer",
+    }.items()
+}
+"""By name, "module:Class" (of oshi_zumo "module:function"), called with the arguments of a game."""

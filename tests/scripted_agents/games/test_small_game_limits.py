@@ -219,8 +219,8 @@ def test_an_episode_is_terminated_or_truncated_never_both() -> None:
         env.reset(seed=episode)
         over, steps = False, 0
         while not over:
-            legal = int(env.action_masks().sum())
-            _, _, terminated, truncated, _ = env.step(np.int64(episode % legal))
+            legal = np.flatnonzero(env.action_masks())
+            _, _, terminated, truncated, _ = env.step(legal[episode % len(legal)])
             over, steps = terminated or truncated, steps + 1
             assert not (terminated and truncated) and (steps < 3 or over)
         ends.add((terminated, steps))
@@ -231,7 +231,7 @@ def test_an_index_that_is_no_whole_number_is_refused() -> None:
     env = SmallGameEnv(enumerate_game(Table()), "player", {})
     env.reset(seed=0)
     for wrong in (0.9, 1.0, True, "1", None, [0, 1], -1, 2, np.array([0.0]), 1j, np.eye(2)):
-        with pytest.raises(ValueError, match=r"action=.*0 has 2 actions, give 0 to 1"):
+        with pytest.raises(ValueError, match=r"action=.*player are numbers from 0 to 1"):
             env.step(wrong)
     assert env.steps == 0
     for right in (1, np.int64(1), np.array(1), np.array([1])):
@@ -255,7 +255,7 @@ def test_episodes_of_a_task_are_recorded(name: str) -> None:
         recorder.reset(seed=episode)
         states, total, over = [env.state], 0.0, False
         while not over:
-            action = random.integers(int(env.action_masks().sum()))
+            action = random.choice(np.flatnonzero(env.action_masks()))
             _, reward, terminated, truncated, _ = recorder.step(action)
             states, total, over = [*states, env.state], total + reward, terminated or truncated
         played.append((small.states[states[0]], len(states) - 1, total, terminated, truncated))
@@ -267,7 +267,7 @@ def test_episodes_of_a_task_are_recorded(name: str) -> None:
     ):
         assert (tuple(recorded.start["positions"]), tuple(recorded.start["goals"])) == start
         assert len(recorded.actions) == steps
-        assert float(recorded.rewards[:, 0].sum()) == pytest.approx(total, rel=1e-5)
+        assert float(recorded.rewards[:, 0].sum()) == pytest.approx(total, rel=1e-5, abs=1e-6)
         assert (recorded.terminated, recorded.truncated) == (terminated, truncated)
 
 

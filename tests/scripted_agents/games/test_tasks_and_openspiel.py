@@ -51,8 +51,8 @@ def test_drawn_exits_are_part_of_the_states_and_of_the_starts() -> None:
     waiting = {name: lambda state: {0: 1.0} for name in task.agent_names}
     env = SmallGameEnv(small, "evader_0", waiting)
     env.reset(seed=0)
-    assert env.simulator is not None
-    assert states_of_games(env.simulator.games) == [small.states[env.state]]
+    assert env.recorded is not None
+    assert states_of_games(env.recorded.games) == [small.states[env.state]]
 
 
 def test_a_team_has_the_nash_conv_of_the_joint_solver() -> None:

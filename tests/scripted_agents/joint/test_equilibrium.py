@@ -397,3 +397,32 @@ def test_exact_agents_say_where_they_cannot_play() -> None:
         Simulator(make_task("chase")).act([None, OptimalChaser()], np.zeros((1, 2), dtype=np.int32))
     with pytest.raises(ValueError, match="roles here"):
         BestResponder(NearestGoalRunner(), "runner")  # type: ignore[arg-type]
+
+
+NEARLY_EQUAL = np.array(
+    [
+        [0.2250172189061016, 1.0, -0.95, -0.95, -0.95],
+        [0.7261693914322345, -0.05887292002561098, 1.0, 0.6341757062848863, -0.95],
+        [0.22501721890610205, 1.0, -0.95, -0.95, -0.95],
+        [0.7590195605208808, 1.0, -0.95, -0.95, -0.95],
+        [0.6465743563895492, -0.01860981790611489, -0.95, -0.95, 1.0],
+        [0.7590195605208808, -0.058872920025612674, 1.0, 0.6341757062853162, -0.95],
+        [0.6731771991564963, -0.058872920025610564, 1.0, 0.6341732971705316, -0.95],
+    ]
+)
+"""Payoffs that differ by rounding: the simplex method divides by such differences."""
+
+
+def test_matrices_with_nearly_equal_payoffs_are_solved() -> None:
+    random, matrices = np.random.default_rng(0), [NEARLY_EQUAL]
+    for _ in range(1500):
+        rows, columns = random.integers(2, 30), random.integers(2, 10)
+        pool = np.append([-0.95, 1.0], random.normal(size=6))
+        pool = np.concatenate([pool, *(pool + e * random.normal(size=8) for e in (1e-6, 1e-9))])
+        payoff = random.choice(pool, (rows, columns))
+        matrices.append(payoff[random.integers(0, rows, rows)])
+    for payoff in matrices:
+        solved = solve_matrix_game(payoff)
+        concedes, gets = (payoff @ solved.column).max(), (solved.row @ payoff).min()
+        # Both guarantees bound the value of the game, whatever a solver says.
+        assert gets - 1e-6 <= solved.value <= concedes + 1e-6 and concedes - gets < 1e-6
