@@ -1,4 +1,4 @@
-"""Small games for tests of training: chases, matrix games, goofspiel, and others."""
+"""Small games for tests of training: chases, matrix games, and others."""
 
 from __future__ import annotations
 
@@ -61,40 +61,6 @@ PAYOFFS = {
     "pennies": np.array([[3, -1], [-1, 1]]),
 }
 """The equilibria are uniform, (3, 2, 1) / 6, and (1, 2) / 3, of both players."""
-
-
-class Goofspiel:
-    """Both bid a card for the prize of a round; equal bids discard it. The sum of prizes wins 1."""
-
-    players = ("first", "second")
-
-    def __init__(self, cards: int = 4) -> None:
-        self.cards = cards
-
-    def starts(self) -> list[Any]:
-        deck = tuple(range(1, self.cards + 1))
-        return self._dealt(deck, deck, deck, 0)
-
-    def _dealt(self, one: Any, two: Any, deck: Any, lead: int) -> list[Any]:
-        """All prizes that can be drawn from the deck, with their probability."""
-        after = [(one, two, tuple(card for card in deck if card != p), p, lead) for p in deck]
-        return [(1.0 / len(deck), state) for state in after]
-
-    def legal_actions(self, state: Any, player: int) -> Sequence[int]:
-        cards: Sequence[int] = state[player]
-        return cards
-
-    def transitions(self, state: Any, actions: Any) -> list[Any]:
-        *hands, deck, prize, lead = state
-        one, two = (
-            tuple(card for card in hand if card != played)
-            for hand, played in zip(hands, actions, strict=True)
-        )
-        lead += prize * int(np.sign(actions[0] - actions[1]))
-        if not deck:
-            won = float(np.sign(lead))
-            return [(1.0, (one, two, deck, 0, lead), (won, -won), True)]
-        return [(c, after, (0.0, 0.0), False) for c, after in self._dealt(one, two, deck, lead)]
 
 
 class Stones:
