@@ -56,7 +56,7 @@ class ExactReference:
         bounds: A duel as above with a limited view of the agent, in one maze of up to
             MAX_BOUNDED_CELLS cells. Certified: a proven interval of the optimum, in discounted
             steps.
-        small game: A small game, policies of all other players that depend on the state. Exact: the
+        small_game: A small game, policies of all other players that depend on the state. Exact: the
             best response, the mean return over all starts.
         arm: The arm with continuous actions. Exact: the least steps; a bound where they are not
             known from every start.
@@ -68,7 +68,7 @@ class ExactReference:
         reason: why no exact optimum is known, with the kinds "bounds" and "none"; else empty.
     """
 
-    kind: Literal["tour", "duel", "team", "joint", "bounds", "arm", "small game", "none"]
+    kind: Literal["tour", "duel", "team", "joint", "bounds", "arm", "small_game", "none"]
     reason: str = ""
 
 

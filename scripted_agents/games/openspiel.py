@@ -27,6 +27,7 @@ from pursuit.tasks.task import Task
 from pursuit.validation import Plain, check_bool, shortened, whole
 from scripted_agents.games.game import Action
 from scripted_agents.games.openspiel_games import OpenSpielGame as OpenSpielGame
+from scripted_agents.games.openspiel_games import openspiel_game as openspiel_game
 from scripted_agents.games.small_game import SmallGame
 from scripted_agents.games.solve import check_game
 from scripted_agents.games.tasks import states_of_games

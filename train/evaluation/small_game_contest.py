@@ -55,7 +55,7 @@ class SmallGameContest(Contest[StatePolicy, GameSimulator]):
     @property
     def exact_reference(self) -> ExactReference:
         """As `Contest`."""
-        return ExactReference("small game")
+        return ExactReference("small_game")
 
     @cached_property
     def tables(self) -> dict[str, NDArray[np.float64]]:

@@ -30,6 +30,7 @@ EXTRAS = (
     "pursuit.environments.stable_baselines",
     "scripted_agents.games.openspiel",
     "scripted_agents.games.openspiel_games",
+    "scripted_agents.games.openspiel_loading",
 )
 """Modules for those who have the package of an extra."""
 

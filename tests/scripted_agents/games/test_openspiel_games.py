@@ -2,13 +2,26 @@
 
 from __future__ import annotations
 
+import re
+import sys
+from itertools import product
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from scipy.optimize import linprog
 
-from scripted_agents.games import enumerate_game, equilibrium, respond
+from scripted_agents.games import enumerate_game, equilibrium, respond, returns_of
+
+PAGE = (Path(__file__).parents[3] / "docs/guides/own_games.md").read_text(encoding="utf-8")
+TABLE: dict[str, list[str]] = {
+    outcome.removeprefix("refused: "): games.split()
+    for outcome, games in re.findall(
+        r"^(solved|refused: .+)\n((?:  .+\n)+)", PAGE.replace("  all others\n", ""), re.MULTILINE
+    )
+}
+"""Games by what the page says of them."""
 
 pyspiel = pytest.importorskip("pyspiel", exc_type=ImportError)
 openspiel = pytest.importorskip("scripted_agents.games.openspiel", exc_type=ImportError)
@@ -17,6 +30,8 @@ openspiel = pytest.importorskip("scripted_agents.games.openspiel", exc_type=Impo
 def matrix_value(payoff: Any) -> float:
     """The value of a matrix game by a linear program."""
     rows, columns = payoff.shape
+    if payoff.min(axis=1).max() == payoff.max(axis=0).min():
+        return float(payoff.min(axis=1).max())
     found = linprog(
         np.append(np.zeros(rows), -1.0),
         A_ub=np.c_[-payoff.T, np.ones(columns)],
@@ -34,14 +49,15 @@ class Tree:
     Only positions with equal `same` are computed once; None for every history.
     """
 
-    def __init__(self, same: Any = None) -> None:
+    def __init__(self, same: Any = None, horizon: int | None = None) -> None:
+        self.horizon = sys.maxsize if horizon is None else horizon
         self.same = same or (lambda position: tuple(position.history()))
         self.known: dict[Any, float] = {}
         self.found: list[tuple[int, Any, float]] = []
         """(moves, position, value from there on)"""
 
     def value(self, position: Any, moves: int = 0) -> float:
-        if position.is_terminal():
+        if position.is_terminal() or (moves >= self.horizon and not position.is_chance_node()):
             return float(position.returns()[0])
         if position.is_chance_node():
             return sum(
@@ -126,15 +142,14 @@ def test_dots_and_boxes_has_the_values_of_the_game_tree() -> None:
 @pytest.mark.parametrize(
     "name",
     [
-        "cliff_walking(height=2,width=3,horizon=5)",
-        "pig(winscore=4,diceoutcomes=3,horizon=6)",
+        "pathfinding(grid=A.b\na.B,horizon=4,players=2)",
         "oware(num_houses_per_player=2,num_seeds_per_house=1)",
         "go(board_size=2,max_game_length=6)",
         "morpion_solitaire",
     ],
 )
 def test_positions_of_one_text_that_go_on_in_different_ways_are_refused(name: str) -> None:
-    """Steps, repeated positions and earlier lines count in these games, and the text omits them."""
+    """Earlier moves and lines and repeated positions count in these games, but do not show."""
     with pytest.raises(ValueError, match="go on in different ways"):
         enumerate_game(openspiel.OpenSpielGame(name), most_states=20_000)
 
@@ -151,8 +166,232 @@ def test_positions_of_one_text_that_go_on_in_different_ways_are_refused(name: st
         ("mfg_garnet", "mean field"),
         ("stones_and_gems", "chance outcomes"),
         ("checkers(rows=4,columns=4)", "ends before the first move"),
+        ("hex(board_size=1)", "Cannot choose"),
+        ("hex (board_size=2)", "Unknown game 'hex '"),
+        ("nim(", "Missing closing bracket"),
+        ("misere", "Missing parameter game"),
+        ("nim(pile_sizes=x)", "game='nim"),
+        ("tic_tac_toe(horizon=0)", "horizon=0"),
+        ("tic_tac_toe(horizon=x)", "horizon='x'"),
+        ("connect_four(rows=0)", "ends the process"),
+        ("backgammon(scoring_type=x)", "game='backgammon"),
     ],
 )
-def test_what_is_no_small_game_is_refused(game: Any, message: str) -> None:
+def test_what_is_no_small_game_is_refused(game: Any, message: str, capfd: Any) -> None:
     with pytest.raises(ValueError, match=message):
         enumerate_game(openspiel.OpenSpielGame(game))
+    assert capfd.readouterr().err == ""
+
+
+class Histories:
+    """Over all histories of a game, with uniform policies: the returns from every state on.
+
+    Args:
+        game: an OpenSpiel game.
+        horizon: moves after which it ends.
+        counted: whether moves are a part of the states.
+    """
+
+    def __init__(self, game: Any, horizon: int | None, counted: bool) -> None:
+        self.players, self.counted = range(game.num_players()), counted
+        self.horizon = sys.maxsize if horizon is None else horizon
+        self.found: list[tuple[Any, Any, np.ndarray[Any, Any]]] = []
+        """(history, state, returns from there on)"""
+        self.start = self.returns(game.new_initial_state(), 0)
+
+    def returns(self, position: Any, moves: int) -> np.ndarray[Any, Any]:
+        now = np.array(position.returns())
+        if position.is_chance_node():
+            chances = position.chance_outcomes()
+            return np.sum([c * self.returns(position.child(o), moves) for o, c in chances], axis=0)
+        if position.is_terminal() or moves >= self.horizon:
+            return now
+        legal = tuple(tuple(position.legal_actions(p)) for p in self.players)
+        following = []
+        for actions in product(*(row or (0,) for row in legal)):
+            after = position.clone()
+            if position.is_simultaneous_node():
+                after.apply_actions(actions)
+            else:
+                after.apply_action(actions[position.current_player()])
+            following.append(self.returns(after, moves + 1))
+        mean = np.mean(following, axis=0)
+        key = str(position), moves * self.counted, int(position.current_player()), legal
+        self.found.append((position.history(), key, mean - now))
+        return np.asarray(mean)
+
+
+@pytest.mark.parametrize("text", TABLE["solved"])
+def test_loadable_games_are_solved_right(text: str) -> None:
+    """Returns from every history on; the value of the start where there is one."""
+    game = openspiel.openspiel_game(text)
+    small = enumerate_game(game, most_states=3000)
+    steps = game.horizon or 50  # max_game_length of hex with a swap is one move short
+    uniform = {
+        name: lambda state, index=index: np.full(n := max(len(state[3][index]), 1), 1.0 / n)
+        for index, name in enumerate(game.players)
+    }
+    returns = returns_of(small, uniform, 1.0, horizon=steps)
+    histories = Histories(game.spiel, game.horizon, game.counts_steps)
+    for history, state, expected in histories.found:
+        assert returns[small.number[state]] == pytest.approx(expected, abs=1e-8), history
+    assert len({state for _, state, _ in histories.found}) == small.num_states
+    assert small.start @ returns == pytest.approx(histories.start, abs=1e-8)
+    if len(game.players) == 1 or np.abs(small.rewards.sum(axis=1)).max() > 1e-9:
+        return
+    if len(game.players) == 2:
+        value = Tree(horizon=game.horizon).value(game.spiel.new_initial_state())
+        assert equilibrium(small, 1.0, horizon=steps).mean == pytest.approx(value, abs=1e-7)
+
+
+def test_the_page_names_every_loadable_game() -> None:
+    kinds = {g.short_name: g for g in pyspiel.registered_games() if g.default_loadable}
+    hidden = pyspiel.GameType.Information.IMPERFECT_INFORMATION
+    seen = [text.split("(")[0] for games in TABLE.values() for text in games]
+    assert sorted(seen) == sorted(n for n, g in kinds.items() if g.information != hidden)
+    for name, kind in kinds.items():
+        if kind.information == hidden:
+            with pytest.raises(ValueError, match=f"{name} has hidden information"):
+                openspiel.openspiel_game(name)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [(text, outcome) for outcome in TABLE if outcome != "solved" for text in TABLE[outcome]],
+)
+def test_loadable_games_are_refused_with_the_reason_on_the_page(text: str, message: str) -> None:
+    with pytest.raises(ValueError, match=message) as refused:
+        enumerate_game(openspiel.openspiel_game(text), most_states=3000)
+    assert text.split("(")[0] in str(refused.value)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", sorted({text.split("(")[0] for text in TABLE["solved"]}))
+def test_games_of_the_usual_size_are_enumerated_or_refused(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    module = sys.modules["scripted_agents.games.openspiel_games"]
+    monkeypatch.setattr(module, "TREE", 2000)
+    monkeypatch.setattr(module, "CHECKED", 2000)
+    try:
+        small = enumerate_game(openspiel.openspiel_game(name), most_states=300)
+    except ValueError as error:
+        assert re.search(r"more than 300 states|go on in different ways", str(error))
+    else:
+        assert small.num_states <= 300
+
+
+@pytest.mark.parametrize(
+    ("text", "counted"),
+    [
+        ("markov_soccer(horizon=20)", True),
+        ("markov_soccer", False),
+        ("cliff_walking", True),
+        ("pig(winscore=10)", False),
+        ("tic_tac_toe(horizon=3)", True),
+        ("tic_tac_toe", False),
+    ],
+)
+def test_steps_are_counted_where_a_limit_is_near(text: str, counted: bool) -> None:
+    assert openspiel.openspiel_game(text).counts_steps is counted
+
+
+class Recall(pyspiel.Game):  # type: ignore[misc]
+    """Two moves, then `WAIT` moves without effect, then the first move pays; the text hides it."""
+
+    WAIT = 0
+
+    def __init__(self, params: Any = None) -> None:
+        super().__init__(
+            KIND, pyspiel.GameInfo(2, 0, 1, 0.0, 1.0, 0.0, self.WAIT + 2), params or {}
+        )
+
+    def new_initial_state(self) -> Any:
+        return RecallState(self)
+
+
+class RecallState(pyspiel.State):  # type: ignore[misc]
+    def __init__(self, game: Any) -> None:
+        super().__init__(game)
+        self.moves: list[int] = []
+
+    def current_player(self) -> int:
+        return int(pyspiel.PlayerId.TERMINAL) if self.is_terminal() else 0
+
+    def _legal_actions(self, player: int) -> list[int]:
+        return [0, 1]
+
+    def _apply_action(self, action: int) -> None:
+        self.moves.append(action)
+
+    def is_terminal(self) -> bool:
+        return len(self.moves) == Recall.WAIT + 2
+
+    def returns(self) -> list[float]:
+        return [float(self.is_terminal() and self.moves[0])]
+
+    def __str__(self) -> str:
+        return f"move {len(self.moves)}"
+
+
+KIND = pyspiel.GameType(
+    "recall", "recall", pyspiel.GameType.Dynamics.SEQUENTIAL,
+    pyspiel.GameType.ChanceMode.DETERMINISTIC, pyspiel.GameType.Information.PERFECT_INFORMATION,
+    pyspiel.GameType.Utility.GENERAL_SUM, pyspiel.GameType.RewardModel.TERMINAL,
+    1, 1, False, False, False, False, {},
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("wait", [0, 1, 5])
+def test_what_shows_only_later_is_found(wait: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Recall, "WAIT", wait)
+    with pytest.raises(ValueError, match="go on in different ways: the gained returns"):
+        enumerate_game(openspiel.OpenSpielGame(Recall()))
+
+
+def test_steps_are_counted_where_positions_differ_without(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Recall, "WAIT", 3)
+    monkeypatch.setattr(RecallState, "__str__", lambda state: "")
+    monkeypatch.setattr(RecallState, "returns", lambda state: [float(state.is_terminal())])
+    game = openspiel.OpenSpielGame(Recall())
+    assert game.counts_steps
+    small = enumerate_game(game)
+    assert small.num_states == 5
+    assert respond(small, "player_0", {}, 1.0, horizon=9).mean == 1.0
+
+
+def test_what_was_compared_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    module = sys.modules["scripted_agents.games.openspiel_games"]
+    small, large = (openspiel.openspiel_game(f"hex(board_size={size})") for size in (2, 3))
+    enumerate_game(small)
+    assert small.proven
+    monkeypatch.setattr(module, "TREE", 1000)
+    monkeypatch.setattr(module, "CHECKED", 5000)
+    enumerate_game(large)
+    assert large.sampled
+    assert not large.proven
+
+
+def test_observations_and_text_are_those_of_openspiel() -> None:
+    game = openspiel.openspiel_game("breakthrough(rows=4,columns=2)")
+    small = enumerate_game(game)
+    position = game.spiel.new_initial_state()
+    while not position.is_terminal():
+        legal = tuple(tuple(position.legal_actions(p)) for p in range(2))
+        state = str(position), 0, position.current_player(), legal
+        assert state in small.number
+        assert game.draw(state) == str(position)
+        for player in range(2):
+            seen = game.observe(state, player)
+            assert seen.dtype == np.float32
+            assert seen.tolist() == position.observation_tensor(player)
+        position = position.child(position.legal_actions()[-1])
+
+
+def test_a_tensor_that_is_no_function_of_the_state_is_refused() -> None:
+    """That of dots_and_boxes shows which player made a box, on which nothing depends."""
+    game = openspiel.openspiel_game("dots_and_boxes(num_rows=1,num_cols=1)")
+    small = enumerate_game(game)
+    with pytest.raises(ValueError, match="other observation tensors after"):
+        game.observe(small.states[0], 0)
+    assert not hasattr(openspiel.OpenSpielGame(Recall()), "observe")
