@@ -69,8 +69,8 @@ class Stones:
     It has several starts, chance, turns, and legal actions that depend on the state.
     """
 
-    def __init__(self, stones: int = 6, num_players: int = 2) -> None:
-        self.stones, self.players = stones, tuple("abcd"[:num_players])
+    def __init__(self, stones: int = 6, num_players: int = 2, prize: float = 1.0) -> None:
+        self.stones, self.players, self.prize = stones, tuple("abcd"[:num_players]), prize
 
     def starts(self) -> list[Any]:
         return [(0.75, (self.stones, 0)), (0.25, (self.stones - 1, 1))]
@@ -88,9 +88,9 @@ class Stones:
     def _after(self, left: int, mover: int) -> tuple[Any, Any, bool]:
         count = len(self.players)
         ended = left == 0
-        rewards = [-1.0 / (count - 1)] * count if ended else [0.0] * count
+        rewards = [-self.prize / (count - 1)] * count if ended else [0.0] * count
         if ended:
-            rewards[mover] = 1.0
+            rewards[mover] = self.prize
         return (left, (mover + 1) % count), rewards, ended
 
 

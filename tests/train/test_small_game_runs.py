@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 
 from scripted_agents.games.simulator import GameSimulator, GameTask
 from train.commands.main import main
@@ -166,6 +167,18 @@ def test_the_epsilon_of_a_curriculum_changes_what_opponents_play(
         mean = float(np.average([row["episode_return"] for row in rows], weights=episodes))
         assert abs(mean - exact[epsilon]) < 4.5 / episodes.sum() ** 0.5
     assert exact[1.0] - exact[0.0] > 0.3
+
+
+@pytest.mark.parametrize("play", [trained, played])
+def test_learning_does_not_depend_on_the_unit_of_rewards(tmp_path: Path, play: Any) -> None:
+    """Rewards 1024 times as large are the same after scaling, bit for bit."""
+    states = []
+    for prize in (1.0, 1024.0):
+        game = f"trained_games:Stones(prize={prize})"
+        run = play(tmp_path / str(prize), game=game, frames=4000)
+        learned: Any = run.trainee.learned()
+        states.append((learned.get("a") or learned["learner"])["network"])
+    assert all(torch.equal(states[0][name], states[1][name]) for name in states[0])
 
 
 # -- self-play -------------------------------------------------------------------------------------

@@ -104,3 +104,23 @@ def test_self_play_solves_a_small_chase_in_both_forms(tmp_path: Path) -> None:
         )
         assert found < 1e-6
     assert nash_conv_after(tmp_path / "maze", maze="3x3", **small) < 1e-6
+
+
+@pytest.mark.slow
+def test_self_play_learns_a_chase_equally_fast_in_both_forms(tmp_path: Path) -> None:
+    """With the same observation. The standard deviation over four seeds was 0.64 in the maze and
+    0.46 in the game, at means of 11.1 and 11.8; 14.7 is that of untrained policies. With the number
+    of the state as the observation the mean was 3.4."""
+    small = {"num_games": 64, "minibatch_size": 256}
+    means = []
+    for form in (
+        {"maze": "5x5-tree", "observation": "one_hot"},
+        {"game": "trained_games:Chase(maze='5x5-tree')", "observation": "observe"},
+    ):
+        runs = (
+            nash_conv_after(tmp_path / f"{len(means)}-{seed}", seed=seed, **small, **form)
+            for seed in (0, 1)
+        )
+        means.append(np.mean([*runs]))
+    assert max(means) < 13.5
+    assert abs(means[0] - means[1]) < 3 * 0.65  # the standard error of a difference of two means
