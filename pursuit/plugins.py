@@ -106,8 +106,10 @@ def references(content: Any) -> Iterator[str]:
     elif isinstance(content, Mapping):
         for key, value in content.items():
             yield from references(key)
-            if key != "game" or not str(value).startswith(OPENSPIEL):
-                yield from references(value)
+            if key == "game":
+                games = value if isinstance(value, list | tuple) else [value]
+                value = [name for name in games if not str(name).startswith(OPENSPIEL)]
+            yield from references(value)
     elif isinstance(content, list | tuple):
         for value in content:
             yield from references(value)

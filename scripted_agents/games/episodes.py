@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -12,10 +13,11 @@ from scripted_agents.games.small_game import SmallGame
 from scripted_agents.games.solve import (
     Policies,
     Values,
+    chain_of,
     check_game,
     check_objective,
     iterate,
-    joint_chances,
+    returns_of,
 )
 
 NEGLIGIBLE = 1e-15
@@ -41,11 +43,8 @@ def play_of(game: SmallGame, policies: Policies, max_steps: int) -> Played:
 
     Arguments and errors are those of `returns_of`.
     """
-    check_game(game)
-    chances = joint_chances(game, policies, game.players)
-    state = np.repeat(np.arange(game.num_states), np.diff(game.begins))
-    weights = csr_array((chances, (state, np.arange(len(chances)))))
-    rewards, backwards = weights @ game.rewards, (weights @ game.following).T.tocsr()
+    step, rewards = chain_of(game, policies)
+    backwards = step.T.tocsr()
     at, returns, steps = game.start, np.zeros(len(game.players)), 0.0
     for _ in range(whole("max_steps", max_steps, 1)):
         returns = returns + at @ rewards
@@ -54,6 +53,35 @@ def play_of(game: SmallGame, policies: Policies, max_steps: int) -> Played:
         if at.sum() < NEGLIGIBLE:
             break
     return Played(returns, steps, min(max(1.0 - float(at.sum()), 0.0), 1.0))
+
+
+def values_along(
+    game: SmallGame,
+    policies: Policies,
+    visits: Sequence[Sequence[int]],
+    discount: float = 0.95,
+    horizon: int | None = None,
+) -> list[Values]:
+    """By episode [states, players] float64: the expected discounted returns from each of its
+    states on, with a horizon within the steps that are left of it.
+
+    Args:
+        visits: by episode the numbers of its states, from its start on.
+        game, policies, discount, horizon: as of `returns_of`, and so are the errors.
+    """
+    if horizon is None:
+        values = returns_of(game, policies, discount)
+        return [values[list(states)] for states in visits]
+    check_objective(discount, horizon)
+    step, rewards = chain_of(game, policies)
+    values = np.zeros_like(rewards)
+    found = [np.zeros((len(states), len(game.players))) for states in visits]
+    for at in range(horizon - 1, -1, -1):
+        values = rewards + discount * (step @ values)
+        for own, states in zip(found, visits, strict=True):
+            if at < len(states):
+                own[at] = values[states[at]]
+    return found
 
 
 def return_range(

@@ -25,6 +25,9 @@ class Game(Protocol):
     In a game with turns, all players but one have a single action. States and actions can be any
     hashable objects. Equal states must have equal futures.
 
+    A game can also have `draw(state)`: a picture of a state for replays, as text of one or more
+    lines, or as SVG that begins with `<svg`.
+
     Attributes:
         players: the name of each player.
     """

@@ -46,11 +46,13 @@ class StateScene:
     Attributes:
         shown: the text of the state.
         steps, max_steps: steps of the episode, and its maximal length.
+        caption: text for the footer of a picture.
     """
 
     shown: str
     steps: int
     max_steps: int
+    caption: str = ""
 
     @property
     def footer(self) -> str:
@@ -77,7 +79,7 @@ class StateScene:
             for column, letter in enumerate(line):
                 x, y = 0.6 * height * (column + 0.5), 1.2 * height * (row + 0.5)
                 pen.text((MARGIN + x, MARGIN + y), letter, WALL, font, anchor="mm")
-        draw_footer(image, side, FONT, self.footer, "")
+        draw_footer(image, side, FONT, self.footer, self.caption)
         return np.array(image)
 
 

@@ -84,11 +84,7 @@ def returns_of(
         ValueError: an invalid argument, or a policy that is missing or no distribution.
     """
     check_objective(discount, horizon)
-    check_game(game)
-    chances = joint_chances(game, policies, game.players)
-    state = np.repeat(np.arange(game.num_states), np.diff(game.begins))
-    weights = csr_array((chances, (state, np.arange(len(chances)))))
-    step, rewards = weights @ game.following, np.asarray(weights @ game.rewards)
+    step, rewards = chain_of(game, policies)
 
     def back_up(values: Values) -> Values:
         return rewards + discount * (step @ values)
@@ -96,6 +92,16 @@ def returns_of(
     return iterate(
         back_up, rewards, discount, horizon, lambda values: _solved(step, rewards, discount)
     )
+
+
+def chain_of(game: SmallGame, policies: Policies) -> tuple[csr_array, Values]:
+    """The game when all play these policies: [states, states] the probability of each next state,
+    and [states, players] the expected rewards of a step; errors are those of `returns_of`."""
+    check_game(game)
+    chances = joint_chances(game, policies, game.players)
+    state = np.repeat(np.arange(game.num_states), np.diff(game.begins))
+    weights = csr_array((chances, (state, np.arange(len(chances)))))
+    return weights @ game.following, np.asarray(weights @ game.rewards)
 
 
 def respond(

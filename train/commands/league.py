@@ -6,11 +6,10 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from pursuit.tasks.task import Task
 from pursuit.validation import at_least, check
 from train.commands.parse import parse, print_warnings
 from train.files import Plain, check_output_folder, hold, write_json
@@ -18,6 +17,7 @@ from train.reports.tables import ResultTable, print_table
 from train.runs.provenance import command_line
 from train.settings.checks import Settings
 from train.settings.self_play import MEMBERS, ROLES
+from train.settings.task import GAME
 
 if TYPE_CHECKING:
     from train.self_play.league import LeagueTable
@@ -32,12 +32,18 @@ class LeagueCommand(Settings):
     Give the folders of runs (`pursuit train` of a chaser or evader, `pursuit self-play` for both),
     saved Stable-Baselines3 models (.zip) and the names of scripted agents: astar, random,
     uniform, equilibrium, searching, sweeping, belief.
+
+    With --game NAME all policies of the first player of a small game against all of the second, by
+    exact returns: runs, uniform, equilibrium, package.module:Name of functions of a state. In a
+    general-sum game there are the payoffs of both, and no ratings.
     """
 
     entries: Annotated[tuple[str, ...], MEMBERS, tyro.conf.Positional] = ()
     """Folders of runs, and names of scripted agents."""
     maze: str | None = None
     """The maze, if no run is given. None: 5x5."""
+    game: str | None = None
+    """A small game of two players, as in `pursuit train --game`. None: a game in mazes."""
     opponent_epsilon: float = 0.0
     """Probability of random moves of astar."""
     greedy: bool = False
@@ -68,18 +74,31 @@ def league(arguments: Sequence[str]) -> None:
     names, out = given.entries, given.out
     check_output_folder(out, lambda folder: (folder / LEAGUE).exists(), given.overwrite)
     from train.machine import machine, versions  # torch is slow to import
-    from train.self_play.league import enter, play_league, rate
-    from train.self_play.payoffs import draw_league, legend_of, payoff_table, ratings_table
+    from train.self_play.game_league import enter_game, play_game_league
+    from train.self_play.league import enter, play_league, policies_of, rate
+    from train.self_play.payoffs import draw_league, legend_of, payoff_tables, ratings_table
 
+    task: Any
+    entered: Any
+    where: Plain
     with print_warnings():
-        how = (given.maze, given.opponent_epsilon, given.greedy)
         models = (given.model_roles, given.model_observations)
-        task, entries = enter(names, *how, given.names, *models)
+        if given.game is not None:
+            for name in ("maze", "opponent_epsilon", "model_roles", "model_observations"):
+                value = getattr(given, name)
+                check(not value, f"{name}={value!r} is for games in mazes; leave it out")
+            task, entered = enter_game(names, given.game, given.greedy, given.names)
+            where, place = {"task": GAME, "maze": None, "game": task.name}, f"in game {task.name}"
+        else:
+            how = (given.maze, given.opponent_epsilon, given.greedy)
+            task, entered = enter(names, *how, given.names, *models)
+            maze = task.mazes[0].name
+            where, place = {"task": task.name, "maze": maze}, f"on maze {maze}"
     lock = hold(out, "league")
-    table = play_league(task, entries, given.games, given.seed)
+    play = play_league if given.game is None else play_game_league
+    table = play(task, entered, given.games, given.seed)
     content = rate(table, given.seed) | {
-        "task": task.name,
-        "maze": task.mazes[0].name,
+        **where,
         "max_steps": task.max_steps,
         "seed": given.seed,
         "greedy": given.greedy,
@@ -90,37 +109,49 @@ def league(arguments: Sequence[str]) -> None:
         "machine": machine(),
     }
     write_json(out / LEAGUE, content)
-    draw_league(out / "league.png", table, f"League on {task.mazes[0].name}")
-    payoffs = [content[name] for name in ("chasers", "evaders", "payoff", "ci95", "never")]
-    tables = {"table": payoff_table(*payoffs)}
-    tables |= {f"{role}s": ratings_table(role, content) for role in ROLES}
+    draw_league(out / "league.png", table, f"League {place.replace('maze ', '')}")
+    tables = payoff_tables(table, content)
+    if table.first is None:
+        tables |= {policies_of(role): ratings_table(role, content) for role in table.roles}
     for stem, each in tables.items():
         each.write(out, stem)
-    _print(task, table, tables, content)
-    if legend := legend_of(names, given.opponent_epsilon):
+    _print(place, task.max_steps, table, tables, content)
+    if given.game is None and (legend := legend_of(names, given.opponent_epsilon)):
         print(legend)
     lock.release()
     print(f"figures and tables: {out}")
 
 
 def _print(
-    task: Task, table: LeagueTable, tables: Mapping[str, ResultTable], content: Plain
+    place: str,
+    max_steps: int,
+    table: LeagueTable,
+    tables: Mapping[str, ResultTable],
+    content: Plain,
 ) -> None:
     exact = "exact" if not table.ci95.any() else "± is the 95 % interval"
+    first, second = table.roles
+    both = table.first is not None
+    several = "{}s" if table.roles == ROLES else "policies of {}"
     print(
-        f"{table.unit} on maze {task.mazes[0].name}, at most {task.max_steps} ({exact}); "
-        "rows: chasers, columns: evaders"
+        f"{f'returns of {first}, then of {second},' if both else table.unit} {place}, at most "
+        f"{max_steps} ({exact}); rows: {several.format(first)}, "
+        f"columns: {several.format(second)}"
     )
     for each in tables.values():
         print_table(each)
         print()
-    for line in survival_lines(task, content):
+    if both:
+        print("general-sum game: no Nash averaging and no ratings")
+        return
+    for line in survival_lines(max_steps, content) if table.roles == ROLES else ():
         print(f"warning: {line}", file=sys.stderr)
-    for role in ROLES:
+    for role in table.roles:
         if content[f"{role}_cycle"]:
             chain = " > ".join([*content[f"{role}_cycle"], content[f"{role}_cycle"][0]])
             print(
-                f"\nwarning: the {role}s are not transitive, so ratings cannot order them: {chain}",
+                f"\nwarning: the {several.format(role)} are not transitive, so ratings cannot "
+                f"order them: {chain}",
                 file=sys.stderr,
             )
     if content["cycle"]:
@@ -132,14 +163,14 @@ def _print(
         )
 
 
-def survival_lines(task: Task, content: Plain) -> list[str]:
+def survival_lines(max_steps: int, content: Plain) -> list[str]:
     """Warnings on evaders that are never caught."""
     lines = []
     never, empty = content["never_caught"], content["never_catches"]
     if never:
         lines.append(
             f"never caught by any chaser here: {', '.join(never)}; the steps until capture are "
-            f"infinite, and {task.max_steps} is only the time limit"
+            f"infinite, and {max_steps} is only the time limit"
         )
     if "chaser" in content["ranks_mean_nothing"]:
         lines.append(

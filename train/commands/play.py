@@ -19,7 +19,7 @@ from train.play.session import Session
 from train.runs.folder import CONFIG
 from train.runs.interruption import Stopped
 from train.settings.checks import Settings, evaluation_seed
-from train.settings.task import AGENT, TaskSettings
+from train.settings.task import AGENT, GAME, TaskSettings
 
 PORT = rule(lambda value: 0 <= value < 2**16, "give 0 (any free port) to 65535")
 
@@ -55,6 +55,10 @@ def play(arguments: Sequence[str]) -> None:
     """`pursuit play`."""
     arguments = take_allow_options(arguments)  # before the run is read
     options = options_in(arguments)
+    check(
+        "game" not in options and options.get("task") != GAME,
+        "small games cannot be played by hand; watch policies with `pursuit view` and a run",
+    )
     against, run = options.get("against"), None
     if against and (Path(against) / CONFIG).exists():
         from train.play.setup import game_of_run  # torch is slow to import

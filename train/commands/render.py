@@ -9,9 +9,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from pursuit.reacher.policy import ArmPolicy
 from pursuit.rendering.animation import save_animation
-from pursuit.simulator.policy import Policy
 from pursuit.validation import at_least, check, passes
 from scripted_agents import (
     InverseKinematics,
@@ -21,11 +19,14 @@ from scripted_agents import (
     why_not_optimal,
 )
 from scripted_agents.environments import DEFAULTS
+from scripted_agents.games.agents import UNIFORM, TableAgent, named_agent
+from scripted_agents.games.solve import respond
 from train.commands.parse import default_task, options_in, parse, print_warnings
 from train.evaluation.arm_contest import ArmContest
 from train.evaluation.contest import GameContest
 from train.evaluation.contests import AnyContest
 from train.evaluation.maze_contest import MazeContest
+from train.evaluation.small_game_contest import SmallGameContest
 from train.files import check_folder, check_new_files
 from train.runs.unused_settings import check_unused_task_settings
 from train.settings.checks import Settings
@@ -82,23 +83,29 @@ def render(arguments: Sequence[str]) -> None:
     print(f"{given.out}: {given.episodes} episode(s)")
 
 
-def scripted_policy(contest: AnyContest) -> Policy | ArmPolicy:
-    """The scripted policy: A* in mazes, inverse kinematics for the arm."""
+def scripted_policy(contest: AnyContest) -> Any:
+    """The scripted policy: A* in mazes, inverse kinematics for the arm, uniform in small games."""
     if isinstance(contest, ArmContest):
         check(
             not contest.task.discrete_actions,
             "an arm with discrete actions has only learned policies; give the folder of a run",
         )
         return InverseKinematics()
+    if isinstance(contest, SmallGameContest):
+        return named_agent(UNIFORM, contest.task, contest.agent)
     assert isinstance(contest, MazeContest)
     return DEFAULTS[contest.role](0.0)
 
 
-def optimal_policy(contest: AnyContest) -> Policy | ArmPolicy:
+def optimal_policy(contest: AnyContest) -> Any:
     """The exactly optimal policy in a contest; ValueError if it is not known."""
     if isinstance(contest, ArmContest):
         check(not contest.task.discrete_actions, "unknown for discrete actions: omit --optimal")
         return LeastStepsPolicy()
+    if isinstance(contest, SmallGameContest):
+        task, agent = contest.task, contest.agent
+        response = respond(task.game, agent, contest.tables, 1.0, task.max_steps)
+        return TableAgent(task, agent, response.policies[agent])
     if not isinstance(contest, GameContest):
         raise ValueError("the optimum in several mazes is not one policy; give one of the mazes")
     best, among = contest.best_response(), contest.best_team_response()

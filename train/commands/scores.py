@@ -10,11 +10,11 @@ from scripted_agents.limits import MAX_EVALUATED_WORK, MAX_WORK, work_of
 from train.evaluation.arm_contest import ArmContest
 from train.evaluation.contest import GameContest
 from train.evaluation.contests import AnyContest
+from train.evaluation.score_table import score_table
 from train.evaluation.scores import (
     OUTCOME,
     Reference,
     Score,
-    score_table,
 )
 from train.files import Plain
 from train.reports.tables import print_table

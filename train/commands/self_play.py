@@ -247,12 +247,13 @@ def present(run: Run[SelfPlay], content: Plain) -> None:
     """Write the figures, the tables and the report; as `Run.present`."""
     from train.self_play.payoffs import matches_table  # torch is slow to import
     from train.self_play.report import draw_self_play, write_self_play_report
-    from train.self_play.small_game_report import write_small_game_report
+    from train.self_play.small_game_report import draw_curve, write_small_game_report
     from train.self_play.small_games import SmallGamePlay
 
     trainee, folder = run.trainee, run.folder
     if isinstance(trainee, SmallGamePlay):
-        write_small_game_report(folder, trainee, run.rows, content)
+        draw_curve(folder / CURVE, trainee, run.rows)
+        write_small_game_report(folder, trainee, content)
         return
     title = f"Self-play on {trainee.task.mazes[0].name} ({trainee.settings.sampling})"
     draw_self_play(folder / CURVE, run.rows, title, trainee.settings.budget_unit)

@@ -14,7 +14,8 @@ from pursuit.replays.replay import Replay
 from pursuit.replays.viewer.data import Builder, Extras
 from pursuit.validation import at_least, check
 from train.commands.parse import parse, print_warnings
-from train.evaluation.recordings import recorded, sides_of
+from train.evaluation.recordings import add_episodes, recorded, sides_of
+from train.evaluation.small_game_contest import SmallGameContest
 from train.files import check_new_files
 from train.play.browser import open_page
 from train.reports.pages import PLAYER_ELEMENT, write_page
@@ -68,6 +69,8 @@ def report_again(folder: Path, out: Path | None) -> Path:
     from train.runs.parts import contest_of
     from train.runs.saved import load_settings
     from train.self_play.report import write_self_play_report
+    from train.self_play.small_game_report import write_small_game_report
+    from train.self_play.small_games import SmallGamePlay
     from train.self_play.trainee import SelfPlay
 
     kind, _ = read_config(folder)
@@ -78,6 +81,8 @@ def report_again(folder: Path, out: Path | None) -> Path:
     if kind == SELF_PLAY:
         results = load_results(folder)
         trainee = open_run(folder).trainee
+        if isinstance(trainee, SmallGamePlay):
+            return write_small_game_report(folder, trainee, results, out)
         assert isinstance(trainee, SelfPlay)  # of this kind of run
         title = f"Self-play on {results['maze']} ({results['sampling']})"
         return write_self_play_report(folder, trainee, title, results, out)
@@ -113,7 +118,11 @@ def add_run(builder: Builder, folder: Path, episodes: int) -> None:
     policy = load_policy(folder, greedy=settings.evaluate == "greedy")
     contest = contest_of(settings.task, max(episodes, 2))
     names = [f"{folder.name}, episode {number + 1}" for number in range(episodes)]
-    replay = recorded(contest, policy, {n: i for i, n in enumerate(names)}, settings.algorithm)
+    games = {name: number for number, name in enumerate(names)}
+    if isinstance(contest, SmallGameContest):
+        add_episodes(builder, contest, policy, games, settings.algorithm)
+        return
+    replay = recorded(contest, policy, games, settings.algorithm)
     builder.add(replay, Extras(names=names, sides=sides_of(contest, policy)))
 
 

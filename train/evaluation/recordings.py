@@ -8,7 +8,7 @@ from typing import Any
 
 from pursuit.replays.recorder import Recorder
 from pursuit.replays.replay import Replay
-from pursuit.replays.viewer.data import Side
+from pursuit.replays.viewer.data import Builder, Side
 from scripted_agents import action_values
 from scripted_agents.references import is_table_duel
 from train.evaluation.arm_contest import ArmContest
@@ -17,6 +17,7 @@ from train.evaluation.contests import AnyContest
 from train.evaluation.games import duel_role, order_of, table_in
 from train.evaluation.scores import label_of
 from train.evaluation.small_game_contest import SmallGameContest
+from train.evaluation.small_game_replay import add_small_game
 
 MOST_OVERLAY_CELLS = 225
 """Maximum number of cells for overlays, as their size grows quadratically."""
@@ -44,6 +45,16 @@ def recorded(contest: AnyContest, policy: Any, games: Mapping[str, int], player:
     return Replay(
         contest.task, tuple(episodes), seed=contest.seed, players=players_of(contest, player)
     )
+
+
+def add_episodes(
+    builder: Builder, contest: SmallGameContest, policy: Any, games: Mapping[str, int], player: str
+) -> None:
+    """Add episodes of a contest in a small game to a page; the other arguments are those of
+    `recorded`."""
+    policies = {**contest.opponents, contest.agent: policy}
+    labels = players_of(contest, player)
+    add_small_game(builder, contest.task, policies, games, 1.0, labels)
 
 
 def players_of(contest: AnyContest, player: str) -> dict[str, str]:

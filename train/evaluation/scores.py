@@ -22,7 +22,6 @@ from scripted_agents.references import ExactReference
 from train.evaluation.departures import RATES
 from train.evaluation.hidden_contest import Certificate
 from train.files import Plain
-from train.reports.tables import Column, ResultTable, Row, numeric, words
 
 BEST_RETURN = "optimal return"
 """Name of the policy with the highest return."""
@@ -224,61 +223,6 @@ def strongest_reference(
 def _reference(kind: str, best: Score, learned: Score, measure: Measure) -> Reference:
     value, distance = measure.of(best), measure.distance(learned, best)
     return Reference(kind, best.name, measure.label, float(value or 0.0), float(distance or 0.0))
-
-
-def score_table(
-    scores: Sequence[Score],
-    certificate: Certificate | None = None,
-    measure: Measure = BY_STEPS,
-    beside: str = "",
-    success: str = "success",
-) -> ResultTable:
-    """Scores with the gap to the optimum, or to its proven interval.
-
-    A measure other than steps is the first column, followed by the difference to the optimum if
-    that is known. Names end with `beside`, the teammates; `success` heads the success rates.
-    """
-    by_steps = measure.name == "steps"
-    optimum = next((score for score in scores if score.name == "optimal"), None)
-    names = (measure.optimum, measure.optimum + FULL_VIEW)
-    best = next((score for score in scores if score.name in names), None)
-    rows: list[Row] = []
-    for score in scores:
-        row: Row = asdict(score) | {"interval": "exact" if score.exact else f"± {score.ci95:.3f}"}
-        row["value"] = measure.of(score)
-        if score is not best:
-            row["missing"] = measure.distance(score, best)
-        if score is not optimum:
-            row["gap"] = optimality_gap(score, optimum)
-        elif not by_steps:
-            row["name"] = "optimal steps"
-        if certificate is not None and score.discounted_steps is not None:
-            row["certified_gap"] = certificate.gap(score.discounted_steps)
-        row["name"] += beside
-        if score.success_rate == 1.0:
-            row["solved_gap"] = None
-        rows.append(row)
-    columns = [words("", "name")]
-    if not by_steps:
-        columns.append(numeric(measure.label, "value", ".3f"))
-        if best is not None:
-            side = "above" if measure.less_is_better else "below"
-            columns.append(numeric(f"{side} the best", "missing", ".3f"))
-    columns += [
-        numeric("steps", "mean_steps", ".3f"),
-        Column("95 % interval", lambda row: str(row["interval"])),
-        numeric(success, "success_rate", ".1f", 100, " %"),
-    ]
-    if any(score.rates for score in scores):
-        columns += [numeric(f"{name[:-5]}s", name, ".1f", 100, " %") for name in RATES]
-    if by_steps:
-        columns.append(numeric("gap to optimum", "gap", "+.2f", 100, " %"))
-    if any(row["solved_gap"] is not None for row in rows):
-        columns.append(numeric("of the solved", "solved_gap", "+.2f", 100, " %"))
-    if certificate is not None:
-        columns.append(numeric("discounted", "discounted_steps", ".3f"))
-        columns.append(numeric(certificate.head, "certified_gap", "+.2f", 100, " %"))
-    return ResultTable(rows, columns)
 
 
 def label_of(policy: object) -> str:

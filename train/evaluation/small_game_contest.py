@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from pursuit.rendering.rendering import Drawable
 from scripted_agents.games.agents import EQUILIBRIUM, UNIFORM, named_agent
 from scripted_agents.games.episodes import play_of
+from scripted_agents.games.rendering import scene_of
 from scripted_agents.games.simulator import GameSimulator, GameTask, StatePolicy
 from scripted_agents.games.solve import nash_conv, respond
 from scripted_agents.references import ExactReference
@@ -157,8 +158,8 @@ class SmallGameContest(Contest[StatePolicy, GameSimulator]):
         )
 
     def scene(self, games: GameSimulator, caption: str) -> Drawable:
-        """As `Contest`."""
-        raise NotImplementedError
+        """As `Contest`: the state as text."""
+        return replace(scene_of(games), caption=caption)
 
     def optimal_lengths(self) -> NDArray[np.float64] | None:
         """None: there is no optimum in steps."""

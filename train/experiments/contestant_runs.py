@@ -81,6 +81,10 @@ def settings_of(**flat: Any) -> ContestantSettings:
     own = {f.name for f in fields(ContestantSettings)} - {"task", "hyper", "library"}
     of_task = [f.name for f in fields(TaskSettings)]
     names = [*sorted(own), *of_task, *OBEYED]
+    check(
+        "game" not in flat,
+        f"game={flat.get('game')!r}: libraries are compared in mazes; use pursuit sweep or ablate",
+    )
     for name in flat:
         check(name in names, unknown("setting of a contestant", name, names))
     one_of("contestant", flat.get("contestant"), CONTESTANTS)

@@ -29,7 +29,7 @@ from train.runs.parts import contest_of
 from train.runs.tasks import task_of
 from train.settings.checks import check_seed
 from train.settings.self_play import LEARN, ROLES
-from train.settings.task import TaskSettings
+from train.settings.task import SmallGameSettings, TaskSettings
 
 MAX_RUNS = 100_000
 """Maximum number of runs of a study, to catch typing errors."""
@@ -37,7 +37,7 @@ MEASURED = {"seconds": "budget_seconds", "frames": "budget_frames"}
 """New names of settings whose names are those of measurements in the table of runs."""
 EQUAL = (
     *("seconds", "clock", "frames", "seed", "threads", "processes", "evaluate"),
-    *(field.name for field in fields(TaskSettings)),
+    *(field.name for form in (TaskSettings, SmallGameSettings) for field in fields(form)),
 )
 """Settings that all variants of an ablation share."""
 
@@ -187,15 +187,17 @@ def run_label(label: Table) -> str:
 def flat_plain(nested: Table) -> Table:
     """Plain settings by name as a flat dictionary; budgets are renamed by `MEASURED`.
 
-    What differs between the sides of self-play is chaser.NAME and evader.NAME.
+    What differs between the sides of self-play is chaser.NAME and evader.NAME, in a small game
+    PLAYER.NAME.
     """
     plain = dict(nested)
     flat = {"variant": None, "kind": None} | plain.pop("task")
     for name in ("hyper", "curriculum_settings"):
         plain |= {k: v for k, v in (plain.pop(name, None) or {}).items() if k not in plain}
+    plain |= plain.pop("players", {})
     sides = {
         role: {"algorithm": plain[role]["algorithm"], **plain[role]["hyper"]}
-        for role in ROLES
+        for role in (nested.get("players") or ROLES)
         if isinstance(plain.get(role), Mapping)
     }
     for role, own in sides.items():
@@ -300,13 +302,18 @@ def check_ablation(file: StudyFile) -> None:
 def check_measures(file: StudyFile, runs: Sequence[TrainingRun]) -> None:
     """ValueError for runs whose distance to the exact optimum or equilibrium is not known."""
     tasks = dict.fromkeys(run.settings.task for run in runs)
-    if file.kind == SELF_PLAY:
+    games = any(isinstance(task, SmallGameSettings) for task in tasks)
+    if file.kind == SELF_PLAY or games:
+        where, unit = ("small games", "game") if games else ("self-play", "maze")
+        what = "gaps in steps" if games else "single-agent runs"
         for name in ("primary", "margin"):
             value = getattr(file, name)
-            check(value is None, f"{name}={value!r} is for single-agent runs; leave it out")
+            check(value is None, f"{name}={value!r} is for {what}; leave it out")
         x = file.report.x if file.report else None
-        check(x in (None, "maze"), f"x={x!r} in [report]; in self-play give [grid] maze = [...]")
+        check(x in (None, unit), f"x={x!r} in [report]; in {where} give [grid] {unit} = [...]")
         for task in tasks:
+            if isinstance(task, SmallGameSettings):
+                continue  # their NashConv and best responses are known
             assert isinstance(task, TaskSettings)  # self-play has no other
             check(
                 task_of(task).is_duel,

@@ -46,7 +46,8 @@ class Input:
 
 def named_policies(plain: Plain) -> dict[str, str]:
     """The policies in plain settings that are not scripted agents, by the setting's name."""
-    named = {name: plain.get(name) for name in ROLES} | {"opponent": plain["task"].get("opponent")}
+    named = {name: plain.get(name) for name in ROLES} | (plain.get("players") or {})
+    named["opponent"] = plain["task"].get("opponent")
     return {
         name: value
         for name, value in named.items()
@@ -56,16 +57,22 @@ def named_policies(plain: Plain) -> dict[str, str]:
 
 def with_policies(settings: Any, values: Mapping[str, str]) -> Any:
     """Settings with these policies, by the setting's name."""
-    own = dict(values)
+    own: Plain = dict(values)
     task = {name: own.pop(name) for name in ("opponent",) if name in own}
+    if hasattr(settings, "players"):
+        own = {"players": {**settings.players, **own}}
     return replace(settings, **own, task=replace(settings.task, **task))
 
 
 def policy_files(path: Path) -> dict[str, bytes]:
     """The files of the policy at `path`: contents by their file names in `INPUTS`."""
     if path.is_dir():
-        whole = [path / CONFIG, *sorted(path.glob(f"{CHECKPOINT.split('.')[0]}*"))]
-        return {file.name: file.read_bytes() for file in whole if file.is_file()}
+        saved = f"{CHECKPOINT.split('.')[0]}*"
+        sides = [*path.glob(f"*/{CONFIG}"), *path.glob(f"*/{saved}")]  # of self-play
+        whole = [*sorted(sides), path / CONFIG, *sorted(path.glob(saved))]
+        return {
+            file.relative_to(path).as_posix(): file.read_bytes() for file in whole if file.is_file()
+        }
     described = description_of(path)
     own = {MODEL: path.read_bytes()}
     if described.is_file():

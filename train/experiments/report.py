@@ -9,11 +9,15 @@ from train.experiments import figures, summary
 from train.experiments.contestant_runs import CONTESTANT
 from train.experiments.rows import StudyRows, read_several, read_study
 from train.experiments.tuning import best_trials
-from train.experiments.variants import against_control, contestant_rows, first_to_gaps
+from train.experiments.variants import (
+    against_control,
+    contestant_rows,
+    distance_of,
+    first_to_gaps,
+)
 from train.files import begins_with, only_one, write_csv
 from train.reports.pages import write_markdown
 from train.reports.tables import ResultTable, Row, in_markdown, plain_table, short
-from train.runs.folder import SELF_PLAY
 
 SEVERAL = "Runs of "
 """Start of the titles of reports on several folders."""
@@ -73,7 +77,7 @@ def write_study(
         unit = unit or figures.unit_of(study)
         kind = study.rows[0]["kind"]
         if study.layout.control is not None:
-            make = nash_conv_content if kind == SELF_PLAY else ablation_content
+            make = ablation_content if distance_of(study.rows) is None else nash_conv_content
         elif kind == CONTESTANT and study.x == "variant":
             make = contestant_content
         else:
@@ -122,12 +126,14 @@ def ablation_content(study: StudyRows, folder: Path, unit: str, log: bool) -> Co
 
 
 def nash_conv_content(study: StudyRows, folder: Path, unit: str, log: bool) -> Content:
-    """The report of an ablation of self-play, without curves over training time."""
-    rows = against_control(study)
-    panels = {"NashConv (discounted steps)": ("log", "nash_conv", "each_run")}
+    """The report of an ablation of self-play or in small games, without curves over training
+    time."""
+    rows, distance = against_control(study), distance_of(study.rows)
+    assert distance is not None
+    panels = {f"{distance.name} ({distance.scale})": ("log", "nash_conv", "each_run")}
     figures.draw_final(folder / "final.png", study, rows, "variant", panels)
-    table = ResultTable(rows, summary.nash_conv_columns(study.layout))
-    return table, summary.nash_conv_notes(study, rows), ["final.png"]
+    table = ResultTable(rows, summary.nash_conv_columns(study.layout, distance))
+    return table, summary.nash_conv_notes(study, rows, distance), ["final.png"]
 
 
 def contestant_content(study: StudyRows, folder: Path, unit: str, log: bool) -> Content:

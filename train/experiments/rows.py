@@ -73,7 +73,8 @@ class StudyRows:
 
     def write(self, folder: Path) -> None:
         """Write `runs.csv`: every run with the settings that vary, its budget, and all measures."""
-        names = ["run", "status", *self.varying, "seed", "maze", "budget_seconds", "budget_frames"]
+        place = "game" if any(row.get("game") for row in self.everything) else "maze"
+        names = ["run", "status", *self.varying, "seed", place, "budget_seconds", "budget_frames"]
         names = list(dict.fromkeys([*names, *self.measures]))
         rows = [{name: row.get(name) for name in names} for row in self.everything]
         write_csv(folder / RUNS_CSV, rows, names)
@@ -234,7 +235,7 @@ def settings_row(folder: Path) -> Row:
     if "members" in row:
         row["members"] = " ".join(row["members"])
     # Labels also have settings such as `preset`, by which reports can group.
-    files = ("maze", "curriculum_mazes", "opponent", *ROLES)
+    files = ("maze", "curriculum_mazes", "opponent", *(plain.get("players") or ROLES))
     varying = {MEASURED.get(name, name): value for name, value in label.items()}
     return row | {n: value for n, value in varying.items() if n not in row or n in files}
 

@@ -18,7 +18,7 @@ import msgspec
 from pursuit.plugins import check_trusted
 from pursuit.validation import check, one_of
 from train.schemas import read_as
-from train.settings.self_play import unnested_sides
+from train.settings.self_play import ROLES, unnested_sides
 
 FOLDERS = {
     "sweep": Path(__file__).with_name("files"),
@@ -28,6 +28,8 @@ FOLDERS = {
 }
 """The folders of shipped files, by kind of study."""
 VERSIONS = ("short", "full")
+TABLES = ("settings", "grid", "search")
+"""Tables of settings."""
 THRESHOLDS = (20.0, 10.0, 5.0, 2.0)
 """Gaps in per cent; an ablation reports the times to reach them."""
 REMEDY = "correct that line; docs/guides/sweeps.md shows the form"
@@ -279,17 +281,38 @@ def read_file(name: str, kind: str, form: type[Form]) -> tuple[Path, Form]:
     return path, read_as(form, unnested_tables(content), path, REMEDY)
 
 
-def unnested_tables(content: Table) -> Table:
-    """The content of a file with the tables of one side as names such as chaser.entropy_coef."""
-    found = dict(content)
+def unnested_tables(content: Table, small: bool = False) -> Table:
+    """The content of a file with the tables of one side as names such as chaser.entropy_coef.
+
+    Args:
+        content: of the file, or of one of its versions.
+        small: whether the file names a small game; then every table is that of a player.
+    """
+    found, variants = dict(content), content.get("variants")
+    tables = [content.get(name) for name in TABLES]
+    tables += variants if isinstance(variants, list) else []
+    small = small or any(isinstance(table, dict) and "game" in table for table in tables)
+
+    def flat(name: str, table: Any) -> Any:
+        if not isinstance(table, dict):
+            return table
+        return unnested_sides(table, sides_in(table, name) if small else ROLES)
+
     for name, value in content.items():
         if name in VERSIONS and isinstance(value, dict):
-            found[name] = unnested_tables(value)
-        elif name in ("settings", "grid", "search") and isinstance(value, dict):
-            found[name] = unnested_sides(value)
+            found[name] = unnested_tables(value, small)
+        elif name in TABLES:
+            found[name] = flat(name, value)
         elif name == "variants" and isinstance(value, list):
-            found[name] = [unnested_sides(v) if isinstance(v, dict) else v for v in value]
+            found[name] = [flat(name, each) for each in value]
     return found
+
+
+def sides_in(table: Table, name: str) -> list[str]:
+    """The players with a table of settings in a table of the file; in [search] ranges are tables,
+    too."""
+    sides = {side: [*own.values()] for side, own in table.items() if isinstance(own, dict)}
+    return [s for s, own in sides.items() if name != "search" or {*map(type, own)} == {dict}]
 
 
 def choose_version(file: StudyFile, version: str | None) -> StudyFile:

@@ -21,7 +21,14 @@ from train.experiments.statistics import (
     mean_interval,
 )
 from train.experiments.study import THRESHOLDS, Layout
-from train.experiments.variants import LEAST, TARGETS, equal_results, p_text
+from train.experiments.variants import (
+    GAME_REGRET,
+    LEAST,
+    TARGETS,
+    Distance,
+    equal_results,
+    p_text,
+)
 from train.reports.tables import Column, ResultTable, Row, in_markdown, numeric, short, words
 from train.runs.folder import RUN
 
@@ -68,12 +75,14 @@ class Measure:
         return mean_interval([values]) if signed else distance_interval([values])
 
 
+REGRET = Measure("return_regret", "return_regret", "return regret", "from 0")
 GAP = Measure("gap", "optimality_gap", "gap to the optimum, %", "gap", 100.0)
 STEPS = Measure("steps", "mean_steps", "steps", "log")
 
 
 def measure_of(rows: list[Row]) -> Measure:
-    """The gap if the optimum of every run is known, otherwise steps; the objective for self-play.
+    """The gap if the optimum of every run is known, otherwise steps; the objective for self-play;
+    for single players of small games the return that a best response has more.
 
     Args:
         rows: complete runs of one kind. If only some games of self-play are exact, the measure is
@@ -84,6 +93,8 @@ def measure_of(rows: list[Row]) -> Measure:
     if column == "mean_steps":
         known = all(row.get("optimality_gap") is not None for row in rows)
         return GAP if known else STEPS
+    if column == "mean_return" and all(row.get("game") is not None for row in rows):
+        return REGRET
     name = "NashConv" if column == "nash_conv" else column.replace("_", " ")
     label = name if name.endswith(unit) else f"{name} ({unit})"
     signed = column in ("mean_return", "outcome")
@@ -113,7 +124,8 @@ def summary(rows: list[Row], x: str | None) -> list[Row]:
 
         line: Row = {x: value} if x else {}
         line |= {"group": name, "seeds": len(chosen)}
-        line |= {word: mean(column) for word, column in REFERENCES.items() if column in known}
+        shown = {"return": "mean_return"} if measure is REGRET else REFERENCES
+        line |= {word: mean(column) for word, column in shown.items() if column in known}
         values = [measure.factor * row[measure.column] for row in chosen]
         line |= bounded(measure.name, float(np.mean(values)), measure.interval(values))
         line[f"{measure.name}_iqm"] = interquartile_mean(values)
@@ -125,7 +137,7 @@ def summary(rows: list[Row], x: str | None) -> list[Row]:
             line |= {"less": float(np.mean(less)), "least": min(less)}
         if measure is GAP and "objective_gap" in known:
             line["objective_gap"] = 100.0 * mean("objective_gap")
-        if "success_rate" in known:
+        if "success_rate" in known and measure is not REGRET:
             line["success"] = 100.0 * mean("success_rate")
         table.append(line | {"seconds": mean("seconds"), "frames": mean("frames")})
     return table
@@ -178,7 +190,10 @@ def sweep_notes(rows: list[Row]) -> list[str]:
     if measure in (GAP, STEPS) and kinds:
         lines.append(note("sweep.steps", kinds=kinds))
     elif measure.name == "nash_conv":
-        lines.append(note("sweep.nash_conv"))
+        games = any(row.get("game") is not None for row in rows)
+        lines.append(note("sweep.game" if games else "sweep.nash_conv"))
+    elif measure is REGRET:
+        lines.append(note("sweep.regret"))
     if measure is GAP and all(row.get("objective_gap") is not None for row in rows):
         lines.append(note("sweep.objective"))
     return lines
@@ -238,16 +253,16 @@ def _time(gap: float, row: Row) -> str:
     return f"{_number(seconds)}, {_number(frames / scale)} {unit} ({reached} of {runs})"
 
 
-def nash_conv_columns(layout: Layout) -> list[Column]:
-    """The columns of variants of self-play."""
+def nash_conv_columns(layout: Layout, distance: Distance) -> list[Column]:
+    """The columns of variants of self-play and in small games."""
     return [
         words("variant"),
         words("verdict"),
         numeric("runs", "runs"),
-        numeric("NashConv, geometric mean", "nash_conv", ".3f"),
+        numeric(f"{distance.name}, geometric mean", "nash_conv", ".3f"),
         numeric("worst", "worst", ".3f"),
         Column(f"ratio to {layout.control} [95 %]", partial(_with_interval, "ratio", ".2f")),
-        words(f"mazes below {layout.control}", "lower_in"),
+        words(f"{distance.unit}s below {layout.control}", "lower_in"),
     ]
 
 
@@ -277,11 +292,14 @@ def ablation_notes(study: StudyRows) -> list[str]:
     return lines + ([note("gaps.margin", margin=layout.margin)] if layout.margin else [])
 
 
-def nash_conv_notes(study: StudyRows, table: Sequence[Row]) -> list[str]:
-    """The explanation of the table of variants of self-play."""
-    units = "mazes" if max(row["mazes"] for row in table) > 1 else "runs"
-    values = note("nash_conv.values", least=LEAST)
-    return [budget_note(study), note(f"nash_conv.{units}", level=LEVEL), values]
+def nash_conv_notes(study: StudyRows, table: Sequence[Row], distance: Distance) -> list[str]:
+    """The explanation of the table of variants of self-play and in small games."""
+    unit = distance.unit
+    units = "mazes" if max(row[f"{unit}s"] for row in table) > 1 else "runs"
+    named = {"unit": unit, "units": f"{unit}s".capitalize(), "level": LEVEL}
+    which = "regret" if distance is GAME_REGRET else "values"
+    values = note(f"nash_conv.{which}", least=LEAST, scale=distance.scale)
+    return [budget_note(study), note(f"nash_conv.{units}", **named), values]
 
 
 # -- contestants -----------------------------------------------------------------------------------

@@ -2,12 +2,14 @@
 
 Single agents are compared by their gap to the optimum: runs are permuted within tasks. Self-play is
 compared by exact NashConv: with several mazes these are the random units, and a variant and the
-control are paired by maze after the mean over seeds; with one maze the runs are the units.
+control are paired by maze after the mean over seeds; with one maze the runs are the units. Small
+games take the place of mazes, for single agents with the return that a best response has more.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from itertools import combinations, product
 
 import numpy as np
@@ -35,14 +37,46 @@ from train.experiments.statistics import (
 from train.experiments.study import THRESHOLDS, Layout
 from train.reports.tables import Row
 from train.runs.folder import SELF_PLAY
+from train.settings.task import GAME
 
 LEAST = 1e-3
-"""Smaller NashConvs, in discounted steps, count as this one: ratios to 0 are not defined."""
+"""Smaller NashConvs, in discounted steps or returns, count as this one: ratios to 0 are not
+defined."""
 MOST_RUNS = 100
 TARGETS = (5.0, 2.0, 1.0)
 """Gaps in per cent to which contestants are compared."""
 UNITS = ("seconds", "frames")
 NEVER = float("inf")
+
+
+@dataclass(frozen=True)
+class Distance:
+    """An exact distance to the equilibrium, or to a best response, by which runs are compared.
+
+    Attributes:
+        column: in the table of runs.
+        name: in reports.
+        scale: its unit.
+        unit: what runs are paired by.
+    """
+
+    column: str
+    name: str
+    scale: str
+    unit: str
+
+
+NASH_CONV = Distance("played_nash_conv", "NashConv", "discounted steps", "maze")
+GAME_NASH_CONV = Distance("played_nash_conv", "NashConv", "returns", "game")
+GAME_REGRET = Distance("return_regret", "return regret", "returns", "game")
+
+
+def distance_of(rows: Sequence[Row]) -> Distance | None:
+    """The distance of self-play and of small games; None for gaps to the optimum."""
+    games = any(row.get("game") is not None for row in rows)
+    if rows[0]["kind"] == SELF_PLAY:
+        return GAME_NASH_CONV if games else NASH_CONV
+    return GAME_REGRET if games else None
 
 
 def by_variant(study: StudyRows) -> dict[str, list[Row]]:
@@ -63,10 +97,10 @@ def against_control(study: StudyRows) -> list[Row]:
     """
     layout, variants = study.layout, by_variant(study)
     control = variants.get(str(layout.control), [])
-    if study.rows[0]["kind"] == SELF_PLAY:
-        rows = [nash_conv_row(name, own, control) for name, own in variants.items()]
+    if (distance := distance_of(study.rows)) is not None:
+        rows = [nash_conv_row(name, own, control, distance) for name, own in variants.items()]
         add_corrected(rows, layout, {"p_holm": "p"})
-        return [row | {"verdict": nash_conv_verdict(row, layout)} for row in rows]
+        return [row | {"verdict": nash_conv_verdict(row, layout, distance)} for row in rows]
     for row in study.rows:
         check(
             row["objective"] == "mean_steps",
@@ -197,12 +231,14 @@ def equal_results(study: StudyRows) -> list[tuple[str, str]]:
 # -- NashConv --------------------------------------------------------------------------------------
 
 
-def nash_convs(rows: Iterable[Row]) -> dict[str, list[float]]:
-    """NashConv of the policies that runs play, by maze; at least `LEAST`."""
+def nash_convs(rows: Iterable[Row], distance: Distance = NASH_CONV) -> dict[str, list[float]]:
+    """NashConv (or another distance) of the policies that runs play, by maze or game; at least
+    `LEAST`."""
     found: dict[str, list[float]] = {}
     for row in rows:
-        value = row.get("played_nash_conv")
-        check(value is not None, f"{row['run']}: no exact NashConv; use duels of at most 49 cells")
+        value = row.get(distance.column)
+        remedy = "use duels of at most 49 cells" if distance is NASH_CONV else "resume the run"
+        check(value is not None, f"{row['run']}: no exact {distance.name}; {remedy}")
         found.setdefault(str(row["_x"]), []).append(max(float(value or 0), LEAST))
     return found
 
@@ -214,12 +250,14 @@ def unit_means(mazes: dict[str, list[float]]) -> NDArray[np.float64]:
     return np.array([np.mean(runs) for runs in mazes.values()])
 
 
-def nash_conv_row(name: str, rows: Sequence[Row], control: Sequence[Row]) -> Row:
+def nash_conv_row(
+    name: str, rows: Sequence[Row], control: Sequence[Row], distance: Distance = NASH_CONV
+) -> Row:
     """One variant as a flat row; ratios are of geometric means, to the control."""
-    own, other = nash_convs(rows), nash_convs(control)
+    own, other = nash_convs(rows, distance), nash_convs(control, distance)
     units = unit_means(own)
     logs = np.log(units)
-    row: Row = {"variant": name, "mazes": len(own), "runs": len(rows)}
+    row: Row = {"variant": name, f"{distance.unit}s": len(own), "runs": len(rows)}
     low, high = mean_interval([logs.tolist()])
     row |= bounded("nash_conv", np.exp(logs.mean()), (np.exp(low), np.exp(high)))
     row |= {"worst": float(units.max()), "each_run": units.tolist()}
@@ -238,15 +276,15 @@ def nash_conv_row(name: str, rows: Sequence[Row], control: Sequence[Row]) -> Row
     return row | {"lower_in": lower, "p": p}
 
 
-def nash_conv_verdict(row: Row, layout: Layout) -> str:
-    """The verdict on a variant of self-play against the control."""
+def nash_conv_verdict(row: Row, layout: Layout, distance: Distance = NASH_CONV) -> str:
+    """The verdict on a variant of self-play or in small games against the control."""
     if row["variant"] == layout.control:
         return "control"
     if np.isnan(row["p_holm"]):
-        return "not compared: other mazes than the control"
+        return f"not compared: other {distance.unit}s than the control"
     note = f"p = {row['p_holm']:.3g}"
     if row["p_holm"] < LEVEL:
-        return f"{'lower' if row['ratio'] < 1.0 else 'higher'} NashConv ({note})"
+        return f"{'lower' if row['ratio'] < 1.0 else 'higher'} {distance.name} ({note})"
     return f"no difference shown ({note})"
 
 
@@ -320,9 +358,10 @@ def out_of_reach(study: Study) -> list[str]:
         line = f"p < {LEVEL:g} cannot be reached: with {seeds} seeds the least p is {least:.2g}"
         return [line] if study.pinned and least >= LEVEL else []
     tasks = len({run.label.get(str(layout.x)) for run in runs})
-    by_maze = runs[0].kind == SELF_PLAY and tasks > 1
+    games = layout.x == GAME
+    by_maze = (runs[0].kind == SELF_PLAY or games) and tasks > 1
     corrected = [v for v in layout.variants if v not in (layout.control, layout.primary)]
-    unit, now = ("mazes", tasks) if by_maze else ("seeds", seeds)
+    unit, now = ("games" if games else "mazes", tasks) if by_maze else ("seeds", seeds)
 
     def least_of(count: int) -> float:
         return least_sign_flip_p(count) if by_maze else least_p([(count, count)] * tasks)

@@ -30,7 +30,7 @@ MAX_BODY = 4096
 """Maximum bytes of a request; a move takes about fifty."""
 PATIENCE = 10.0
 """Timeout of idle connections in seconds; browsers open connections that they never use."""
-SCRIPTS = ("board.js", "maze_board.js", "arm_board.js", "play.js")
+SCRIPTS = ("board.js", "maze_board.js", "arm_board.js", "game_board.js", "play.js")
 HEADERS = {
     "Cache-Control": "no-store",
     "Referrer-Policy": "no-referrer",  # the address contains the token

@@ -50,7 +50,7 @@ def draw_learning_curve(
         name, value = score["name"], score.get(column)
         if not name.startswith("learned") and value is not None:
             color, dash = (COLORS[name], "--") if name in COLORS else next(others)
-            levels.append(Level(value, f"{name}: {value:.2f}", color, dash))
+            levels.append(Level(value, f"{name}: {value:z.2f}", color, dash))
     of_steps = column == "mean_steps"
     measured = Series([(times, np.array([row[column] for row in rows]))], "learned")
     label = LABELS.get(column, "mean return")

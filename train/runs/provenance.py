@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 import sys
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, TypedDict
@@ -53,14 +53,20 @@ class Record(TypedDict):
 Records = dict[str, Record]
 
 
-def own_parts(settings: WholeSettings | Mapping[str, object]) -> Iterator[tuple[str, str, str]]:
-    """(setting, name, module) of every user-defined part in settings, or in their plain values."""
+def own_parts(
+    settings: WholeSettings | Mapping[str, object], sides: Collection[str] = ROLES
+) -> Iterator[tuple[str, str, str]]:
+    """(setting, name, module) of every user-defined part in settings, or in their plain values.
+
+    The settings of one of the `sides` are called "chaser.algorithm", say.
+    """
     plain = settings if isinstance(settings, Mapping) else asdict(settings)
     for setting, value in plain.items():
         if isinstance(value, Mapping):
-            prefix = f"{setting}." if setting in ROLES else ""
-            yield from ((prefix + name, part, module) for name, part, module in own_parts(value))
-        elif setting in KINDS:
+            prefix = f"{setting}." if setting in sides else ""
+            within = own_parts(value, tuple(value) if setting == "players" else ROLES)
+            yield from ((prefix + name, part, module) for name, part, module in within)
+        elif setting in KINDS or setting in sides:
             names = value if isinstance(value, list | tuple) else [value]
             for number, name in enumerate(names):
                 module = origin_of(setting, name) if isinstance(name, str) else None
@@ -72,7 +78,7 @@ def origin_of(setting: str, name: str) -> str | None:
     """The module of the part that a setting names; None for built-in parts."""
     if setting == "game":
         name = "" if name.startswith(OPENSPIEL) else split_name(name)[0]
-    return KINDS[setting].origin(name) if name else None
+    return KINDS.get(setting, POLICIES).origin(name) if name else None
 
 
 def provenance(settings: WholeSettings | Plain) -> Records:

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 from pursuit.replays.viewer.data import Builder, Extras
-from pursuit.simulator.policy import Policy
 from train.evaluation.contests import AnyContest
 from train.evaluation.hidden_contest import Certificate
 from train.evaluation.maze_contest import MazeContest
-from train.evaluation.recordings import recorded, sides_of
-from train.evaluation.scores import Reference, Score, beside_of, score_table
+from train.evaluation.recordings import add_episodes, recorded, sides_of
+from train.evaluation.score_table import score_table
+from train.evaluation.scores import Reference, Score, beside_of
+from train.evaluation.small_game_contest import SmallGameContest
 from train.files import Plain, read_json
 from train.reports.pages import PLAYER_ELEMENT, details, pairs, picture, section, write_page
 from train.reports.tables import in_markdown
@@ -29,11 +31,11 @@ def write_report(
     folder: Path,
     settings: AgentSettings,
     contest: AnyContest,
-    policy: Policy,
+    policy: Any,
     results: Plain,
     path: Path | None = None,
 ) -> Path:
-    """Write `report.html` and `replays.json` into the folder of a run; returns the report's path.
+    """Write `report.html` into the folder of a run, and except for small games `replays.json`.
 
     Args:
         folder: of the run.
@@ -47,17 +49,20 @@ def write_report(
         OSError: they cannot be written.
     """
     games = {f"episode {number + 1}": number for number in range(EPISODES)}
-    replay = recorded(contest, policy, games, settings.algorithm)
-    if path is None:
-        replay.save(folder / REPLAYS)
     builder = Builder()
-    extras = Extras(
-        names=list(games),
-        sides=sides_of(contest, policy),
-        seat=contest.agent if isinstance(contest, MazeContest) else None,
-        encoding=settings.observation if isinstance(contest, MazeContest) else None,
-    )
-    builder.add(replay, extras)
+    if isinstance(contest, SmallGameContest):
+        add_episodes(builder, contest, policy, games, settings.algorithm)
+    else:
+        replay = recorded(contest, policy, games, settings.algorithm)
+        if path is None:
+            replay.save(folder / REPLAYS)
+        extras = Extras(
+            names=list(games),
+            sides=sides_of(contest, policy),
+            seat=contest.agent if isinstance(contest, MazeContest) else None,
+            encoding=settings.observation if isinstance(contest, MazeContest) else None,
+        )
+        builder.add(replay, extras)
     title = contest.line().split(", at most")[0]
     scores = [Score(**score) for score in results["scores"]]
     table = score_table(
@@ -142,7 +147,7 @@ def summary(results: Plain) -> str:
         text += f"; {Reference(**held).line()}"
     gap, missing = found.get("objective_gap"), found.get("return_gap")
     if missing is not None:
-        text += f" (a policy optimal for the training objective: {missing:.4f} below the optimum)"
+        text += f" (a policy optimal for the training objective: {missing:z.4f} below the optimum)"
     elif gap is not None:
         text += f" (a policy optimal for the training objective: gap {100 * gap:+.2f} %)"
     text += f". {results['frames']:,} frames in {results['seconds']:.1f} s"

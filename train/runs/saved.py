@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +37,7 @@ from train.settings.reading import (
     typed,
 )
 from train.settings.run import AgentSettings, TrainSettings
+from train.settings.self_play import ROLES
 from train.settings.task import ReacherSettings, SmallGameSettings, task_form
 from train.teaching.plan import training_task
 
@@ -92,10 +94,12 @@ def load_settings(folder: Path | str) -> AgentSettings:
     """
     folder = Path(folder)
     kind, plain = read_config(folder)
+    sides = plain.get("players")  # of a small game
+    sides = sides if isinstance(sides, Mapping) else dict.fromkeys(ROLES)
+    roles = [str(folder / role) for role, own in sides.items() if not isinstance(own, str)]
     check(
         kind in (RUN, SIDE),
-        f"{folder}: a run of kind {kind!r}, with a policy for each role; give {folder / 'chaser'} "
-        f"or {folder / 'evader'}",
+        f"{folder}: a run of kind {kind!r}, with a policy for each role; give {' or '.join(roles)}",
     )
     check_trusted(folder / CONFIG, plain)
     check_sources(folder / CONFIG, plain)

@@ -1,4 +1,7 @@
-"""Leagues: all chasers against all evaders, with ratings and their confidence intervals."""
+"""Leagues: all policies of one role against all of another, with ratings and their intervals.
+
+The roles are chasers and evaders, or the players of a small game (`train.self_play.game_league`).
+"""
 
 from __future__ import annotations
 
@@ -6,11 +9,11 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.simulator.policy import Policy
 from pursuit.tasks.task import Task
 from pursuit.validation import check, shortened
 from scripted_agents.environments import (
@@ -38,7 +41,7 @@ from train.self_play.ratings import (
 )
 from train.settings.checks import evaluation_seed
 from train.settings.self_play import ROLES
-from train.settings.task import TaskSettings, in_maze
+from train.settings.task import SmallGameSettings, TaskSettings, in_maze
 
 STEPS, ESCAPES = "steps until capture", "escapes - captures"
 """Units of payoffs."""
@@ -46,34 +49,40 @@ STEPS, ESCAPES = "steps until capture", "escapes - captures"
 
 @dataclass(frozen=True)
 class Entry:
-    """A policy in one role."""
+    """A policy in one role: a `Policy`, or in a small game a `TableAgent`."""
 
     name: str
     role: str
-    policy: Policy
+    policy: Any
 
 
 @dataclass(frozen=True, eq=False)
 class LeagueTable:
     """The results of a league; payoffs are steps until capture, truncated at the horizon.
 
-    With exits they are escapes minus captures.
+    With exits they are escapes minus captures; in a small game returns of the second player.
 
     Attributes:
         payoff, ci95: [chasers, evaders] float64; the half width is 0 for exact payoffs.
-        lengths: [chasers, evaders, games] int64, the payoffs of the sampled games.
-        chasers, evaders: their names.
+        lengths: [chasers, evaders, games] int64, the payoffs of the sampled games; in a small game
+            float64.
+        chasers, evaders: their names; in a small game those of the first and the second player.
         horizon: steps after which a game is truncated; None for no limit, and with exits.
         unit: of the payoffs.
+        roles: those of the rows and of the columns.
+        first: [chasers, evaders] float64, the payoffs of the first role where they are not the
+            opposite of those of the second: a general-sum game; None otherwise.
     """
 
     chasers: list[str]
     evaders: list[str]
     payoff: NDArray[np.float64]
     ci95: NDArray[np.float64]
-    lengths: NDArray[np.int64]
+    lengths: NDArray[np.int64] | NDArray[np.float64]
     horizon: int | None = None
     unit: str = STEPS
+    roles: tuple[str, str] = ROLES
+    first: NDArray[np.float64] | None = None
 
 
 def enter(
@@ -105,7 +114,7 @@ def enter(
     title = dict(zip(names, entry_names(names, is_agent, called), strict=True))
     models = [name for name in names if is_model(name)]
     runs = [name for name in names if not is_agent(name) and name not in models]
-    paths = [(name, path) for name in runs for path in _folders_of(name)]
+    paths = [(name, path) for name in runs for path in folders_of(name)]
     task = _task_of(paths, maze)
     bare = [name for name in models if not description_of(name).is_file()]
     roles = _one_each("model_roles", model_roles, bare)
@@ -137,18 +146,29 @@ def enter(
     return task, entries
 
 
-def _folders_of(name: str) -> list[Path]:
-    """The folder of a run, or the folders of both sides of self-play."""
+def folders_of(
+    name: str, roles: Sequence[str] = ROLES, agents: Sequence[str] = AGENTS
+) -> list[Path]:
+    """The folder of a run, or the folders of all learned sides of self-play.
+
+    Args:
+        name: of the folder.
+        roles: of the game.
+        agents: the named policies of the game, for the message.
+
+    Raises:
+        ValueError: no run there.
+    """
     folder = Path(name)
     check(
         os.path.isdir(folder),
-        f"{shortened(name)}: neither a folder of a run nor a scripted agent ({', '.join(AGENTS)}, "
+        f"{shortened(name)}: neither a folder of a run nor a scripted agent ({', '.join(agents)}, "
         "or package.module:Name)",
     )
     check((folder / CONFIG).exists(), f"{name}: no run here ({CONFIG} is missing); give a run")
     if not is_self_play(folder):
         return [folder]
-    inner = [folder / role for role in ROLES if (folder / role / CONFIG).exists()]
+    inner = [folder / role for role in roles if (folder / role / CONFIG).exists()]
     check(bool(inner), f"{name}: self-play without a checkpoint yet; resume it first")
     return inner
 
@@ -158,8 +178,11 @@ def _task_of(runs: Sequence[tuple[str, Path]], maze: str | None) -> Task:
     if not runs:
         return task_of(TaskSettings(maze="5x5" if maze is None else maze))
     name, folder = runs[0]
+    settings = load_settings(folder).task
+    if isinstance(settings, SmallGameSettings):
+        raise ValueError(f"{name}: a run of a small game; give --game {settings.game!r}")
     check(maze is None, f"maze={maze!r}, but {name} has its own maze; leave maze out")
-    task = task_of(in_maze(load_settings(folder).task, name))
+    task = task_of(in_maze(settings, name))
     check(
         bool(task.num_chasers and task.num_evaders),
         f"{name}: trained in task {task.name!r}; a league needs chasers and evaders",
@@ -224,8 +247,8 @@ def survival(table: LeagueTable) -> Plain:
     never = (late >= 1.0) & (table.payoff >= horizon - 1e-9)
     evaders = [n for n, alive in zip(table.evaders, never.all(axis=0), strict=True) if alive]
     chasers = [n for n, empty in zip(table.chasers, never.all(axis=1), strict=True) if empty]
-    several = {"chaser": len(table.chasers) > 1, "evader": len(evaders) > 1}
-    roles = [role for role in ROLES if evaders and several[role]]
+    several = (len(table.chasers) > 1, len(evaders) > 1)
+    roles = [role for role, more in zip(table.roles, several, strict=True) if evaders and more]
     return {
         "out_of_time": late.tolist(),
         "never": never.tolist(),
@@ -235,26 +258,40 @@ def survival(table: LeagueTable) -> Plain:
     }
 
 
+def policies_of(role: str) -> str:
+    """The name of the entries in a role, in files."""
+    return f"{role}s" if role in ROLES else f"{role}_policies"
+
+
 def rate(table: LeagueTable, seed: int = 0) -> Plain:
-    """Ratings of both roles, Nash averaging and a cycle of best responses, as plain values."""
+    """Ratings of both roles, Nash averaging and a cycle of best responses, as plain values.
+
+    Of a general-sum game only the payoffs of both players.
+    """
+    first, second = table.roles
+    if table.first is not None:
+        payoffs = {first: table.first.tolist(), second: table.payoff.tolist()}
+        called = {policies_of(first): table.chasers, policies_of(second): table.evaders}
+        return {**called, "payoffs": payoffs}
     content: Plain = {
-        "chasers": table.chasers,
-        "evaders": table.evaders,
+        policies_of(first): table.chasers,
+        policies_of(second): table.evaders,
         "payoff": table.payoff.tolist(),
         "ci95": table.ci95.tolist(),
         "games": table.lengths.shape[2],
-        **survival(table),
+        **(survival(table) if table.roles == ROLES else {}),
         **({} if table.unit == STEPS else {"unit": table.unit}),
     }
     average = nash_average(table.payoff)
     content["nash"] = {
         "value": average.value,
-        "chaser_mixture": average.column.tolist(),
-        "evader_mixture": average.row.tolist(),
+        f"{first}_mixture": average.column.tolist(),
+        f"{second}_mixture": average.row.tolist(),
     }
+    against = "steps" if table.roles == ROLES else "payoff"
     for role, names, results, nash in (
-        ("chaser", table.chasers, -table.lengths, table.payoff @ average.row),
-        ("evader", table.evaders, table.lengths.swapaxes(0, 1), average.column @ table.payoff),
+        (first, table.chasers, -table.lengths, table.payoff @ average.row),
+        (second, table.evaders, table.lengths.swapaxes(0, 1), average.column @ table.payoff),
     ):
         wins = pairwise_wins(results)
         elo = elo_ratings(wins, seed)
@@ -264,7 +301,7 @@ def rate(table: LeagueTable, seed: int = 0) -> Plain:
                 "elo": elo[n][0],
                 "elo_low": elo[n][1],
                 "elo_high": elo[n][2],
-                "steps_against_nash": float(nash[n]),
+                f"{against}_against_nash": float(nash[n]),
             }
             for n, name in enumerate(names)
         ]
@@ -276,5 +313,6 @@ def rate(table: LeagueTable, seed: int = 0) -> Plain:
 def cycle_of(table: LeagueTable) -> list[str]:
     """A cycle in which each is the best response to the previous one; empty if there is none."""
     names = {"chaser": table.chasers, "evader": table.evaders}
+    called = dict(zip(ROLES, table.roles, strict=True))
     cycle = best_response_cycle(table.payoff, table.ci95)
-    return [f"{role} {names[role][n]}" for role, n in cycle]
+    return [f"{called[role]} {names[role][n]}" for role, n in cycle]

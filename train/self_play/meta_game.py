@@ -39,7 +39,12 @@ class Payoffs:
         self.known: dict[tuple[str, str], float] = {}
 
     def names(self, role: str) -> list[str]:
-        """The members of a role that have payoffs: snapshots, scripted and frozen policies."""
+        """The members of a role that have payoffs: snapshots, scripted and frozen policies.
+
+        ValueError for more than two roles.
+        """
+        count = len(self.pools)
+        check(count == 2, f"payoffs are those of two players, but {count} play; do not ask for any")
         names = self.pools[role].names
         return [name for name in names if name != LATEST or role not in self._learning]
 

@@ -7,7 +7,7 @@ bounded from above by responses that know the snapshot, and from below by respon
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 from pursuit.tasks.task import Task
 from scripted_agents import PairValues, mean_over_starts, solve_chase
+from scripted_agents.games.simulator import GameTask
+from scripted_agents.games.solve import equilibrium, respond, returns_of
 from scripted_agents.references import is_table_duel
 from train.evaluation.games import best_reply, other_role, table_in, values_between
 from train.files import Plain
@@ -29,11 +31,13 @@ evaluation for every snapshot."""
 MIXED = ("uniform", *NASH_SAMPLING)
 """Sampling rules that converge in a mixture of snapshots: all equally likely, or the Nash mixture;
 with others the last policies converge."""
+MOST_MIXED = 50_000
+"""Joint actions of a small game up to which bounds of mixtures are computed: minutes at most."""
 Table = NDArray[np.float64]
 
 
 def mixture_bounds(
-    task: Task, role: str, tables: Table, shares: NDArray[np.float64], discount: float
+    task: Task | GameTask, role: str, tables: Table, shares: NDArray[np.float64], discount: float
 ) -> tuple[float, float]:
     """Bounds of the exploitability of a mixture that draws one table per game.
 
@@ -41,38 +45,87 @@ def mixture_bounds(
     average in every state and to `RESPONSES` of the tables, the most probable ones.
 
     Args:
-        task: a duel in one maze.
+        task: a duel in one maze, or a zero-sum small game of two.
         role: of the mixture.
-        tables: [n, own cell, other cell, action] action probabilities.
+        tables: [n, own cell, other cell, action] action probabilities; in a small game [n, pairs]
+            of a state and an action, as of `SmallGame.table`.
         shares: [n] probabilities of the tables.
-        discount: of the exact game.
+        discount: of the exact game; 1 in a small game with its time limit.
 
     Returns:
-        Lower and upper bound of the mean over all starts in distinct cells, in discounted steps.
+        Lower and upper bound of the mean over all starts, in discounted steps (of duels, in
+        distinct cells) or returns.
     """
+    if isinstance(task, GameTask):
+        reply, gain = _replies_in_game(task, role, discount)
+    else:
+        reply, gain = _replies_in_duel(task, role, discount)
+    each = [reply(table) for table in tables]
+    upper = float(shares @ [gained for _, gained in each])
+    average, _ = reply(np.tensordot(shares, tables, axes=1))
+    likely = np.argsort(-shares, kind="stable")[:: max(len(shares) // RESPONSES, 1)]
+    responses = [each[number][0] for number in likely] + [average]
+    gains = [float(shares @ [gain(table, one) for table in tables]) for one in responses]
+    lower = max(0.0, *gains)  # exploitability is never negative
+    return lower, max(lower, upper)
+
+
+Reply = Callable[[Table], tuple[Table, float]]
+"""The best response to a table, and what it gains over the value of the game."""
+Gain = Callable[[Table, Table], float]
+"""What a response to a table gains over the value of the game."""
+
+
+def _replies_in_duel(task: Task, role: str, discount: float) -> tuple[Reply, Gain]:
     maze, sign, other = task.mazes[0], 1.0 if role == "chaser" else -1.0, other_role(role)
     order: Any = task.move_order
     game = solve_chase(maze, discount, task.stay_action, None, order)
     value = mean_over_starts(game.values, maze)
 
-    def gain(values: Table | PairValues) -> float:
+    def gained(values: Table | PairValues) -> float:
         return sign * (mean_over_starts(values, maze) - value)
 
-    def gain_of(response: Table) -> float:
-        each = [values_between(task, role, (table, response), None, discount) for table in tables]
-        return float(shares @ [gain(values) for values in each])
+    def reply(table: Table) -> tuple[Table, float]:
+        best = best_reply(task, other, table, None, discount)
+        return best.policy, gained(best.values)
 
-    each = [best_reply(task, other, table, None, discount) for table in tables]
-    upper = float(shares @ [gain(response.values) for response in each])
-    average = best_reply(task, other, np.tensordot(shares, tables, axes=1), None, discount)
-    likely = np.argsort(-shares, kind="stable")[:: max(len(shares) // RESPONSES, 1)]
-    responses = [each[number].policy for number in likely] + [average.policy]
-    lower = max(0.0, *map(gain_of, responses))  # exploitability is never negative
-    return lower, max(lower, upper)
+    def gain(table: Table, response: Table) -> float:
+        return gained(values_between(task, role, (table, response), None, discount))
+
+    return reply, gain
+
+
+def _replies_in_game(task: GameTask, role: str, discount: float) -> tuple[Reply, Gain]:
+    game, horizon = task.game, task.max_steps if discount == 1.0 else None
+    other = next(name for name in game.players if name != role)
+    seat, value = game.player(other), equilibrium(game, discount, horizon).mean_over_starts
+    value = value if seat == 0 else -value
+
+    def reply(table: Table) -> tuple[Table, float]:
+        best = respond(game, other, {role: table}, discount, horizon)
+        return best.policies[other], best.mean_over_starts - value
+
+    def gain(table: Table, response: Table) -> float:
+        found = returns_of(game, {role: table, other: response}, discount, horizon)
+        return float(game.start @ found[:, seat]) - value
+
+    return reply, gain
+
+
+def _table_of(task: Task | GameTask, policy: Any, least: float) -> Table:
+    """The table of a policy, without actions of a probability below `least`."""
+    if isinstance(task, GameTask):
+        return task.flat(policy.agent, without_improbable(policy.state_probabilities(), least))
+    return without_improbable(table_in(task, policy), least)
+
+
+def can_mix(task: GameTask) -> bool:
+    """Whether bounds of mixtures are computed in a game: it is zero-sum, of two, and small."""
+    return task.game.zero_sum and len(task.game.choices) <= MOST_MIXED
 
 
 def mixture_nash_conv(
-    task: Task,
+    task: Task | GameTask,
     discount: float,
     kept: Mapping[str, Sequence[Member]],
     mixtures: Mapping[str, Mapping[str, float]] | None,
@@ -81,7 +134,7 @@ def mixture_nash_conv(
     """Bounds of NashConv of mixtures of the snapshots in the pools.
 
     Args:
-        task: a duel in one maze.
+        task: a game in a maze, or a zero-sum small game of two.
         discount: of the exact game.
         kept: the snapshots of each role.
         mixtures: shares of the snapshots by role and name; None for equal shares.
@@ -93,17 +146,18 @@ def mixture_nash_conv(
     """
     if len(kept) < 2 or not all(kept.values()):
         return None
+    if isinstance(task, GameTask) and not can_mix(task):
+        return None
     bounds = []
     for role, members in kept.items():
         equal = {member.name: 1.0 / len(members) for member in members}
         by_name = equal if mixtures is None else mixtures.get(role, {})
         shares = np.array([by_name.get(member.name, 0.0) for member in members])
         policies = [member.policy_once() for member in members]
-        if shares.sum() < 1.0 - 1e-6 or not all(is_table_duel(task, policy) for policy in policies):
+        tabular = isinstance(task, GameTask) or is_table_duel(task, *policies)
+        if shares.sum() < 1.0 - 1e-6 or not tabular:
             return None
-        tables = np.stack(
-            [without_improbable(table_in(task, policy), min_probability) for policy in policies]
-        )
+        tables = np.stack([_table_of(task, policy, min_probability) for policy in policies])
         drawn = shares > 0.0
         drawn_shares = shares[drawn] / shares.sum()
         bounds.append(mixture_bounds(task, role, tables[drawn], drawn_shares, discount))
@@ -112,14 +166,15 @@ def mixture_nash_conv(
 
 
 def snapshot_results(
-    task: Task,
+    task: Task | GameTask,
     sampling: str,
     discount: float,
     kept: Mapping[str, Sequence[Member]],
     mixtures: Mapping[str, Mapping[str, float]] | None,
     min_probability: float,
 ) -> Plain:
-    """ "diversity" of the snapshots in the pools, and "mixture_nash_conv" where it is known.
+    """ "diversity" of the snapshots in the pools, but in small games, and "mixture_nash_conv" where
+    it is known.
 
     Arguments as in `mixture_nash_conv`, and the sampling rule; `mixtures` are the Nash mixtures of
     the run, if it has any.
@@ -129,4 +184,6 @@ def snapshot_results(
         shares = mixtures if sampling in NASH_SAMPLING else None
         bounds = mixture_nash_conv(task, discount, kept, shares, min_probability)
         results |= {} if bounds is None else {"mixture_nash_conv": bounds}
+    if isinstance(task, GameTask):
+        return results
     return {**results, "diversity": diversity_of(task, discount, kept)}

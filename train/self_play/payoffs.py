@@ -10,6 +10,7 @@ from train.files import Plain
 from train.reports.figures import draw_matrix
 from train.reports.tables import Column, ResultTable, Row, words
 from train.self_play.league import LeagueTable
+from train.settings.self_play import ROLES
 
 
 def payoff_table(
@@ -18,6 +19,7 @@ def payoff_table(
     steps: Sequence[Sequence[float]],
     ci95: Sequence[Sequence[float]],
     never: Sequence[Sequence[bool]] | None = None,
+    roles: tuple[str, str] = ROLES,
 ) -> ResultTable:
     """A row for each chaser: "against NAME" and "against NAME ci95" for every evader.
 
@@ -26,10 +28,12 @@ def payoff_table(
         steps: [chasers][evaders], until capture or the end.
         ci95: [chasers][evaders], half widths of confidence intervals; 0 for exact steps.
         never: [chasers][evaders], whether the evader is never caught.
+        roles: of rows and columns.
     """
+    own, other = roles
     rows = []
     for i, chaser in enumerate(chasers):
-        row: Row = {"chaser": chaser}
+        row: Row = {own: chaser}
         for j, evader in enumerate(evaders):
             row[f"against {evader}"] = float(steps[i][j])
             row[f"against {evader} ci95"] = float(ci95[i][j])
@@ -37,7 +41,7 @@ def payoff_table(
                 row[f"against {evader} never caught"] = bool(never[i][j])
         rows.append(row)
     cells = [Column(evader, partial(_cell, f"against {evader}")) for evader in evaders]
-    return ResultTable(rows, [words("chaser \\ evader", "chaser"), *cells])
+    return ResultTable(rows, [words(f"{own} \\ {other}", own), *cells])
 
 
 def _cell(name: str, row: Row) -> str:
@@ -78,15 +82,35 @@ def ratings_table(role: str, content: Plain) -> ResultTable:
         words(role, "name"),
         Column("Elo [95 %]", lambda r: f"{r['elo']:.0f} [{r['elo_low']:.0f}, {r['elo_high']:.0f}]"),
         Column("Nash share", lambda r: f"{100 * r['nash_share']:.1f} %"),
-        Column(
-            f"{content.get('unit', 'steps')} against Nash",
-            lambda r: f"{r['steps_against_nash']:.2f}",
-        ),
+        Column(f"{content.get('unit', 'steps')} against Nash", _against_nash),
     ]
     return ResultTable(sorted(rows, key=lambda row: -row["elo"]), columns)
 
 
+def _against_nash(row: Row) -> str:
+    if "payoff_against_nash" in row:
+        return f"{row['payoff_against_nash']:z.2f}"
+    return f"{row['steps_against_nash']:.2f}"
+
+
+def payoff_tables(table: LeagueTable, content: Plain) -> dict[str, ResultTable]:
+    """The payoffs of a league by the name of the file; of a general-sum game those of each role."""
+    own, other, roles = table.chasers, table.evaders, table.roles
+    if table.first is None:
+        never = content["never"] if roles == ROLES else None
+        return {"table": payoff_table(own, other, content["payoff"], content["ci95"], never, roles)}
+    return {
+        f"table_{role}": payoff_table(own, other, payoff, table.ci95.tolist(), None, roles)
+        for role, payoff in content["payoffs"].items()
+    }
+
+
 def draw_league(path: Path, table: LeagueTable, title: str) -> None:
-    """The payoff matrix as a heat map."""
-    names = ("chaser", table.chasers), ("evader", table.evaders)
-    draw_matrix(path, table.payoff, *names, table.unit, title)
+    """The payoff matrix as a heat map; in a general-sum game also that of the first role, in a
+    second file."""
+    names = [*zip(table.roles, (table.chasers, table.evaders), strict=True)]
+    draw_matrix(path, table.payoff, names[0], names[1], table.unit, title)
+    if table.first is not None:
+        role = table.roles[0]
+        path = path.with_stem(f"{path.stem}_{role}")
+        draw_matrix(path, table.first, names[0], names[1], f"return of {role}", title)

@@ -162,12 +162,7 @@ def describe_exploitability(results: Plain) -> list[str]:
         what = f"Best response with the view of its role {name.replace('_', ' the ')}"
         what = "NashConv with these views" if name == "nash_conv" else what
         lines.append(f"{what}: {bounds[0]:.3f} to {bounds[1]:.3f} discounted steps, proven.")
-    if "mixture_nash_conv" in results:
-        bounds = "{:.3f} to {:.3f}".format(*results["mixture_nash_conv"])
-        which = "all snapshots" if results["sampling"] == "uniform" else "the Nash mixture"
-        lines.append(f"NashConv of drawing from {which} in each game: {bounds}, proven.")
-    if results.get("diversity"):
-        lines.append(f"{describe_diversity(results['diversity'])}.")
+    lines += describe_snapshots(results)
     if results.get("whole_game"):
         unit = OUTCOME if "outcome" in found else "discounted returns"
         lines.append(describe_whole_game(results["whole_game"], unit))
@@ -189,6 +184,18 @@ def describe_exploitability(results: Plain) -> list[str]:
             unit = OUTCOME if "outcome" in found else "steps"
             lines.append(f"{kind} best response{full} {against}: {steps:.2f} {unit}.".capitalize())
     lines.append(f"{results['frames']:,} frames in {results['seconds']:.1f} s.")
+    return lines
+
+
+def describe_snapshots(results: Plain) -> list[str]:
+    """NashConv of the mixture of snapshots, and their diversity, as sentences."""
+    lines = []
+    if "mixture_nash_conv" in results:
+        bounds = "{:.3f} to {:.3f}".format(*results["mixture_nash_conv"])
+        which = "all snapshots" if results["sampling"] == "uniform" else "the Nash mixture"
+        lines.append(f"NashConv of drawing from {which} in each game: {bounds}, proven.")
+    if results.get("diversity"):
+        lines.append(f"{describe_diversity(results['diversity'])}.")
     return lines
 
 

@@ -5,16 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from pursuit.replays.viewer.data import Builder
+from train.evaluation.small_game_replay import add_small_game
 from train.files import Plain
 from train.reports.curves import Panel, Series, draw_panels
 from train.reports.figures import BLACK, PALETTE, time_scale
-from train.reports.pages import picture, section, write_page
+from train.reports.pages import PLAYER_ELEMENT, picture, section, write_page
 from train.reports.tables import Column, ResultTable, Row, in_markdown, words
 from train.runs.folder import CURVE, REPORT
-from train.self_play.report import settings_and_command
+from train.self_play.report import EPISODES, describe_snapshots, settings_and_command
 from train.self_play.small_games import SmallGamePlay
 
 
@@ -53,14 +56,19 @@ def describe_small_game(results: Plain) -> list[str]:
             f"Return of {players[0]}: {found[f'{players[0]}_return']:z.4f}; value of the game: "
             f"{found['game_value']:z.4f}. Exploitability: {each}."
         )
+    lines += describe_snapshots(results)
     lines.append(f"{results['frames']:,} frames in {results['seconds']:.1f} s.")
     return lines
 
 
-def draw_curve(
-    path: Path, rows: Sequence[Row], players: Sequence[str], unit: str, title: str
-) -> None:
+def title_of(trainee: SmallGamePlay) -> str:
+    """Of the figure and of the page."""
+    return f"Self-play in {trainee.task.name} ({trainee.settings.sampling})"
+
+
+def draw_curve(path: Path, trainee: SmallGamePlay, rows: Sequence[Row]) -> None:
     """Draw NashConv, and the gain of every player's best response, over training time."""
+    unit, players = trainee.settings.budget_unit, trainee.parts.roles
     times = np.array([row[unit] for row in rows]) * time_scale(unit)
 
     def line(name: str, label: str, *style: object) -> Series:
@@ -70,23 +78,39 @@ def draw_curve(
     for name, color in zip(players, PALETTE[:6] * len(players), strict=False):
         lines.append(line(f"{name}_gain", f"gain of a best response of {name}", color, "--", 1.3))
     panel = Panel(lines, "return, exact", scale="from 0")
-    draw_panels(path, [[panel]], unit, title)
+    draw_panels(path, [[panel]], unit, title_of(trainee))
 
 
 def write_small_game_report(
-    folder: Path, trainee: SmallGamePlay, rows: Sequence[Row], results: Plain
+    folder: Path, trainee: SmallGamePlay, results: Plain, path: Path | None = None
 ) -> Path:
-    """Write the learning curve and `report.html` into the folder of self-play in a small game."""
-    title = f"Self-play in {trainee.task.name} ({trainee.settings.sampling})"
-    draw_curve(folder / CURVE, rows, trainee.parts.roles, trainee.settings.budget_unit, title)
-    about = f"Run {folder.name}: {results['algorithm']}, opponents {results['sampling']}."
+    """Write the report of self-play in a small game.
+
+    Args:
+        folder: of the run.
+        trainee: the players.
+        results: the contents of `results.json`.
+        path: of the page; by default `report.html` in the folder.
+
+    Raises:
+        ValueError: the game's `draw` failed.
+        OSError: it cannot be written.
+    """
+    builder, sides = Builder(), trainee.settings.sides
+    policies: dict[str, Any] = {role: trainee.policy(role) for role in sides}
+    labels = {role: own if isinstance(own, str) else own.algorithm for role, own in sides.items()}
+    games = {f"game {number + 1}": number for number in range(EPISODES)}
+    add_small_game(builder, trainee.task, policies, games, trainee.parts.discount, labels)
+    who = ", ".join(f"{role} {label}" for role, label in labels.items())
+    about = f"Run {folder.name}: {who}, opponents {results['sampling']}."
     parts = [
         in_markdown(about),
         *describe_small_game(results),
+        PLAYER_ELEMENT,
         *section("NashConv over time", picture(folder / CURVE, "NashConv over time")),
         *section("Returns at the end", returns_table(results).markdown()),
         *section("Settings and command", *settings_and_command(folder, results)),
     ]
-    path = folder / REPORT
-    write_page(path, title, parts)
+    path, title = path or folder / REPORT, title_of(trainee)
+    write_page(path, title, parts, builder.data(title))
     return path

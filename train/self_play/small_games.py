@@ -115,12 +115,13 @@ class SmallGamePlay(SelfPlay):
         return [*parts, f"{row['steps']:6.1f} steps"]
 
     def results(self, interrupted: bool, episodes: int) -> Plain:
-        """NashConv, returns of all pairs of learned and named policies, and the pools."""
+        """NashConv, returns of all pairs of learned and named policies, and the pools; in zero-sum
+        games of two also NashConv of mixtures of snapshots (`snapshot_results`)."""
         settings, sides = self.settings, [side.parts for side in self.sides.values()]
         assert isinstance(settings, SmallGameSelfPlay)
         dry = self.limits.is_dry_run
         evaluation = dict(self.last) if dry and self.last else self.evaluate()
-        return {
+        content = {
             "task": settings.task.task,
             "game": settings.task.game,
             "maze": None,
@@ -140,6 +141,9 @@ class SmallGamePlay(SelfPlay):
             "pools": {role: pool.described() for role, pool in self.pools.items()},
             "mixtures": self.mixtures,
         }
+        if not interrupted:
+            self.add_snapshot_results(content, {role: self.policy(role) for role in self.pools})
+        return content
 
     def all_returns(self) -> list[Plain]:
         """For each player the returns of its policies against each named policy of all others.

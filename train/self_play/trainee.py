@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -281,14 +281,7 @@ class SelfPlay:
             content["whole_game"] = whole_game(self.task, pair, self.parts.discount, most)
         small = self.task.max_cells <= MAX_SNAPSHOT_CELLS
         if known and small and not limited and not interrupted:
-            kept = {role: self.pools[role].snapshots for role in self.sides}
-            if limits.is_dry_run:
-                kept = {r: [Member(name, pair[r], False) for name in "ab"] for r in self.sides}
-            mixtures, least = None if limits.is_dry_run else self.mixtures, sides[0].min_probability
-            discount, sampling = self.parts.discount, settings.sampling
-            content |= snapshot_results(self.task, sampling, discount, kept, mixtures, least)
-            bounds = content.get("mixture_nash_conv")
-            evaluation["played_nash_conv"] = bounds[0] if bounds else evaluation["nash_conv"]
+            self.add_snapshot_results(content, pair)
         if exact_team:
             solved = is_exact_team(self.task, pair, limits.response_work)
             learned = {role: pair[role] for role in self.sides if solved}
@@ -296,6 +289,20 @@ class SelfPlay:
         elif not known and settings.best_response_seconds and not interrupted:
             content["approximate_best_response"] = self.approximate_best_responses(episodes)
         return content
+
+    def add_snapshot_results(self, content: Plain, pair: Mapping[str, Any]) -> None:
+        """Add `snapshot_results`, and in the evaluation NashConv of the policies that the sampling
+        rule converges in: of the mixture (the lower bound), or of the last ones, `pair`."""
+        kept = {role: self.pools[role].snapshots for role in self.sides}
+        mixtures: Mapping[str, Mapping[str, float]] | None = self.mixtures
+        if self.limits.is_dry_run:
+            kept = {r: [Member(name, pair[r], False) for name in "ab"] for r in self.sides}
+            mixtures = None
+        discount, sampling = self.parts.discount, self.settings.sampling
+        least = next(iter(self.sides.values())).parts.min_probability
+        content |= snapshot_results(self.task, sampling, discount, kept, mixtures, least)
+        bounds, evaluation = content.get("mixture_nash_conv"), content["evaluation"]
+        evaluation["played_nash_conv"] = bounds[0] if bounds else evaluation["nash_conv"]
 
     def brief(self) -> SelfPlay:
         """As `Trainee`."""

@@ -48,7 +48,7 @@ function token(parent, role, label) {
 
 class Board {
   constructor(element, world) {
-    const kind = { maze: MazeBoard, arm: ArmBoard }[world.kind];
+    const kind = { maze: MazeBoard, arm: ArmBoard, game: GameBoard }[world.kind];
     element.replaceChildren();
     element.classList.add("board");
     element.setAttribute("role", "img");

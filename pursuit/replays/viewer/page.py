@@ -10,7 +10,7 @@ from functools import cache
 from html import escape
 from importlib.resources import files
 
-PLAYER = ("board.js", "maze_board.js", "arm_board.js", "player.js")
+PLAYER = ("board.js", "maze_board.js", "arm_board.js", "game_board.js", "player.js")
 """The scripts of the replay viewer, in the order of their dependencies."""
 STYLE = "style.css"
 

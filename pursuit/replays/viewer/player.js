@@ -35,6 +35,9 @@ class Episode {
     if (this.world.kind === "arm") {
       return { angles: this.angles[step], target: this.target, step };
     }
+    if (this.world.kind === "game") {
+      return { state: this.states[step], ended: this.terminated && step === this.length && !this.shows_end, step };
+    }
     const cells = this.cells.map((path, agent) => (this.gone[agent] !== null && step >= this.gone[agent] ? -1 : path[step]));
     const goals = this.goals.map(([cell, gone]) => (gone !== null && step >= gone ? -1 : cell));
     return { cells, goals, escaped: this.escaped, step };
@@ -144,8 +147,9 @@ class Player {
     this.note = make("p", { class: "faint" });
     this.legend = make("p", { class: "legend" });
     this.spoken = make("p", { class: "faint", "aria-live": "polite" });
+    const games = this.episodes.every((episode) => episode.world.kind === "game");
     this.help = make("dialog", {}, make("h2", {}, "Keys"),
-      make("table", {}, ...HELP.map(([keys, what]) => make("tr", {}, make("td", {}, make("kbd", {}, keys)), make("td", {}, what)))),
+      make("table", {}, ...HELP.filter(([keys]) => !games || !"tvpo".includes(keys)).map(([keys, what]) => make("tr", {}, make("td", {}, make("kbd", {}, keys)), make("td", {}, what)))),
       make("form", { method: "dialog" }, make("button", {}, "close")));
     const controls = make("div", { class: "controls" },
       button("«", "first step (home)", () => this.go(0)), button("‹", "one step back (left)", () => this.go(this.step - 1)),
@@ -166,7 +170,7 @@ class Player {
     this.frame.classList.toggle("several", this.several);
     const shown = this.several ? this.episodes : [this.episode];
     this.boards = shown.map((episode) => {
-      const picture = document.createElementNS(SVG, "svg");
+      const picture = episode.world.kind === "game" ? make("div") : document.createElementNS(SVG, "svg");
       const caption = make("figcaption", {}, this.several ? episode.name : "");
       this.stage.append(make("figure", {}, picture, caption));
       return { episode, picture, caption, board: new Board(picture, episode.world) };
@@ -182,6 +186,7 @@ class Player {
     this.buttons.values.disabled = !sides.some((side) => side.values);
     this.buttons.policy.disabled = !sides.some((side) => side.learned || side.optimal);
     this.buttons.seen.disabled = !(this.episode.seen || this.episode.observed);
+    this.sideChoice.parentElement.hidden = this.episode.world.kind === "game";
     this.choice.value = String(this.chosen);
     this.note.textContent = this.episode.note || "";
     this.bar.max = String(this.length);
@@ -266,6 +271,7 @@ class Player {
     for (const { episode, board, caption, picture } of this.boards) {
       const step = Math.min(this.step, episode.length), frame = episode.frame(step);
       board.show(frame, this.extras(episode, frame, step));
+      caption.textContent = frame.ended ? "The game has ended; this is the state before its last step." : "";
       if (this.several) caption.textContent = `${episode.name}: step ${step} of ${episode.length} ${episode.ending(step)}`;
       picture.setAttribute("aria-label", `${episode.name}, step ${step}`);
     }
@@ -280,6 +286,7 @@ class Player {
   extras(episode, frame, step) {
     const first = Math.max(0, step - TRAIL);
     if (episode.world.kind === "arm") return { trail: this.shown.trails ? episode.angles.slice(first, step + 1) : [] };
+    if (episode.world.kind === "game") return {};
     const until = episode.cells.map((path, agent) => (episode.gone[agent] === null ? step : Math.min(step, episode.gone[agent])));
     const extras = {
       trails: this.shown.trails ? episode.cells.map((path, agent) => path.slice(first, until[agent] + 1)) : [],
@@ -300,20 +307,27 @@ class Player {
     const { episode, step } = this;
     const row = (...parts) => make("tr", {}, ...parts);
     const number = (value) => make("td", { class: "number" }, value === null ? "" : Number(value.toFixed(3)).toString());
-    const head = ["", "reward", "return"], arm = episode.world.kind === "arm";
-    const goals = !arm && episode.world.num_goals > 0, pursued = !arm && episode.world.agents.some((agent) => agent.role === "chaser");
+    const { kind } = episode.world, head = ["", "reward", "return"], arm = kind === "arm", game = kind === "game";
+    const goals = episode.world.num_goals > 0, pursued = !arm && !game && episode.world.agents.some((agent) => agent.role === "chaser");
     if (goals) head.push("goals");
     if (pursued) head.push("captures");
+    if (game) head.push("value", "action");
     const names = arm ? ["arm"] : episode.world.agents.map((agent) => agent.name);
     const rewards = episode.rewardsAt(step);
-    this.score.replaceChildren(make("table", {}, row(...head.map((text) => make("th", { class: text ? "number" : "" }, text))),
+    this.score.replaceChildren(make("table", {}, row(...head.map((text) => make("th", { class: text && text !== "action" ? "number" : "" }, text))),
       ...names.map((name, agent) => {
         const cells = [make("td", { title: episode.players[agent] || "" }, name), number(rewards[agent][0]), number(rewards[agent][1])];
         if (goals) cells.push(number(episode.count(step, agent, "collected")));
         if (pursued) cells.push(number(episode.count(step, agent, "captured")));
+        if (game) cells.push(number(episode.values[step][agent]), make("td", {}, step ? episode.actions[step - 1][agent] : ""));
         return row(...cells);
       })));
-    const side = this.sides()[this.side], parts = [];
+    if (game && step < episode.length) {
+      const { choices } = episode.world.states[episode.states[step]];
+      const tables = choices.map((choice, agent) => choicesTable(names[agent], choice, episode.actions[step][agent]));
+      this.score.append(...tables.filter((_, agent) => choices[agent].actions.length > 1)); // not of those who wait
+    }
+    const side = this.sides()[this.side], parts = game ? [episode.world.legend] : [];
     const players = names.map((name, agent) => episode.players[agent] && `${name} is ${episode.players[agent]}`).filter(Boolean);
     if (players.length) parts.push(`${players.join(", ")}.`);
     if (side && this.shown.values && side.values) parts.push(`Values: exact expected steps until capture from the start of an episode, for each cell of ${side.name} (blue few, yellow many).`);
@@ -326,6 +340,7 @@ class Player {
   }
 
   words(frame) {
+    if (this.episode.world.kind === "game") return `step ${frame.step}: ${this.episode.world.states[frame.state].text}`;
     if (frame.angles) return `step ${frame.step}: target at ${frame.target.map((part) => part.toFixed(2)).join(", ")}`;
     const { names, cells } = this.episode.world;
     const gone = (number) => ((frame.escaped || [])[number] ? "escaped" : "captured");

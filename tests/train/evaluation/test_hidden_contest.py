@@ -17,7 +17,7 @@ from train.evaluation.contest import GameContest
 from train.evaluation.exploitability import exploitability
 from train.evaluation.objective_gap import objective_gap
 from train.evaluation.recordings import sides_of
-from train.evaluation.scores import score_table
+from train.evaluation.score_table import score_table
 from train.evaluation.suite_contest import SuiteContest
 from train.evaluation.suite_report import summary_of
 from train.networks.actor_critic import ActorCritic

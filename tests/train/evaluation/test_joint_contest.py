@@ -25,13 +25,13 @@ from train.evaluation.arm_contest import ArmContest
 from train.evaluation.contest import GameContest
 from train.evaluation.games import won_by
 from train.evaluation.objective_gap import objective_gap
+from train.evaluation.score_table import score_table
 from train.evaluation.scores import (
     BY_GOALS,
     BY_MOST_STEPS,
     BY_RETURN,
     Score,
     optimality_gap,
-    score_table,
     strongest_reference,
 )
 from train.evaluation.suite_contest import SuiteContest
