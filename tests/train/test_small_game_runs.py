@@ -31,6 +31,8 @@ STONES, THREE, CROWD, RPS = (
     for name in ("Stones", "Stones(num_players=3)", "Crowd", "Matrix(name=rock_paper_scissors)")
 )
 
+RPS_FOREVER = "rock_paper_scissors(memory=False)"
+
 
 def trained(folder: Path, **given: Any) -> Run[Any]:
     run = start(RUN, settings_of(**{**QUICK, "frames": 40_000, **given}), folder)
@@ -179,6 +181,24 @@ def test_learning_does_not_depend_on_the_unit_of_rewards(tmp_path: Path, play: A
         learned: Any = run.trainee.learned()
         states.append((learned.get("a") or learned["learner"])["network"])
     assert all(torch.equal(states[0][name], states[1][name]) for name in states[0])
+
+
+@pytest.mark.parametrize("discount", [1.0, 0.95])
+def test_without_discount_nothing_is_worth_anything_after_the_time_limit(
+    tmp_path: Path, discount: float
+) -> None:
+    """Of a game that goes on forever: the values of states in the last step are those of a step."""
+    given = {"game": RPS_FOREVER, "max_steps": 1, "gamma": discount, "frames": 2000}
+    for run in (
+        trained(tmp_path / "one", **given, opponent="uniform"),
+        played(tmp_path / "both", **given),
+    ):
+        env = (
+            run.trainee.sides["player_0"].env if hasattr(run.trainee, "sides") else run.trainee.env
+        )
+        stepped = env.step_and_maybe_reset(env.rand_action(env.reset()))[0]["next"]
+        assert bool(stepped["done"].all())
+        assert bool(stepped["terminated"].all()) == (discount == 1.0)
 
 
 # -- self-play -------------------------------------------------------------------------------------

@@ -29,6 +29,8 @@ class SmallGameTrainingEnv(LockstepEnv):
         policies: the policy of each player; None for the learner.
         hook: configures the next episodes.
         scale: factor of the rewards.
+        bounded: whether the time limit ends the game: without discount, returns are those within
+            it, so nothing is bootstrapped after it.
     """
 
     simulator: GameSimulator
@@ -41,9 +43,11 @@ class SmallGameTrainingEnv(LockstepEnv):
         policies: Sequence[StatePolicy | None],
         hook: EpisodeHook | None = None,
         scale: float = 1.0,
+        bounded: bool = False,
     ) -> None:
         super().__init__(simulator, hook)
         self.player, self.policies, self.scale = player, list(policies), scale
+        self.bounded = bounded
         self.encoding, self.seat = player.encoding, player.number
         batch, actions = simulator.num_games, player.num_actions
         self._actions = np.zeros((batch, simulator.task.num_agents), dtype=np.int32)
@@ -76,5 +80,7 @@ class SmallGameTrainingEnv(LockstepEnv):
         self._actions[:, self.seat] = actions.numpy()
         simulator.step(self._actions)
         rewards = simulator.rewards[:, self.seat] * np.float32(self.scale)
-        ends = simulator.terminated.copy(), simulator.truncated.copy()
-        return StepOutcome(rewards, *ends, simulator.ended)
+        terminated, truncated = simulator.terminated.copy(), simulator.truncated.copy()
+        if self.bounded:
+            terminated, truncated = terminated | truncated, np.zeros_like(truncated)
+        return StepOutcome(rewards, terminated, truncated, simulator.ended)

@@ -149,7 +149,8 @@ class SideParts:
             copies = GameSimulator(self.training, count, seed, first, auto_restart=False)
             opponents = Opponents(copies, *how)
             players: Any = [opponents.policies.get(name) for name in self.training.agent_names]
-            env = SmallGameTrainingEnv(copies, self.seat, players, opponents, self.scale)
+            how_paid = (self.scale, self.discount == 1.0)
+            env = SmallGameTrainingEnv(copies, self.seat, players, opponents, *how_paid)
             return env, opponents
         assert isinstance(self.seat, Seat)
         task, members = self.training, self.seat.members
