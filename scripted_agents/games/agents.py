@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.validation import check, check_probability, unknown
+from pursuit.validation import check, check_probability, raised, unknown
 from scripted_agents.environments import POLICIES, is_custom_policy
 from scripted_agents.games import tables
 from scripted_agents.games.episodes import longest_play
@@ -121,4 +121,9 @@ def named_agent(name: str, task: GameTask, player: str, epsilon: float = 0.0) ->
         unknown("policy", name, AGENTS) + ", or package.module:Name of a function of a state",
     )
     behaviour: Behaviour = POLICIES.get(name)  # type: ignore[assignment]
-    return TableAgent(task, player, behaviour, epsilon, name)
+    try:
+        return TableAgent(task, player, behaviour, epsilon, name)
+    except ValueError:
+        raise
+    except Exception as error:  # of the user's code
+        raise ValueError(f"policy {name!r} raised {raised(error)}; mend it") from error

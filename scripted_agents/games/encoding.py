@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pursuit.memory import check_memory
-from pursuit.validation import as_array, raised
+from pursuit.validation import as_array, check, raised
 from scripted_agents.games.game import State
 
 
@@ -32,9 +32,10 @@ def encoded_states(
             given = encode(state)
         except Exception as error:  # of the user's code
             raise ValueError(f"{call(state)} raised {raised(error)}; mend it") from error
-        row = as_array(call(state), given, "biuf", "return an array of numbers")
+        row = np.atleast_1d(as_array(call(state), given, "biuf", "return an array of numbers"))
         if number == 0:
-            needed = 4 * row.size * len(states)
+            check(row.size > 0, f"{call(state)} is empty; return at least one number")
+            needed = 12 * row.size * len(states)  # with copies
             check_memory(f"{call(state)} and of all states", needed, "return smaller arrays")
             found = np.empty((len(states), *row.shape), dtype=np.float32)
         if row.shape != found.shape[1:]:

@@ -112,6 +112,15 @@ def load_game(text: str) -> SmallGame:
 
     Raises:
         ValueError: an unknown name, arguments that it does not accept, no `Game`, or one that
-            cannot be enumerated.
+            cannot be enumerated, as its functions raise exceptions.
     """
-    return enumerate_game(game_named(text))
+    game = game_named(text)
+    try:
+        return enumerate_game(game)
+    except (ValueError, MemoryError):
+        raise
+    except Exception as error:  # of the user's code
+        where = " ".join(getattr(error, "__notes__", ()))
+        raise ValueError(
+            f"game={shortened(text)} raised {raised(error)} {where}; mend it"
+        ) from error

@@ -13,15 +13,24 @@ from curricula import linear
 from pursuit.mazes.maze import Maze
 from pursuit.observations.masks import bump_masks
 from pursuit.rules import Games, seed_streams
+from pursuit.rules.layout import empty_games
 from pursuit.simulator.policy import GameView, pairs_of_cells
+from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task
 from pursuit.validation import check
+from scripted_agents.games.episodes import longest_play
+from scripted_agents.games.simulator import GameTask, StateView
 from train.algorithms.learner import Build
 from train.algorithms.q_learning_kernels import choose_actions, learn, number_states
 from train.environments.simulator_env import SimulatorEnv
+from train.environments.small_game_env import SmallGameTrainingEnv
 from train.networks.policy import Seat
+from train.networks.small_game_policy import SmallGameSeat, check_same_game
 from train.settings.algorithms import QLearningSettings
 from train.tensors import State
+
+TableEnv = SimulatorEnv | SmallGameTrainingEnv
+TableSeat = Seat | SmallGameSeat
 
 MAX_STATES = 20_000_000
 """Limit of the table's size: with four actions 320 MB, and as much for the visits."""
@@ -34,8 +43,10 @@ EXPLORATION_SEEDS = 2**63
 class StateNumbers:
     """Enumerates the states of a task's games.
 
+    A small game counts as a maze with one agent, whose cell is the number of the state.
+
     Args:
-        task: with one maze.
+        task: with one maze, or a small game.
 
     Raises:
         ValueError: several mazes, or more than MAX_STATES states.
@@ -45,14 +56,17 @@ class StateNumbers:
         goal_sets: number of sets with 0, 1, ... remaining goals, in the order of enumeration.
     """
 
-    def __init__(self, task: Task) -> None:
+    def __init__(self, task: Task | GameTask) -> None:
+        if isinstance(task, GameTask):
+            self.count = cells = task.game.num_states
+            self.for_kernels = (cells, np.ones((cells + 2, 1), dtype=np.int64))
+            return
         if len(task.mazes) != 1:
             raise ValueError(
                 f"q_learning needs a single maze, but this task has {len(task.mazes)}; use one "
                 "maze, or an algorithm with a network"
             )
-        self.task, self.cells = task, task.mazes[0].num_cells
-        goals, cells = task.num_goals, self.cells
+        goals, cells = task.num_goals, task.mazes[0].num_cells
         base = cells + 1 if task.num_agents > 2 else cells
         self.count = base**task.num_agents * sum(comb(cells, g) for g in range(goals + 1))
         if self.count > MAX_STATES:
@@ -79,8 +93,17 @@ class StateNumbers:
         number_states(*games, *self.for_kernels, chosen, states)
 
 
-def check_player(settings: QLearningSettings, seat: Seat) -> None:
+def check_player(settings: QLearningSettings, seat: TableSeat) -> None:
     """ValueError for a task without a table, a limited view, or unbounded values."""
+    if isinstance(seat, SmallGameSeat):
+        game = seat.task.game
+        if settings.gamma >= 1.0 and game.rewards[:, seat.number].max() > 0.0:
+            check(
+                longest_play(game) is not None,
+                f"gamma={settings.gamma} in {seat.task.name!r}, which can go on forever, makes "
+                "values unbounded; use a lower gamma, such as 0.95",
+            )
+        return
     if seat.task.num_exits or seat.task.options.turns:
         raise ValueError(
             f"q_learning has a table over the cells of agents and goals, without num_exits="
@@ -101,14 +124,14 @@ def check_player(settings: QLearningSettings, seat: Seat) -> None:
         )
 
 
-def initial_values(numbers: StateNumbers, optimism: float) -> NDArray[np.float64]:
+def initial_values(numbers: StateNumbers, actions: int, optimism: float) -> NDArray[np.float64]:
     """[states, actions] float64: `optimism` for every remaining goal; without goals, once."""
-    task = numbers.task
-    if task.num_goals == 0:
-        return np.full((numbers.count, task.num_actions), optimism)
-    left = np.repeat(np.arange(task.num_goals + 1), numbers.goal_sets)
+    goal_sets = getattr(numbers, "goal_sets", [1])
+    if len(goal_sets) == 1:
+        return np.full((numbers.count, actions), optimism)
+    left = np.repeat(np.arange(len(goal_sets)), goal_sets)
     placements = numbers.count // len(left)
-    return np.repeat(np.tile(optimism * left, placements)[:, None], task.num_actions, axis=1)
+    return np.repeat(np.tile(optimism * left, placements)[:, None], actions, axis=1)
 
 
 def allowed_in(task: Task, mask_bumps: bool) -> NDArray[np.bool_]:
@@ -183,6 +206,40 @@ class QTablePolicy:
         return np.eye(task.num_actions)[best].reshape(maze.num_cells, maze.num_cells, -1)
 
 
+class SmallGameTable:
+    """The greedy policy of a table of action values in a small game; it follows changes of them.
+
+    Args:
+        seat: the player.
+        q_values: [states, actions] float64.
+    """
+
+    def __init__(self, seat: SmallGameSeat, q_values: NDArray[np.float64]) -> None:
+        self.seat, self.q_values = seat, q_values
+        self.task, self.agent = seat.task, seat.agent
+
+    def _best(self, states: Any) -> NDArray[np.int64]:
+        """[states] the legal action with the largest value, the lowest of equal ones."""
+        return np.where(self.seat.legal[states], self.q_values[states], -np.inf).argmax(axis=1)
+
+    def act(self, view: StateView) -> NDArray[np.int32]:
+        """[num_games] int32: the best actions; ValueError in another game."""
+        check_same_game(self.task, view.task)
+        return self._best(view.state).astype(np.int32)
+
+    def table(self, task: GameTask) -> NDArray[np.float64]:
+        """As of `SmallGame.table`: 1 for the greedy action; ValueError in another game."""
+        check_same_game(self.task, task)
+        return task.flat(self.agent, np.eye(self.seat.num_actions)[self._best(slice(None))])
+
+
+def policy_of(seat: TableSeat, q_values: NDArray[np.float64]) -> QTablePolicy | SmallGameTable:
+    """The greedy policy of a table for a player."""
+    if isinstance(seat, SmallGameSeat):
+        return SmallGameTable(seat, q_values)
+    return QTablePolicy(seat.task, seat.agent, q_values, seat.mask_bumps)
+
+
 class QLearning:
     """Watkins (1989), with parallel games that share one table.
 
@@ -199,26 +256,45 @@ class QLearning:
         visits: [states, actions] uint32.
     """
 
-    def __init__(self, settings: QLearningSettings, env: SimulatorEnv, options: Build) -> None:
+    def __init__(self, settings: QLearningSettings, env: TableEnv, options: Build) -> None:
         self.settings, self.env, self.frames = settings, env, 0
-        simulator = env.simulator
+        simulator, player = env.simulator, env.player
         self.numbers = StateNumbers(simulator.task)
-        self.allowed = allowed_in(simulator.task, env.player.mask_bumps)
-        shape = (self.numbers.count, simulator.task.num_actions)
-        self.q_values = initial_values(self.numbers, settings.optimism)
-        self.visits = np.zeros(shape, dtype=np.uint32)
+        self._small = isinstance(player, SmallGameSeat)
+        own: Any = player
+        self.allowed = own.legal if self._small else allowed_in(own.task, own.mask_bumps)
+        self.q_values = initial_values(self.numbers, player.num_actions, settings.optimism)
+        self.visits = np.zeros(self.q_values.shape, dtype=np.uint32)
         self._streams = np.zeros((simulator.num_games, 1), dtype=np.uint64)
-        own: Any = np.uint64(EXPLORATION_SEEDS + options.seed)
-        seed_streams(self._streams, own, simulator.first_game)
-        self._actions = np.zeros((simulator.num_games, simulator.num_agents), dtype=np.int32)
+        first: Any = np.uint64(EXPLORATION_SEEDS + options.seed)
+        seed_streams(self._streams, first, simulator.first_game)
+        agents = simulator.task.num_agents
+        self._actions = np.zeros((simulator.num_games, agents), dtype=np.int32)
+        # A small game as the kernels take it: a maze with one agent.
+        self._alone, self._chosen = (
+            empty_games(simulator.num_games, 1, 0),
+            self._actions[:, :1].copy(),
+        )
+        self._alone.active[:] = 1
         self._states = np.zeros(simulator.num_games, dtype=np.int64)
         self._done = np.zeros(simulator.num_games, dtype=bool)
         self._begun = False
 
+    @property
+    def _games(self) -> Games:
+        """The games as the kernels take them."""
+        simulator = self.env.simulator
+        if isinstance(simulator, Simulator):
+            return simulator.games
+        self._alone.position[:, 0] = simulator.state
+        return self._alone
+
     def iterate(self, progress: float) -> dict[str, float]:
         """Play and learn STEPS_PER_ITERATION steps of every game."""
-        settings, env = self.settings, self.env
-        simulator, seat, actions = env.simulator, env.seat, self._actions
+        settings, env, small = self.settings, self.env, self._small
+        simulator: Any = env.simulator
+        seat, actions = env.seat, self._actions
+        chosen, column = (self._chosen, 0) if small else (actions, seat)
         if not self._begun:
             if not env.resume:
                 env.reset_games()
@@ -227,34 +303,36 @@ class QLearning:
         epsilon = linear(settings.epsilon_start, settings.epsilon_end, explored)
         error, states, done = 0.0, self._states, self._done
         done[:] = True
-        self.numbers.renumber(simulator.games, done, states)
+        self.numbers.renumber(self._games, done, states)
         for _ in range(STEPS_PER_ITERATION):
             simulator.act(env.policies, actions)
             choose_actions(
-                self.q_values, states, simulator.positions, self.allowed, self._streams, epsilon,
-                actions, seat,
+                self.q_values, states, self._games.position, self.allowed, self._streams, epsilon,
+                chosen, column,
             )  # fmt: skip
+            if small:
+                actions[:, seat] = chosen[:, 0]
             simulator.step(actions)
+            rewards = simulator.rewards
             size, count = learn(
-                self.q_values, self.visits, *simulator.games, self.numbers.for_kernels,
-                self.allowed, states, actions, seat, simulator.rewards, simulator.terminated,
-                simulator.truncated, done, settings.gamma, settings.learning_rate,
-                settings.learning_rate_power,
+                self.q_values, self.visits, *self._games, self.numbers.for_kernels, self.allowed,
+                states, chosen, column, rewards[:, [seat]] if small else rewards,
+                simulator.terminated, simulator.truncated, done, settings.gamma,
+                settings.learning_rate, settings.learning_rate_power,
             )  # fmt: skip
             error += size
             if count:
                 env.finish(done)
                 env.restart(done)
-                self.numbers.renumber(simulator.games, done, states)
+                self.numbers.renumber(self._games, done, states)
         self.frames += STEPS_PER_ITERATION * simulator.num_games
         return {"epsilon": epsilon, "td_error": error / STEPS_PER_ITERATION}
 
-    def policy(self, greedy: bool = True) -> QTablePolicy:
+    def policy(self, greedy: bool = True) -> QTablePolicy | SmallGameTable:
         """The greedy policy; otherwise ValueError, as action values are not a distribution."""
         if not greedy:
             raise ValueError("q_learning learns no distribution; use the greedy policy")
-        seat = self.env.player
-        return QTablePolicy(seat.task, seat.agent, self.q_values, seat.mask_bumps)
+        return policy_of(self.env.player, self.q_values)
 
     def state_dict(self) -> State:
         """The table, the visits, the random streams and the frames."""
@@ -277,10 +355,10 @@ class QLearning:
 
 
 def load(
-    settings: QLearningSettings, seat: Seat, state: State, greedy: bool = True
-) -> QTablePolicy:
+    settings: QLearningSettings, seat: TableSeat, state: State, greedy: bool = True
+) -> QTablePolicy | SmallGameTable:
     """The policy in a `QLearning.state_dict`; ValueError for a table of another shape."""
     shape = (StateNumbers(seat.task).count, seat.num_actions)
     saved = tuple(state["q_values"].shape)
     check(saved == shape, f"the table has shape {saved} instead of {shape}")
-    return QTablePolicy(seat.task, seat.agent, state["q_values"].numpy(), seat.mask_bumps)
+    return policy_of(seat, state["q_values"].numpy())

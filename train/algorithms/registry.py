@@ -47,7 +47,7 @@ class Algorithm:
         has_advantages: whether it reports advantages to the hook of its environment.
         self_play: whether it can learn against a learning opponent.
         teams: whether it can learn for several agents of a role.
-        tabular: whether it has a table over the states of one maze, and no network.
+        tabular: whether it has a table over the states of one maze or small game, and no network.
         recurrent: whether its network can be recurrent.
         actions: the kinds of actions that it supports: "discrete", "continuous".
         check_player: (settings, player) raises ValueError for an unsupported player.
@@ -85,7 +85,7 @@ class Algorithm:
             greedy or self.learns_distribution,
             f"evaluate='sampled', but {self.name} learns no distribution; use evaluate='greedy'",
         )
-        if self.tabular and isinstance(player, Seat):
+        if self.tabular and isinstance(player, Seat | SmallGameSeat):
             plain = (device, player.encoding, player.frame_stack, player.features.network)
             check(
                 plain == ("cpu", "index", 1, ""),
@@ -98,11 +98,11 @@ class Algorithm:
     def check_actions(self, player: Player) -> None:
         """ValueError for actions of an unsupported kind."""
         kind = "continuous" if player.continuous else "discrete"
-        in_maze = isinstance(player, Seat)
+        numbered = isinstance(player, Seat | SmallGameSeat)
         able = _names_of(
             lambda other: (
                 kind in other.actions
-                and (in_maze or not other.tabular)
+                and (numbered or not other.tabular)
                 and not other.settings.SELF_PLAY_ONLY
             )
         )
@@ -113,7 +113,7 @@ class Algorithm:
             + (", or discrete_actions=True" if turned else ""),
         )
         check(
-            in_maze or not self.tabular,
+            numbered or not self.tabular,
             f"algorithm={self.name!r} has a table over the cells of a maze, which this task does "
             f"not have; use {' or '.join(able)}",
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -11,7 +12,7 @@ import tyro
 
 from pursuit.replays.replay import with_suffix
 from pursuit.simulator.policy import Policy
-from pursuit.validation import at_least, check
+from pursuit.validation import at_least, check, choice
 from scripted_agents.limits import MAX_EVALUATED_WORK
 from scripted_agents.references import is_known
 from train.commands.parse import parse, print_warnings, warn
@@ -25,13 +26,23 @@ from train.commands.suites import compared, evaluate_in_mazes
 from train.evaluation.arm_contest import ArmContest
 from train.evaluation.objective_gap import UNKNOWN, objective_gap
 from train.evaluation.recordings import recorded
+from train.evaluation.small_game_contest import SmallGameContest
 from train.evaluation.suite_contest import SuiteContest
 from train.evaluation.suite_report import summary_of
 from train.files import Plain, check_folder, check_new_files, reserved, write_json
-from train.runs.tasks import agent_of, task_of
+from train.runs.folder import CONFIG, SELF_PLAY, SIDE, read_config
+from train.runs.tasks import agent_of, game_of, task_of
 from train.runs.unused_settings import check_unused_task_settings
-from train.settings.checks import Settings
-from train.settings.task import AnyTask, ReacherSettings, TaskSettings, in_maze
+from train.settings.checks import Settings, check_default
+from train.settings.task import (
+    AGENT,
+    AnyTask,
+    ReacherSettings,
+    SmallGameSettings,
+    TaskSettings,
+    in_maze,
+    task_form,
+)
 
 
 @dataclass(frozen=True)
@@ -59,8 +70,17 @@ class Evaluated(Settings):
 
 @dataclass(frozen=True)
 class EvaluateCommand(Evaluated):
-    """Evaluate the policy of a run, exactly if possible, otherwise by sampled episodes."""
+    """Evaluate the policy of a run, exactly if possible, otherwise by sampled episodes.
 
+    Of self-play give the folder of one side, such as runs/pair/chaser; in a small game the whole
+    run gives NashConv.
+    """
+
+    opponent: Annotated[str | None, AGENT] = None
+    """Other opponents than in training, as for `pursuit train`. None: those of training; for one
+    player of self-play in a small game the other players of the run."""
+    opponent_policy: Annotated[str | None, choice("sampled", "greedy")] = None
+    """Policy of learned opponents: sampled or greedy; by default that of training."""
     opponent_epsilon: float | None = None
     """Probability of random moves of the opponents; by default that of training."""
     maze: str | None = None
@@ -84,12 +104,51 @@ def evaluate(arguments: Sequence[str]) -> None:
     form: type[EvaluateCommand | EvaluateModelCommand]
     form = EvaluateModelCommand if is_model else EvaluateCommand
     given = parse(form, arguments, "evaluate")
-    if not is_model:
+    if isinstance(given, EvaluateCommand):
         check_folder(given.run)
     replays = None if given.replays is None else with_suffix(given.replays)
     check_new_files([given.out, replays, given.table], given.overwrite)
     with reserved(given.out, replays, given.table, overwrite=given.overwrite):
-        evaluate_and_print(given, replays)
+        if isinstance(given, EvaluateCommand) and is_small_self_play(given.run):
+            evaluate_players(given)
+        else:
+            evaluate_and_print(given, replays)
+
+
+def is_small_self_play(run: Path) -> bool:
+    """Whether this is a whole run of self-play in a small game."""
+    kind, plain = read_config(run)
+    return kind == SELF_PLAY and task_form(plain.get("task", {})) is SmallGameSettings
+
+
+def evaluate_players(given: EvaluateCommand) -> None:
+    """Print the exact NashConv of a whole run of self-play in a small game, and write it."""
+    names = ("opponent", "opponent_policy", "opponent_epsilon", "maze", "replays", "table")
+    why = f"{given.run} is a whole run of self-play, in which every player plays its own policy"
+    check_default(given, EvaluateCommand, names, why)
+    from train.kinds import read_settings  # torch is slow to import
+    from train.runs.opponents import player_policy
+    from train.self_play.small_game_report import describe_small_game
+    from train.self_play.small_games import exact_row, value_of
+
+    with print_warnings():
+        settings: Any = read_settings(given.run)[1]
+        task, discount, run = game_of(settings.task), settings.discount, str(given.run)
+        tables = {name: player_policy(run, task, name).table(task) for name in settings.sides}
+    content = {
+        "task": settings.task.task,
+        "game": task.name,
+        "players": list(task.agent_names),
+        "states": task.game.num_states,
+        "zero_sum": task.game.zero_sum,
+        "discount": discount,
+        "evaluation": exact_row(task, tables, discount, value_of(task, discount)),
+    }
+    print(*describe_small_game(content), sep="\n")
+    if given.out is not None:
+        from train.machine import machine, versions
+
+        write_json(given.out, {**content, "versions": versions(), "machine": machine()})
 
 
 def evaluate_and_print(given: EvaluateCommand | EvaluateModelCommand, replays: Path | None) -> None:
@@ -103,6 +162,10 @@ def evaluate_and_print(given: EvaluateCommand | EvaluateModelCommand, replays: P
     task, training, policies = loaded.task, loaded.training, loaded.policies
     evaluated = "learned" if loaded.greedy else "learned, sampled"
     contest = contest_of(task, given.episodes, given.seed).solved_up_to(MAX_EVALUATED_WORK)
+    check(
+        replays is None or not isinstance(contest, SmallGameContest),
+        "--replays takes games in mazes and arms; `pursuit view` shows episodes of a small game",
+    )
     more: Plain = {}
     print(contest.line())
     if isinstance(contest, SuiteContest):
@@ -124,6 +187,7 @@ def evaluate_and_print(given: EvaluateCommand | EvaluateModelCommand, replays: P
     gap = UNKNOWN if loaded.gamma is None else objective_gap(contest, loaded.gamma)
     chosen = "greedy" if loaded.greedy else "sampled"
     results = evaluation_of(scores, chosen, contest, gap)
+    results["evaluation"] |= contest.columns(policies[evaluated])
     print_reference(results["reference"], contest)
     if loaded.gamma is not None:
         print_objective_gap(results["evaluation"], loaded.gamma)
@@ -173,10 +237,24 @@ def load_run(given: EvaluateCommand) -> Loaded:
 
     with print_warnings():
         settings, policy = load_settings(given.run), load_policy(given.run)
-    if given.opponent_epsilon is not None:
-        if isinstance(settings.task, ReacherSettings):
-            raise ValueError(f"--opponent-epsilon, but {given.run} moves an arm; leave it out")
-        task = replace(settings.task, opponent_epsilon=given.opponent_epsilon)
+    names = ("opponent", "opponent_policy", "opponent_epsilon")
+    changed = {name: own for name in names if (own := getattr(given, name)) is not None}
+    for name in changed:
+        option = f"--{name.replace('_', '-')}"
+        check(
+            not isinstance(settings.task, ReacherSettings),
+            f"{option}, but {given.run} moves an arm; leave it out",
+        )
+    small = isinstance(settings.task, SmallGameSettings)
+    if small and "opponent" not in changed and read_config(given.run)[0] == SIDE:
+        whole = Path(os.path.relpath(given.run.resolve().parent))
+        check(
+            (whole / CONFIG).exists(),
+            f"{given.run}: the other players of self-play are not in {whole}; give --opponent",
+        )
+        changed = {"opponent": str(whole), "opponent_epsilon": 0.0} | changed
+    if changed:
+        task: Any = replace(settings.task, **changed)
         check_unused_task_settings(task)
         settings = replace(settings, task=task)
     policies = {"learned": policy}
@@ -184,8 +262,8 @@ def load_run(given: EvaluateCommand) -> Loaded:
         policies["learned, sampled"] = load_policy(given.run, greedy=False)
     training = settings.task
     if given.maze is not None:
-        task = in_maze(training, f"--maze {given.maze}")
-        settings = replace(settings, task=replace(task, maze=given.maze))
+        played = in_maze(settings.task, f"--maze {given.maze}")
+        settings = replace(settings, task=replace(played, maze=given.maze))
         if settings.observation in NO_WALLS:
             warn(f"{given.run} observes {settings.observation!r}, which does not contain walls")
     named = {name: getattr(settings, name) for name in ("algorithm", "curriculum", "seed")}

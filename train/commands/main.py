@@ -67,7 +67,7 @@ Studies with several seeds and confidence intervals:
 Mazes and exact solutions:
   maze      show, check or generate a maze
               pursuit maze --generate prim --height 9 --loops 0.1
-  solve     the exact game of a maze: value, mixed states, cop number, figures
+  solve     the exact game of a maze, or of a small game (--game): value, mixed states
               pursuit solve --maze 5x5-tree
 """
 

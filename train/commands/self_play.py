@@ -200,10 +200,11 @@ def parsed(arguments: Sequence[str]) -> tuple[SelfPlayCommand, SelfPlayBase]:
 def split_side(role: str, arguments: Sequence[str]) -> tuple[list[str], list[str]]:
     """The arguments without the options of one side, and these without the role."""
     parts: dict[bool, list[str]] = {False: [], True: []}
-    prefix, own = f"--{role}.", False
+    prefix, own = f"{role}.", False
     for argument in arguments:
-        own = argument.startswith(prefix) if argument.startswith("--") else own
-        parts[own].append(argument.replace(prefix, "--", 1) if own else argument)
+        option = argument.startswith("--")
+        own = argument.replace("-", "_")[2:].startswith(prefix) if option else own
+        parts[own].append(f"--{argument[2 + len(prefix) :]}" if own and option else argument)
     return parts[False], parts[True]
 
 

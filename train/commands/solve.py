@@ -26,8 +26,9 @@ from scripted_agents import (
     solve_chase,
     solve_hidden_chase,
 )
-from train.commands.parse import parse
+from train.commands.parse import options_in, parse
 from train.commands.progress import ProgressLine
+from train.commands.solve_game import SolveGameCommand, solve_game
 from train.files import Plain, check_new_files
 from train.reports.figures import BLUE, FORMATS, ORANGE, draw_cells, pyplot, save
 from train.reports.tables import in_lines
@@ -49,7 +50,10 @@ SECONDS = rule(lambda value: 0.0 < value < inf, "give a finite number above 0")
 
 @dataclass(frozen=True)
 class SolveCommand(Settings):
-    """Solve the chase in a maze exactly: value, mixed states, cop number, figure."""
+    """Solve the chase in a maze exactly: value, mixed states, cop number, figure.
+
+    With --game NAME a small game is solved: `pursuit solve --game NAME --help`.
+    """
 
     maze: str = "5x5"
     """A shipped maze (2x2 ... 9x9, 15x15, also -tree and -open), or the path of a maze file."""
@@ -85,6 +89,9 @@ class SolveCommand(Settings):
 
 def solve(arguments: Sequence[str]) -> None:
     """`pursuit solve`."""
+    if "game" in options_in(arguments):
+        solve_game(parse(SolveGameCommand, arguments, "solve"))
+        return
     given = parse(SolveCommand, arguments, "solve")
     check_options(given)
     maze = load_maze(given.maze)

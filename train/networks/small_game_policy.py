@@ -77,7 +77,7 @@ class SmallGameSeat:
         """The features of its observation."""
         shape, states = self.observed.shape[1:], self.task.game.num_states
         if self.encoding == INDEX:
-            high = np.array([states - 1])
+            high = np.array([states - 1], dtype=np.int32)
             return features_for(
                 Features("index", shape, high, np.arange(states + 1), states), self.network
             )
@@ -104,18 +104,7 @@ class SmallGamePolicy(NetworkPolicy):
         return self.choose(view, seen, draws, self.seat.masks(view))  # type: ignore[arg-type]
 
     def _check(self, view: StateView, observations: Array) -> None:  # type: ignore[override]
-        self.check_task(view.task)
-
-    def check_task(self, task: GameTask) -> None:
-        """ValueError unless a game has the states and players of the training."""
-        own, same = self.task, task is self.task
-        if not same and task.game.players == own.game.players:
-            same = task.game.states == own.game.states
-        check(
-            same,
-            f"this policy was trained in game {own.name!r} with {own.game.num_states} states, not "
-            f"in {task.name!r} with {task.game.num_states}; use it there",
-        )
+        check_same_game(self.task, view.task)
 
     def state_probabilities(self) -> NDArray[np.float64]:
         """[states, actions] float64: the action probabilities in every state."""
@@ -131,8 +120,20 @@ class SmallGamePolicy(NetworkPolicy):
     def table(self, task: GameTask) -> NDArray[np.float64]:
         """The probabilities of all legal actions, as of `SmallGame.table`; ValueError in another
         game."""
-        self.check_task(task)
+        check_same_game(self.task, task)
         return task.flat(self.agent, self.state_probabilities())
+
+
+def check_same_game(own: GameTask, task: GameTask) -> None:
+    """ValueError unless a game has the players, states and legal actions of the training, `own`."""
+    mine, theirs = own.game, task.game
+    check(
+        mine is theirs
+        or (mine.players == theirs.players and mine.states == theirs.states
+            and mine.actions == theirs.actions),
+        f"this policy was trained in game {own.name!r} with {mine.num_states} states, and players, "
+        f"states or legal actions of {task.name!r} with {theirs.num_states} differ; use it there",
+    )  # fmt: skip
 
 
 AnySeat = Seat | ArmSeat | SmallGameSeat

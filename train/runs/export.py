@@ -20,6 +20,7 @@ from train.files import write_bytes
 from train.networks.layers import float32_inference
 from train.networks.policy import NetworkPolicy
 from train.networks.recurrent_policy import RecurrentPolicy
+from train.networks.small_game_policy import SmallGamePolicy
 
 SUFFIXES = (".onnx", ".pt2")
 
@@ -45,7 +46,7 @@ def export_policy(policy: Any, path: Path | str) -> Path:
     as metadata "pursuit.task" and so on, `.pt2` as JSON in the extra file "pursuit.json".
 
     Args:
-        policy: from `train.load_policy`, of a network without memory in a maze.
+        policy: from `train.load_policy`, of a network without memory in a maze or a small game.
         path: of the new file; the suffix decides.
 
     Raises:
@@ -63,8 +64,8 @@ def export_policy(policy: Any, path: Path | str) -> Path:
         )
     check(
         isinstance(policy, NetworkPolicy),
-        f"a {type(policy).__name__} has no network without memory in a maze; export a run of PPO, "
-        "A2C, DQN, REINFORCE or the cross-entropy method",
+        f"a {type(policy).__name__} has no network without memory in a maze or small game; export "
+        "a run of PPO, A2C, DQN, REINFORCE or the cross-entropy method",
     )
     features = policy.seat.features
     form = torch.from_numpy(features.high[None]).dtype
@@ -101,19 +102,28 @@ def metadata_of(policy: NetworkPolicy) -> dict[str, str]:
     """What another program needs to use an exported network.
 
     Returns:
-        "version" of Pursuit; "task", the settings as JSON, as in replays; "agent", its name or
-        role; "observation", the encoding; "actions", a JSON list of their names in the order of the
-        output; "normalisation" and "output", sentences.
+        "version" of Pursuit; "task", the settings as JSON, as in replays, or of a small game its
+        name, max_steps, players and number of states; "agent", its name or role; "observation", the
+        encoding; "actions", a JSON list of their names in the order of the output; "normalisation"
+        and "output", sentences.
     """
-    task = policy.seat.task
-    moves = [*ACTIONS[:-1]] if task.mazes[0].is_grid else []
-    moves = moves or [f"neighbor {number}" for number in range(task.num_moves)]
+    task: Any = policy.seat.task
+    if isinstance(policy, SmallGamePolicy):
+        game = task.game
+        settings = {"game": task.name, "max_steps": task.max_steps}
+        settings |= {"players": game.players, "states": game.num_states}
+        actions = [str(action) for action in game.action_lists[policy.seat.number]]
+    else:
+        moves = [*ACTIONS[:-1]] if task.mazes[0].is_grid else []
+        moves = moves or [f"neighbor {number}" for number in range(task.num_moves)]
+        settings = MazeAdapter().settings(task)
+        actions = [*moves, *ACTIONS[-1:] * task.stay_action]
     return {
         "version": __version__,
-        "task": json.dumps(MazeAdapter().settings(task)),
+        "task": json.dumps(settings),
         "agent": policy.seat.agent,
         "observation": policy.encoding,
-        "actions": json.dumps([*moves, *ACTIONS[-1:] * task.stay_action]),
+        "actions": json.dumps(actions),
         "normalisation": "none is needed: the network scales the values of the encoding itself",
         "output": "probabilities, a softmax of logits or of action values",
     }

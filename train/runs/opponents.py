@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from pursuit.plugins import check_trusted
 from pursuit.simulator.policy import Policy
 from pursuit.tasks.task import Task
 from pursuit.validation import as_path, check, check_bool, shortened
@@ -38,8 +40,11 @@ from train.settings.task import SmallGameSettings, in_maze
 def load_policy(folder: Path | str, greedy: bool = True) -> Any:
     """The policy of a run, from its last checkpoint, on the CPU: a `Policy` of its role.
 
+    Of a small game it is a `StatePolicy`: `policy.table(policy.task)` are its probabilities in all
+    states, as `SmallGame.table` and the solvers take them.
+
     Args:
-        folder: of the run; for self-play its `chaser` or `evader`.
+        folder: of the run; for self-play its `chaser` or `evader`, or a player of the small game.
         greedy: the most probable action; False draws from the learned distribution.
 
     Raises:
@@ -131,7 +136,8 @@ def player_policy(
     """The policy of this name for a player of a small game, as a table.
 
     Args:
-        name: as of `named_agent`; or the folder of a run (of self-play: of all players).
+        name: as of `named_agent`; or the folder of a run (of self-play: of all players, also of
+            those with a fixed policy).
         task, player: the game, and the player by name.
         epsilon: the probability of a uniformly random action.
         greedy: whether a learned policy plays its most probable action.
@@ -147,7 +153,19 @@ def player_policy(
         f"{shortened(name)}: not a policy; give {', '.join(GAME_AGENTS)}, package.module:Name of a "
         "function of a state, or a run folder",
     )
-    path = folder / player if is_self_play(folder) else folder
+    path = folder
+    if is_self_play(folder):
+        path, (_, plain) = folder / player, read_config(folder)
+        sides = plain.get("players")
+        check(
+            isinstance(sides, Mapping) and player in sides,
+            f"{name}: a run of self-play without a player {player}; give a run of this game",
+        )
+        if isinstance(fixed := plain["players"][player], str):
+            check_trusted(folder / CONFIG, plain)
+            epsilon = epsilon or plain["task"].get("opponent_epsilon", 0.0)
+            greedy = greedy or plain["task"].get("opponent_policy") == "greedy"
+            return player_policy(fixed, task, player, epsilon, greedy)
     settings = load_settings(path)
     check(
         isinstance(settings.task, SmallGameSettings),

@@ -117,7 +117,7 @@ def headline(results: Plain) -> str:
     text = f"Learned{beside_of(results.get('teammates', {}))}: {unit} {found[column]:.3f}"
     best = found.get(f"optimal_{name}")
     if best is not None:
-        text += f", optimum on the same starts {best:.3f}: {found[f'{name}_regret']:.3f} "
+        text += f", optimum on the same starts {best:.3f}: {found[f'{name}_regret']:z.3f} "
         text += "above it" if results["objective"]["less_is_better"] else "below it"
     return text
 

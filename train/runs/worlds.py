@@ -172,7 +172,8 @@ class SmallGameWorld:
     @property
     def context(self) -> SmallGameContext:
         """The game and the policies of the other players, for a curriculum."""
-        return SmallGameContext(self.task, self.agent, self.settings.opponent_epsilon)
+        epsilon = self.settings.opponent_epsilon
+        return SmallGameContext(self.task, self.agent, self.opponents, epsilon)
 
     def games(
         self,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
+from keyword import iskeyword
 from typing import Any
 
 from pursuit.validation import check
@@ -129,13 +130,14 @@ def players_of(task: SmallGameSettings) -> tuple[str, ...]:
     """The players of a small game, which is not enumerated.
 
     Raises:
-        ValueError: no such game, or a player with the name of a setting.
+        ValueError: no such game, or a player with the name of a setting, or none that is a word.
     """
     players = tuple(game_named(task.game).players)
     settings = {*names_of(SmallGameSettings, SmallGameSelfPlay), ALGORITHM}
     for name in players:
         check(
-            name not in settings and "." not in name,
-            f"game={task.game!r}: a player is called {name!r}, as a setting; rename the player",
+            name.isidentifier() and not iskeyword(name) and name not in settings,
+            f"game={task.game!r}: a player is called {name!r}; rename it to a word that is not the "
+            "name of a setting, as options have the names of players",
         )
     return players

@@ -57,7 +57,8 @@ def describe_small_game(results: Plain) -> list[str]:
             f"{found['game_value']:z.4f}. Exploitability: {each}."
         )
     lines += describe_snapshots(results)
-    lines.append(f"{results['frames']:,} frames in {results['seconds']:.1f} s.")
+    if "frames" in results:
+        lines.append(f"{results['frames']:,} frames in {results['seconds']:.1f} s.")
     return lines
 
 

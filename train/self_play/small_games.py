@@ -31,6 +31,38 @@ MOST_SOLVED = 100_000
 Tables = dict[str, NDArray[np.float64]]
 
 
+def horizon_of(task: GameTask, discount: float) -> int | None:
+    """The horizon of exact results of self-play; None with a discount."""
+    return task.max_steps if discount == 1.0 else None
+
+
+def value_of(task: GameTask, discount: float) -> float | None:
+    """The value of a game for the first player; None unless it is zero-sum and small."""
+    game = task.game
+    if not game.zero_sum or len(game.choices) > MOST_SOLVED:
+        return None
+    return equilibrium(game, discount, horizon_of(task, discount)).mean_over_starts
+
+
+def exact_row(
+    task: GameTask, tables: Mapping[str, Any], discount: float, value: float | None
+) -> dict[str, float]:
+    """NashConv of the policies of all players, returns, gains of best responses, and steps; with
+    the `value` of a zero-sum game of two also the exploitability of each."""
+    roles = task.agent_names
+    found = nash_conv(task.game, tables, discount, horizon_of(task, discount))
+    row = {"nash_conv": found.nash_conv}
+    row |= {f"{role}_return": found.returns[role] for role in roles}
+    row |= {f"{role}_gain": found.gains[role] for role in roles}
+    if value is not None:
+        first, second = roles
+        row["game_value"] = value
+        row[f"{first}_exploitability"] = found.best[second] + value
+        row[f"{second}_exploitability"] = found.best[first] - value
+    row["steps"] = play_of(task.game, tables, task.max_steps).steps
+    return row
+
+
 class SmallGamePlay(SelfPlay):
     """The players of a small game learn against each other; a `Trainee`.
 
@@ -51,7 +83,7 @@ class SmallGamePlay(SelfPlay):
     @property
     def horizon(self) -> int | None:
         """Of exact results; None with a discount."""
-        return self.task.max_steps if self.parts.discount == 1.0 else None
+        return horizon_of(self.task, self.parts.discount)
 
     def _objective(self) -> Objective:
         return Objective("nash_conv", "return", less_is_better=True)
@@ -75,27 +107,15 @@ class SmallGamePlay(SelfPlay):
     @cached_property
     def game_value(self) -> float | None:
         """The value of the game for the first player; None unless it is zero-sum and small."""
-        game = self.task.game
-        if not game.zero_sum or len(game.choices) > MOST_SOLVED:
-            return None
-        return equilibrium(game, self.parts.discount, self.horizon).mean_over_starts
+        return value_of(self.task, self.parts.discount)
 
     def evaluate(self, episodes: int = 300, most: int = 0) -> dict[str, float]:
         """Exact NashConv, the gain of each best response, and returns, also against uniform play.
 
         In a zero-sum game of two also the value of the game and the exploitability of each.
         """
-        task, roles, tables = self.task, self.parts.roles, self.tables()
-        found = nash_conv(task.game, tables, self.parts.discount, self.horizon)
-        row = {"nash_conv": found.nash_conv}
-        row |= {f"{role}_return": found.returns[role] for role in roles}
-        row |= {f"{role}_gain": found.gains[role] for role in roles}
-        if self.game_value is not None:
-            first, second = roles
-            row["game_value"] = self.game_value
-            row[f"{first}_exploitability"] = found.best[second] + self.game_value
-            row[f"{second}_exploitability"] = found.best[first] - self.game_value
-        row["steps"] = play_of(task.game, tables, task.max_steps).steps
+        roles, tables = self.parts.roles, self.tables()
+        row = exact_row(self.task, tables, self.parts.discount, self.game_value)
         for number, role in enumerate(roles):
             if role in self.sides:
                 others = self.scripted_tables(UNIFORM)

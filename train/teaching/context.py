@@ -10,7 +10,7 @@ from pursuit.reacher.task import ReacherTask
 from pursuit.simulator.policy import Policy
 from pursuit.tasks.task import Task
 from pursuit.validation import check
-from scripted_agents.games.simulator import GameTask
+from scripted_agents.games.simulator import GameTask, StatePolicy
 from train.teaching.optimum import Optimum, arm_optimum, optimum_of
 
 
@@ -80,11 +80,13 @@ class SmallGameContext:
     Attributes:
         task: the game.
         agent: the learning player.
+        opponents: the policies of the other players.
         opponent_epsilon: the probability of a random action of the other players.
     """
 
     task: GameTask
     agent: str
+    opponents: Mapping[str, StatePolicy]
     opponent_epsilon: float
     default_axis: ClassVar[str] = "opponent-epsilon"
     """The axis for "auto"."""

@@ -107,7 +107,7 @@ def test_scores_are_the_share_of_the_discounted_payoff(tmp_path: Path) -> None:
     for _ in range(40):
         _, state = env.step_and_maybe_reset(env.rand_action(state))
     lengths = np.concatenate(env.finished_lengths).astype(float)
-    member = env.hook.pool.members[0]
+    member = env.hook.policies["chaser"].pool.members[0]
     assert member.games == len(lengths)
     if len(lengths) <= 200:
         assert member.score == pytest.approx((1 - 0.95**lengths).mean())

@@ -244,7 +244,7 @@ def test_rules_of_tuned_settings_name_what_exists(table: str) -> None:
     """A misspelt name would be a rule that never applies."""
     for rule in TUNED_RULES[table]:
         assert set(rule) <= {"algorithms", "tasks", "roles", "share", "values"}, rule
-        assert set(rule.get("tasks", ())) <= {*TASK_NAMES, "reacher"}, rule
+        assert set(rule.get("tasks", ())) <= {*TASK_NAMES, "reacher", "game"}, rule
         assert set(rule.get("roles", ())) <= set(ROLES), rule
         assert hasattr(TaskProfile, rule.get("share", "many_goals")), rule
         for algorithm in rule["algorithms"]:
