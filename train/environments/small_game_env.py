@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import torch
 
 from scripted_agents.games.simulator import GameSimulator
@@ -11,10 +12,16 @@ from train.networks.small_game_policy import SmallGameSeat
 
 
 class SmallGameTrainingEnv(SeatEnv):
-    """An environment in which the learner is one player of every game; as `SeatEnv`."""
+    """An environment in which the learner is one player of every game; as `SeatEnv`.
+
+    Attributes:
+        bounded: whether the time limit ends the game: without discount, returns are those within
+            it, so nothing is bootstrapped after it.
+    """
 
     simulator: GameSimulator
     player: SmallGameSeat
+    bounded: bool = False
 
     def _bounds(self) -> tuple[torch.Tensor, torch.Tensor]:
         seen = torch.from_numpy(self.player.observed)
@@ -29,4 +36,7 @@ class SmallGameTrainingEnv(SeatEnv):
 
     def _play(self, actions: torch.Tensor) -> StepOutcome:
         rewards, games = self._move(actions), self.simulator
-        return StepOutcome(rewards, games.terminated.copy(), games.truncated.copy(), games.ended)
+        terminated, truncated = games.terminated.copy(), games.truncated.copy()
+        if self.bounded:
+            terminated, truncated = terminated | truncated, np.zeros_like(truncated)
+        return StepOutcome(rewards, terminated, truncated, games.ended)

@@ -14,6 +14,7 @@ from typing import Any
 from pursuit.memory import check_memory
 from pursuit.validation import check
 from train.algorithms.registry import Algorithm, Build, entry
+from train.environments.small_game_env import SmallGameTrainingEnv
 from train.evaluation.contests import AnyContest
 from train.files import Plain
 from train.networks.policy import NO_WALLS, Player
@@ -62,6 +63,8 @@ class Parts:
         games = self.hyper.num_games
         first_game = self.rank * games
         env, teacher = self.world.games(self.seat, games, self.build.seed, self.plan, first_game)
+        if isinstance(env, SmallGameTrainingEnv):
+            env.bounded = self.hyper.last_gamma == 1.0
         if teacher is not None and self.rank:
             teacher.rng = teacher.rng.spawn(self.rank)[-1]  # independent samples of the curriculum
         return env, teacher

@@ -6,13 +6,15 @@ from dataclasses import fields, replace
 from functools import lru_cache
 from typing import Any
 
+import numpy as np
+
 from pursuit.mazes.maze import Maze
 from pursuit.mazes.suite_files import PREFIX, is_suite
 from pursuit.tasks.rewards import REWARDS
 from pursuit.tasks.task import Task, make_task
 from pursuit.validation import check
 from scripted_agents.games.agents import DISCOUNT as GAME_DISCOUNT
-from scripted_agents.games.episodes import longest_play
+from scripted_agents.games.episodes import longest_play, return_range
 from scripted_agents.games.named import load_game
 from scripted_agents.games.simulator import GameTask
 from train.files import Plain
@@ -80,6 +82,17 @@ def discount_of(settings: SmallGameSettings) -> float:
 def horizon_of(task: GameTask, discount: float) -> int | None:
     """The horizon of exact results in a small game: its time limit, None with a discount."""
     return task.max_steps if discount == 1.0 else None
+
+
+def reward_scale(task: GameTask, player: str, discount: float) -> float:
+    """The factor of a player's rewards in training with which all its returns lie in [-1, 1].
+
+    They are the units of the coefficients of losses; large returns would make the value loss
+    dominate. Without discount (1) returns are those within `max_steps`.
+    """
+    horizon = horizon_of(task, discount)
+    largest = float(np.abs(return_range(task.game, player, discount, horizon)).max())
+    return 1.0 / largest if largest > 0.0 else 1.0
 
 
 def player_in(settings: SmallGameSettings, task: GameTask) -> str:

@@ -26,7 +26,7 @@ from train.networks.arm_policy import ArmSeat
 from train.networks.policy import Seat
 from train.networks.small_game_policy import AnySeat, SmallGameSeat
 from train.runs.opponents import opponents_of, player_policy
-from train.runs.tasks import agent_of, game_of, player_in, task_of
+from train.runs.tasks import agent_of, discount_of, game_of, player_in, reward_scale, task_of
 from train.settings.checks import EVALUATION_SEED
 from train.settings.task import AnyTask, ReacherSettings, SmallGameSettings, TaskSettings
 from train.teaching.context import ArmContext, CurriculumContext, SmallGameContext
@@ -178,7 +178,8 @@ class SmallGameWorld:
         )
         teacher = None if plan is None else Teacher(plan, simulator, metrics)
         policies = [self.opponents.get(name) for name in seat.task.agent_names]
-        return SmallGameTrainingEnv(simulator, seat, policies, teacher), teacher
+        scale = reward_scale(self.task, self.agent, discount_of(self.settings))
+        return SmallGameTrainingEnv(simulator, seat, policies, teacher, scale=scale), teacher
 
     def contest(self, episodes: int, seed: int = EVALUATION_SEED) -> SmallGameContest:
         """As in `GridWorld`."""

@@ -7,8 +7,6 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from pursuit.simulator.policy import Policy
 from pursuit.tasks.task import Task
 from pursuit.validation import check, shortened
@@ -23,7 +21,6 @@ from scripted_agents.environments import (
 )
 from scripted_agents.games.agents import AGENTS as GAME_AGENTS
 from scripted_agents.games.agents import EQUILIBRIUM
-from scripted_agents.games.episodes import return_range
 from train.algorithms.registry import entry
 from train.evaluation.games import other_role
 from train.files import Plain
@@ -33,7 +30,7 @@ from train.runs.forms import RESTORE
 from train.runs.opponents import player_policy, policy_in_seat
 from train.runs.parts import build_of, check_sizes
 from train.runs.saved import player_of
-from train.runs.tasks import check_one_maze, game_of, horizon_of, task_of
+from train.runs.tasks import check_one_maze, game_of, reward_scale, task_of
 from train.self_play.learners import players_of, unchecked_self_play, with_role
 from train.self_play.side import SideParts
 from train.settings.algorithms import Hyperparameters, PPOSettings
@@ -170,11 +167,8 @@ def small_game_parts(settings: SmallGameSelfPlay) -> SelfPlayParts:
         own = side_settings(settings, role)
         entry(own.algorithm).check_self_play(role, 1)
         seat: Any = player_of(own)
-        # Returns in [-1, 1], the units of the coefficients of MMD and R-NaD.
-        largest = np.abs(return_range(game, role, discount, horizon_of(task, discount))).max()
-        scale = 1.0 / largest if largest > 0.0 else 1.0
         seat = replace(seat, min_probability=0.0)
-        found[role] = side_parts(own, seat, discount, scale, training)
+        found[role] = side_parts(own, seat, discount, reward_scale(task, role, discount), training)
     return SelfPlayParts(settings, task, found, frozen, scripted, discount)
 
 

@@ -152,7 +152,10 @@ class SideParts:
         roles = task.agent_names if isinstance(task, GameTask) else task.seat_roles
         policies = [opponents.policies.get(role) for role in roles]
         of_env: Any = SmallGameTrainingEnv if small else SimulatorEnv
-        return of_env(games, seat, policies, opponents, members, self.scale), opponents
+        env = of_env(games, seat, policies, opponents, members, self.scale)
+        if isinstance(env, SmallGameTrainingEnv):
+            env.bounded = self.discount == 1.0
+        return env, opponents
 
 
 class Side:

@@ -23,6 +23,7 @@ from train.runs.folder import RUN, SELF_PLAY, load_checkpoint, read_metrics
 from train.runs.loop import Run
 from train.runs.parts import settings_of
 from train.runs.threads import random_states, set_random_states
+from train.self_play.parts import self_play_settings_of
 from train.settings.algorithms import HYPERPARAMETERS
 from train.settings.curricula import CURRICULA
 from train.settings.self_play import (
@@ -271,6 +272,17 @@ def test_every_learner_of_self_play_resumes(algorithm: str, tmp_path: Path) -> N
     side = LearningSide(algorithm, entry(algorithm).settings(**smallest(algorithm)))
     roles: Any = dict.fromkeys(ROLES, side)
     check_resumption(SELF_PLAY, both(**roles, sampling="uniform"), tmp_path)
+
+
+def test_runs_in_small_games_resume(tmp_path: Path) -> None:
+    """With masks, chance, turns, and three players; the opponents change by a curriculum."""
+    game = {"game": "trained_games:Stones(num_players=3)", "player": "b", "observation": "one_hot"}
+    check_resumption(RUN, tiny("ppo", curriculum="opponent-epsilon", **game), tmp_path / "single")
+    sides = {"b": {"algorithm": "dqn"}, "c": "uniform", "members": ("uniform",)}
+    given = {**TINY, "frames": FRAMES, "snapshots": 4, "sampling": "pfsp", "threads": 1, **sides}
+    known = {name: given[name] for name in given if name not in ("population", "elite_share")}
+    settings = self_play_settings_of(game="trained_games:Crowd", **known)
+    check_resumption(SELF_PLAY, settings, tmp_path / "play")
 
 
 @pytest.mark.slow
