@@ -97,3 +97,9 @@ def fails(state: Any) -> Any:
 def one(state: Any) -> Any:
     """A policy of `Nim`: take one."""
     return {None: 1.0} if state[1] == 0 else {1: 1.0}
+
+
+class Alone(Commons):
+    """Of one player."""
+
+    players = ("a",)  # type: ignore[assignment]
