@@ -55,6 +55,13 @@ class Raises(Doors):
         raise IndexError("two\nlines")
 
 
+class Unordered(Doors):
+    """Its actions can have another order in every process."""
+
+    def legal_actions(self, state: Any, player: int) -> Any:
+        return {"wait", "go"}
+
+
 class Large:
     """Its first state has 4 * 10**12 joint actions."""
 

@@ -222,6 +222,8 @@ def _listed(game: Game, call: Call) -> list[Any]:
         raise
     if listed is not None and len(listed) > MAX_SMALL_STATES:
         raise ValueError(f"{_name(call)} has more than {MAX_SMALL_STATES:,} entries; {SMALLER}")
+    if isinstance(found, set | frozenset):  # its order can be another in the next process
+        raise ValueError(f"{_name(call)} returned a set, which has no order; give a list of {form}")
     if listed is None or (
         size is not None and not all(isinstance(x, Sized) and len(x) == size for x in listed)
     ):
