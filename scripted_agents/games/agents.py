@@ -112,6 +112,7 @@ def named_agent(name: str, task: GameTask, player: str, epsilon: float = 0.0) ->
     Raises:
         ValueError: an unknown name, no distribution, or an equilibrium of another kind of game.
     """
+    check_probability("opponent_epsilon", epsilon)
     if name == UNIFORM:
         return TableAgent(task, player, uniform_table(task.game, player), 0.0, name)
     if name == EQUILIBRIUM:

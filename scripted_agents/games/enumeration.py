@@ -62,10 +62,7 @@ def enumerate_game(
         raise ValueError(
             f"{shortened(game)}; give an object with players and the three methods of Game"
         )
-    given = game.players
-    players = tuple(given) if isinstance(given, Iterable) and not isinstance(given, str) else ()
-    if not players or len({name for name in players if isinstance(name, str)}) < len(players):
-        raise ValueError(f"players={given!r}; give the name of each player, all different")
+    players = names_of_players(game)
     whole("most_states", most_states, 1)
     if progress is not None:
         check_bool("progress", progress)
@@ -130,6 +127,15 @@ def enumerate_game(
         start,
         source=game,
     )
+
+
+def names_of_players(game: Game) -> tuple[str, ...]:
+    """The names of all players; ValueError for none, equal ones, or something else than text."""
+    given = game.players
+    players = tuple(given) if isinstance(given, Iterable) and not isinstance(given, str) else ()
+    if not players or len({name for name in players if isinstance(name, str)}) < len(players):
+        raise ValueError(f"players={given!r}; give the name of each player, all different")
+    return players
 
 
 def _integers(values: array[int]) -> NDArray[np.int64]:
@@ -216,6 +222,8 @@ def _listed(game: Game, call: Call) -> list[Any]:
         raise
     if listed is not None and len(listed) > MAX_SMALL_STATES:
         raise ValueError(f"{_name(call)} has more than {MAX_SMALL_STATES:,} entries; {SMALLER}")
+    if isinstance(found, set | frozenset):  # its order can be another in the next process
+        raise ValueError(f"{_name(call)} returned a set, which has no order; give a list of {form}")
     if listed is None or (
         size is not None and not all(isinstance(x, Sized) and len(x) == size for x in listed)
     ):

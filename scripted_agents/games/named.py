@@ -42,7 +42,10 @@ def arguments_of(text: str, given: str) -> dict[str, Any]:
     Raises:
         ValueError: something else than name=value with numbers, texts, True, False or None.
     """
-    rule = f"game={shortened(text)}; give arguments as name=value, with numbers and texts"
+    rule = (
+        f"game={shortened(text)}; give arguments as name=value, each once, with numbers and texts "
+        "(in quotes unless a word)"
+    )
     try:
         call = ast.parse(f"f({given})", mode="eval").body
     except SyntaxError:
@@ -56,7 +59,7 @@ def arguments_of(text: str, given: str) -> dict[str, Any]:
             value = ast.literal_eval(each.value) if word is None else word
         except ValueError:
             raise ValueError(rule) from None
-        check(each.arg is not None, rule)
+        check(each.arg is not None and each.arg not in values, rule)
         values[str(each.arg)] = {"true": True, "false": False}.get(word or "", value)
     return values
 

@@ -92,6 +92,7 @@ def test_runs_enter_for_the_players_that_they_learned(
         (["one", "--game", TWICE], "no policy of row among the entries"),
         (["one", "uniform"], "one: a run of a small game; give --game"),
         (["one", "uniform", "--game", "matrix_games:Clash"], "was trained in game"),
+        (["both", "uniform"], "self-play of column, row, but the league is of chaser and evader"),
     ):
         with pytest.raises(SystemExit):
             main(["league", *arguments, "--out", "m"])
