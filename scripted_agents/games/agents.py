@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.validation import check, check_probability, raised, unknown
+from pursuit.validation import check, check_probability, unknown
 from scripted_agents.environments import POLICIES, is_custom_policy
 from scripted_agents.games import tables
+from scripted_agents.games.encoding import mended
 from scripted_agents.games.episodes import longest_play
 from scripted_agents.games.simulator import GameTask, StateView
 from scripted_agents.games.small_game import Behaviour, SmallGame
@@ -121,9 +122,5 @@ def named_agent(name: str, task: GameTask, player: str, epsilon: float = 0.0) ->
         unknown("policy", name, AGENTS) + ", or package.module:Name of a function of a state",
     )
     behaviour: Behaviour = POLICIES.get(name)  # type: ignore[assignment]
-    try:
+    with mended(f"policy {name!r}"):
         return TableAgent(task, player, behaviour, epsilon, name)
-    except ValueError:
-        raise
-    except Exception as error:  # of the user's code
-        raise ValueError(f"policy {name!r} raised {raised(error)}; mend it") from error

@@ -110,8 +110,8 @@ def return_range(
 def longest_play(game: SmallGame) -> int | None:
     """The largest number of steps of an episode; None if one can go on forever."""
     check_game(game)
-    joints = np.repeat(np.arange(game.num_states), np.diff(game.begins))
-    owner = csr_array((np.ones(len(joints)), (joints, np.arange(len(joints)))))
+    joints = np.arange(len(game.owners))
+    owner = csr_array((np.ones(len(joints)), (game.owners, joints)))
     edges = (owner @ game.following).tocsr()
     edges.eliminate_zeros()
     edges.data[:] = 1.0

@@ -5,11 +5,11 @@ from __future__ import annotations
 import ast
 import re
 from functools import lru_cache
-from importlib import import_module
 from typing import Any
 
 from pursuit.plugins import OPENSPIEL, Registry, accepts
-from pursuit.validation import check, raised, shortened
+from pursuit.validation import check, shortened
+from scripted_agents.games.encoding import mended
 from scripted_agents.games.enumeration import enumerate_game
 from scripted_agents.games.game import Game
 from scripted_agents.games.library import SHIPPED
@@ -78,22 +78,14 @@ def game_named(text: str) -> Game:
             ) from None
         return openspiel_game(str(text).strip().removeprefix(OPENSPIEL))
     values = arguments_of(text, given)
-    if name in SHIPPED:
-        module, _, attribute = SHIPPED[name].partition(":")
-        make = getattr(import_module(module), attribute)
-    else:
-        make = GAMES.get(name)
+    make = GAMES.get(SHIPPED.get(name, name))
     check(
         accepts(make, **values),
         f"game={shortened(text)}: {name} does not accept the arguments {shortened(given)}; see its "
         "documentation",
     )
-    try:
+    with mended(f"game={shortened(text)}"):
         game = make(**values)
-    except ValueError:
-        raise
-    except Exception as error:  # of the user's code
-        raise ValueError(f"game={shortened(text)} raised {raised(error)}; mend it") from error
     check(
         isinstance(game, Game) and not isinstance(game, type),
         f"game={shortened(text)} is {shortened(game)}; it must be {GAMES.needs}",
@@ -115,12 +107,5 @@ def load_game(text: str) -> SmallGame:
             cannot be enumerated, as its functions raise exceptions.
     """
     game = game_named(text)
-    try:
+    with mended(f"game={shortened(text)}"):
         return enumerate_game(game)
-    except (ValueError, MemoryError):
-        raise
-    except Exception as error:  # of the user's code
-        where = " ".join(getattr(error, "__notes__", ()))
-        raise ValueError(
-            f"game={shortened(text)} raised {raised(error)} {where}; mend it"
-        ) from error

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, ClassVar, Protocol
 
@@ -36,6 +36,7 @@ class GameTask:
         game: the game.
         name: of the game.
         max_steps: steps after which an episode is truncated.
+        observed: by seat, the arrays of "observe" so far; see `observations`.
     """
 
     steps_per_round: ClassVar[int] = 1
@@ -43,6 +44,7 @@ class GameTask:
     game: SmallGame
     name: str = "game"
     max_steps: int = 200
+    observed: dict[int, Array] = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:
         check_game(self.game)
@@ -89,10 +91,6 @@ class GameTask:
         found[offsets[state] + places[state, number]] = rows[state, number]
         return found
 
-    @cached_property
-    def _observed(self) -> dict[int, Array]:
-        return {}
-
     def observations(self, player: str | int, encoding: str = INDEX) -> Array:
         """[states, *shape]: what a player observes in every state, computed once.
 
@@ -110,33 +108,20 @@ class GameTask:
         if encoding == ONE_HOT:
             check_memory(f"one_hot of {states:,} states", 4 * states**2, "use observation index")
             return np.eye(states, dtype=np.float32)
-        if seat not in self._observed:
-            self._observed[seat] = self._all_observations(seat)
-        return self._observed[seat]
-
-    def _all_observations(self, seat: int) -> NDArray[np.float32]:
-        function = getattr(self.game.source, "observe", None)
-        check(
-            callable(function),
-            f"observation='observe', but game {self.name!r} has no function observe(state, "
-            "player); write one, or use index or one_hot",
-        )
-        return encoded_states(
-            self.game.states,
-            lambda state: function(state, seat),  # type: ignore[misc]
-            lambda state: f"observe({shortened(state)}, {seat})",
-        )
+        if seat not in self.observed:
+            function: Any = getattr(self.game.source, "observe", None)
+            check(
+                callable(function),
+                f"observation='observe', but game {self.name!r} has no function observe(state, "
+                "player); write one, or use index or one_hot",
+            )
+            self.observed[seat] = encoded_states(self.game.states, "observe", function, seat)
+        return self.observed[seat]
 
     @cached_property
     def waiting(self) -> NDArray[np.bool_]:
         """[players, states] bool: whether a player is not to move, as its only action is None."""
-        rows = []
-        for seat, every in enumerate(self.game.action_lists):
-            alone = self.tables.sizes[:, seat] == 1
-            rows.append(
-                alone & (every[-1] is None) & (self.tables.places[seat, :, len(every) - 1] >= 0)
-            )
-        return np.array(rows)
+        return np.array([[tuple(row) == (None,) for row in rows] for rows in self.game.actions])
 
     def __deepcopy__(self, memo: dict[int, object]) -> GameTask:
         """Itself, as it never changes: policies of a game play in copies of its simulators."""
@@ -258,7 +243,7 @@ class GameSimulator(BatchSimulator[GameTask]):
         self.epsilon = np.full((count, players), np.nan)
         self.next_epsilon = np.full((count, players), tables.UNCHANGED)
         self._joints = np.zeros(count, dtype=np.int64)
-        self._arrays = (
+        self._arrays: tables.Copies = tables.Copies(
             self.streams, self.state, self.steps, self.rewards, self.returns, self.terminated,
             self.truncated, self.episode_returns, self.episode_lengths, self.final_state,
             self.epsilon, self.next_epsilon,
@@ -267,11 +252,7 @@ class GameSimulator(BatchSimulator[GameTask]):
         self.reset(seed)
 
     def _start(self, chosen: NDArray[np.bool_]) -> None:
-        own = self.task.tables
-        tables.start_games(
-            own.starts, own.start_sums, chosen, self.streams, self.state, self.steps, self.returns,
-            self.terminated, self.truncated, self.epsilon, self.next_epsilon,
-        )  # fmt: skip
+        tables.start_games(self.task.tables, self._arrays, chosen)
 
     def step(self, actions: ArrayLike) -> None:
         """Step all games. Results are in the attributes.
@@ -295,9 +276,8 @@ class GameSimulator(BatchSimulator[GameTask]):
                 raise ValueError(f"actions of shape {given}; [num_games, players] is {shape}")
             signed = array.astype(np.int64, copy=False)
             actions = np.ascontiguousarray(np.clip(signed, -1, 2**31 - 1), dtype=np.int32)
-        arrays = (*task.tables, *self._arrays, self._joints, actions)
-        step: Any = tables.step_games
-        wrong: int = step(*arrays, task.max_steps, self.auto_restart)
+        known = task.tables, self._arrays, self._joints, actions
+        wrong = tables.step_games(*known, task.max_steps, self.auto_restart)
         if wrong != tables.OK:
             game, seat = divmod(wrong, task.num_agents)
             raise ValueError(self.why_illegal(game, seat, int(actions[game, seat])))
@@ -341,11 +321,9 @@ class GameSimulator(BatchSimulator[GameTask]):
             self.next_epsilon[chosen] = changed
 
     def _live(self) -> dict[str, Array]:
-        names = (
-            "streams", "state", "steps", "returns", "terminated", "truncated", "episode_returns",
-            "epsilon", "next_epsilon",
-        )  # fmt: skip
-        return {name: getattr(self, name) for name in names}
+        results = "rewards", "episode_lengths", "final_state"
+        every = self._arrays._asdict()
+        return {name: array for name, array in every.items() if name not in results}
 
     def _check_values(self, state: SimulatorState) -> None:
         check_range(state, "state", 0, self.task.game.num_states - 1)

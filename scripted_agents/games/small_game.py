@@ -71,6 +71,11 @@ class SmallGame:
             raise ValueError(f"player {name!r}; the players are {', '.join(self.players)}")
         return self.players.index(name)
 
+    @cached_property
+    def owners(self) -> NDArray[np.int64]:
+        """[joint actions] int64, the state of each."""
+        return np.repeat(np.arange(self.num_states), np.diff(self.begins))
+
     def joint_action(self, state: int, chosen: Sequence[int]) -> int:
         """The number of the joint action with these indices of the players' actions."""
         within = 0

@@ -99,8 +99,7 @@ def chain_of(game: SmallGame, policies: Policies) -> tuple[csr_array, Values]:
     and [states, players] the expected rewards of a step; errors are those of `returns_of`."""
     check_game(game)
     chances = joint_chances(game, policies, game.players)
-    state = np.repeat(np.arange(game.num_states), np.diff(game.begins))
-    weights = csr_array((chances, (state, np.arange(len(chances)))))
+    weights = csr_array((chances, (game.owners, np.arange(len(chances)))))
     return weights @ game.following, np.asarray(weights @ game.rewards)
 
 
@@ -129,7 +128,7 @@ def respond(
     # The options of a state are the choices of the team, the last player's counting fastest.
     sizes = np.stack([np.diff(game.offsets(index)) for index in indices], axis=1)
     options = np.concatenate([[0], np.cumsum(sizes.prod(axis=1))])
-    state = np.repeat(np.arange(game.num_states), np.diff(game.begins))
+    state = game.owners
     option = np.zeros(len(state), dtype=np.int64)
     for place, index in enumerate(indices):
         option = option * sizes[state, place] + game.choices[:, index]
@@ -220,7 +219,7 @@ def equilibrium(
         )
     if game.unbalanced.any():
         joint = int(np.argmax(game.unbalanced))
-        state = game.states[int(np.searchsorted(game.begins, joint, side="right")) - 1]
+        state = game.states[game.owners[joint]]
         raise ValueError(
             f"in {state!r} the rewards are {game.rewards[joint].tolist()}; equilibria are computed "
             "for two players with opposite rewards"
@@ -254,12 +253,8 @@ def check_game(game: SmallGame) -> None:
         raise ValueError(f"{shortened(game)} is not enumerated; give enumerate_game(game)")
 
 
-def tables_of(game: SmallGame, policies: Policies, players: Sequence[str]) -> dict[int, Values]:
-    """The policies of these players, by their numbers, as in `SmallGame.table`.
-
-    Raises:
-        ValueError: a policy that is missing or no distribution, or one of an unknown player.
-    """
+def check_policies(game: SmallGame, policies: Mapping[str, object], players: Sequence[str]) -> None:
+    """ValueError if one of these players has no policy, or a policy is of an unknown player."""
     if not isinstance(policies, Mapping):
         raise ValueError(
             f"policies={shortened(policies)}; give a dict with a policy of each player"
@@ -269,15 +264,19 @@ def tables_of(game: SmallGame, policies: Policies, players: Sequence[str]) -> di
     for name in players:
         if name not in policies:
             raise ValueError(f"player {name} has no policy; add policies[{name!r}]")
-    return {game.player(name): game.table(name, policies[name]) for name in players}
 
 
 def joint_chances(game: SmallGame, policies: Policies, players: Sequence[str]) -> Values:
-    """[joint actions] float64: the probability of the choices of these players."""
+    """[joint actions] float64: the probability of the choices of these players.
+
+    Raises:
+        ValueError: a policy that is missing or no distribution, or one of an unknown player.
+    """
+    check_policies(game, policies, players)
     chances = np.ones(len(game.choices))
-    state = np.repeat(np.arange(game.num_states), np.diff(game.begins))
-    for index, table in tables_of(game, policies, players).items():
-        chances *= table[game.offsets(index)[state] + game.choices[:, index]]
+    for name in players:
+        index, table = game.player(name), game.table(name, policies[name])
+        chances *= table[game.offsets(index)[game.owners] + game.choices[:, index]]
     return chances
 
 

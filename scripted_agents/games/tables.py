@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pursuit.compilation.compiled import compiled, inlined
 from pursuit.memory import check_memory
-from pursuit.rules.arrays import Flags, Ints, Reals, Words
+from pursuit.rules.arrays import Flags, Ints, Longs, Reals, Words
 from pursuit.rules.randomness import next_uniform
 from pursuit.validation import check
 from scripted_agents.games.small_game import SmallGame
@@ -22,7 +22,6 @@ OK = -1
 UNCHANGED = -1.0
 """In place of the probability of random actions from the next episode on."""
 
-Longs = NDArray[np.int64]
 Floats = NDArray[np.float32]
 
 
@@ -51,6 +50,23 @@ class StepTables(NamedTuple):
     sums: Reals
     starts: Ints
     start_sums: Reals
+
+
+class Copies(NamedTuple):
+    """The arrays of copies of a game; see the attributes of `GameSimulator`."""
+
+    streams: Words
+    state: Ints
+    steps: Ints
+    rewards: Floats
+    returns: Reals
+    terminated: Flags
+    truncated: Flags
+    episode_returns: Reals
+    episode_lengths: Ints
+    final_state: Ints
+    epsilon: Reals
+    next_epsilon: Reals
 
 
 def step_tables(game: SmallGame) -> StepTables:
@@ -128,122 +144,78 @@ def place_of(sums: Reals, first: int, last: int, draw: float) -> int:
 
 
 @compiled
-def start_games(
-    starts: Ints,
-    start_sums: Reals,
-    chosen: Flags,
-    streams: Words,
-    state: Ints,
-    steps: Ints,
-    returns: Reals,
-    terminated: Flags,
-    truncated: Flags,
-    epsilon: Reals,
-    next_epsilon: Reals,
-) -> None:
+def start_games(tables: StepTables, copies: Copies, chosen: Flags) -> None:
     """Start new episodes in the games of a mask."""
     for game in range(chosen.shape[0]):
         if chosen[game]:
-            _start(game, starts, start_sums, streams, state, steps, returns, epsilon, next_epsilon)
-            terminated[game] = truncated[game] = False
+            _start(game, tables, copies)
+            copies.terminated[game] = copies.truncated[game] = False
 
 
 @inlined
-def _start(
-    game: int,
-    starts: Ints,
-    start_sums: Reals,
-    streams: Words,
-    state: Ints,
-    steps: Ints,
-    returns: Reals,
-    epsilon: Reals,
-    next_epsilon: Reals,
-) -> None:
-    draw = next_uniform(streams[game], STARTS_STREAM)
-    state[game] = starts[place_of(start_sums, 0, starts.shape[0] - 1, draw)]
-    steps[game] = 0
-    for player in range(returns.shape[1]):
-        returns[game, player] = 0.0
-        if next_epsilon[game, player] != UNCHANGED:
-            epsilon[game, player] = next_epsilon[game, player]
-            next_epsilon[game, player] = -1.0
+def _start(game: int, tables: StepTables, copies: Copies) -> None:
+    draw = next_uniform(copies.streams[game], STARTS_STREAM)
+    last = tables.starts.shape[0] - 1
+    copies.state[game] = tables.starts[place_of(tables.start_sums, 0, last, draw)]
+    copies.steps[game] = 0
+    for player in range(copies.returns.shape[1]):
+        copies.returns[game, player] = 0.0
+        if copies.next_epsilon[game, player] != UNCHANGED:
+            copies.epsilon[game, player] = copies.next_epsilon[game, player]
+            copies.next_epsilon[game, player] = UNCHANGED
 
 
 @compiled
 def step_games(
-    begins: Longs,
-    places: NDArray[np.int16],
-    sizes: NDArray[np.int16],
-    after: Ints,
-    rewards: Floats,
-    indptr: Longs,
-    next_states: Ints,
-    sums: Reals,
-    starts: Ints,
-    start_sums: Reals,
-    streams: Words,
-    state: Ints,
-    steps: Ints,
-    reward: Floats,
-    returns: Reals,
-    terminated: Flags,
-    truncated: Flags,
-    episode_returns: Reals,
-    episode_lengths: Ints,
-    final_state: Ints,
-    epsilon: Reals,
-    next_epsilon: Reals,
-    joints: Longs,
-    actions: Ints,
-    max_steps: int,
-    auto_restart: bool,
+    tables: StepTables, copies: Copies, joints: Longs, actions: Ints, most: int, restart: bool
 ) -> int:
-    """Step all games; `OK`, or game * players + player of an illegal action, and nothing moves.
+    """Step all games, each at most `most` steps; `OK`, or game * players + player of an illegal
+    action, and nothing moves.
 
-    Games that have ended do not move, and have rewards of 0.
+    Without `restart` games that have ended do not move, and have rewards of 0. `joints` [games] is
+    working memory.
     """
-    players, most = actions.shape[1], places.shape[2]
+    state, steps, terminated, truncated = (
+        copies.state, copies.steps, copies.terminated, copies.truncated
+    )  # fmt: skip
+    players = actions.shape[1]
     for game in range(actions.shape[0]):
         joint = np.int64(0)
         for player in range(players):
             action = actions[game, player]
             place = -1
-            if 0 <= action < most:
-                place = np.int64(places[player, state[game], action])
-            # With `auto_restart` a game with these flags has already restarted.
-            if place < 0 and (auto_restart or not (terminated[game] or truncated[game])):
+            if 0 <= action < tables.places.shape[2]:
+                place = np.int64(tables.places[player, state[game], action])
+            # With `restart` a game with these flags has already restarted.
+            if place < 0 and (restart or not (terminated[game] or truncated[game])):
                 return game * players + player
-            joint = joint * sizes[state[game], player] + place
-        joints[game] = begins[state[game]] + joint
+            joint = joint * tables.sizes[state[game], player] + place
+        joints[game] = tables.begins[state[game]] + joint
     for game in range(actions.shape[0]):
-        if not auto_restart and (terminated[game] or truncated[game]):
-            for player in range(players):
-                reward[game, player] = 0.0
+        if not restart and (terminated[game] or truncated[game]):
+            copies.rewards[game, :] = 0.0
             continue
         joint = joints[game]
-        following = after[joint]
+        following = tables.after[joint]
         if following == DRAWN:
-            last = indptr[joint + 1]
-            draw = next_uniform(streams[game], CHANCE_STREAM)
-            place = place_of(sums, indptr[joint], last, draw)
-            following = next_states[place] if place < last else ENDED
+            last = tables.indptr[joint + 1]
+            draw = next_uniform(copies.streams[game], CHANCE_STREAM)
+            place = place_of(tables.sums, tables.indptr[joint], last, draw)
+            following = tables.states[place] if place < last else ENDED
         steps[game] += 1
         for player in range(players):
-            reward[game, player] = rewards[joint, player]
-            returns[game, player] += rewards[joint, player]
+            copies.rewards[game, player] = tables.rewards[joint, player]
+            copies.returns[game, player] += tables.rewards[joint, player]
         terminated[game] = following == ENDED
-        truncated[game] = following != ENDED and steps[game] >= max_steps
+        truncated[game] = following != ENDED and steps[game] >= most
         if following != ENDED:
             state[game] = following
         if terminated[game] or truncated[game]:
-            episode_lengths[game], final_state[game] = steps[game], state[game]
+            copies.episode_lengths[game], copies.final_state[game] = steps[game], state[game]
             for player in range(players):
-                episode_returns[game, player] = returns[game, player]
-            if auto_restart:
-                _start(
-                    game, starts, start_sums, streams, state, steps, returns, epsilon, next_epsilon
-                )
+                copies.episode_returns[game, player] = copies.returns[game, player]
+            if restart:
+                _start(game, tables, copies)
     return OK
 
 
