@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -71,8 +73,8 @@ class TableAgent:
 
     def table(self, task: GameTask) -> NDArray[np.float64]:
         """The probabilities of all legal actions, as of `SmallGame.table`, random ones included."""
-        sizes = np.diff(self._offsets)
-        return (1.0 - self.epsilon) * self._own + self.epsilon / np.repeat(sizes, sizes)
+        uniform = uniform_table(task.game, self.agent)
+        return (1.0 - self.epsilon) * self._own + self.epsilon * uniform
 
 
 def uniform_table(game: SmallGame, player: str) -> NDArray[np.float64]:
@@ -81,6 +83,7 @@ def uniform_table(game: SmallGame, player: str) -> NDArray[np.float64]:
     return 1.0 / np.repeat(sizes, sizes)
 
 
+@lru_cache(maxsize=1)
 def solved(game: SmallGame) -> SmallEquilibrium:
     """The equilibrium that `equilibrium` agents play, computed once.
 
@@ -89,15 +92,8 @@ def solved(game: SmallGame) -> SmallEquilibrium:
     Raises:
         ValueError: not a zero-sum game of two players.
     """
-    if game not in _SOLVED:
-        longest = longest_play(game)
-        own = equilibrium(game, DISCOUNT) if longest is None else equilibrium(game, 1.0, longest)
-        _SOLVED.clear()
-        _SOLVED[game] = own
-    return _SOLVED[game]
-
-
-_SOLVED: dict[SmallGame, SmallEquilibrium] = {}
+    longest = longest_play(game)
+    return equilibrium(game, DISCOUNT) if longest is None else equilibrium(game, 1.0, longest)
 
 
 def named_agent(name: str, task: GameTask, player: str, epsilon: float = 0.0) -> TableAgent:

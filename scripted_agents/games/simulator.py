@@ -252,7 +252,7 @@ class GameSimulator(BatchSimulator[GameTask]):
         self.reset(seed)
 
     def _start(self, chosen: NDArray[np.bool_]) -> None:
-        tables.start_games(self.task.tables, self._arrays, chosen)
+        tables.start_games(chosen, *self.task.tables, *self._arrays)
 
     def step(self, actions: ArrayLike) -> None:
         """Step all games. Results are in the attributes.
@@ -264,23 +264,17 @@ class GameSimulator(BatchSimulator[GameTask]):
             ValueError: a wrong shape or dtype, or an illegal action. Then no game moves.
         """
         task, shape = self.task, (self.num_games, self.task.num_agents)
-        if not (
-            type(actions) is np.ndarray
-            and actions.dtype == np.int32
-            and actions.flags.c_contiguous
-            and actions.shape == shape
-        ):
-            array = as_array("actions", actions, "iu", "give integers")
-            if array.shape != shape:
-                given = array.shape
-                raise ValueError(f"actions of shape {given}; [num_games, players] is {shape}")
-            signed = array.astype(np.int64, copy=False)
-            actions = np.ascontiguousarray(np.clip(signed, -1, 2**31 - 1), dtype=np.int32)
-        known = task.tables, self._arrays, self._joints, actions
-        wrong = tables.step_games(*known, task.max_steps, self.auto_restart)
+        chosen = as_array("actions", actions, "iu", "give integers")
+        if chosen.shape != shape:
+            raise ValueError(f"actions of shape {chosen.shape}; [num_games, players] is {shape}")
+        if chosen.dtype != np.int32:
+            chosen = np.clip(chosen.astype(np.int64, copy=False), -1, 2**31 - 1)
+        chosen = np.ascontiguousarray(chosen, dtype=np.int32)
+        rule = self._joints, chosen, task.max_steps, self.auto_restart
+        wrong = tables.step_games(*rule, *task.tables, *self._arrays)
         if wrong != tables.OK:
             game, seat = divmod(wrong, task.num_agents)
-            raise ValueError(self.why_illegal(game, seat, int(actions[game, seat])))
+            raise ValueError(self.why_illegal(game, seat, int(chosen[game, seat])))
 
     def why_illegal(self, game: int, seat: int, action: int) -> str:
         """The message for an illegal action."""

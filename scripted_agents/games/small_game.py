@@ -137,11 +137,6 @@ class SmallGame:
         index = self.player(player)
         offsets = self.offsets(index)
         if not callable(policy):
-            if isinstance(policy, str | Mapping):
-                raise ValueError(
-                    f"the policy of {player} is {shortened(policy)}; give a function of a state, "
-                    "or a table"
-                )
             rule = "give a function of a state, or an array of probabilities"
             table = as_array(f"the policy of {player}", policy, "biuf", rule).astype(np.float64)
             if table.shape != (offsets[-1],):

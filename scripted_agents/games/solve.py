@@ -147,19 +147,14 @@ def respond(
         good = np.flatnonzero(worth >= np.repeat(best - slack, np.diff(options)))
         return np.asarray(good[np.searchsorted(good, options[:-1])])
 
-    def next_policy(values: Values) -> Values:
-        """The values of the policy that is best with these values."""
-        chosen = best_options(values, 0.0)
-        return _solved(step[chosen], rewards[chosen], discount)
-
     def improved(values: Values) -> Values:
         """Policy iteration; every policy is better than the last."""
-        before, values = values, next_policy(values)
-        while (values - before).max() > SMALL_GAME_TOLERANCE * max(
-            1.0, float(np.abs(values).max())
-        ):
-            before, values = values, next_policy(values)
-        return values
+        while True:
+            chosen = best_options(values, 0.0)
+            before, values = values, _solved(step[chosen], rewards[chosen], discount)
+            largest = max(1.0, float(np.abs(values).max()))
+            if (values - before).max() <= SMALL_GAME_TOLERANCE * largest:
+                return values
 
     nothing = np.zeros(game.num_states)
     values = later = iterate(back_up, nothing, discount, horizon, improved)
@@ -312,14 +307,12 @@ def iterate(
     `solve` makes exact values of those of `MOST_SWEEPS` sweeps, where these are not enough.
     """
     values = np.zeros_like(start)
+    tolerance = SMALL_GAME_TOLERANCE * (1.0 - discount) if horizon is None else 0.0
     for _ in range(MOST_SWEEPS if horizon is None else horizon):
         before, values = values, back_up(values)
         change = np.abs(values - before).max(initial=0.0)
         largest = max(1.0, float(np.abs(values).max(initial=0.0)))
-        if (
-            change
-            <= (SMALL_GAME_TOLERANCE * (1.0 - discount) if horizon is None else 0.0) * largest
-        ):
+        if change <= tolerance * largest:
             return values
     return solve(values) if horizon is None else values
 

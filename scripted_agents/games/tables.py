@@ -143,9 +143,16 @@ def place_of(sums: Reals, first: int, last: int, draw: float) -> int:
     return first
 
 
+@inlined
+def named(arrays: Any) -> tuple[StepTables, Copies]:
+    """The flat arguments of a kernel by name: the fields of `StepTables` and of `Copies`."""
+    return StepTables(*arrays[:10]), Copies(*arrays[10:])
+
+
 @compiled
-def start_games(tables: StepTables, copies: Copies, chosen: Flags) -> None:
-    """Start new episodes in the games of a mask."""
+def start_games(chosen: Flags, *arrays: Any) -> None:
+    """Start new episodes in the games of a mask; `arrays` as in `named`."""
+    tables, copies = named(arrays)
     for game in range(chosen.shape[0]):
         if chosen[game]:
             _start(game, tables, copies)
@@ -166,15 +173,14 @@ def _start(game: int, tables: StepTables, copies: Copies) -> None:
 
 
 @compiled
-def step_games(
-    tables: StepTables, copies: Copies, joints: Longs, actions: Ints, most: int, restart: bool
-) -> int:
+def step_games(joints: Longs, actions: Ints, most: int, restart: bool, *arrays: Any) -> int:
     """Step all games, each at most `most` steps; `OK`, or game * players + player of an illegal
     action, and nothing moves.
 
     Without `restart` games that have ended do not move, and have rewards of 0. `joints` [games] is
-    working memory.
+    working memory; `arrays` as in `named`.
     """
+    tables, copies = named(arrays)
     state, steps, terminated, truncated = (
         copies.state, copies.steps, copies.terminated, copies.truncated
     )  # fmt: skip
@@ -221,16 +227,9 @@ def step_games(
 
 @compiled
 def draw_actions(
-    offsets: Longs,
-    sums: Reals,
-    numbers: Ints,
-    state: Ints,
-    epsilon: Reals,
-    own: float,
-    streams: Words,
-    player: int,
-    actions: Ints,
-) -> None:
+    offsets: Longs, sums: Reals, numbers: Ints, state: Ints, epsilon: Reals, own: float,
+    streams: Words, player: int, actions: Ints,
+) -> None:  # fmt: skip
     """Draw the actions of a table in every game.
 
     Args:
