@@ -116,7 +116,7 @@ def enumerate_game(
     following = csr_array(  # adds equal entries
         (np.array(chances), (np.array(rows), np.array(columns))), shape=(joints, number)
     )
-    start = np.bincount(start_numbers, start_chances, number)
+    start: Any = np.bincount(start_numbers, start_chances, number)
     return SmallGame(
         players,
         found.states,

@@ -35,6 +35,8 @@ from scripted_agents.joint.policy import drawn
 
 NAME = "python_pursuit"
 PARAMETERS = {"game": "", "horizon": 1, "terminal_rewards": False}
+ARRAYS, ROWS = ("begins", "choices", "rewards", "start"), ("data", "indices", "indptr")
+"""The arrays of a game, and of its `following`."""
 ENDED = -1
 """The state after the end of a game."""
 
@@ -68,18 +70,10 @@ def _text(game: SmallGame) -> str:
         "states": states,
         "actions": [[[str(a) for a in row] for row in rows] for rows in game.actions],
     }
-    rows, file = game.following, BytesIO()
-    np.savez_compressed(
-        file,
-        names=np.frombuffer(json.dumps(names).encode(), np.uint8),
-        begins=game.begins,
-        choices=game.choices,
-        rewards=game.rewards,
-        start=game.start,
-        chances=rows.data,
-        indices=rows.indices,
-        indptr=rows.indptr,
-    )
+    arrays = {name: getattr(game, name) for name in ARRAYS}
+    rows = {name: getattr(game.following, name) for name in ROWS}
+    file, text = BytesIO(), np.frombuffer(json.dumps(names).encode(), np.uint8)
+    np.savez_compressed(file, names=text, **arrays, **rows)
     return b64encode(file.getvalue(), b"-_").decode().rstrip("=")
 
 
@@ -95,11 +89,8 @@ def _small(text: str) -> SmallGame:
             names["states"],
             {state: number for number, state in enumerate(names["states"])},
             names["actions"],
-            data["begins"],
-            data["choices"],
-            data["rewards"],
-            csr_array((data["chances"], data["indices"], data["indptr"]), shape=shape),
-            data["start"],
+            following=csr_array(tuple(data[name] for name in ROWS), shape=shape),
+            **{name: data[name] for name in ARRAYS},
         )
     except (ValueError, KeyError, TypeError, OSError, EOFError, BadZipFile):
         raise ValueError(
@@ -126,22 +117,21 @@ class _Game(pyspiel.Game):
     def __init__(self, params: Plain | None = None) -> None:
         given = {**PARAMETERS, **(params or {})}
         horizon = given["horizon"] = whole("horizon", given["horizon"], 1)
-        terminal = check_bool("terminal_rewards", given["terminal_rewards"])
-        given["terminal_rewards"] = terminal
+        terminal = given["terminal_rewards"] = check_bool(
+            "terminal_rewards", given["terminal_rewards"]
+        )
         self.tree = _Tree(_small(given["game"]), horizon, terminal)
         small = self.tree.small
-        sums = small.rewards.sum(axis=1)
-        zero_sum = len(small.players) == 2 and bool(np.abs(sums).max() < 1e-9)
         starts = int((small.start > 0).sum())
         stochastic = starts > 1 or bool((np.diff(small.following.indptr) > 1).any())
-        kind = _type(len(small.players), stochastic, zero_sum, terminal)
+        kind = _type(len(small.players), stochastic, small.zero_sum, terminal)
         info = pyspiel.GameInfo(
             num_distinct_actions=max(len(row) for actions in small.actions for row in actions),
             max_chance_outcomes=max(starts, 1 + small.num_states),
             num_players=len(small.players),
             min_utility=float(min(small.rewards.min() * horizon, 0.0)),
             max_utility=float(max(small.rewards.max() * horizon, 0.0)),
-            utility_sum=0.0 if zero_sum else None,
+            utility_sum=0.0 if small.zero_sum else None,
             max_game_length=horizon,
         )
         super().__init__(kind, info, given)

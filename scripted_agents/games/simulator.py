@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
@@ -158,14 +158,9 @@ class StateView:
 
     def select(self, games: NDArray[np.intp]) -> StateView:
         """A view of copies of these games; see `pursuit.simulator.policy.GameView.select`."""
-        return replace(
-            self,
-            state=self.state[games],
-            steps=self.steps[games],
-            streams=self.streams[games],
-            epsilon=self.epsilon[games],
-            observe=lambda encoding: self.observe(encoding)[games],
-        )
+        names = "state", "steps", "streams", "epsilon"
+        parts = {name: getattr(self, name)[games] for name in names}
+        return replace(self, observe=lambda encoding: self.observe(encoding)[games], **parts)
 
     def uniform(self) -> NDArray[np.float64]:
         """[num_games] float64 in [0, 1), from the player's own random stream, which advances."""
@@ -341,7 +336,7 @@ class GameSimulator(BatchSimulator[GameTask]):
         number = self.task.seat(seat)
         if number not in self._views:
             live = self.state, self.steps, self.streams, self.epsilon
-            observe: Any = lambda encoding: self.observe(encoding, number)  # noqa: E731
+            observe = partial(self.observe, seat=number)
             self._views[number] = StateView(self.task, number, *live, observe)
         return self._views[number]
 

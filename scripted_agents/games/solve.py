@@ -11,7 +11,7 @@ from scipy.sparse import csc_array, csr_array, eye_array
 from scipy.sparse.linalg import splu
 
 from pursuit.validation import number, shortened, whole
-from scripted_agents.games.small_game import Behaviour, SmallGame
+from scripted_agents.games.small_game import DRAWN, Behaviour, SmallGame
 from scripted_agents.joint.layout import NO_SLIPS, Store
 from scripted_agents.joint.results import Equilibrium, JointNashConv, Solution
 from scripted_agents.joint.shapley_iteration import (
@@ -277,13 +277,8 @@ def joint_chances(game: SmallGame, policies: Policies, players: Sequence[str]) -
 
 def _store(game: SmallGame, columns: int) -> tuple[Store, csr_array]:
     """The transitions as `StochasticGame` takes them, for the payoff of the first player."""
-    following, states = game.following, game.num_states
-    counts = np.diff(following.indptr)
-    certain = counts == 1
-    certain[certain] = following.data[following.indptr[:-1][certain]] == 1.0
-    drawn = np.flatnonzero(~certain & (counts > 0))
-    after = np.full(len(game.choices), -1, dtype=np.int32)
-    after[certain] = following.indices[following.indptr[:-1][certain]]
+    after, states = game.after.copy(), game.num_states
+    drawn = np.flatnonzero(after == DRAWN)
     after[drawn] = states + np.arange(len(drawn))
     sizes = np.array([len(actions) for actions in game.actions[0]])
     ones = np.ones(states)
@@ -292,7 +287,7 @@ def _store(game: SmallGame, columns: int) -> tuple[Store, csr_array]:
     small = np.int16 if joints.max() <= np.iinfo(np.int16).max else np.int32
     rewards = np.ascontiguousarray(game.rewards[:, 0])
     store = Store(game.begins, game.begins, shape, after, rewards, joints.astype(small), *NO_SLIPS)
-    return store, csr_array(following[drawn])
+    return store, csr_array(game.following[drawn])
 
 
 def iterate(

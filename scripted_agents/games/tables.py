@@ -12,12 +12,10 @@ from pursuit.memory import check_memory
 from pursuit.rules.arrays import Flags, Ints, Longs, Reals, Words
 from pursuit.rules.randomness import next_uniform
 from pursuit.validation import check
-from scripted_agents.games.small_game import SmallGame
+from scripted_agents.games.small_game import DRAWN, ENDED, SmallGame
 
 STARTS_STREAM, CHANCE_STREAM, FIRST_PLAYER_STREAM = 0, 1, 2
 """The random streams of a game: of start states, of chance, and of each player's policy."""
-ENDED, DRAWN = -1, -2
-"""In place of the state after a joint action: the game has ended; it is drawn from a row."""
 OK = -1
 UNCHANGED = -1.0
 """In place of the probability of random actions from the next episode on."""
@@ -90,14 +88,8 @@ def step_tables(game: SmallGame) -> StepTables:
                 numbers[id(row)] = np.array([number[action] for action in row])
             places[player, state, numbers[id(row)]] = np.arange(len(row))
     csr = game.following
-    counts, chances = np.diff(csr.indptr), csr.data
-    first = csr.indptr[:-1].astype(np.int64)
-    after = np.full(len(counts), ENDED, dtype=np.int32)
-    after[counts > 0] = DRAWN
-    single = np.flatnonzero(counts == 1)
-    certain = single[chances[first[single]] >= 1.0 - 1e-12]
-    after[certain] = csr.indices[first[certain]]
-    sums = row_sums(chances, csr.indptr)
+    counts = np.diff(csr.indptr)
+    sums = row_sums(csr.data, csr.indptr)
     # The ends of rows without an end of the game are exactly 1, so that no draw is above them.
     last = csr.indptr[1:][counts > 0] - 1
     sums[last[sums[last] >= 1.0 - 1e-9]] = 1.0
@@ -108,7 +100,7 @@ def step_tables(game: SmallGame) -> StepTables:
         game.begins.astype(np.int64),
         places,
         np.array([[len(row) for row in rows] for rows in game.actions], dtype=np.int16).T.copy(),
-        after,
+        game.after,
         game.rewards.astype(np.float32),
         csr.indptr.astype(np.int64),
         csr.indices.astype(np.int32),

@@ -62,13 +62,8 @@ class BorderControl:
         self.rows, self.columns = whole("rows", rows, 2, MOST), whole("columns", columns, 3, MOST)
         self.cells = cells_of(self.rows, self.columns)
         on_board = set(self.cells)
-        self._guard_moves: dict[Cell, list[str]]
-        self._intruder_moves: dict[Cell, list[str]]
         self._guard_moves, self._intruder_moves = (
-            {
-                cell: [name for name, change in known.items() if moved(cell, change) in on_board]
-                for cell in self.cells
-            }
+            {cell: [m for m in known if moved(cell, CHANGES[m]) in on_board] for cell in self.cells}
             for known in (MOVES, CHANGES)
         )
 
