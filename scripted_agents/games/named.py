@@ -13,6 +13,7 @@ from scripted_agents.games.encoding import mended
 from scripted_agents.games.enumeration import enumerate_game
 from scripted_agents.games.game import Game
 from scripted_agents.games.library import SHIPPED
+from scripted_agents.games.openspiel_optional import openspiel_game
 from scripted_agents.games.small_game import SmallGame
 
 GAMES: Registry[Any] = Registry(
@@ -69,13 +70,6 @@ def game_named(text: str) -> Game:
     """
     name, given = split_name(text)
     if name.startswith(OPENSPIEL):
-        try:
-            from scripted_agents.games.openspiel_games import openspiel_game
-        except ImportError as error:
-            raise ValueError(
-                f"game={shortened(text)} needs OpenSpiel, which is not installed ({error.name}); "
-                "pip install 'pursuit[openspiel]'"
-            ) from None
         return openspiel_game(str(text).strip().removeprefix(OPENSPIEL))
     values = arguments_of(text, given)
     make = GAMES.get(SHIPPED.get(name, name))

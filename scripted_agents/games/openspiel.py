@@ -9,10 +9,9 @@ from __future__ import annotations
 
 import json
 from base64 import b64decode, b64encode
-from dataclasses import dataclass
 from io import BytesIO
 from math import prod
-from typing import Any
+from typing import Any, NamedTuple
 from zipfile import BadZipFile
 
 import numpy as np
@@ -27,7 +26,7 @@ from pursuit.tasks.task import Task
 from pursuit.validation import Plain, check_bool, shortened, whole
 from scripted_agents.games.game import Action
 from scripted_agents.games.openspiel_games import OpenSpielGame as OpenSpielGame
-from scripted_agents.games.openspiel_games import openspiel_game as openspiel_game
+from scripted_agents.games.openspiel_optional import openspiel_game as openspiel_game
 from scripted_agents.games.small_game import SmallGame
 from scripted_agents.games.solve import check_game
 from scripted_agents.games.tasks import states_of_games
@@ -99,16 +98,12 @@ def _small(text: str) -> SmallGame:
         ) from None
 
 
-@dataclass(frozen=True, eq=False)
-class _Tree:
+class _Tree(NamedTuple):
     """A small game to a horizon. It never changes, so a deep copy of a state keeps it."""
 
     small: SmallGame
     horizon: int
     terminal_rewards: bool
-
-    def __deepcopy__(self, memo: dict[int, object]) -> _Tree:
-        return self
 
 
 class _Game(pyspiel.Game):

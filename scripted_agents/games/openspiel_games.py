@@ -297,15 +297,6 @@ class OpenSpielGame:
         ]
 
 
-def openspiel_game(text: str) -> OpenSpielGame:
-    """A game of OpenSpiel by its text, such as "pig(horizon=5,winscore=10)"; see `OpenSpielGame`.
-
-    A horizon is OpenSpiel's own where the game has such a parameter, else steps after which the
-    game ends.
-    """
-    return OpenSpielGame(text)
-
-
 def _joint(state: State) -> Iterable[tuple[Action, ...]]:
     return product(*(row or (None,) for row in state[3]))
 
