@@ -18,7 +18,7 @@ from pursuit.observations.masks import ACTION_MASK
 from pursuit.rendering.windows import metadata_of
 from pursuit.rules.arrays import Array
 from pursuit.simulator.simulator import Simulator
-from pursuit.validation import check_bool, named_settings, one_of, whole
+from pursuit.validation import check, check_bool, named_settings, one_of, whole
 from scripted_agents.games.agents import UNIFORM, named_agent
 from scripted_agents.games.encoding import encoded_states
 from scripted_agents.games.game import State
@@ -166,17 +166,15 @@ class SmallGameEnv(SeatOfSmallGame, SingleEnv, Single):
         task = task_of(game, max_steps)
         self._render_as(render_mode, RENDER_FPS)
         if encode is not None:
-            if not callable(encode):
-                raise ValueError(f"encode={encode!r}; give a function of a state, or None")
+            check(callable(encode), f"encode={encode!r}; give a function of a state, or None")
             task, observation = replace(task), OBSERVE
             task.observed[task.seat(player)] = encoded_states(task.game.states, "encode", encode)
         seat = self._take_seat(task, player, policies, 1, observation, mask_in_observation)
         super().__init__(*seat)
         self.recorded: Simulator | None = None
         if task.game.task is not None:
-            self.recorded = Simulator(
-                replace(task.game.task, max_steps=task.max_steps), auto_restart=False
-            )
+            played = replace(task.game.task, max_steps=task.max_steps)
+            self.recorded = Simulator(played, auto_restart=False)
             self.recorded.last_seed = None
 
     @property
@@ -274,9 +272,8 @@ def _arguments(
     **settings: Any,
 ) -> dict[str, Any]:
     """The arguments of a registered environment."""
-    limit: dict[str, Any] = {
-        name: settings.pop(name) for name in ("max_steps", "max_cycles") if name in settings
-    }
+    names = [name for name in settings if name in ("max_steps", "max_cycles")]
+    limit = {name: settings.pop(name) for name in names}
     task = task_of(game, **named_settings("SmallGame-v0", limit, ("max_steps",)))
     others = [name for seat, name in enumerate(task.agent_names) if seat != task.seat(player)]
     given = opponent if isinstance(opponent, Mapping) else dict.fromkeys(others, opponent)

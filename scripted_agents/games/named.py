@@ -28,12 +28,11 @@ GAMES: Registry[Any] = Registry(
 def split_name(text: str) -> tuple[str, str]:
     """ "module:Name" and "size=4" from "module:Name(size=4)"; without parentheses no arguments."""
     found = re.fullmatch(r"\s*([^()\s]+)\s*(?:\((.*)\))?\s*", str(text), re.DOTALL)
-    check(
-        found is not None,
-        f"game={shortened(text)}; give a name, as soccer, openspiel:tic_tac_toe or module:Name, "
-        "with arguments in parentheses: goofspiel(cards=4)",
-    )
-    assert found is not None
+    if found is None:
+        raise ValueError(
+            f"game={shortened(text)}; give a name, as soccer, openspiel:tic_tac_toe or "
+            "module:Name, with arguments in parentheses: goofspiel(cards=4)"
+        )
     return found[1], found[2] or ""
 
 
@@ -44,21 +43,17 @@ def arguments_of(text: str, given: str) -> dict[str, Any]:
         ValueError: something else than name=value with numbers, texts, True, False or None.
     """
     rule = f"game={shortened(text)}; give arguments as name=value, with numbers and texts"
-    try:
-        call = ast.parse(f"f({given})", mode="eval").body
-    except SyntaxError:
-        raise ValueError(rule) from None
-    check(isinstance(call, ast.Call) and not call.args, rule)
-    assert isinstance(call, ast.Call)
     values: dict[str, Any] = {}
-    for each in call.keywords:
-        word = each.value.id if isinstance(each.value, ast.Name) else None
-        try:
+    try:
+        call: Any = ast.parse(f"f({given})", mode="eval").body
+        check(not call.args, rule)
+        for each in call.keywords:
+            word = each.value.id if isinstance(each.value, ast.Name) else None
             value = ast.literal_eval(each.value) if word is None else word
-        except ValueError:
-            raise ValueError(rule) from None
-        check(each.arg is not None, rule)
-        values[str(each.arg)] = {"true": True, "false": False}.get(word or "", value)
+            check(each.arg is not None, rule)
+            values[each.arg] = {"true": True, "false": False}.get(word or "", value)
+    except (SyntaxError, ValueError, AttributeError):  # no call at all has no keywords
+        raise ValueError(rule) from None
     return values
 
 

@@ -112,9 +112,8 @@ class _Game(pyspiel.Game):
     def __init__(self, params: Plain | None = None) -> None:
         given = {**PARAMETERS, **(params or {})}
         horizon = given["horizon"] = whole("horizon", given["horizon"], 1)
-        terminal = given["terminal_rewards"] = check_bool(
-            "terminal_rewards", given["terminal_rewards"]
-        )
+        terminal = check_bool("terminal_rewards", given["terminal_rewards"])
+        given["terminal_rewards"] = terminal
         self.tree = _Tree(_small(given["game"]), horizon, terminal)
         small = self.tree.small
         starts = int((small.start > 0).sum())
@@ -229,9 +228,7 @@ class _State(pyspiel.State):
 
     def rewards(self) -> list[float]:
         """The rewards of the last step; with terminal rewards those of all steps, at the end."""
-        if not self.tree.terminal_rewards:
-            return list(self._rewards)
-        return self.returns()
+        return self.returns() if self.tree.terminal_rewards else list(self._rewards)
 
     def returns(self) -> list[float]:
         """The sum of the rewards so far; with terminal rewards 0 until the end."""

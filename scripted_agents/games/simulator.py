@@ -229,9 +229,8 @@ class GameSimulator(BatchSimulator[GameTask]):
         count, players = self.num_games, task.num_agents
         check_memory(f"num_games={count}", count * (60 + 60 * players), "take fewer games")
         self.streams = np.zeros((count, 2 + players), dtype=np.uint64)
-        self.state, self.steps, self.episode_lengths, self.final_state = np.zeros(
-            (4, count), dtype=np.int32
-        )
+        numbers = np.zeros((4, count), dtype=np.int32)
+        self.state, self.steps, self.episode_lengths, self.final_state = numbers
         self.rewards = np.zeros((count, players), dtype=np.float32)
         self.returns, self.episode_returns = np.zeros((2, count, players))
         self.terminated, self.truncated = np.zeros((2, count), dtype=bool)

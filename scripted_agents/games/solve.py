@@ -25,6 +25,7 @@ MOST_SWEEPS = 3000
 
 Policies = Mapping[str, Behaviour]
 Values = NDArray[np.float64]
+Sweep = Callable[[Values], Values]
 
 
 class _Tables(Solution):
@@ -179,13 +180,13 @@ def nash_conv(
     NashConv is the sum of the gains (Lanctot et al., 2017). Arguments and errors are those of
     `returns_of`.
     """
-    check_game(game)
-    returns = game.start @ returns_of(game, policies, discount, horizon)
+    returns = returns_of(game, policies, discount, horizon)
     best = {
         player: respond(game, player, policies, discount, horizon).mean_over_starts
         for player in game.players
     }
-    return JointNashConv(dict(zip(game.players, returns.tolist(), strict=True)), best)
+    own = (game.start @ returns).tolist()
+    return JointNashConv(dict(zip(game.players, own, strict=True)), best)
 
 
 def equilibrium(
@@ -291,11 +292,7 @@ def _store(game: SmallGame, columns: int) -> tuple[Store, csr_array]:
 
 
 def iterate(
-    back_up: Callable[[Values], Values],
-    start: Values,
-    discount: float,
-    horizon: int | None,
-    solve: Callable[[Values], Values],
+    back_up: Sweep, start: Values, discount: float, horizon: int | None, solve: Sweep
 ) -> Values:
     """Backward induction from values of 0, or value iteration until they are exact.
 
