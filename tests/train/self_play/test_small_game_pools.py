@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from matrix_games import Rounds
+from round_games import Rounds
 from self_play_runs import go_on
 
 from scripted_agents.games import enumerate_game
