@@ -55,6 +55,13 @@ class Raises(Doors):
         raise IndexError("two\nlines")
 
 
+class Unordered(Doors):
+    """Its actions can have another order in every process."""
+
+    def legal_actions(self, state: Any, player: int) -> Any:
+        return {"wait", "go"}
+
+
 class Large:
     """Its first state has 4 * 10**12 joint actions."""
 
@@ -97,3 +104,9 @@ def fails(state: Any) -> Any:
 def one(state: Any) -> Any:
     """A policy of `Nim`: take one."""
     return {None: 1.0} if state[1] == 0 else {1: 1.0}
+
+
+class Alone(Commons):
+    """Of one player."""
+
+    players = ("a",)  # type: ignore[assignment]

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.validation import check, check_probability, raised, unknown
+from pursuit.validation import check, check_probability, unknown
 from scripted_agents.environments import POLICIES, is_custom_policy
 from scripted_agents.games import tables
+from scripted_agents.games.encoding import mended
 from scripted_agents.games.episodes import longest_play
 from scripted_agents.games.simulator import GameTask, StateView
 from scripted_agents.games.small_game import Behaviour, SmallGame
@@ -70,8 +73,8 @@ class TableAgent:
 
     def table(self, task: GameTask) -> NDArray[np.float64]:
         """The probabilities of all legal actions, as of `SmallGame.table`, random ones included."""
-        sizes = np.diff(self._offsets)
-        return (1.0 - self.epsilon) * self._own + self.epsilon / np.repeat(sizes, sizes)
+        uniform = uniform_table(task.game, self.agent)
+        return (1.0 - self.epsilon) * self._own + self.epsilon * uniform
 
 
 def uniform_table(game: SmallGame, player: str) -> NDArray[np.float64]:
@@ -80,6 +83,7 @@ def uniform_table(game: SmallGame, player: str) -> NDArray[np.float64]:
     return 1.0 / np.repeat(sizes, sizes)
 
 
+@lru_cache(maxsize=1)
 def solved(game: SmallGame) -> SmallEquilibrium:
     """The equilibrium that `equilibrium` agents play, computed once.
 
@@ -88,15 +92,8 @@ def solved(game: SmallGame) -> SmallEquilibrium:
     Raises:
         ValueError: not a zero-sum game of two players.
     """
-    if game not in _SOLVED:
-        longest = longest_play(game)
-        own = equilibrium(game, DISCOUNT) if longest is None else equilibrium(game, 1.0, longest)
-        _SOLVED.clear()
-        _SOLVED[game] = own
-    return _SOLVED[game]
-
-
-_SOLVED: dict[SmallGame, SmallEquilibrium] = {}
+    longest = longest_play(game)
+    return equilibrium(game, DISCOUNT) if longest is None else equilibrium(game, 1.0, longest)
 
 
 def named_agent(name: str, task: GameTask, player: str, epsilon: float = 0.0) -> TableAgent:
@@ -112,6 +109,7 @@ def named_agent(name: str, task: GameTask, player: str, epsilon: float = 0.0) ->
     Raises:
         ValueError: an unknown name, no distribution, or an equilibrium of another kind of game.
     """
+    check_probability("opponent_epsilon", epsilon)
     if name == UNIFORM:
         return TableAgent(task, player, uniform_table(task.game, player), 0.0, name)
     if name == EQUILIBRIUM:
@@ -121,9 +119,5 @@ def named_agent(name: str, task: GameTask, player: str, epsilon: float = 0.0) ->
         unknown("policy", name, AGENTS) + ", or package.module:Name of a function of a state",
     )
     behaviour: Behaviour = POLICIES.get(name)  # type: ignore[assignment]
-    try:
+    with mended(f"policy {name!r}"):
         return TableAgent(task, player, behaviour, epsilon, name)
-    except ValueError:
-        raise
-    except Exception as error:  # of the user's code
-        raise ValueError(f"policy {name!r} raised {raised(error)}; mend it") from error

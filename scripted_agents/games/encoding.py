@@ -1,35 +1,57 @@
-"""What a user's function returns in every state of a game, as one array."""
+"""Calls of a user's functions: errors that name the call, and all observations as one array."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pursuit.memory import check_memory
-from pursuit.validation import as_array, check, raised
+from pursuit.validation import as_array, check, raised, shortened
 from scripted_agents.games.game import State
 
 
+@contextmanager
+def mended(what: str) -> Iterator[None]:
+    """Raise exceptions of a user's code as ValueError with `what`; ValueError and MemoryError pass.
+
+    Notes of the exception are in the message.
+    """
+    try:
+        yield
+    except (ValueError, MemoryError):
+        raise
+    except Exception as error:
+        told = " ".join([raised(error), *getattr(error, "__notes__", ())])
+        raise ValueError(f"{what} raised {told}; mend it") from error
+
+
 def encoded_states(
-    states: Sequence[State], encode: Callable[[State], ArrayLike], call: Callable[[State], str]
+    states: Sequence[State], name: str, function: Callable[..., ArrayLike], *others: Any
 ) -> NDArray[np.float32]:
-    """[states, *shape] float32: what a user's function of a state returns in every state.
+    """[states, *shape] float32: what a user's function returns in every state.
 
     Args:
         states: all states.
-        encode: the function.
-        call: the call for a state as text, for messages.
+        name: of the function, for messages.
+        function: of a state and the `others`.
+        others: further arguments.
 
     Raises:
         ValueError: an exception, arrays of different shapes, numbers that are not finite, or too
             little memory.
     """
+
+    def call(state: State) -> str:
+        return f"{name}({', '.join(map(shortened, (state, *others)))})"
+
     found: NDArray[np.float32] = np.zeros((0, 0), dtype=np.float32)
     for number, state in enumerate(states):
         try:
-            given = encode(state)
+            given = function(state, *others)
         except Exception as error:  # of the user's code
             raise ValueError(f"{call(state)} raised {raised(error)}; mend it") from error
         row = np.atleast_1d(as_array(call(state), given, "biuf", "return an array of numbers"))

@@ -12,7 +12,6 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from pursuit.memory import check_memory
@@ -62,10 +61,7 @@ def enumerate_game(
         raise ValueError(
             f"{shortened(game)}; give an object with players and the three methods of Game"
         )
-    given = game.players
-    players = tuple(given) if isinstance(given, Iterable) and not isinstance(given, str) else ()
-    if not players or len({name for name in players if isinstance(name, str)}) < len(players):
-        raise ValueError(f"players={given!r}; give the name of each player, all different")
+    players = names_of_players(game)
     whole("most_states", most_states, 1)
     if progress is not None:
         check_bool("progress", progress)
@@ -77,7 +73,8 @@ def enumerate_game(
     same: dict[Sequence[Hashable], Sequence[Hashable]] = {}  # equal actions are stored once
     begins, choices, rewards = array("q", [0]), array("i"), array("d")
     rows, columns, chances = array("q"), array("q"), array("d")
-    number = 0
+    # Twice what is stored, as the arrays are copied at the end.
+    number, joint_bytes = 0, 16 + 24 * len(players)
     while number < len(found.states):
         state = found.states[number]
         legal = [_legal(game, state, player) for player in range(len(players))]
@@ -85,7 +82,7 @@ def enumerate_game(
         joints = begins[-1] + many
         if many > AT_ONCE:
             what = f"{many:,} joint actions in {shortened(state)}"
-            check_memory(what, joints * joint_bytes(len(players)), SMALLER)
+            check_memory(what, joints * joint_bytes, SMALLER)
         for player, options in enumerate(legal):
             actions[player].append(same.setdefault(options, options))
         for joint, chosen in enumerate(product(*map(range, map(len, legal))), begins[-1]):
@@ -106,25 +103,24 @@ def enumerate_game(
             choices.extend(chosen)
             rewards.extend(mean)
             if (joint + 1) % AT_ONCE == 0:
-                found.show(number, joints * joint_bytes(len(players)))
+                found.show(number, joints * joint_bytes)
         begins.append(joints)
         number += 1
         if number & (number - 1) == 0 or number % 10_000 == 0:
-            found.check(number, joints, len(rows), len(players))
+            found.check(number, joints * joint_bytes, len(rows))
     found.end_line()
     joints = begins[-1]
     following = csr_array(  # adds equal entries
-        (np.frombuffer(chances), (_integers(rows), _integers(columns))), shape=(joints, number)
+        (np.array(chances), (np.array(rows), np.array(columns))), shape=(joints, number)
     )
-    start = np.zeros(number)
-    np.add.at(start, start_numbers, start_chances)
+    start: Any = np.bincount(start_numbers, start_chances, number)
     return SmallGame(
         players,
         found.states,
         found.number,
         actions,
-        _integers(begins),
-        np.array(choices, dtype=np.int32).reshape(joints, len(players)),
+        np.array(begins),
+        np.array(choices).reshape(joints, len(players)),
         np.array(rewards).reshape(joints, len(players)),
         following,
         start,
@@ -132,8 +128,13 @@ def enumerate_game(
     )
 
 
-def _integers(values: array[int]) -> NDArray[np.int64]:
-    return np.array(values, dtype=np.int64)
+def names_of_players(game: Game) -> tuple[str, ...]:
+    """The names of all players; ValueError for none, equal ones, or something else than text."""
+    given = game.players
+    players = tuple(given) if isinstance(given, Iterable) and not isinstance(given, str) else ()
+    if not players or len({name for name in players if isinstance(name, str)}) < len(players):
+        raise ValueError(f"players={given!r}; give the name of each player, all different")
+    return players
 
 
 class _Found:
@@ -164,10 +165,10 @@ class _Found:
                 )
         return known
 
-    def check(self, done: int, joints: int, outcomes: int, players: int) -> None:
+    def check(self, done: int, joint_bytes: int, outcomes: int) -> None:
         """Show the progress; ValueError if the states found so far do not fit into memory."""
-        each = 200 + sys.getsizeof(self.states[-1]) + joint_bytes(players) * joints / done
-        size = int((each + 60 * outcomes / done) * len(self.states))
+        each = 200 + sys.getsizeof(self.states[-1]) + (joint_bytes + 60 * outcomes) / done
+        size = int(each * len(self.states))
         check_memory(f"{len(self.states):,} states found so far", size, SMALLER)
         self.show(done, size)
 
@@ -186,11 +187,6 @@ class _Found:
         """Keep the last line of a terminal."""
         if self.reported > self.began and sys.stderr.isatty():
             print(file=sys.stderr)
-
-
-def joint_bytes(players: int) -> int:
-    """Of one joint action: twice what is stored, as the arrays are copied at the end."""
-    return 16 + 24 * players
 
 
 def _name(call: Call) -> str:
@@ -216,6 +212,8 @@ def _listed(game: Game, call: Call) -> list[Any]:
         raise
     if listed is not None and len(listed) > MAX_SMALL_STATES:
         raise ValueError(f"{_name(call)} has more than {MAX_SMALL_STATES:,} entries; {SMALLER}")
+    if isinstance(found, set | frozenset):  # its order can be another in the next process
+        raise ValueError(f"{_name(call)} returned a set, which has no order; give a list of {form}")
     if listed is None or (
         size is not None and not all(isinstance(x, Sized) and len(x) == size for x in listed)
     ):
@@ -227,10 +225,9 @@ def _legal(game: Game, state: State, player: int) -> tuple[Hashable, ...]:
     """The legal actions of a player, checked."""
     call = "legal_actions", state, player
     actions = tuple(_listed(game, call))
-    try:
+    fits = False
+    with contextlib.suppress(TypeError):  # not hashable
         fits = 0 < len(actions) == len(set(actions))
-    except TypeError:
-        fits = False
     if not fits:
         raise ValueError(
             f"{_name(call)} returned {shortened(list(actions))}; give {game.players[player]} a "

@@ -18,7 +18,8 @@ from pursuit.observations.masks import ACTION_MASK
 from pursuit.rendering.windows import metadata_of
 from pursuit.rules.arrays import Array
 from pursuit.simulator.simulator import Simulator
-from pursuit.validation import check_bool, named_settings, one_of, shortened, whole
+from pursuit.validation import check, check_bool, named_settings, one_of, whole
+from scripted_agents.games.agents import UNIFORM, named_agent
 from scripted_agents.games.encoding import encoded_states
 from scripted_agents.games.game import State
 from scripted_agents.games.rendering import StateScene, scene_of
@@ -27,7 +28,6 @@ from scripted_agents.games.seats import (
     PlayedGame,
     action_number,
     begin,
-    opponents_of,
     seat_policies,
     spaces_of,
     task_of,
@@ -35,11 +35,13 @@ from scripted_agents.games.seats import (
 )
 from scripted_agents.games.simulator import (
     ENCODINGS,
+    OBSERVE,
     ONE_HOT,
     GameSimulator,
     GameTask,
     StatePolicy,
 )
+from scripted_agents.games.solve import check_policies
 
 Policies = Mapping[str, Opponent]
 
@@ -53,8 +55,6 @@ class SeatOfSmallGame:
     simulator: GameSimulator
     task: GameTask
     policies: list[StatePolicy | None]
-    _table: NDArray[np.float32] | None = None
-    """[states, *shape], the observations of `encode`."""
 
     def _take_seat(
         self,
@@ -70,7 +70,7 @@ class SeatOfSmallGame:
         self.policies = seat_policies(task, policies, self.player)
         self.observation = one_of("observation", observation, ENCODINGS)
         self.mask_in_observation = check_bool("mask_in_observation", mask_in_observation)
-        spaces = spaces_of(task, self.player, observation, mask_in_observation, self._table)
+        spaces = spaces_of(task, self.player, observation, mask_in_observation)
         self._legal = task.legal(self.player)
         self.has_masks = not self._legal.all()
         self._actions = np.zeros((num_envs, task.num_agents), dtype=np.int32)
@@ -99,10 +99,7 @@ class SeatOfSmallGame:
         return simulator.rewards[:, self.player], simulator.terminated, simulator.truncated
 
     def _observe(self) -> Observations:
-        if self._table is not None:
-            observed: Array = self._table[self.simulator.state]
-        else:
-            observed = self.simulator.observe(self.observation, self.player)
+        observed = self.simulator.observe(self.observation, self.player)
         if not self.mask_in_observation:
             return observed
         return {"observation": observed, ACTION_MASK: self._masks().astype(np.int8)}
@@ -169,18 +166,15 @@ class SmallGameEnv(SeatOfSmallGame, SingleEnv, Single):
         task = task_of(game, max_steps)
         self._render_as(render_mode, RENDER_FPS)
         if encode is not None:
-            if not callable(encode):
-                raise ValueError(f"encode={encode!r}; give a function of a state, or None")
-            self._table = encoded_states(
-                task.game.states, encode, lambda state: f"encode({shortened(state)})"
-            )
+            check(callable(encode), f"encode={encode!r}; give a function of a state, or None")
+            task, observation = replace(task), OBSERVE
+            task.observed[task.seat(player)] = encoded_states(task.game.states, "encode", encode)
         seat = self._take_seat(task, player, policies, 1, observation, mask_in_observation)
         super().__init__(*seat)
         self.recorded: Simulator | None = None
         if task.game.task is not None:
-            self.recorded = Simulator(
-                replace(task.game.task, max_steps=task.max_steps), auto_restart=False
-            )
+            played = replace(task.game.task, max_steps=task.max_steps)
+            self.recorded = Simulator(played, auto_restart=False)
             self.recorded.last_seed = None
 
     @property
@@ -195,8 +189,6 @@ class SmallGameEnv(SeatOfSmallGame, SingleEnv, Single):
 
     def observations(self) -> Array:
         """[states, *shape]: the observation in every state, to compute a table."""
-        if self._table is not None:
-            return self._table.copy()
         return self.task.observations(self.player, self.observation).copy()
 
     def action_masks(self) -> NDArray[np.bool_]:
@@ -273,35 +265,38 @@ class SmallGameVectorEnv(SeatOfSmallGame, LockstepVectorEnv, Vector):
 
 
 def _arguments(
-    game: PlayedGame, player: str | int, opponent: Any, epsilon: float, settings: dict[str, Any]
+    game: PlayedGame,
+    player: str | int = 0,
+    opponent: Any = UNIFORM,
+    opponent_epsilon: float = 0.0,
+    **settings: Any,
 ) -> dict[str, Any]:
     """The arguments of a registered environment."""
-    limit: dict[str, Any] = {
-        name: settings.pop(name) for name in ("max_steps", "max_cycles") if name in settings
-    }
+    names = [name for name in settings if name in ("max_steps", "max_cycles")]
+    limit = {name: settings.pop(name) for name in names}
     task = task_of(game, **named_settings("SmallGame-v0", limit, ("max_steps",)))
-    policies = opponents_of(task, task.seat(player), opponent, epsilon)
+    others = [name for seat, name in enumerate(task.agent_names) if seat != task.seat(player)]
+    given = opponent if isinstance(opponent, Mapping) else dict.fromkeys(others, opponent)
+    check_policies(task.game, given, ())
+    policies = {
+        name: named_agent(each, task, name, opponent_epsilon) if isinstance(each, str) else each
+        for name, each in given.items()
+    }
     return {"game": task, "player": player, "policies": policies, **settings}
 
 
-def small_game_env(
-    game: PlayedGame,
-    player: str | int = 0,
-    opponent: Any = "uniform",
-    opponent_epsilon: float = 0.0,
-    **settings: Any,
-) -> SmallGameEnv:
+def small_game_env(game: PlayedGame, **settings: Any) -> SmallGameEnv:
     """`pursuit/SmallGame-v0`: a player of a small game.
 
     Args:
         game: the game, or its name; see `load_game`.
-        player: your player, by name or index.
-        opponent: of all other players, or a dict by player: "uniform", "equilibrium",
+        player: your player, by name or index; default: the first.
+        opponent: of all other players, or a dict by player: "uniform" (the default), "equilibrium",
             package.module:Name of a function of a state, or a policy as of `SmallGameEnv`.
-        opponent_epsilon: the probability of random actions of opponents by name.
+        opponent_epsilon: the probability of random actions of opponents by name; default: 0.
         **settings: the other arguments of `SmallGameEnv`; max_cycles is another name of max_steps.
     """
-    return SmallGameEnv(**_arguments(game, player, opponent, opponent_epsilon, settings))
+    return SmallGameEnv(**_arguments(game, **settings))
 
 
 # `gymnasium.make` reads there which render modes need a wrapper of its own.
@@ -309,19 +304,16 @@ small_game_env.metadata = metadata_of(RENDER_FPS)  # type: ignore[attr-defined]
 
 
 def small_game_vector_env(
-    game: PlayedGame,
-    player: str | int = 0,
-    opponent: Any = "uniform",
-    opponent_epsilon: float = 0.0,
-    max_episode_steps: int | None = None,
-    **settings: Any,
+    game: PlayedGame, max_episode_steps: int | None = None, **settings: Any
 ) -> SmallGameVectorEnv:
     """`pursuit/SmallGame-v0`, vectorised over the `GameSimulator`.
 
     Args:
+        game: the game, or its name; see `load_game`.
         max_episode_steps: truncates earlier than the task, as a TimeLimit; -1 for no limit.
-        **settings: the other arguments of `SmallGameVectorEnv`; max_cycles as above.
+        **settings: player, opponent, opponent_epsilon and max_cycles as of `small_game_env`, and
+            the other arguments of `SmallGameVectorEnv`.
     """
-    envs = SmallGameVectorEnv(**_arguments(game, player, opponent, opponent_epsilon, settings))
+    envs = SmallGameVectorEnv(**_arguments(game, **settings))
     envs.limit_episodes(max_episode_steps)
     return envs

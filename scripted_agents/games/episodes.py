@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +17,7 @@ from scripted_agents.games.solve import (
     chain_of,
     check_game,
     check_objective,
-    iterate,
+    respond,
     returns_of,
 )
 
@@ -91,27 +92,21 @@ def return_range(
 
     Arguments and errors are those of `returns_of`.
     """
-    check_objective(discount, horizon)
-    rewards = game.rewards[:, game.player(player)]
+    check_game(game)
     ends = []
-    for sign in (-1.0, 1.0):
-
-        def back_up(values: Values, sign: float = sign) -> Values:
-            later = sign * rewards + discount * (game.following @ values)
-            return np.asarray(np.maximum.reduceat(later, game.begins[:-1]))
-
-        start = np.zeros(game.num_states)
-        # Without a horizon the sweeps of a good approximation are enough.
-        found = iterate(back_up, start, discount, horizon, lambda values: values)
-        ends.append(sign * float(game.start @ found))
+    for sign in (-1.0, 1.0):  # all players as one, for or against this player
+        rewards = np.zeros_like(game.rewards)
+        rewards[:, game.player(player)] = sign * game.rewards[:, game.player(player)]
+        one = respond(replace(game, rewards=rewards), game.players, {}, discount, horizon)
+        ends.append(sign * one.mean_over_starts)
     return ends[0], ends[1]
 
 
 def longest_play(game: SmallGame) -> int | None:
     """The largest number of steps of an episode; None if one can go on forever."""
     check_game(game)
-    joints = np.repeat(np.arange(game.num_states), np.diff(game.begins))
-    owner = csr_array((np.ones(len(joints)), (joints, np.arange(len(joints)))))
+    joints = np.arange(len(game.owners))
+    owner = csr_array((np.ones(len(joints)), (game.owners, joints)))
     edges = (owner @ game.following).tocsr()
     edges.eliminate_zeros()
     edges.data[:] = 1.0

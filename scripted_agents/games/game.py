@@ -90,11 +90,8 @@ class ParallelGame:
 
     def starts(self) -> list[tuple[float, Hashable]]:
         """The state after `reset` with each of the seeds."""
-        found: list[tuple[float, Hashable]] = []
-        for seed in self._seeds:
-            observations, infos = self.env.reset(seed=seed)
-            found.append((1.0 / len(self._seeds), self._state(observations, infos)))
-        return found
+        share = 1.0 / len(self._seeds)
+        return [(share, self._state(*self.env.reset(seed=seed))) for seed in self._seeds]
 
     def legal_actions(self, state: State, player: int) -> Sequence[int]:
         """The legal actions; of an agent that has left only 0, which is not played."""

@@ -5,14 +5,15 @@ from __future__ import annotations
 import ast
 import re
 from functools import lru_cache
-from importlib import import_module
 from typing import Any
 
 from pursuit.plugins import OPENSPIEL, Registry, accepts
-from pursuit.validation import check, raised, shortened
+from pursuit.validation import check, shortened
+from scripted_agents.games.encoding import mended
 from scripted_agents.games.enumeration import enumerate_game
 from scripted_agents.games.game import Game
 from scripted_agents.games.library import SHIPPED
+from scripted_agents.games.openspiel_optional import openspiel_game
 from scripted_agents.games.small_game import SmallGame
 
 GAMES: Registry[Any] = Registry(
@@ -27,12 +28,11 @@ GAMES: Registry[Any] = Registry(
 def split_name(text: str) -> tuple[str, str]:
     """ "module:Name" and "size=4" from "module:Name(size=4)"; without parentheses no arguments."""
     found = re.fullmatch(r"\s*([^()\s]+)\s*(?:\((.*)\))?\s*", str(text), re.DOTALL)
-    check(
-        found is not None,
-        f"game={shortened(text)}; give a name, as soccer, openspiel:tic_tac_toe or module:Name, "
-        "with arguments in parentheses: goofspiel(cards=4)",
-    )
-    assert found is not None
+    if found is None:
+        raise ValueError(
+            f"game={shortened(text)}; give a name, as soccer, openspiel:tic_tac_toe or "
+            "module:Name, with arguments in parentheses: goofspiel(cards=4)"
+        )
     return found[1], found[2] or ""
 
 
@@ -42,22 +42,21 @@ def arguments_of(text: str, given: str) -> dict[str, Any]:
     Raises:
         ValueError: something else than name=value with numbers, texts, True, False or None.
     """
-    rule = f"game={shortened(text)}; give arguments as name=value, with numbers and texts"
-    try:
-        call = ast.parse(f"f({given})", mode="eval").body
-    except SyntaxError:
-        raise ValueError(rule) from None
-    check(isinstance(call, ast.Call) and not call.args, rule)
-    assert isinstance(call, ast.Call)
+    rule = (
+        f"game={shortened(text)}; give arguments as name=value, each once, with numbers and texts "
+        "(in quotes unless a word)"
+    )
     values: dict[str, Any] = {}
-    for each in call.keywords:
-        word = each.value.id if isinstance(each.value, ast.Name) else None
-        try:
+    try:
+        call: Any = ast.parse(f"f({given})", mode="eval").body
+        check(not call.args, rule)
+        for each in call.keywords:
+            word = each.value.id if isinstance(each.value, ast.Name) else None
             value = ast.literal_eval(each.value) if word is None else word
-        except ValueError:
-            raise ValueError(rule) from None
-        check(each.arg is not None, rule)
-        values[str(each.arg)] = {"true": True, "false": False}.get(word or "", value)
+            check(each.arg is not None and each.arg not in values, rule)
+            values[each.arg] = {"true": True, "false": False}.get(word or "", value)
+    except (SyntaxError, ValueError, AttributeError):  # no call at all has no keywords
+        raise ValueError(rule) from None
     return values
 
 
@@ -69,31 +68,16 @@ def game_named(text: str) -> Game:
     """
     name, given = split_name(text)
     if name.startswith(OPENSPIEL):
-        try:
-            from scripted_agents.games.openspiel_games import openspiel_game
-        except ImportError as error:
-            raise ValueError(
-                f"game={shortened(text)} needs OpenSpiel, which is not installed ({error.name}); "
-                "pip install 'pursuit[openspiel]'"
-            ) from None
         return openspiel_game(str(text).strip().removeprefix(OPENSPIEL))
     values = arguments_of(text, given)
-    if name in SHIPPED:
-        module, _, attribute = SHIPPED[name].partition(":")
-        make = getattr(import_module(module), attribute)
-    else:
-        make = GAMES.get(name)
+    make = GAMES.get(SHIPPED.get(name, name))
     check(
         accepts(make, **values),
         f"game={shortened(text)}: {name} does not accept the arguments {shortened(given)}; see its "
         "documentation",
     )
-    try:
+    with mended(f"game={shortened(text)}"):
         game = make(**values)
-    except ValueError:
-        raise
-    except Exception as error:  # of the user's code
-        raise ValueError(f"game={shortened(text)} raised {raised(error)}; mend it") from error
     check(
         isinstance(game, Game) and not isinstance(game, type),
         f"game={shortened(text)} is {shortened(game)}; it must be {GAMES.needs}",
@@ -115,12 +99,5 @@ def load_game(text: str) -> SmallGame:
             cannot be enumerated, as its functions raise exceptions.
     """
     game = game_named(text)
-    try:
+    with mended(f"game={shortened(text)}"):
         return enumerate_game(game)
-    except (ValueError, MemoryError):
-        raise
-    except Exception as error:  # of the user's code
-        where = " ".join(getattr(error, "__notes__", ()))
-        raise ValueError(
-            f"game={shortened(text)} raised {raised(error)} {where}; mend it"
-        ) from error

@@ -9,10 +9,9 @@ from __future__ import annotations
 
 import json
 from base64 import b64decode, b64encode
-from dataclasses import dataclass
 from io import BytesIO
 from math import prod
-from typing import Any
+from typing import Any, NamedTuple
 from zipfile import BadZipFile
 
 import numpy as np
@@ -27,7 +26,7 @@ from pursuit.tasks.task import Task
 from pursuit.validation import Plain, check_bool, shortened, whole
 from scripted_agents.games.game import Action
 from scripted_agents.games.openspiel_games import OpenSpielGame as OpenSpielGame
-from scripted_agents.games.openspiel_games import openspiel_game as openspiel_game
+from scripted_agents.games.openspiel_optional import openspiel_game as openspiel_game
 from scripted_agents.games.small_game import SmallGame
 from scripted_agents.games.solve import check_game
 from scripted_agents.games.tasks import states_of_games
@@ -35,6 +34,8 @@ from scripted_agents.joint.policy import drawn
 
 NAME = "python_pursuit"
 PARAMETERS = {"game": "", "horizon": 1, "terminal_rewards": False}
+ARRAYS, ROWS = ("begins", "choices", "rewards", "start"), ("data", "indices", "indptr")
+"""The arrays of a game, and of its `following`."""
 ENDED = -1
 """The state after the end of a game."""
 
@@ -68,18 +69,10 @@ def _text(game: SmallGame) -> str:
         "states": states,
         "actions": [[[str(a) for a in row] for row in rows] for rows in game.actions],
     }
-    rows, file = game.following, BytesIO()
-    np.savez_compressed(
-        file,
-        names=np.frombuffer(json.dumps(names).encode(), np.uint8),
-        begins=game.begins,
-        choices=game.choices,
-        rewards=game.rewards,
-        start=game.start,
-        chances=rows.data,
-        indices=rows.indices,
-        indptr=rows.indptr,
-    )
+    arrays = {name: getattr(game, name) for name in ARRAYS}
+    rows = {name: getattr(game.following, name) for name in ROWS}
+    file, text = BytesIO(), np.frombuffer(json.dumps(names).encode(), np.uint8)
+    np.savez_compressed(file, names=text, **arrays, **rows)
     return b64encode(file.getvalue(), b"-_").decode().rstrip("=")
 
 
@@ -95,11 +88,8 @@ def _small(text: str) -> SmallGame:
             names["states"],
             {state: number for number, state in enumerate(names["states"])},
             names["actions"],
-            data["begins"],
-            data["choices"],
-            data["rewards"],
-            csr_array((data["chances"], data["indices"], data["indptr"]), shape=shape),
-            data["start"],
+            following=csr_array(tuple(data[name] for name in ROWS), shape=shape),
+            **{name: data[name] for name in ARRAYS},
         )
     except (ValueError, KeyError, TypeError, OSError, EOFError, BadZipFile):
         raise ValueError(
@@ -108,16 +98,12 @@ def _small(text: str) -> SmallGame:
         ) from None
 
 
-@dataclass(frozen=True, eq=False)
-class _Tree:
+class _Tree(NamedTuple):
     """A small game to a horizon. It never changes, so a deep copy of a state keeps it."""
 
     small: SmallGame
     horizon: int
     terminal_rewards: bool
-
-    def __deepcopy__(self, memo: dict[int, object]) -> _Tree:
-        return self
 
 
 class _Game(pyspiel.Game):
@@ -130,18 +116,16 @@ class _Game(pyspiel.Game):
         given["terminal_rewards"] = terminal
         self.tree = _Tree(_small(given["game"]), horizon, terminal)
         small = self.tree.small
-        sums = small.rewards.sum(axis=1)
-        zero_sum = len(small.players) == 2 and bool(np.abs(sums).max() < 1e-9)
         starts = int((small.start > 0).sum())
         stochastic = starts > 1 or bool((np.diff(small.following.indptr) > 1).any())
-        kind = _type(len(small.players), stochastic, zero_sum, terminal)
+        kind = _type(len(small.players), stochastic, small.zero_sum, terminal)
         info = pyspiel.GameInfo(
             num_distinct_actions=max(len(row) for actions in small.actions for row in actions),
             max_chance_outcomes=max(starts, 1 + small.num_states),
             num_players=len(small.players),
             min_utility=float(min(small.rewards.min() * horizon, 0.0)),
             max_utility=float(max(small.rewards.max() * horizon, 0.0)),
-            utility_sum=0.0 if zero_sum else None,
+            utility_sum=0.0 if small.zero_sum else None,
             max_game_length=horizon,
         )
         super().__init__(kind, info, given)
@@ -244,9 +228,7 @@ class _State(pyspiel.State):
 
     def rewards(self) -> list[float]:
         """The rewards of the last step; with terminal rewards those of all steps, at the end."""
-        if not self.tree.terminal_rewards:
-            return list(self._rewards)
-        return self.returns()
+        return self.returns() if self.tree.terminal_rewards else list(self._rewards)
 
     def returns(self) -> list[float]:
         """The sum of the rewards so far; with terminal rewards 0 until the end."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from collections import deque
 from collections.abc import Callable, Iterable
 from itertools import product
 from operator import sub
@@ -15,14 +14,16 @@ import pyspiel
 from numpy.typing import NDArray
 
 from pursuit.validation import shortened, whole
+from scripted_agents.games.enumeration import enumerate_game
 from scripted_agents.games.game import Action, Outcome, State
 from scripted_agents.games.openspiel_loading import loaded
 
 COUNTED_STEPS = 100
 """A limit of at most so many steps is a rule of the small game, also where the text hides it."""
+LOOKED = 100
+"""States in which it is looked for whether steps must be counted."""
 TREE, PART = 50_000, 5_000
-"""Outcomes up to which all histories are compared: of a game, and after one known position. Whether
-steps must be counted is looked for in `PART` outcomes."""
+"""Outcomes up to which all histories are compared: of a game, and after one known position."""
 CHECKED = 4_000_000
 """Outcomes up to which positions of one state are compared for every joint action."""
 LINES, DRAWS = 200, 5
@@ -116,9 +117,11 @@ class OpenSpielGame:
         self._clear()
         if not self.counts_steps and length <= COUNTED_STEPS:
             try:
-                self._explore()
+                enumerate_game(self, LOOKED, progress=False)
             except _Different:
                 self.counts_steps = True
+            except ValueError:  # more states, or what is refused again
+                pass
             self._clear()
         if kind.provides_observation_tensor:
             self.observe: Callable[[State, int], NDArray[np.float32]] = self._tensor
@@ -194,20 +197,6 @@ class OpenSpielGame:
             found.append((chance, None if over else self._state(after, step), gains, after))
         self._outcomes += len(found)
         return found
-
-    def _explore(self) -> None:
-        """Transitions from the starts on, up to `PART` outcomes."""
-        todo = deque(state for _, state in self.starts())
-        seen = set(todo)
-        while todo and self._outcomes < PART:
-            state = todo.popleft()
-            for actions in _joint(state):
-                for _, after, _, _ in self.transitions(state, actions):
-                    if after is not None and after not in seen:
-                        seen.add(after)
-                        todo.append(after)
-                if self._outcomes >= PART:
-                    break
 
     def _meet(
         self, state: State, position: pyspiel.State, origin: tuple[State, tuple[Action, ...]] | None
@@ -308,15 +297,6 @@ class OpenSpielGame:
         ]
 
 
-def openspiel_game(text: str) -> OpenSpielGame:
-    """A game of OpenSpiel by its text, such as "pig(horizon=5,winscore=10)"; see `OpenSpielGame`.
-
-    A horizon is OpenSpiel's own where the game has such a parameter, else steps after which the
-    game ends.
-    """
-    return OpenSpielGame(text)
-
-
 def _joint(state: State) -> Iterable[tuple[Action, ...]]:
     return product(*(row or (None,) for row in state[3]))
 
@@ -343,11 +323,7 @@ def _resolved(position: pyspiel.State) -> list[tuple[float, pyspiel.State]]:
         return [(1.0, position)]
     found = []
     for outcome, chance in position.chance_outcomes():
-        after = position.child(outcome)
-        if after.is_chance_node():
-            found += [(chance * rest, last) for rest, last in _resolved(after)]
-        else:
-            found.append((chance, after))
+        found += [(chance * rest, last) for rest, last in _resolved(position.child(outcome))]
         if len(found) > MOST_OUTCOMES:
             raise ValueError(
                 f"{position.get_game()}: the moves of chance after {shortened(position.history())} "

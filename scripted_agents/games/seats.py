@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -12,12 +13,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from pursuit.environments.types import Options, Space
 from pursuit.observations.masks import masked_space
-from pursuit.validation import as_array, reset_options, shortened
-from scripted_agents.games.agents import TableAgent, named_agent
+from pursuit.validation import as_array, check, reset_options, shortened
+from scripted_agents.games.agents import TableAgent
 from scripted_agents.games.named import load_game
-from scripted_agents.games.simulator import INDEX, ONE_HOT, GameSimulator, GameTask, StatePolicy
+from scripted_agents.games.simulator import INDEX, OBSERVE, GameSimulator, GameTask, StatePolicy
 from scripted_agents.games.small_game import Behaviour, SmallGame
-from scripted_agents.games.solve import tables_of
+from scripted_agents.games.solve import check_policies
 
 PlayedGame = SmallGame | GameTask | str
 """An enumerated game, with a limit on steps, or the name of one; see `load_game`."""
@@ -46,56 +47,17 @@ def seat_policies(
     Raises:
         ValueError: a policy that is missing or no distribution, or one of an unknown player.
     """
-    acting: dict[str, StatePolicy] = {}
-    others: Any = policies
-    if isinstance(others, Mapping):
-        acting = {name: each for name, each in others.items() if hasattr(each, "act")}
-        others = {name: each for name, each in others.items() if name not in acting}
-    for name in acting:
-        task.game.player(name)
-    needed = [name for seat, name in enumerate(task.agent_names) if seat != player]
-    tables = tables_of(task.game, others, [name for name in needed if name not in acting])
+    others = [name for seat, name in enumerate(task.agent_names) if seat != player]
+    check_policies(task.game, policies, others)
     filled: list[StatePolicy | None] = [None] * task.num_agents
-    for name in needed:
-        seat = task.seat(name)
-        filled[seat] = acting.get(name) or TableAgent(task, name, tables[seat])
+    for name in others:
+        given: Any = policies[name]
+        filled[task.seat(name)] = given if hasattr(given, "act") else TableAgent(task, name, given)
     return filled
 
 
-def opponents_of(
-    task: GameTask,
-    player: int,
-    opponent: str | Opponent | Mapping[str, str | Opponent],
-    epsilon: float,
-) -> dict[str, Opponent]:
-    """The policies of all other players.
-
-    Args:
-        task: the game.
-        player: your player.
-        opponent: one for all others, or by player: a name of `named_agent`, or a policy.
-        epsilon: the probability of random actions of those with a name.
-
-    Raises:
-        ValueError: an unknown name, or an equilibrium of another kind of game.
-    """
-    for name in opponent if isinstance(opponent, Mapping) else ():
-        task.game.player(name)
-    found: dict[str, Opponent] = {}
-    for seat, name in enumerate(task.agent_names):
-        given: Any = opponent.get(name) if isinstance(opponent, Mapping) else opponent
-        if seat != player and given is not None:
-            named = isinstance(given, str)
-            found[name] = named_agent(given, task, name, epsilon) if named else given
-    return found
-
-
 def spaces_of(
-    task: GameTask,
-    seat: int,
-    observation: str,
-    mask_in_observation: bool,
-    table: NDArray[np.float32] | None = None,
+    task: GameTask, seat: int, observation: str, mask_in_observation: bool
 ) -> tuple[Space, Space]:
     """The spaces of the observations and the actions of a player.
 
@@ -104,15 +66,16 @@ def spaces_of(
         seat: the index of the player.
         observation: one of `simulator.ENCODINGS`.
         mask_in_observation: whether observations are {"observation", "action_mask"}.
-        table: [states, *shape] own observations, in place of those.
     """
     states, actions = task.game.num_states, task.num_actions(seat)
-    observed: Space = gymnasium.spaces.Box(0.0, 1.0, (states,), np.float32)
-    if table is not None or observation != ONE_HOT:
-        seen = task.observations(seat, observation) if table is None else table
-        observed = gymnasium.spaces.Box(-np.inf, np.inf, seen.shape[1:], np.float32)
-        if table is None and observation == INDEX:
-            observed = gymnasium.spaces.Box(0, states - 1, (1,), np.int32)
+    observed: Space
+    if observation == OBSERVE:
+        shape = task.observations(seat, observation).shape[1:]
+        observed = gymnasium.spaces.Box(-np.inf, np.inf, shape, np.float32)
+    elif observation == INDEX:
+        observed = gymnasium.spaces.Box(0, states - 1, (1,), np.int32)
+    else:
+        observed = gymnasium.spaces.Box(0.0, 1.0, (states,), np.float32)
     if mask_in_observation:
         observed = masked_space(observed, actions)
     return observed, gymnasium.spaces.Discrete(actions)
@@ -127,15 +90,11 @@ def begin(
     """Start new episodes, with the option "state" in this state; ValueError for others."""
     given, number = reset_options(options, ("state",)), None
     if given:
-        try:
-            number = simulator.task.game.number.get(given["state"])
-        except TypeError:  # not hashable
-            number = None
-        if number is None:
-            some = shortened(simulator.task.game.states[:3])
-            raise ValueError(
-                f"state={shortened(given['state'])}; give a state of the game, as in {some}"
-            )
+        game, state = simulator.task.game, given["state"]
+        with suppress(TypeError):  # not hashable
+            number = game.number.get(state)
+        rule = f"give a state of the game, as in {shortened(game.states[:3])}"
+        check(number is not None, f"state={shortened(state)}; {rule}")
     simulator.reset(seed, games)
     if number is not None:
         simulator.state[slice(None) if games is None else games] = number

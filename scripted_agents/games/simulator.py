@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
@@ -36,6 +36,7 @@ class GameTask:
         game: the game.
         name: of the game.
         max_steps: steps after which an episode is truncated.
+        observed: by seat, the arrays of "observe" so far; see `observations`.
     """
 
     steps_per_round: ClassVar[int] = 1
@@ -43,6 +44,7 @@ class GameTask:
     game: SmallGame
     name: str = "game"
     max_steps: int = 200
+    observed: dict[int, Array] = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:
         check_game(self.game)
@@ -89,10 +91,6 @@ class GameTask:
         found[offsets[state] + places[state, number]] = rows[state, number]
         return found
 
-    @cached_property
-    def _observed(self) -> dict[int, Array]:
-        return {}
-
     def observations(self, player: str | int, encoding: str = INDEX) -> Array:
         """[states, *shape]: what a player observes in every state, computed once.
 
@@ -110,33 +108,20 @@ class GameTask:
         if encoding == ONE_HOT:
             check_memory(f"one_hot of {states:,} states", 4 * states**2, "use observation index")
             return np.eye(states, dtype=np.float32)
-        if seat not in self._observed:
-            self._observed[seat] = self._all_observations(seat)
-        return self._observed[seat]
-
-    def _all_observations(self, seat: int) -> NDArray[np.float32]:
-        function = getattr(self.game.source, "observe", None)
-        check(
-            callable(function),
-            f"observation='observe', but game {self.name!r} has no function observe(state, "
-            "player); write one, or use index or one_hot",
-        )
-        return encoded_states(
-            self.game.states,
-            lambda state: function(state, seat),  # type: ignore[misc]
-            lambda state: f"observe({shortened(state)}, {seat})",
-        )
+        if seat not in self.observed:
+            function: Any = getattr(self.game.source, "observe", None)
+            check(
+                callable(function),
+                f"observation='observe', but game {self.name!r} has no function observe(state, "
+                "player); write one, or use index or one_hot",
+            )
+            self.observed[seat] = encoded_states(self.game.states, "observe", function, seat)
+        return self.observed[seat]
 
     @cached_property
     def waiting(self) -> NDArray[np.bool_]:
         """[players, states] bool: whether a player is not to move, as its only action is None."""
-        rows = []
-        for seat, every in enumerate(self.game.action_lists):
-            alone = self.tables.sizes[:, seat] == 1
-            rows.append(
-                alone & (every[-1] is None) & (self.tables.places[seat, :, len(every) - 1] >= 0)
-            )
-        return np.array(rows)
+        return np.array([[tuple(row) == (None,) for row in rows] for rows in self.game.actions])
 
     def __deepcopy__(self, memo: dict[int, object]) -> GameTask:
         """Itself, as it never changes: policies of a game play in copies of its simulators."""
@@ -173,14 +158,9 @@ class StateView:
 
     def select(self, games: NDArray[np.intp]) -> StateView:
         """A view of copies of these games; see `pursuit.simulator.policy.GameView.select`."""
-        return replace(
-            self,
-            state=self.state[games],
-            steps=self.steps[games],
-            streams=self.streams[games],
-            epsilon=self.epsilon[games],
-            observe=lambda encoding: self.observe(encoding)[games],
-        )
+        names = "state", "steps", "streams", "epsilon"
+        parts = {name: getattr(self, name)[games] for name in names}
+        return replace(self, observe=lambda encoding: self.observe(encoding)[games], **parts)
 
     def uniform(self) -> NDArray[np.float64]:
         """[num_games] float64 in [0, 1), from the player's own random stream, which advances."""
@@ -249,16 +229,15 @@ class GameSimulator(BatchSimulator[GameTask]):
         count, players = self.num_games, task.num_agents
         check_memory(f"num_games={count}", count * (60 + 60 * players), "take fewer games")
         self.streams = np.zeros((count, 2 + players), dtype=np.uint64)
-        self.state, self.steps, self.episode_lengths, self.final_state = np.zeros(
-            (4, count), dtype=np.int32
-        )
+        numbers = np.zeros((4, count), dtype=np.int32)
+        self.state, self.steps, self.episode_lengths, self.final_state = numbers
         self.rewards = np.zeros((count, players), dtype=np.float32)
         self.returns, self.episode_returns = np.zeros((2, count, players))
         self.terminated, self.truncated = np.zeros((2, count), dtype=bool)
         self.epsilon = np.full((count, players), np.nan)
         self.next_epsilon = np.full((count, players), tables.UNCHANGED)
         self._joints = np.zeros(count, dtype=np.int64)
-        self._arrays = (
+        self._arrays: tables.Copies = tables.Copies(
             self.streams, self.state, self.steps, self.rewards, self.returns, self.terminated,
             self.truncated, self.episode_returns, self.episode_lengths, self.final_state,
             self.epsilon, self.next_epsilon,
@@ -267,11 +246,7 @@ class GameSimulator(BatchSimulator[GameTask]):
         self.reset(seed)
 
     def _start(self, chosen: NDArray[np.bool_]) -> None:
-        own = self.task.tables
-        tables.start_games(
-            own.starts, own.start_sums, chosen, self.streams, self.state, self.steps, self.returns,
-            self.terminated, self.truncated, self.epsilon, self.next_epsilon,
-        )  # fmt: skip
+        tables.start_games(chosen, *self.task.tables, *self._arrays)
 
     def step(self, actions: ArrayLike) -> None:
         """Step all games. Results are in the attributes.
@@ -283,24 +258,17 @@ class GameSimulator(BatchSimulator[GameTask]):
             ValueError: a wrong shape or dtype, or an illegal action. Then no game moves.
         """
         task, shape = self.task, (self.num_games, self.task.num_agents)
-        if not (
-            type(actions) is np.ndarray
-            and actions.dtype == np.int32
-            and actions.flags.c_contiguous
-            and actions.shape == shape
-        ):
-            array = as_array("actions", actions, "iu", "give integers")
-            if array.shape != shape:
-                given = array.shape
-                raise ValueError(f"actions of shape {given}; [num_games, players] is {shape}")
-            signed = array.astype(np.int64, copy=False)
-            actions = np.ascontiguousarray(np.clip(signed, -1, 2**31 - 1), dtype=np.int32)
-        arrays = (*task.tables, *self._arrays, self._joints, actions)
-        step: Any = tables.step_games
-        wrong: int = step(*arrays, task.max_steps, self.auto_restart)
+        chosen = as_array("actions", actions, "iu", "give integers")
+        if chosen.shape != shape:
+            raise ValueError(f"actions of shape {chosen.shape}; [num_games, players] is {shape}")
+        if chosen.dtype != np.int32:
+            chosen = np.clip(chosen.astype(np.int64, copy=False), -1, 2**31 - 1)
+        chosen = np.ascontiguousarray(chosen, dtype=np.int32)
+        rule = self._joints, chosen, task.max_steps, self.auto_restart
+        wrong = tables.step_games(*rule, *task.tables, *self._arrays)
         if wrong != tables.OK:
             game, seat = divmod(wrong, task.num_agents)
-            raise ValueError(self.why_illegal(game, seat, int(actions[game, seat])))
+            raise ValueError(self.why_illegal(game, seat, int(chosen[game, seat])))
 
     def why_illegal(self, game: int, seat: int, action: int) -> str:
         """The message for an illegal action."""
@@ -341,11 +309,9 @@ class GameSimulator(BatchSimulator[GameTask]):
             self.next_epsilon[chosen] = changed
 
     def _live(self) -> dict[str, Array]:
-        names = (
-            "streams", "state", "steps", "returns", "terminated", "truncated", "episode_returns",
-            "epsilon", "next_epsilon",
-        )  # fmt: skip
-        return {name: getattr(self, name) for name in names}
+        results = "rewards", "episode_lengths", "final_state"
+        every = self._arrays._asdict()
+        return {name: array for name, array in every.items() if name not in results}
 
     def _check_values(self, state: SimulatorState) -> None:
         check_range(state, "state", 0, self.task.game.num_states - 1)
@@ -369,7 +335,7 @@ class GameSimulator(BatchSimulator[GameTask]):
         number = self.task.seat(seat)
         if number not in self._views:
             live = self.state, self.steps, self.streams, self.epsilon
-            observe: Any = lambda encoding: self.observe(encoding, number)  # noqa: E731
+            observe = partial(self.observe, seat=number)
             self._views[number] = StateView(self.task, number, *live, observe)
         return self._views[number]
 

@@ -18,6 +18,9 @@ from scripted_agents.games.game import Action, Game, State
 ZERO_SUM = 1e-9
 """Sums of rewards up to this share of the largest are 0."""
 
+ENDED, DRAWN = -1, -2
+"""In place of the state after a joint action: the game has ended; it is drawn."""
+
 Behaviour = Callable[[State], Mapping[Action, float] | Sequence[float]] | ArrayLike
 """See `SmallGame.table`."""
 
@@ -70,6 +73,21 @@ class SmallGame:
         if name not in self.players:
             raise ValueError(f"player {name!r}; the players are {', '.join(self.players)}")
         return self.players.index(name)
+
+    @cached_property
+    def owners(self) -> NDArray[np.int64]:
+        """[joint actions] int64, the state of each."""
+        return np.repeat(np.arange(self.num_states), np.diff(self.begins))
+
+    @cached_property
+    def after(self) -> NDArray[np.int32]:
+        """[joint actions] int32, the only state that can follow, or `ENDED`, or `DRAWN`."""
+        counts, first = np.diff(self.following.indptr), self.following.indptr[:-1]
+        after = np.where(counts > 0, DRAWN, ENDED).astype(np.int32)
+        single = np.flatnonzero(counts == 1)
+        certain = single[self.following.data[first[single]] >= 1.0 - 1e-12]
+        after[certain] = self.following.indices[first[certain]]
+        return after
 
     def joint_action(self, state: int, chosen: Sequence[int]) -> int:
         """The number of the joint action with these indices of the players' actions."""
@@ -132,11 +150,6 @@ class SmallGame:
         index = self.player(player)
         offsets = self.offsets(index)
         if not callable(policy):
-            if isinstance(policy, str | Mapping):
-                raise ValueError(
-                    f"the policy of {player} is {shortened(policy)}; give a function of a state, "
-                    "or a table"
-                )
             rule = "give a function of a state, or an array of probabilities"
             table = as_array(f"the policy of {player}", policy, "biuf", rule).astype(np.float64)
             if table.shape != (offsets[-1],):

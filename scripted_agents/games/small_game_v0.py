@@ -101,10 +101,8 @@ class SmallGameParallelEnv(SimulatorParallelEnv):
     def _infos(self) -> dict[str, Info]:
         if not self.has_masks:
             return super()._infos()
-        return {
-            agent: {ACTION_MASK: mask}
-            for agent, mask in zip(self.agents, self._masks(), strict=True)
-        }
+        masks = zip(self.agents, self._masks(), strict=True)
+        return {agent: {ACTION_MASK: mask} for agent, mask in masks}
 
     def _masks(self) -> list[NDArray[np.int8]]:
         """[actions] of every agent, new arrays."""

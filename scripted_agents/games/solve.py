@@ -11,7 +11,7 @@ from scipy.sparse import csc_array, csr_array, eye_array
 from scipy.sparse.linalg import splu
 
 from pursuit.validation import number, shortened, whole
-from scripted_agents.games.small_game import Behaviour, SmallGame
+from scripted_agents.games.small_game import DRAWN, Behaviour, SmallGame
 from scripted_agents.joint.layout import NO_SLIPS, Store
 from scripted_agents.joint.results import Equilibrium, JointNashConv, Solution
 from scripted_agents.joint.shapley_iteration import (
@@ -25,6 +25,7 @@ MOST_SWEEPS = 3000
 
 Policies = Mapping[str, Behaviour]
 Values = NDArray[np.float64]
+Sweep = Callable[[Values], Values]
 
 
 class _Tables(Solution):
@@ -99,8 +100,7 @@ def chain_of(game: SmallGame, policies: Policies) -> tuple[csr_array, Values]:
     and [states, players] the expected rewards of a step; errors are those of `returns_of`."""
     check_game(game)
     chances = joint_chances(game, policies, game.players)
-    state = np.repeat(np.arange(game.num_states), np.diff(game.begins))
-    weights = csr_array((chances, (state, np.arange(len(chances)))))
+    weights = csr_array((chances, (game.owners, np.arange(len(chances)))))
     return weights @ game.following, np.asarray(weights @ game.rewards)
 
 
@@ -129,7 +129,7 @@ def respond(
     # The options of a state are the choices of the team, the last player's counting fastest.
     sizes = np.stack([np.diff(game.offsets(index)) for index in indices], axis=1)
     options = np.concatenate([[0], np.cumsum(sizes.prod(axis=1))])
-    state = np.repeat(np.arange(game.num_states), np.diff(game.begins))
+    state = game.owners
     option = np.zeros(len(state), dtype=np.int64)
     for place, index in enumerate(indices):
         option = option * sizes[state, place] + game.choices[:, index]
@@ -148,19 +148,14 @@ def respond(
         good = np.flatnonzero(worth >= np.repeat(best - slack, np.diff(options)))
         return np.asarray(good[np.searchsorted(good, options[:-1])])
 
-    def next_policy(values: Values) -> Values:
-        """The values of the policy that is best with these values."""
-        chosen = best_options(values, 0.0)
-        return _solved(step[chosen], rewards[chosen], discount)
-
     def improved(values: Values) -> Values:
         """Policy iteration; every policy is better than the last."""
-        before, values = values, next_policy(values)
-        while (values - before).max() > SMALL_GAME_TOLERANCE * max(
-            1.0, float(np.abs(values).max())
-        ):
-            before, values = values, next_policy(values)
-        return values
+        while True:
+            chosen = best_options(values, 0.0)
+            before, values = values, _solved(step[chosen], rewards[chosen], discount)
+            largest = max(1.0, float(np.abs(values).max()))
+            if (values - before).max() <= SMALL_GAME_TOLERANCE * largest:
+                return values
 
     nothing = np.zeros(game.num_states)
     values = later = iterate(back_up, nothing, discount, horizon, improved)
@@ -185,13 +180,13 @@ def nash_conv(
     NashConv is the sum of the gains (Lanctot et al., 2017). Arguments and errors are those of
     `returns_of`.
     """
-    check_game(game)
-    returns = game.start @ returns_of(game, policies, discount, horizon)
+    returns = returns_of(game, policies, discount, horizon)
     best = {
         player: respond(game, player, policies, discount, horizon).mean_over_starts
         for player in game.players
     }
-    return JointNashConv(dict(zip(game.players, returns.tolist(), strict=True)), best)
+    own = (game.start @ returns).tolist()
+    return JointNashConv(dict(zip(game.players, own, strict=True)), best)
 
 
 def equilibrium(
@@ -220,7 +215,7 @@ def equilibrium(
         )
     if game.unbalanced.any():
         joint = int(np.argmax(game.unbalanced))
-        state = game.states[int(np.searchsorted(game.begins, joint, side="right")) - 1]
+        state = game.states[game.owners[joint]]
         raise ValueError(
             f"in {state!r} the rewards are {game.rewards[joint].tolist()}; equilibria are computed "
             "for two players with opposite rewards"
@@ -254,12 +249,8 @@ def check_game(game: SmallGame) -> None:
         raise ValueError(f"{shortened(game)} is not enumerated; give enumerate_game(game)")
 
 
-def tables_of(game: SmallGame, policies: Policies, players: Sequence[str]) -> dict[int, Values]:
-    """The policies of these players, by their numbers, as in `SmallGame.table`.
-
-    Raises:
-        ValueError: a policy that is missing or no distribution, or one of an unknown player.
-    """
+def check_policies(game: SmallGame, policies: Mapping[str, object], players: Sequence[str]) -> None:
+    """ValueError if one of these players has no policy, or a policy is of an unknown player."""
     if not isinstance(policies, Mapping):
         raise ValueError(
             f"policies={shortened(policies)}; give a dict with a policy of each player"
@@ -269,27 +260,26 @@ def tables_of(game: SmallGame, policies: Policies, players: Sequence[str]) -> di
     for name in players:
         if name not in policies:
             raise ValueError(f"player {name} has no policy; add policies[{name!r}]")
-    return {game.player(name): game.table(name, policies[name]) for name in players}
 
 
 def joint_chances(game: SmallGame, policies: Policies, players: Sequence[str]) -> Values:
-    """[joint actions] float64: the probability of the choices of these players."""
+    """[joint actions] float64: the probability of the choices of these players.
+
+    Raises:
+        ValueError: a policy that is missing or no distribution, or one of an unknown player.
+    """
+    check_policies(game, policies, players)
     chances = np.ones(len(game.choices))
-    state = np.repeat(np.arange(game.num_states), np.diff(game.begins))
-    for index, table in tables_of(game, policies, players).items():
-        chances *= table[game.offsets(index)[state] + game.choices[:, index]]
+    for name in players:
+        index, table = game.player(name), game.table(name, policies[name])
+        chances *= table[game.offsets(index)[game.owners] + game.choices[:, index]]
     return chances
 
 
 def _store(game: SmallGame, columns: int) -> tuple[Store, csr_array]:
     """The transitions as `StochasticGame` takes them, for the payoff of the first player."""
-    following, states = game.following, game.num_states
-    counts = np.diff(following.indptr)
-    certain = counts == 1
-    certain[certain] = following.data[following.indptr[:-1][certain]] == 1.0
-    drawn = np.flatnonzero(~certain & (counts > 0))
-    after = np.full(len(game.choices), -1, dtype=np.int32)
-    after[certain] = following.indices[following.indptr[:-1][certain]]
+    after, states = game.after.copy(), game.num_states
+    drawn = np.flatnonzero(after == DRAWN)
     after[drawn] = states + np.arange(len(drawn))
     sizes = np.array([len(actions) for actions in game.actions[0]])
     ones = np.ones(states)
@@ -298,29 +288,23 @@ def _store(game: SmallGame, columns: int) -> tuple[Store, csr_array]:
     small = np.int16 if joints.max() <= np.iinfo(np.int16).max else np.int32
     rewards = np.ascontiguousarray(game.rewards[:, 0])
     store = Store(game.begins, game.begins, shape, after, rewards, joints.astype(small), *NO_SLIPS)
-    return store, csr_array(following[drawn])
+    return store, csr_array(game.following[drawn])
 
 
 def iterate(
-    back_up: Callable[[Values], Values],
-    start: Values,
-    discount: float,
-    horizon: int | None,
-    solve: Callable[[Values], Values],
+    back_up: Sweep, start: Values, discount: float, horizon: int | None, solve: Sweep
 ) -> Values:
     """Backward induction from values of 0, or value iteration until they are exact.
 
     `solve` makes exact values of those of `MOST_SWEEPS` sweeps, where these are not enough.
     """
     values = np.zeros_like(start)
+    tolerance = SMALL_GAME_TOLERANCE * (1.0 - discount) if horizon is None else 0.0
     for _ in range(MOST_SWEEPS if horizon is None else horizon):
         before, values = values, back_up(values)
         change = np.abs(values - before).max(initial=0.0)
         largest = max(1.0, float(np.abs(values).max(initial=0.0)))
-        if (
-            change
-            <= (SMALL_GAME_TOLERANCE * (1.0 - discount) if horizon is None else 0.0) * largest
-        ):
+        if change <= tolerance * largest:
             return values
     return solve(values) if horizon is None else values
 

@@ -9,20 +9,17 @@ from numpy.typing import NDArray
 
 from pursuit.compilation.compiled import compiled, inlined
 from pursuit.memory import check_memory
-from pursuit.rules.arrays import Flags, Ints, Reals, Words
+from pursuit.rules.arrays import Flags, Ints, Longs, Reals, Words
 from pursuit.rules.randomness import next_uniform
 from pursuit.validation import check
-from scripted_agents.games.small_game import SmallGame
+from scripted_agents.games.small_game import DRAWN, ENDED, SmallGame
 
 STARTS_STREAM, CHANCE_STREAM, FIRST_PLAYER_STREAM = 0, 1, 2
 """The random streams of a game: of start states, of chance, and of each player's policy."""
-ENDED, DRAWN = -1, -2
-"""In place of the state after a joint action: the game has ended; it is drawn from a row."""
 OK = -1
 UNCHANGED = -1.0
 """In place of the probability of random actions from the next episode on."""
 
-Longs = NDArray[np.int64]
 Floats = NDArray[np.float32]
 
 
@@ -53,6 +50,23 @@ class StepTables(NamedTuple):
     start_sums: Reals
 
 
+class Copies(NamedTuple):
+    """The arrays of copies of a game; see the attributes of `GameSimulator`."""
+
+    streams: Words
+    state: Ints
+    steps: Ints
+    rewards: Floats
+    returns: Reals
+    terminated: Flags
+    truncated: Flags
+    episode_returns: Reals
+    episode_lengths: Ints
+    final_state: Ints
+    epsilon: Reals
+    next_epsilon: Reals
+
+
 def step_tables(game: SmallGame) -> StepTables:
     """The tables of a game; ValueError if they do not fit into memory."""
     players, most = len(game.players), max(map(len, game.action_lists))
@@ -74,14 +88,8 @@ def step_tables(game: SmallGame) -> StepTables:
                 numbers[id(row)] = np.array([number[action] for action in row])
             places[player, state, numbers[id(row)]] = np.arange(len(row))
     csr = game.following
-    counts, chances = np.diff(csr.indptr), csr.data
-    first = csr.indptr[:-1].astype(np.int64)
-    after = np.full(len(counts), ENDED, dtype=np.int32)
-    after[counts > 0] = DRAWN
-    single = np.flatnonzero(counts == 1)
-    certain = single[chances[first[single]] >= 1.0 - 1e-12]
-    after[certain] = csr.indices[first[certain]]
-    sums = row_sums(chances, csr.indptr)
+    counts = np.diff(csr.indptr)
+    sums = row_sums(csr.data, csr.indptr)
     # The ends of rows without an end of the game are exactly 1, so that no draw is above them.
     last = csr.indptr[1:][counts > 0] - 1
     sums[last[sums[last] >= 1.0 - 1e-9]] = 1.0
@@ -92,7 +100,7 @@ def step_tables(game: SmallGame) -> StepTables:
         game.begins.astype(np.int64),
         places,
         np.array([[len(row) for row in rows] for rows in game.actions], dtype=np.int16).T.copy(),
-        after,
+        game.after,
         game.rewards.astype(np.float32),
         csr.indptr.astype(np.int64),
         csr.indices.astype(np.int32),
@@ -127,138 +135,93 @@ def place_of(sums: Reals, first: int, last: int, draw: float) -> int:
     return first
 
 
+@inlined
+def named(arrays: Any) -> tuple[StepTables, Copies]:
+    """The flat arguments of a kernel by name: the fields of `StepTables` and of `Copies`."""
+    return StepTables(*arrays[:10]), Copies(*arrays[10:])
+
+
 @compiled
-def start_games(
-    starts: Ints,
-    start_sums: Reals,
-    chosen: Flags,
-    streams: Words,
-    state: Ints,
-    steps: Ints,
-    returns: Reals,
-    terminated: Flags,
-    truncated: Flags,
-    epsilon: Reals,
-    next_epsilon: Reals,
-) -> None:
-    """Start new episodes in the games of a mask."""
+def start_games(chosen: Flags, *arrays: Any) -> None:
+    """Start new episodes in the games of a mask; `arrays` as in `named`."""
+    tables, copies = named(arrays)
     for game in range(chosen.shape[0]):
         if chosen[game]:
-            _start(game, starts, start_sums, streams, state, steps, returns, epsilon, next_epsilon)
-            terminated[game] = truncated[game] = False
+            _start(game, tables, copies)
+            copies.terminated[game] = copies.truncated[game] = False
 
 
 @inlined
-def _start(
-    game: int,
-    starts: Ints,
-    start_sums: Reals,
-    streams: Words,
-    state: Ints,
-    steps: Ints,
-    returns: Reals,
-    epsilon: Reals,
-    next_epsilon: Reals,
-) -> None:
-    draw = next_uniform(streams[game], STARTS_STREAM)
-    state[game] = starts[place_of(start_sums, 0, starts.shape[0] - 1, draw)]
-    steps[game] = 0
-    for player in range(returns.shape[1]):
-        returns[game, player] = 0.0
-        if next_epsilon[game, player] != UNCHANGED:
-            epsilon[game, player] = next_epsilon[game, player]
-            next_epsilon[game, player] = -1.0
+def _start(game: int, tables: StepTables, copies: Copies) -> None:
+    draw = next_uniform(copies.streams[game], STARTS_STREAM)
+    last = tables.starts.shape[0] - 1
+    copies.state[game] = tables.starts[place_of(tables.start_sums, 0, last, draw)]
+    copies.steps[game] = 0
+    for player in range(copies.returns.shape[1]):
+        copies.returns[game, player] = 0.0
+        if copies.next_epsilon[game, player] != UNCHANGED:
+            copies.epsilon[game, player] = copies.next_epsilon[game, player]
+            copies.next_epsilon[game, player] = UNCHANGED
 
 
 @compiled
-def step_games(
-    begins: Longs,
-    places: NDArray[np.int16],
-    sizes: NDArray[np.int16],
-    after: Ints,
-    rewards: Floats,
-    indptr: Longs,
-    next_states: Ints,
-    sums: Reals,
-    starts: Ints,
-    start_sums: Reals,
-    streams: Words,
-    state: Ints,
-    steps: Ints,
-    reward: Floats,
-    returns: Reals,
-    terminated: Flags,
-    truncated: Flags,
-    episode_returns: Reals,
-    episode_lengths: Ints,
-    final_state: Ints,
-    epsilon: Reals,
-    next_epsilon: Reals,
-    joints: Longs,
-    actions: Ints,
-    max_steps: int,
-    auto_restart: bool,
-) -> int:
-    """Step all games; `OK`, or game * players + player of an illegal action, and nothing moves.
+def step_games(joints: Longs, actions: Ints, most: int, restart: bool, *arrays: Any) -> int:
+    """Step all games, each at most `most` steps; `OK`, or game * players + player of an illegal
+    action, and nothing moves.
 
-    Games that have ended do not move, and have rewards of 0.
+    Without `restart` games that have ended do not move, and have rewards of 0. `joints` [games] is
+    working memory; `arrays` as in `named`.
     """
-    players, most = actions.shape[1], places.shape[2]
+    tables, copies = named(arrays)
+    state, steps, terminated, truncated = (
+        copies.state, copies.steps, copies.terminated, copies.truncated
+    )  # fmt: skip
+    players = actions.shape[1]
     for game in range(actions.shape[0]):
         joint = np.int64(0)
         for player in range(players):
             action = actions[game, player]
             place = -1
-            if 0 <= action < most:
-                place = np.int64(places[player, state[game], action])
-            # With `auto_restart` a game with these flags has already restarted.
-            if place < 0 and (auto_restart or not (terminated[game] or truncated[game])):
+            if 0 <= action < tables.places.shape[2]:
+                place = np.int64(tables.places[player, state[game], action])
+            # With `restart` a game with these flags has already restarted.
+            if place < 0 and (restart or not (terminated[game] or truncated[game])):
                 return game * players + player
-            joint = joint * sizes[state[game], player] + place
-        joints[game] = begins[state[game]] + joint
+            joint = joint * tables.sizes[state[game], player] + place
+        joints[game] = tables.begins[state[game]] + joint
     for game in range(actions.shape[0]):
-        if not auto_restart and (terminated[game] or truncated[game]):
-            for player in range(players):
-                reward[game, player] = 0.0
+        if not restart and (terminated[game] or truncated[game]):
+            copies.rewards[game, :] = 0.0
             continue
         joint = joints[game]
-        following = after[joint]
+        following = tables.after[joint]
         if following == DRAWN:
-            last = indptr[joint + 1]
-            draw = next_uniform(streams[game], CHANCE_STREAM)
-            place = place_of(sums, indptr[joint], last, draw)
-            following = next_states[place] if place < last else ENDED
+            last = tables.indptr[joint + 1]
+            draw = next_uniform(copies.streams[game], CHANCE_STREAM)
+            place = place_of(tables.sums, tables.indptr[joint], last, draw)
+            following = tables.states[place] if place < last else ENDED
         steps[game] += 1
         for player in range(players):
-            reward[game, player] = rewards[joint, player]
-            returns[game, player] += rewards[joint, player]
+            copies.rewards[game, player] = tables.rewards[joint, player]
+            copies.returns[game, player] += tables.rewards[joint, player]
         terminated[game] = following == ENDED
-        truncated[game] = following != ENDED and steps[game] >= max_steps
+        truncated[game] = following != ENDED and steps[game] >= most
         if following != ENDED:
             state[game] = following
         if terminated[game] or truncated[game]:
-            episode_lengths[game], final_state[game] = steps[game], state[game]
+            copies.episode_lengths[game], copies.final_state[game] = steps[game], state[game]
             for player in range(players):
-                episode_returns[game, player] = returns[game, player]
-            if auto_restart:
-                _start(
-                    game, starts, start_sums, streams, state, steps, returns, epsilon, next_epsilon
-                )
+                copies.episode_returns[game, player] = copies.returns[game, player]
+            if restart:
+                _start(game, tables, copies)
     return OK
 
 
 @compiled
 def draw_actions(
-    offsets: Longs,
-    sums: Reals,
-    numbers: Ints,
-    state: Ints,
-    epsilon: Reals,
-    own: float,
-    streams: Words,
-    player: int,
-    actions: Ints,
-) -> None:
+    offsets: Longs, sums: Reals, numbers: Ints, state: Ints, epsilon: Reals, own: float,
+    streams: Words, player: int, actions: Ints,
+) -> None:  # fmt: skip
     """Draw the actions of a table in every game.
 
     Args:

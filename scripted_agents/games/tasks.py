@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
+from itertools import compress
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,9 +77,7 @@ def game_of_task(task: Task, most_states: int = MAX_TASK_STATES) -> SmallGame:
     )
     names: list[State] = []
     for _, games, real in joint.chunks():
-        names += [
-            name for name, is_real in zip(states_of_games(games), real, strict=True) if is_real
-        ]
+        names += compress(states_of_games(games), real)
     actions, choices = _actions(task, played, begins)
     start = np.zeros(joint.count)
     for numbers in joint.starts():

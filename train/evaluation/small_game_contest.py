@@ -73,8 +73,8 @@ class SmallGameContest(Contest[StatePolicy, GameSimulator]):
         others = ", ".join(f"{name} {label_of(own)}" for name, own in self.opponents.items())
         return (
             f"game {self.task.name}: {self.agent} ({game.num_states:,} states, "
-            f"{len(game.choices):,} joint actions), with {others}, at most {self.task.max_steps} "
-            "steps"
+            f"{len(game.choices):,} joint actions), {'with ' + others if others else 'alone'}, at "
+            f"most {self.task.max_steps} steps"
         )
 
     def score(self, name: str, policy: StatePolicy) -> Score:

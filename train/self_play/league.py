@@ -168,8 +168,14 @@ def folders_of(
     check((folder / CONFIG).exists(), f"{name}: no run here ({CONFIG} is missing); give a run")
     if not is_self_play(folder):
         return [folder]
-    inner = [folder / role for role in roles if (folder / role / CONFIG).exists()]
-    check(bool(inner), f"{name}: self-play without a checkpoint yet; resume it first")
+    learned = [path.parent for path in sorted(folder.glob(f"*/{CONFIG}"))]
+    check(bool(learned), f"{name}: self-play without a checkpoint yet; resume it first")
+    inner = [folder / role for role in roles if folder / role in learned]
+    check(
+        bool(inner),
+        f"{name}: self-play of {', '.join(path.name for path in learned)}, but the league is of "
+        f"{' and '.join(roles)}; give --game with the game of the runs, or leave it out for mazes",
+    )
     return inner
 
 

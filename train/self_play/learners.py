@@ -9,6 +9,7 @@ from typing import Any
 
 from pursuit.validation import check
 from scripted_agents.environments import agent_name
+from scripted_agents.games.enumeration import names_of_players
 from scripted_agents.games.named import game_named
 from train.files import Plain
 from train.runs.tasks import discount_of, profile_of
@@ -132,7 +133,7 @@ def players_of(task: SmallGameSettings) -> tuple[str, ...]:
     Raises:
         ValueError: no such game, or a player with the name of a setting, or none that is a word.
     """
-    players = tuple(game_named(task.game).players)
+    players = names_of_players(game_named(task.game))
     settings = {*names_of(SmallGameSettings, SmallGameSelfPlay), ALGORITHM}
     for name in players:
         check(

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
-from typing import TypeAlias
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+Place = TypeVar("Place")
+Outcomes: TypeAlias = list[tuple[float, Place, tuple[float, float], bool]]
+"""Probability, next state, rewards, and whether the game has ended, of each outcome."""
 Cell: TypeAlias = tuple[int, int]
 """Row, from the north, and column, from the west; from 0."""
 

@@ -12,6 +12,7 @@ from scripted_agents.games.library.boards import (
     DIAGONALS,
     MOVES,
     Cell,
+    Outcomes,
     cells_of,
     moved,
     one_hot,
@@ -61,13 +62,8 @@ class BorderControl:
         self.rows, self.columns = whole("rows", rows, 2, MOST), whole("columns", columns, 3, MOST)
         self.cells = cells_of(self.rows, self.columns)
         on_board = set(self.cells)
-        self._guard_moves: dict[Cell, list[str]]
-        self._intruder_moves: dict[Cell, list[str]]
         self._guard_moves, self._intruder_moves = (
-            {
-                cell: [name for name, change in known.items() if moved(cell, change) in on_board]
-                for cell in self.cells
-            }
+            {cell: [m for m in known if moved(cell, CHANGES[m]) in on_board] for cell in self.cells}
             for known in (MOVES, CHANGES)
         )
 
@@ -84,9 +80,7 @@ class BorderControl:
             return self._intruder_moves[intruder]
         return list(product(self._guard_moves[first], self._guard_moves[second]))
 
-    def transitions(
-        self, state: Watch, actions: tuple[Pair, str]
-    ) -> list[tuple[float, Watch, tuple[float, float], bool]]:
+    def transitions(self, state: Watch, actions: tuple[Pair, str]) -> Outcomes[Watch]:
         """All move at once."""
         (first, second), intruder = state
         target = moved(intruder, CHANGES[actions[1]])

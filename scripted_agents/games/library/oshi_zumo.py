@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from pursuit.validation import whole
+from scripted_agents.games.openspiel_optional import openspiel_game
 
 if TYPE_CHECKING:
     from scripted_agents.games.openspiel_games import OpenSpielGame
@@ -33,13 +34,4 @@ def oshi_zumo(coins: int = 10, size: int = 2, min_bid: int = 1) -> OpenSpielGame
     for name, value, least, most in (("coins", coins, 1, 50), ("size", size, 1, 10)):
         whole(name, value, least, most)
     whole("min_bid", min_bid, 0, 1)
-    try:
-        from scripted_agents.games.openspiel_games import OpenSpielGame
-    except ModuleNotFoundError as missing:
-        if missing.name != "pyspiel":
-            raise
-        raise ValueError(
-            "oshi_zumo is a game of OpenSpiel, which is not installed; "
-            "pip install 'pursuit[openspiel]'"
-        ) from None
-    return OpenSpielGame(f"oshi_zumo(coins={coins},size={size},min_bid={min_bid})")
+    return openspiel_game(f"oshi_zumo(coins={coins},size={size},min_bid={min_bid})")

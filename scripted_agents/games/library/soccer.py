@@ -6,7 +6,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.validation import whole
-from scripted_agents.games.library.boards import MOVES, Cell, cells_of, moved, one_hot, picture
+from scripted_agents.games.library.boards import (
+    MOVES,
+    Cell,
+    Outcomes,
+    cells_of,
+    moved,
+    one_hot,
+    picture,
+)
 
 Position = tuple[Cell, Cell, int]
 """The cell of A, the cell of B, and the index of the player with the ball."""
@@ -63,9 +71,7 @@ class Soccer:
         """All five."""
         return tuple(MOVES)
 
-    def transitions(
-        self, state: Position, actions: tuple[str, str]
-    ) -> list[tuple[float, Position, tuple[float, float], bool]]:
+    def transitions(self, state: Position, actions: tuple[str, str]) -> Outcomes[Position]:
         """The moves in both orders."""
         return [(0.5, *self._after(state, actions, order)) for order in ((0, 1), (1, 0))]
 

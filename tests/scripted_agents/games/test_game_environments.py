@@ -278,6 +278,7 @@ def test_opponents_by_name_by_player_and_as_policies() -> None:
         ({"player": "third"}, "player 'third'"),
         ({"player": 2}, "player"),
         ({"opponent_epsilon": 2.0, "opponent": "equilibrium"}, "epsilon"),
+        ({"opponent_epsilon": 2.0, "opponent": "uniform"}, "opponent_epsilon=2.0"),
         ({"observation": "planes"}, "unknown observation 'planes'"),
         ({"render_mode": "svg"}, "render_mode"),
         ({"max_steps": 0}, "max_steps"),

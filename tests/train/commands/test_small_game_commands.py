@@ -318,6 +318,7 @@ BAD_GAMES = {
     "small_games:random_tables(game=1,seed=2)": "raised",
     "small_games:legal_actions": "does not accept",
     "command_games:Raises": "raised IndexError: two lines in legal_actions(",
+    "command_games:Unordered": "legal_actions(('left', 'right', 0), 0) returned a set",
     "command_games:Large": "4,000,000,000,000 joint actions in 0 needs",
 }
 
@@ -385,6 +386,10 @@ def test_wrong_options(
         ("Seen(what=raises)", "--observation observe", "raised KeyError"),
         ("Named(name=seed)", "", "a player is called 'seed'; rename it"),
         ("Named(name='a b')", "", "a player is called 'a b'; rename it"),
+        ("Named(name=1)", "", "players=(1, 'thief'); give the name of each player, all different"),
+        ("Named(name=thief)", "", "give the name of each player, all different"),
+        ("Named(name=a,name=b)", "", "give arguments as name=value, each once"),
+        ("Named(name=3x3)", "", "texts (in quotes unless a word)"),
         ("Commons", "--a equilibrium", "3 players; equilibria are computed for two"),
         ("Commons", "--sampling psro", "needs two players with opposite rewards"),
     ],
@@ -514,3 +519,8 @@ def test_the_game_of_somebody_elses_run_is_imported_only_if_allowed(
     assert "NashConv" in capsys.readouterr().out and (tmp_path / "imported").exists()
     run(*against)
     assert "with second foreign_nim:best" in capsys.readouterr().out
+
+
+def test_a_player_alone_has_no_opponents(capsys: pytest.CaptureFixture[str]) -> None:
+    run("baseline", "--game", "command_games:Alone")
+    assert "2 joint actions), alone, at most 200 steps" in capsys.readouterr().out

@@ -17,8 +17,8 @@ from train.self_play.game_league import enter_game, play_game_league, sampled_re
 from train.self_play.league import rate
 from train.self_play.parts import self_play_settings_of
 
-PURE = [f"league_games:{name}" for name in ("rock", "paper", "scissors")]
-TWICE = "league_games:Rounds(rounds=2)"
+PURE = [f"round_games:{name}" for name in ("rock", "paper", "scissors")]
+TWICE = "round_games:Rounds(rounds=2)"
 
 
 def league_of(names: list[str], game: str, games: int = 20) -> Any:
@@ -58,7 +58,7 @@ def test_sampled_returns_have_the_exact_mean() -> None:
 
 
 def test_a_general_sum_game_has_the_payoffs_of_both_and_no_ratings() -> None:
-    content = rate(league_of(["league_games:ballet", "uniform"], "league_games:Clash"))
+    content = rate(league_of(["round_games:ballet", "uniform"], "round_games:Clash"))
     assert content["payoffs"] == {
         "one": [[2.0, 1.0], [1.0, 0.75]],
         "two": [[1.0, 0.5], [0.5, 0.75]],
@@ -91,7 +91,8 @@ def test_runs_enter_for_the_players_that_they_learned(
     for arguments, message in (
         (["one", "--game", TWICE], "no policy of row among the entries"),
         (["one", "uniform"], "one: a run of a small game; give --game"),
-        (["one", "uniform", "--game", "league_games:Clash"], "was trained in game"),
+        (["one", "uniform", "--game", "round_games:Clash"], "was trained in game"),
+        (["both", "uniform"], "self-play of column, row, but the league is of chaser and evader"),
     ):
         with pytest.raises(SystemExit):
             main(["league", *arguments, "--out", "m"])
@@ -101,12 +102,12 @@ def test_runs_enter_for_the_players_that_they_learned(
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["uniform", "--game", "league_games:OddOneOut"], "has 3 players; a league needs two"),
-        (["uniform", "--game", "league_games:Clash", "--maze", "3x3"], "it is for games in mazes"),
-        (["equilibrium", "--game", "league_games:Clash"], "two players with opposite rewards"),
+        (["uniform", "--game", "round_games:OddOneOut"], "has 3 players; a league needs two"),
+        (["uniform", "--game", "round_games:Clash", "--maze", "3x3"], "it is for games in mazes"),
+        (["equilibrium", "--game", "round_games:Clash"], "two players with opposite rewards"),
         (["astar", "--game", TWICE], "'astar': neither a folder of a run"),
-        (["league_games:ballet", "--game", TWICE], "column plays 'ballet' in 0"),
-        (["uniform", "--game", "league_games:Nothing"], "has no 'Nothing'"),
+        (["round_games:ballet", "--game", TWICE], "column plays 'ballet' in 0"),
+        (["uniform", "--game", "round_games:Nothing"], "has no 'Nothing'"),
         (["uniform", "uniform", "--game", TWICE], "two entries are called 'uniform'"),
     ],
 )

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from league_games import Rounds
+from round_games import Rounds
 from self_play_runs import go_on
 
 from scripted_agents.games import enumerate_game
@@ -24,9 +24,9 @@ from train.self_play.small_game_report import describe_small_game
 
 PAYOFF = np.array([[0, -1, 1], [1, 0, -1], [-1, 1, 0]])
 """[own, other] of rock, paper, scissors."""
-ONCE, TWICE = "league_games:Rounds", "league_games:Rounds(rounds=2)"
-THREE = "league_games:OddOneOut"
-RULES = ("latest", "window", "uniform", "pfsp", "league_games:newest")
+ONCE, TWICE = "round_games:Rounds", "round_games:Rounds(rounds=2)"
+THREE = "round_games:OddOneOut"
+RULES = ("latest", "window", "uniform", "pfsp", "round_games:newest")
 
 
 def make(folder: Path, game: str, **changes: Any) -> Run:
@@ -166,8 +166,8 @@ def test_sides_have_their_own_algorithms_or_are_fixed(tmp_path: Path) -> None:
     ("game", "sampling", "message"),
     [
         (THREE, "psro", "'psro' needs two players with opposite rewards"),
-        ("league_games:Clash", "double-oracle", "needs two players with opposite rewards"),
-        (THREE, "league_games:by_payoff", "payoffs are those of two players, but 3 play"),
+        ("round_games:Clash", "double-oracle", "needs two players with opposite rewards"),
+        (THREE, "round_games:by_payoff", "payoffs are those of two players, but 3 play"),
     ],
 )
 def test_rules_with_payoffs_are_for_two_players(
