@@ -88,7 +88,8 @@ class SeatOfSmallGame:
         wrong = ~self._legal[simulator.state, numbers] & ~over
         if wrong.any():
             game = int(wrong.argmax())
-            raise ValueError(simulator.why_illegal(game, self.player, int(numbers[game])))
+            why = simulator.why_illegal(game, self.player, int(numbers[game]))
+            raise ValueError(f"{why}; use action_masks(), as sb3-contrib's MaskablePPO does")
         return numbers
 
     def _advance(self, actions: Array | int) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from hashlib import sha256
 from typing import Any
 
 import numpy as np
@@ -122,6 +123,22 @@ class SmallGame:
         """[joint actions] bool: whether the rewards do not add up to 0."""
         largest = np.maximum(1.0, np.abs(self.rewards[:, 0]))
         return np.abs(self.rewards.sum(axis=1)) > ZERO_SUM * largest
+
+    @cached_property
+    def digest(self) -> str:
+        """A hash of the numbers of states and actions: of all transitions, rewards and starts, and
+        of the order of actions that are numbers or texts. A policy of another digest would play
+        other actions than it learned."""
+        every = self.following
+        arrays = (self.begins, self.rewards, every.indptr, every.indices, every.data, self.start)
+        plain = [
+            [action if isinstance(action, int | float | str) else None for action in row]
+            for row in self.action_lists
+        ]
+        found = sha256(repr((self.players, plain)).encode())
+        for array in arrays:
+            found.update(np.ascontiguousarray(array, dtype=np.float64).tobytes())
+        return found.hexdigest()
 
     @property
     def zero_sum(self) -> bool:

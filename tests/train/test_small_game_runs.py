@@ -11,14 +11,18 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+import trained_games
 
+from scripted_agents.games.named import load_game
 from scripted_agents.games.simulator import GameSimulator, GameTask
 from train.commands.main import main
 from train.files import Plain
 from train.kinds import start
 from train.runs.folder import CONFIG, RESULTS, RUN, SELF_PLAY, read_metrics
 from train.runs.loop import Run
+from train.runs.opponents import load_policy
 from train.runs.parts import settings_of
+from train.runs.tasks import _game_with
 from train.self_play.parts import self_play_settings_of
 
 pytestmark = [
@@ -272,3 +276,19 @@ def test_the_files_of_self_play_hold_what_the_reference_says(tmp_path: Path) -> 
     assert {("a", "learned", "uniform"), ("c", "frozen", "learned")} <= kinds
     assert {path.name for path in tmp_path.iterdir()} >= {"a", "b", "pool"}
     assert not (tmp_path / "c").exists()
+
+
+def test_a_run_of_a_game_whose_states_come_in_another_order_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = trained(tmp_path / "run", game="trained_games:Chase", frames=1000)
+    run.results(2)
+    assert load_policy(tmp_path / "run").agent == "chaser"
+    own = trained_games.Chase.starts
+    monkeypatch.setattr(trained_games.Chase, "starts", lambda game: own(game)[::-1])
+    for cached in (load_game, _game_with):
+        cached.cache_clear()
+    with pytest.raises(ValueError, match=r"in another order \(of a set"):
+        load_policy(tmp_path / "run")
+    for cached in (load_game, _game_with):
+        cached.cache_clear()

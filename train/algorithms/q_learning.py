@@ -299,6 +299,7 @@ class QLearning:
         error, states, done = 0.0, self._states, self._done
         done[:] = True
         self.numbers.renumber(self._games, done, states)
+        bounded = isinstance(env, SmallGameTrainingEnv) and env.bounded
         for _ in range(STEPS_PER_ITERATION):
             simulator.act(env.policies, actions)
             choose_actions(
@@ -306,9 +307,10 @@ class QLearning:
                 actions, seat,
             )  # fmt: skip
             simulator.step(actions)
+            ended = simulator.ended if bounded else simulator.terminated
             size, count = learn(
                 self.q_values, self.visits, *self._games, self.numbers.for_kernels,
-                self.allowed, states, actions, seat, simulator.rewards, simulator.terminated,
+                self.allowed, states, actions, seat, simulator.rewards, ended,
                 simulator.truncated, done, settings.gamma, settings.learning_rate,
                 settings.learning_rate_power,
             )  # fmt: skip

@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
@@ -162,9 +163,21 @@ def load_checkpoint(folder: Path | str) -> Plain:
     return state
 
 
-def check_learned(algorithm: str, trainee: Plain) -> None:
-    """ValueError unless a saved learner is of this algorithm and all its tensors are finite;
-    `trainee` has "learner", and "algorithm" unless an older version wrote it."""
+def game_digest(player: Any) -> str | None:
+    """The `SmallGame.digest` of the game of a player; None in mazes and for arms."""
+    game = getattr(player.task, "game", None)
+    return None if game is None else str(game.digest)
+
+
+def check_learned(algorithm: str, trainee: Plain, player: Any) -> None:
+    """ValueError unless a saved learner is of this algorithm and of the game of this player, and
+    all its tensors are finite; `trainee` has "learner", and "algorithm" unless an older version
+    wrote it."""
+    check(
+        trainee.get("game") == game_digest(player),
+        "the game has other states, actions, transitions or rewards than when it was trained, or "
+        "in another order (of a set, which differs between processes)",
+    )
     from train.tensors import first_not_finite  # torch is slow to import
 
     own = trainee.get("algorithm", algorithm)

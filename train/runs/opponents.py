@@ -60,7 +60,7 @@ def load_policy(folder: Path | str, greedy: bool = True) -> Any:
     )
     seat = player_of(settings)
     try:
-        check_learned(algorithm.name, state["trainee"])
+        check_learned(algorithm.name, state["trainee"], seat)
         return algorithm.load(settings.hyper, seat, state["trainee"]["learner"], greedy)
     except MISFITS as error:
         raise misfit(folder, error) from None

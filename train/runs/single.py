@@ -28,7 +28,7 @@ from train.evaluation.scores import (
 from train.evaluation.small_game_contest import SmallGameContest
 from train.files import Plain, write_csv
 from train.runs.data_parallel import OtherProcesses
-from train.runs.folder import RUN
+from train.runs.folder import RUN, game_digest
 from train.runs.forms import Objective
 from train.runs.loop import BRIEF_EPISODES, BRIEF_STEPS
 from train.runs.parts import Parts
@@ -207,6 +207,7 @@ class SingleAgent:
         """Learner, teacher and games, with the memories of policies; of all processes."""
         state = training_state(self.env, self.teacher, self.learner)
         state["algorithm"] = self.parts.algorithm.name
+        state["game"] = game_digest(self.parts.seat)
         if self.replicas is not None:
             state["partners"] = self.replicas.states()
         return state

@@ -33,7 +33,7 @@ def build_env_and_learner(
         One of `MISFITS`: a state of other settings.
     """
     if state is not None:
-        check_learned(parts.algorithm.name, state)
+        check_learned(parts.algorithm.name, state, parts.seat)
     env, teacher = parts.games()
     if state is not None:  # before the collector of the learner reads the environment
         restore_simulator(env.simulator, state["simulator"])

@@ -23,7 +23,7 @@ from train.environments.small_game_env import SmallGameTrainingEnv
 from train.evaluation.games import all_caught
 from train.networks.policy import Seat
 from train.networks.small_game_policy import SmallGameSeat
-from train.runs.folder import check_learned
+from train.runs.folder import check_learned, game_digest
 from train.runs.training_state import restore_simulator, simulator_tensors
 from train.self_play.pool import PoolPolicy
 from train.settings.algorithms import Hyperparameters
@@ -183,7 +183,7 @@ class Side:
         self.env, self.opponents = parts.games(number, others)
         self.simulator = self.env.simulator
         if state is not None:
-            check_learned(parts.algorithm.name, state)
+            check_learned(parts.algorithm.name, state, parts.seat)
             # before the collector of the learner reads the environment
             restore_simulator(self.simulator, state["simulator"])
             for role, pool in self.opponents.policies.items():
@@ -239,7 +239,8 @@ class Side:
 
     def load(self, state: State) -> Policy:
         """The policy of a snapshot; ValueError for weights that are not finite."""
-        check_learned(self.parts.algorithm.name, {"learner": state})
+        named = {"learner": state, "game": game_digest(self.parts.seat)}
+        check_learned(self.parts.algorithm.name, named, self.parts.seat)
         return self._loaded(self.parts.seat, state)
 
     def _loaded(self, seat: Any, state: State) -> Policy:
@@ -256,6 +257,7 @@ class Side:
         """The state of the side with its opponents by game, without the pool."""
         return {
             "algorithm": self.parts.algorithm.name,
+            "game": game_digest(self.parts.seat),
             "learner": self.learner.state_dict(),
             "average": self.average,
             "iterations": self.iterations,

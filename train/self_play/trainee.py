@@ -18,7 +18,14 @@ from train.evaluation.games import other_role
 from train.evaluation.matchups import discounted_steps, match
 from train.evaluation.scores import OUTCOME
 from train.files import Plain
-from train.runs.folder import CONFIG, SELF_PLAY, SIDE, save_checkpoint, save_config
+from train.runs.folder import (
+    CONFIG,
+    SELF_PLAY,
+    SIDE,
+    game_digest,
+    save_checkpoint,
+    save_config,
+)
 from train.runs.forms import Objective
 from train.runs.loop import BRIEF_STEPS, build_parts, build_run
 from train.runs.tasks import maze_text_of
@@ -379,7 +386,8 @@ class SelfPlay:
                 save_config(own, SIDE, side_settings(self.settings, role), maze)
             learner = side.learner.state_dict() | side.snapshot()
             name = side.parts.algorithm.name
-            save_checkpoint(own, {"trainee": {"algorithm": name, "learner": learner}})
+            state = {"algorithm": name, "game": game_digest(side.parts.seat), "learner": learner}
+            save_checkpoint(own, {"trainee": state})
         for pool in self.pools.values():
             pool.clean()
 

@@ -62,6 +62,11 @@ class Maker:
         arm = isinstance(context, ArmContext)
         small = isinstance(context, SmallGameContext)
         in_mazes = not self.arm and not (small and self.small_games)
+        if isinstance(context, SmallGameContext):
+            check(
+                context.task.num_agents > 1,
+                f"curriculum {name!r} needs other players, which this game does not have",
+            )
         needs = [(self.arm, arm, "an arm"), (in_mazes, not arm and not small, "games in mazes")]
         if isinstance(context, CurriculumContext):
             task = context.task
