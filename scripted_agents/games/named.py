@@ -100,4 +100,4 @@ def load_game(text: str) -> SmallGame:
     """
     game = game_named(text)
     with mended(f"game={shortened(text)}"):
-        return enumerate_game(game)
+        return enumerate_game(game, progress=True)
