@@ -44,7 +44,9 @@ def describe_small_game(results: Plain) -> list[str]:
     discount, players = results["discount"], results["players"]
     how = "undiscounted" if discount == 1.0 else f"discounted by {discount:g} per step"
     before = f" (at the start {start['nash_conv']:z.4f})" if "nash_conv" in start else ""
-    zero = "0 is an equilibrium" if results["zero_sum"] else "at 0 no player gains by another policy"
+    zero = (
+        "0 is an equilibrium" if results["zero_sum"] else "at 0 no player gains by another policy"
+    )
     gains = ", ".join(f"{name} {found[f'{name}_gain']:z.4f}" for name in players)
     lines = [
         f"NashConv {found['nash_conv']:z.4f}{before}, exact, in returns {how}; {zero}.",
