@@ -16,7 +16,6 @@ from pursuit.validation import check
 from scripted_agents.games.agents import DISCOUNT as GAME_DISCOUNT
 from scripted_agents.games.episodes import longest_play, return_range
 from scripted_agents.games.named import load_game
-from scripted_agents.games.rendering import drawn_state
 from scripted_agents.games.simulator import GameTask
 from train.files import Plain
 from train.settings.presets import (
@@ -70,9 +69,7 @@ def game_of(settings: SmallGameSettings) -> GameTask:
 
 @lru_cache(maxsize=4)
 def _game_with(name: str, max_steps: int) -> GameTask:
-    task = GameTask(load_game(name), name, max_steps)
-    drawn_state(task, task.game.states[0])  # an error is known before a folder is made
-    return task
+    return GameTask(load_game(name), name, max_steps)
 
 
 def discount_of(settings: SmallGameSettings) -> float:
