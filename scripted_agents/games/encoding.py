@@ -25,8 +25,8 @@ def mended(what: str) -> Iterator[None]:
     except (ValueError, MemoryError):
         raise
     except Exception as error:
-        told = " ".join([raised(error), *getattr(error, "__notes__", ())])
-        raise ValueError(f"{what} raised {told}; mend it") from error
+        reason = " ".join([raised(error), *getattr(error, "__notes__", ())])
+        raise ValueError(f"{what} raised {reason}; mend it") from error
 
 
 def encoded_states(

@@ -311,7 +311,7 @@ def _moved(position: pyspiel.State, actions: tuple[Action, ...]) -> pyspiel.Stat
     action = actions[after.current_player()]
     if action is None:
         raise ValueError(
-            f"{position.get_game()}: nobody can move in {str(position)!r}, which is no end"
+            f"{position.get_game()}: no player can move in {str(position)!r}, which is no end"
         )
     after.apply_action(action)
     return after

@@ -36,7 +36,7 @@ class Goofspiel:
 
     Each player holds the cards 1 to `cards`; the prizes are the numbers 1 to `cards` too. In every
     round one prize is shown, and both players bid a card of their hand at once. The higher card
-    wins the points of the prize; with equal cards nobody does. Both cards and the prize leave the
+    wins the points of the prize; with equal cards no player does. Both cards and the prize leave the
     game, which ends after `cards` rounds, so solve it with discount 1 and that horizon. The value
     is 0, as the game is symmetric.
 
