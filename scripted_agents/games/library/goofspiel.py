@@ -36,9 +36,9 @@ class Goofspiel:
 
     Each player holds the cards 1 to `cards`; the prizes are the numbers 1 to `cards` too. In every
     round one prize is shown, and both players bid a card of their hand at once. The higher card
-    wins the points of the prize; with equal cards no player does. Both cards and the prize leave the
-    game, which ends after `cards` rounds, so solve it with discount 1 and that horizon. The value
-    is 0, as the game is symmetric.
+    wins the points of the prize; with equal cards no player does. Both cards and the prize leave
+    the game, which ends after `cards` rounds, so solve it with discount 1 and that horizon. The
+    value is 0, as the game is symmetric.
 
     Against uniformly random bids the best response bids the card that equals the prize (Ross,
     1971) and wins (cards**2 - 1) / 6 points in the mean. Sources: S. M. Ross, "Goofspiel: the game
