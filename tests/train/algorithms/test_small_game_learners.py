@@ -31,6 +31,8 @@ THREE = "small_games:RandomGame(players=3,seed=5)"
 NIM = "small_games:Nim"
 SIZES: dict[str, dict[str, Any]] = {
     "ppo": {"rollout_steps": 8, "minibatch_size": 128},
+    "ippo": {"rollout_steps": 8, "minibatch_size": 128},
+    "mappo": {"rollout_steps": 8, "minibatch_size": 128},
     "a2c": {"rollout_steps": 8},
     "mmd": {"rollout_steps": 8, "minibatch_size": 128},
     "rnad": {"rollout_steps": 8, "minibatch_size": 128},
@@ -69,7 +71,7 @@ def check_metrics(folder: Path) -> None:
 @pytest.mark.parametrize("algorithm", OF_TEAMS)
 def test_algorithms_of_teams_are_refused(algorithm: str) -> None:
     for make in (train.settings_of, self_play_settings_of):
-        with pytest.raises(ValueError, match="trains the teams of games in mazes; use (ppo|dqn)"):
+        with pytest.raises(ValueError, match=r"trains the teams of games in mazes; use (ppo|dqn)"):
             make(**settings(algorithm, game=MASKED))
 
 
