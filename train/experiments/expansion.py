@@ -99,6 +99,12 @@ def multiply_out(file: StudyFile, stem: str, tuned: Tuned) -> Study:
     for seed in seeds:
         check_seed(seed)
     check_variants(variants)
+    mazes = grid.get("maze", [])
+    check(
+        not file.paired or len(mazes) == len(seeds),
+        f"paired=true with {len(mazes)} mazes in [grid] and {len(seeds)} seeds; give one seed for "
+        "each maze",
+    )
     count = math.prod(map(len, grid.values())) * len(variants or [{}]) * len(seeds)
     check(count <= MAX_RUNS, f"{count:,} runs; give values for at most {MAX_RUNS:,}")
     drawn = draw_samples(file.search or {}, MAX_RUNS // count)
@@ -109,13 +115,16 @@ def multiply_out(file: StudyFile, stem: str, tuned: Tuned) -> Study:
     check(bool(common or grid or variants), "nothing to do; give [settings] and [grid]")
     final = Final() if file.episodes is None else Final(file.episodes)
     runs: dict[str, TrainingRun] = {}
-    for values in itertools.product(*grid.values()):
+    for chosen in itertools.product(*(range(len(values)) for values in grid.values())):
+        place = dict(zip(grid, chosen, strict=True))
+        values = {name: grid[name][number] for name, number in place.items()}
+        own_seeds = [seeds[place["maze"]]] if file.paired else seeds
         for variant, sample in itertools.product(variants or [{}], drawn):
-            label = dict(zip(grid, values, strict=True)) | variant | sample
+            label = values | variant | sample
             of = {**common, **label}.get("contestant" if kind == CONTESTANT else "algorithm")
             found = tuned.get((str(of), label.get("name", "")), tuned.get((str(of), ""), {}))
             own = {**common, **found}
-            for run in runs_of(kind, own, label, seeds, final.episodes):
+            for run in runs_of(kind, own, label, own_seeds, final.episodes):
                 same = runs.setdefault(run.name.rsplit("-", 1)[1], run)
                 check(  # equal combinations run once
                     same.label == run.label,

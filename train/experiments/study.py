@@ -125,6 +125,8 @@ class StudyFile(Version, forbid_unknown_fields=True, omit_defaults=True):
         margin: equivalence margin in percentage points of the gap.
         threshold: the gap in per cent; the times to reach it are tested.
         tuning: the search before the runs.
+        paired: whether the place of a maze in [grid] is that of its only seed in `seeds`, instead
+            of all seeds for every maze.
     """
 
     title: str | None = None
@@ -138,6 +140,7 @@ class StudyFile(Version, forbid_unknown_fields=True, omit_defaults=True):
     margin: float | None = None
     threshold: float = 5.0
     tuning: Tuning | None = None
+    paired: bool = False
 
 
 class Layout(msgspec.Struct):
