@@ -8,13 +8,17 @@ from __future__ import annotations
 import csv
 import re
 from collections.abc import Callable, Iterable
+from itertools import product
+from math import exp, log
 from pathlib import Path
-from statistics import median
+from statistics import fmean, median
+from typing import Any
 
 import pytest
 
 from pursuit.mazes.maze import load_maze
 from scripted_agents import expected_tour_length
+from train.experiments.statistics import LEVEL, holm, mean_interval, sign_flip_p
 
 RESULTS = Path(__file__).parents[1] / "docs" / "results"
 NOT_KEPT = "Runs not kept"
@@ -241,6 +245,112 @@ def exits() -> Iterable[dict[int, Cell]]:
                               numbers(row, "best_evader"))))  # fmt: skip
 
 
+LEARNERS = ("separate", "ippo", "mappo", "joint", "vdn")
+RULES = ("cell", "n_catch", "surround")
+Units = dict[tuple[str, int], dict[tuple[str, str], dict[str, str]]]
+
+
+def team_units() -> Units:
+    """The runs of every random unit (a maze with its seed; of 5x5-open a seed) by learner and rule;
+    units with a missing run are left out."""
+    units: Units = {}
+    for row in data("teams/runs"):
+        unit = units.setdefault((row["kind"], int(row["seed"])), {})
+        unit[row["learner"], row["rule"]] = row
+    return {key: unit for key, unit in units.items() if len(unit) == len(LEARNERS) * len(RULES)}
+
+
+def teams() -> Iterable[dict[int, Cell]]:
+    units = team_units()
+    for kind, rule in product(dict.fromkeys(kind for kind, _ in units), RULES):
+        own = [unit for key, unit in units.items() if key[0] == kind]
+
+        def mean(column: str, *key: str, own: list[dict[Any, dict[str, str]]] = own) -> float:
+            return fmean(float(unit[key][column]) for unit in own)
+
+        yield {
+            0: kind,
+            1: rule,
+            2: [len(own)],
+            3: [mean("optimal_steps", "ippo", rule)],
+            **{
+                4 + n: [100 * mean(c, name, rule) for c in ("optimality_gap", "members_gap")]
+                for n, name in enumerate(LEARNERS)
+            },
+        }
+
+
+LEAST_GAP, RATIO, SHARE = 0.001, log(1.25), 0.1
+"""Smaller gaps count as this one; margins of claims: a ratio of gaps, a difference of shares."""
+
+
+def team_claims() -> list[tuple[float, float, list[float], bool]]:
+    """Of every claim of the page, in order: its sign (1 if it says that the values are above 0),
+    its margin, the values of the units, and whether they are logarithms of ratios."""
+
+    def gap(unit: dict[Any, dict[str, str]], learner: str) -> float:
+        gaps = [float(unit[learner, rule]["optimality_gap"]) for rule in RULES]
+        return fmean(log(max(gap, LEAST_GAP)) for gap in gaps)
+
+    def share(unit: dict[Any, dict[str, str]], *rules: str) -> float:
+        own = [unit[key] for key in product(LEARNERS, rules)]
+        team, members = (
+            sum(float(row[column]) for row in own) for column in ("optimality_gap", "members_gap")
+        )
+        return 1.0 - members / team
+
+    units = list(team_units().values())
+    claims = [
+        (sign, RATIO, [gap(unit, one) - gap(unit, other) for unit in units], True)
+        for sign, one, other in (
+            (-1.0, "joint", "ippo"),
+            (-1.0, "mappo", "ippo"),
+            (1.0, "separate", "ippo"),
+            (-1.0, "vdn", "ippo"),
+        )
+    ]
+    hard = ("n_catch", "surround")
+    claims.append((1.0, SHARE, [share(unit, *hard) - 0.5 for unit in units], False))
+    differences = [share(unit, *hard) - share(unit, "cell") for unit in units]
+    return [*claims, (1.0, SHARE, differences, False)]
+
+
+def teams_decided() -> Iterable[dict[int, Cell]]:
+    claims = team_claims()
+    ps = holm([sign_flip_p(values) for _, _, values, _ in claims])
+    for (sign, margin, values, ratio), p in zip(claims, ps, strict=True):
+        mean = fmean(values)
+        shown = [mean, *mean_interval([values])]
+        low, high = mean_interval([values], 0.9)
+        if p < LEVEL and sign * mean < 0.0:
+            verdict = "refuted"
+        elif p < LEVEL:
+            verdict = "confirmed" if sign * mean >= margin else "confirmed, within the margin"
+        else:
+            verdict = "equal within the margin" if -margin < low <= high < margin else "undecided"
+        yield {
+            1: [exp(value) if ratio else value for value in shown],
+            2: [len([v for v in values if sign * v > 0.0]), len(values)],
+            3: [p],
+            4: verdict,
+        }
+
+
+def team_budgets() -> Iterable[dict[int, Cell]]:
+    units = team_units().values()
+    for name in LEARNERS:
+
+        def each(column: str, rule: str, name: str = name) -> list[float]:
+            return [float(unit[name, rule][column] or 0.0) for unit in units]
+
+        yield {
+            0: name,
+            **{1 + n: [median(each("seconds", rule))] for n, rule in enumerate(RULES)},
+            **{4 + n: [100 * median(each("last_share", rule))] for n, rule in enumerate(RULES)},
+            7: [100 * fmean(v for rule in RULES for v in each("unsolved_share", rule))],
+        }
+
+
 TABLES: dict[tuple[str, int], Callable[[], Iterable[dict[int, Cell]]]] = {
     ("libraries", 0): libraries,
     ("self_play", 3): lambda: methods("self-play-methods", ("worst",)),
@@ -252,6 +362,9 @@ TABLES: dict[tuple[str, int], Callable[[], Iterable[dict[int, Cell]]]] = {
     ("rules", 1): lambda: capture_rules("turns_forced", "turns_rounds"),
     ("rules", 2): classical_domain,
     ("rules", 3): exits,
+    ("teams", 0): teams,
+    ("teams", 1): teams_decided,
+    ("teams", 2): team_budgets,
     ("thesis", 0): thesis,
 }
 """How the numbers of a table, given by its page and place, follow from the data."""

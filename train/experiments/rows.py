@@ -11,6 +11,7 @@ import io
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from statistics import fmean
 
 import numpy as np
 from numpy.typing import NDArray
@@ -189,8 +190,9 @@ def read_run(folder: Path) -> tuple[Row, list[str], list[Row]]:
     the results, and the evaluations.
 
     Results are "frames", "seconds", the evaluation ("mean_steps", "optimality_gap", ...),
-    "random_steps", "scripted_steps", "greedy_steps" and "sampled_steps", `curve_measures`,
-    versions, "commit", "machine" and "error".
+    "random_steps", "scripted_steps", "greedy_steps" and "sampled_steps", of a team "members_gap"
+    (the mean gap of its members, each with the others fixed), `curve_measures`, versions,
+    "commit", "machine" and "error".
     """
     settings = settings_row(folder)
     evaluations: list[Row] = [*read_metrics(folder)] if (folder / METRICS).exists() else []
@@ -205,6 +207,8 @@ def read_run(folder: Path) -> tuple[Row, list[str], list[Row]]:
                 results[SCORES[score["name"]]] = score["mean_steps"]
             elif not score["name"].startswith(("learned", "optimal")):
                 results |= {"scripted": score["name"], "scripted_steps": score["mean_steps"]}
+        members = [own["gap"] for own in content.get("team", {}).get("members", {}).values()]
+        results |= {"members_gap": fmean(members)} if members else {}
         results |= {"objective": content["objective"]["column"]}
         results |= {"unit": content["objective"]["unit"]}
         results |= curve_measures(settings | results, evaluations)
@@ -249,13 +253,16 @@ def curve_measures(row: Row, evaluations: Sequence[Row]) -> Row:
         shortfall of at most 5 %; None if there is none. "mean_optimality": optimum / steps, or for
         an evader steps / optimum, averaged over the frames of training. "hardest_share": of the
         frames in the hardest stage of a curriculum. "last_fall": by how many steps episode lengths
-        fall in the last third of the evaluations (means of its halves). Without what it needs, a
-        measure is None.
+        fall in the last third of the evaluations (means of its halves). "last_share": the share of
+        the fall from the first to the last evaluation that is in this third. Without what it needs,
+        a measure is None.
     """
     evader = longer_is_better(row)
     sign = -100.0 if evader else 100.0
     seconds, frames = column_of(evaluations, "seconds"), column_of(evaluations, "frames")
-    found: Row = dict.fromkeys(("shortfall", "mean_optimality", "hardest_share", "last_fall"))
+    found: Row = dict.fromkeys(
+        ("shortfall", "mean_optimality", "hardest_share", "last_fall", "last_share")
+    )
     gap, known = column_of(evaluations, "optimality_gap"), row.get("optimality_gap") is not None
     if known and len(evaluations):
         found["shortfall"] = sign * float(row["optimality_gap"])
@@ -277,6 +284,9 @@ def curve_measures(row: Row, evaluations: Sequence[Row]) -> Row:
     if len(last) >= 2:
         half = len(last) // 2
         found["last_fall"] = float(last[:half].mean() - last[half:].mean())
+        if len(last) < len(lengths) and lengths[0] != lengths[-1]:
+            before = lengths[-len(last) - 1]
+            found["last_share"] = float((before - lengths[-1]) / (lengths[0] - lengths[-1]))
     return found
 
 
