@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pursuit.mazes.maze import Maze
 from pursuit.mazes.maze_arrays import lay_out
-from pursuit.observations.custom import is_builtin
+from pursuit.observations.custom import AGENT_ID, is_builtin, without_id
 from pursuit.observations.masks import action_masks, has_masks
 from pursuit.observations.observations import Encoder
 from pursuit.rules.layout import Games
@@ -22,6 +22,7 @@ from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task
 from train.networks.features import Features, features_for, features_of
 from train.networks.frames import Observations, stacked
+from train.networks.joint_policy import JointPolicy
 from train.networks.layers import Network, float32_inference
 from train.networks.recurrent_policy import (
     RecurrentPolicy,
@@ -30,6 +31,7 @@ from train.networks.recurrent_policy import (
     numbers_fit,
     probabilities_of,
 )
+from train.settings.algorithms import STATE
 
 GAMES_AT_ONCE, NUMBERS_AT_ONCE = 65_536, 2**23
 """Largest number of games, and of numbers in their observations, in one forward pass."""
@@ -92,6 +94,10 @@ class Seat:
         frame_stack: number of stacked observations.
         network: its network, by the name in the settings.
         min_probability: its policies never play actions of lower probability, unless greedy.
+        team: whether all agents of the role learn together; then `agent` is the role.
+        joint: whether the team is one player, whose actions are the joint actions of all agents.
+        critic: the observation of a central critic: "state", the cells of `state()` with the number
+            of the agent, or an encoding, seen with full view; "" for none.
     """
 
     task: Task
@@ -101,6 +107,9 @@ class Seat:
     frame_stack: int = 1
     network: str = "auto"
     min_probability: float = 0.0
+    team: bool = False
+    joint: bool = False
+    critic: str = ""
     continuous: ClassVar[bool] = False
 
     @property
@@ -115,13 +124,13 @@ class Seat:
 
     @property
     def members(self) -> int:
-        """The number of agents of that role."""
-        return self.task.count(self.role)
+        """The number of players of that role: its agents, or the team as one player."""
+        return 1 if self.joint else self.task.count(self.role)
 
     @property
     def num_actions(self) -> int:
-        """4, or 5 with the stay action."""
-        return self.task.num_actions
+        """4, or 5 with the stay action; of a team as one player all joint actions."""
+        return self.task.num_actions ** (self.task.count(self.role) if self.joint else 1)
 
     def masks(self, view: GameView) -> NDArray[np.bool_] | None:
         """[games, actions]: the action mask of the agent of the view; None allows all."""
@@ -145,9 +154,39 @@ class Seat:
         """The features of the network's input."""
         return features_for(stacked(self.seen, self.frame_stack), self.network)
 
+    @cached_property
+    def critic_encoder(self) -> Encoder | None:
+        """The encoding of the central critic's observation, of the task with full views."""
+        if not self.critic:
+            return None
+        full = replace(self.task, view_radius=None, line_of_sight=False, unknown_maze=False)
+        return Encoder(full, f"index{AGENT_ID}" if self.critic == STATE else self.critic)
+
+    @cached_property
+    def critic_features(self) -> Features | None:
+        """The features of the central critic's observation; None without one."""
+        encoder = self.critic_encoder
+        if encoder is None:
+            return None
+        return features_for(features_of(encoder, self.task.num_agents), "auto")
+
+    def critic_observations(self, games: Games) -> Observations:
+        """[games, members, *shape]: the observations of the central critic; requires one."""
+        assert self.critic_encoder is not None
+        first, last = self.number, self.number + self.members
+        if self.critic != STATE:
+            return self.critic_encoder.encode(games, slice(first, last))
+        state = self.critic_encoder.encode(games, slice(first, first + 1))
+        seen = state.repeat(self.members, axis=1)  # entities in one order for all
+        seen[:, :, -1] += np.arange(self.members)
+        return seen
+
     def policy(self, network: PolicyNetwork, greedy: bool = True) -> Any:
-        """A policy with this network: a `LearnedPolicy` where it observes cells only, a
-        `RecurrentPolicy` with memory or stacked observations, else a `NetworkPolicy`."""
+        """A policy with this network: a `JointPolicy` of a team as one player, a `RecurrentPolicy`
+        with memory or stacked observations, a `LearnedPolicy` where it observes cells only, else a
+        `NetworkPolicy`."""
+        if self.joint:
+            return JointPolicy(LearnedPolicy(network, self, greedy))
         if self.frame_stack > 1 or getattr(network, "policy_memory", None) is not None:
             return RecurrentPolicy(network, self, greedy)
         sees_more = not is_builtin(self.encoding) and not sees_cells_only(self.task, self.encoding)
@@ -273,7 +312,7 @@ class LearnedPolicy(NetworkPolicy):
         self, encoder: Encoder, task: Task, games: Games, seat: int
     ) -> NDArray[np.float64]:
         """[games, actions] float64, computed in batches of limited size."""
-        probabilities = np.empty((len(games.steps), task.num_actions))
+        probabilities = np.empty((len(games.steps), self.seat.num_actions))
         at_once = max(min(GAMES_AT_ONCE, NUMBERS_AT_ONCE // math.prod(self._shape)), 1)
         own, world, allowed = slice(seat, seat + 1), lay_out(task.mazes).world, None
         for first in range(0, len(probabilities), at_once):
@@ -313,7 +352,7 @@ class LearnedPolicy(NetworkPolicy):
         walls and has the same shape."""
         if maze in self.task.mazes:
             return True
-        if self.encoding in NO_WALLS:
+        if without_id(self.encoding) in NO_WALLS:
             return False
         return tuple(Encoder(self._in_maze(maze), self.encoding).shape) == self._shape
 
