@@ -81,20 +81,18 @@ def magent2() -> tuple[str, int, Step]:
 
 
 def pogema() -> tuple[str, int, Step]:
-    """POGEMA: as many agents, the same size of map and windows."""
-    from pogema import GridConfig, pogema_v0
+    """POGEMA: as many agents, the same size of map and windows; its episodes have no end."""
+    from pogema import GridConfig
+    from pogema.envs import PogemaLifeLong  # its makers need an older Gymnasium
 
     agents = CHASERS + EVADERS
-    env: Any = pogema_v0(GridConfig(num_agents=agents, size=SIDE, obs_radius=4, density=0.3))
+    env: Any = PogemaLifeLong(
+        GridConfig(num_agents=agents, size=SIDE, obs_radius=4, density=0.3, on_target="restart")
+    )
     env.reset(seed=0)
     drawn, turns = np.random.default_rng(0).integers(5, size=(64, agents)).tolist(), count()
-
-    def step() -> None:
-        _, _, terminated, truncated, _ = env.step(drawn[next(turns) % 64])
-        if all(terminated) or all(truncated):
-            env.reset()
-
-    return f"POGEMA, {agents} agents, windows of radius 4", 1, step
+    name = f"POGEMA, {agents} agents, windows of radius 4"
+    return name, 1, lambda: env.step(drawn[next(turns) % 64])
 
 
 def jumanji() -> tuple[str, int, Step]:
