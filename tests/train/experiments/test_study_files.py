@@ -165,6 +165,16 @@ def test_a_file_is_multiplied_out(tmp_path: Path) -> None:
     assert (sweep.layout.x, sweep.layout.group) == ("maze", ["algorithm"])
 
 
+def test_seeds_can_belong_to_the_mazes(tmp_path: Path) -> None:
+    text = SWEEP.replace("seeds = [0, 1]", "seeds = [0, 1, 0]\npaired = true")
+    text = text.replace('["2x2", "3x3"]', '["3x3", "2x2", "2x2"]')
+    runs = load_study(write(tmp_path / "tiny.toml", text)).runs
+    seen = [(run.seed, run.settings.task.maze, run.settings.algorithm) for run in runs]
+    both = ("a2c", "q_learning")
+    wanted = [(0, "3x3"), (0, "2x2"), (1, "2x2")]
+    assert seen == [(*each, name) for each in wanted for name in both]
+
+
 def test_combinations_given_twice_are_run_once(tmp_path: Path) -> None:
     doubled = SWEEP.replace('["2x2", "3x3"]', '["2x2", "2x2"]').replace("[0, 1]", "[0, 0]")
     assert len(load_study(write(tmp_path / "tiny.toml", doubled)).runs) == 2

@@ -137,6 +137,18 @@ def test_variants_are_equal_only_within_the_given_margin() -> None:
     assert told.startswith("no difference shown")
 
 
+def test_the_share_of_the_improvement_in_the_last_third() -> None:
+    def share(*lengths: float) -> float | None:
+        curve = [{"frames": n, "mean_steps": value} for n, value in enumerate(lengths, start=1)]
+        found: float | None = curve_measures({}, curve)["last_share"]
+        return found
+
+    assert share(30.0, 20.0, 15.0, 12.0, 11.0, 10.0) == 0.1  # (12 - 10) / (30 - 10)
+    assert share(30.0, 20.0, 10.0, 10.0, 12.0, 10.0) == 0.0
+    assert share(10.0, 10.0, 10.0) is None
+    assert share(10.0, 9.0) is None
+
+
 def test_the_share_of_frames_on_the_hardest_stage() -> None:
     def share(*hardest: float | None) -> float | None:
         curve = [
