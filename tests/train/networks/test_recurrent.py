@@ -231,7 +231,12 @@ def test_unsupported_recurrent_networks_are_refused() -> None:
         settings_of(**{**flat, "recurrent": "rnn"})
     with pytest.raises(ValueError, match="not supported for an arm, which is fully observable"):
         settings_of(task="reacher", recurrent="gru", frames=1000)
-    assert {name for name, one in ALGORITHMS.items() if one.recurrent} == {"ppo", "a2c", "ippo", "mappo"}
+    assert {name for name, one in ALGORITHMS.items() if one.recurrent} == {
+        "ppo",
+        "a2c",
+        "ippo",
+        "mappo",
+    }
 
 
 @pytest.mark.parametrize("encoding", ["index", "positions"])
