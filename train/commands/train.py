@@ -112,9 +112,7 @@ def team_hint(given: AnyTask) -> str:
     if count < 2 or task.num_runners:
         return ""
     rest = f"the other {count - 1} play fixed policies" if count > 2 else "the other one is fixed"
-    return (
-        f"one of {count} {role}s learns, {rest}; to train all: --algorithm ippo (mappo, vdn, qmix)"
-    )
+    return f"one of {count} {role}s learns, {rest}; to train all: --algorithm ippo"
 
 
 def _defaults(arguments: Sequence[str]) -> TrainCommand[Hyperparameters]:

@@ -110,7 +110,7 @@ def test_teams_are_trained_and_compared_with_their_optimum(
         assert -1e-9 < evaluation["objective_gap"] < evaluation["optimality_gap"]
         hint = "one of 2 chasers learns, the other one is fixed; to train all: "
         found = re.findall(f"^{hint}(.*)", capsys.readouterr().out, re.MULTILINE)
-        assert found == ["--algorithm ippo"] * (team == "--num-chasers")
+        assert found == ["--algorithm ippo"] * (team == "--num-chasers"), found
     all_of_them = ("--algorithm", "ippo", "--num-chasers", "2", "--frames", "512")
     run("train", *TINY, *all_of_them, "--out", tmp_path / "all")
     printed = capsys.readouterr().out
