@@ -22,12 +22,20 @@ with a number R, is built in as well."""
 WINDOW = "window"
 MAX_WINDOW = 255
 """The largest R of "window:R"."""
+AGENT_ID = "+id"
+"""Suffix of an encoding that ends with the number of the agent within its role."""
+
+
+def without_id(encoding: str) -> str:
+    """The encoding without the suffix "+id"."""
+    return encoding.removesuffix(AGENT_ID)
 
 
 def is_builtin(encoding: object) -> bool:
     """Whether an encoding is built in, including "window:R"."""
     if not isinstance(encoding, str):
         return False
+    encoding = without_id(encoding)
     return encoding in ENCODINGS or re.fullmatch(rf"{WINDOW}:[0-9]+", encoding) is not None
 
 
@@ -37,7 +45,7 @@ def given_radius(encoding: str) -> int | None:
     Raises:
         ValueError: R is too large.
     """
-    _, colon, radius = encoding.partition(":")
+    _, colon, radius = without_id(encoding).partition(":")
     if not colon:
         return None
     if int(radius) > MAX_WINDOW:
@@ -57,7 +65,7 @@ def check_observation(name: object) -> None:
             "as window:4"
         )
     else:
-        OBSERVATIONS.check(name)
+        OBSERVATIONS.check(without_id(name) if isinstance(name, str) else name)
 
 
 class Observation(Protocol):

@@ -15,14 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.observations import encodings
-from pursuit.observations.custom import ENCODINGS as ENCODINGS
 from pursuit.observations.custom import (
+    AGENT_ID,
     WINDOW,
     CustomEncoding,
     Observation,
     given_radius,
     is_builtin,
+    without_id,
 )
+from pursuit.observations.custom import ENCODINGS as ENCODINGS
 from pursuit.rules.arrays import Array
 from pursuit.rules.layout import Games
 from pursuit.rules.visibility import (
@@ -62,6 +64,10 @@ class Encoder:
     - "index": int32 [entities + 1]: the indices of the ones of "one_hot" (for absent entities its
       size, a padding row). An embedding bag that sums rows then equals a matrix times "one_hot".
 
+    With the suffix "+id" (such as "index+id"), an observation ends with the number of the agent
+    among those of its role, as a one of k numbers or k planes, where k is the number of agents of
+    the largest role; "index+id" ends with one more row.
+
     With several mazes, cells, height and width are those of the largest.
 
     With exits, "planes" and "window" have a last plane "exits". If the task limits views, agents,
@@ -76,7 +82,8 @@ class Encoder:
 
     Raises:
         ValueError: an unknown encoding, a custom observation with a space other than Box, or an
-            encoding of rows and columns ("walls", "planes", "window") of a graph.
+            encoding of rows and columns ("walls", "planes", "window") of a graph, or "+id" of
+            "cells" and "walls" in grids.
 
     Attributes:
         shape, dtype: shape and dtype of one observation.
@@ -99,8 +106,17 @@ class Encoder:
         same_role = np.array(roles)[self._order] == np.array(roles)[:, None]
         self._codes = np.where(same_role, TEAM, OTHER)
         self._codes[:, 0] = SELF
-        self._own = None if is_builtin(encoding) else CustomEncoding(task, encoding)
-        self.space: Any = self._space(task) if self._own is None else self._own.space
+        self._plain: Encoder | None = None
+        self._own: CustomEncoding | None = None
+        if isinstance(encoding, str) and encoding.endswith(AGENT_ID):
+            self._plain = Encoder(task, without_id(encoding))
+            self._ids = [roles[:seat].count(role) for seat, role in enumerate(roles)]
+            self.space: Any = _space_with_id(self._plain, max(self._ids) + 1)
+        elif is_builtin(encoding):
+            self.space = self._space(task)
+        else:
+            self._own = CustomEncoding(task, encoding)
+            self.space = self._own.space
         self.shape, self.dtype = self.space.shape, self.space.dtype
 
     def _space(self, task: Task) -> gymnasium.spaces.Box:
@@ -149,13 +165,25 @@ class Encoder:
                 f"out of shape {out.shape} and dtype {out.dtype}; {self.encoding!r} needs {shape} "
                 f"and {self.dtype}"
             )
-        if self._own is not None:
+        if self._plain is not None:
+            self._fill_with_id(self._plain.encode(games, seats), self._ids[seats], out)
+        elif self._own is not None:
             out[:] = self._own.encode(games, seats)
         elif not out.flags.c_contiguous:
             out[:] = self.encode(games, seats)
         else:
             self._fill(games, seats, out)
         return out
+
+    def _fill_with_id(self, seen: Array, ids: list[int], out: Array) -> None:
+        """Fill `out` with observations, followed by the number of each agent."""
+        most = seen.shape[2]
+        out[:, :, :most], out[:, :, most:] = seen, 0
+        for seat, number in enumerate(ids):
+            if without_id(self.encoding) == "index":
+                out[:, seat, most] = most * self.num_cells + 1 + number
+            else:
+                out[:, seat, most + number] = 1
 
     def _fill(self, games: Games, seats: slice, out: Array) -> None:
         """Fill `out`, which is contiguous, with a built-in encoding."""
@@ -191,6 +219,22 @@ class Encoder:
             centred = self.encoding != "planes"
             exits = games.exit.shape[1]
             encodings.draw_planes(seen, at, *views, *self._grids, centred, exits, out)
+
+
+def _space_with_id(plain: Encoder, members: int) -> gymnasium.spaces.Box:
+    """The space of an encoding with the numbers of so many agents at its end."""
+    low, high, box = plain.space.low, plain.space.high, gymnasium.spaces.Box
+    if plain.encoding == "index":
+        most = int(high[0]) + members
+        return box(0, most, (len(high) + 1,), np.int32)
+    if low.ndim not in (1, 3):
+        raise ValueError(
+            f"observation {plain.encoding + AGENT_ID!r} has no place for the number of the agent; "
+            f"leave {AGENT_ID} out (agent_id=False), or use index, one_hot, positions, planes or "
+            "window:R"
+        )
+    more = np.zeros((members, *low.shape[1:]), low.dtype)
+    return box(np.concatenate([low, more]), np.concatenate([high, more + 1]), dtype=low.dtype)
 
 
 def _draws(codes: NDArray[np.int64], num_goals: int, num_exits: int) -> NDArray[np.int64]:

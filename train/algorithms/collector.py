@@ -14,16 +14,17 @@ from tensordict import TensorDictBase
 from pursuit.observations.masks import ACTION_MASK
 from train.algorithms.learner import VecEnv
 from train.environments.lockstep import LockstepEnv
+from train.environments.seat_env import CRITIC
 
 Columns = dict[str, torch.Tensor]
 Seen: TypeAlias = "Columns | TensorDictBase"
 """Observations and, after a step, its results, by name."""
-Cut = tuple[int, torch.Tensor, torch.Tensor, torch.Tensor]
+Cut = tuple[int, torch.Tensor, Columns, torch.Tensor]
 """A step, and of the games whose value after it is needed: numbers, observations, states."""
 Act = Callable[[Columns, torch.Tensor], tuple[Columns, torch.Tensor]]
 """(observations, states) -> ("action" and other columns to keep, next states)."""
 
-SEEN = ("observation", ACTION_MASK, "idle")
+SEEN = ("observation", ACTION_MASK, "idle", CRITIC)
 AFTER = ("reward", "terminated", "truncated", "done")
 NEXT_MASK = f"next_{ACTION_MASK}"
 
@@ -55,7 +56,7 @@ class Collector:
         steps: int,
         state_size: int = 0,
         device: str = "cpu",
-        value: Callable[[torch.Tensor, torch.Tensor], torch.Tensor] | None = None,
+        value: Callable[[Columns, torch.Tensor], torch.Tensor] | None = None,
         keep_next: bool = False,
         ended: Callable[[torch.Tensor], object] | None = None,
     ) -> None:
@@ -91,14 +92,15 @@ class Collector:
                     cut = cut & row["truncated"]
                 games = cut.nonzero().squeeze(-1)
                 if len(games):
-                    observation = after["observation"][games.cpu()].to(self.device)
-                    cuts.append((step, games, observation, self.state[games]))
+                    names = [name for name in ("observation", CRITIC) if name in row]
+                    seen = {name: after[name][games.cpu()].to(self.device) for name in names}
+                    cuts.append((step, games, seen, self.state[games]))
         columns = {name: torch.stack([row[name] for row in rows], dim=1) for name in rows[0]}
         if self.value is not None:
             after_cuts = columns["value_after"] = torch.zeros_like(columns["reward"])
             if cuts:
-                observations, states = map(torch.cat, list(zip(*cuts, strict=True))[2:])
-                values = self.value(observations, states)
+                seen = {name: torch.cat([cut[2][name] for cut in cuts]) for name in cuts[0][2]}
+                values = self.value(seen, torch.cat([cut[3] for cut in cuts]))
                 parts = torch.split(values, [len(cut[1]) for cut in cuts])
                 for (number, games, *_), part in zip(cuts, parts, strict=True):
                     after_cuts[games, number] = part

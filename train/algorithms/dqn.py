@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Any, ClassVar, cast
 
 import torch
 
@@ -11,10 +11,12 @@ from pursuit.observations.masks import ACTION_MASK
 from train.algorithms.collector import NEXT_MASK, Collector, Columns
 from train.algorithms.learner import Build, HasState, VecEnv
 from train.algorithms.off_policy import OffPolicyLearner
-from train.algorithms.replay import Batch, returns_to_expect, weighted_mean
+from train.algorithms.replay import NEXT_IDLE, Batch, returns_to_expect, weighted_mean
 from train.networks.distributions import masked
 from train.networks.policy import Player
 from train.networks.q_network import QNetwork
+from train.networks.separate import separate_networks
+from train.settings.algorithms import SHARED
 from train.settings.off_policy import DQNSettings
 
 
@@ -102,25 +104,45 @@ def dqn_loss(
         target: evaluates the next action.
         batch: "observation", "action", "reward", "next_observation", "terminated", "steps" (to the
             next observation); with prioritised replay "priority_weight"; with masks
-            "next_action_mask", the allowed next actions.
+            "next_action_mask", the allowed next actions. Of a team (`VDN`) observations and actions
+            are [batch, agents, ...], with "idle" and "next_idle" [batch, agents], the agents that
+            have left; values are the sums over the others.
         gamma: discount of a step.
         double: whether `network` chooses the next action.
 
     Returns:
         The loss, and |error| [batch], detached.
     """
+    team = NEXT_IDLE in batch
+
+    def agents(name: str) -> torch.Tensor:
+        """The rows of all agents."""
+        return batch[name].flatten(0, 1) if team else batch[name]
+
+    def joint(values: torch.Tensor, actions: torch.Tensor, idle: str) -> torch.Tensor:
+        """[batch] the values of these actions."""
+        chosen = values.gather(-1, actions).squeeze(-1)
+        return (chosen.view_as(batch[idle]) * ~batch[idle]).sum(dim=1) if team else chosen
+
+    seen, following = agents("observation"), agents("next_observation")
     with torch.no_grad():
-        next_values = target.forward_inference(batch["next_observation"])
-        chooser = network.forward_inference(batch["next_observation"]) if double else next_values
-        chooser = masked(chooser, batch.get(NEXT_MASK, None))
-    values = network.forward_inference(batch["observation"])
+        next_values = target.forward_inference(following)
+        chooser = network.forward_inference(following) if double else next_values
+        chooser = masked(chooser, agents(NEXT_MASK) if NEXT_MASK in batch else None)
     next_action = chooser.argmax(dim=-1, keepdim=True)
-    goal = returns_to_expect(batch, next_values.gather(-1, next_action).squeeze(-1), gamma)
-    error = values.gather(-1, batch["action"][:, None]).squeeze(-1) - goal
+    goal = returns_to_expect(batch, joint(next_values, next_action, NEXT_IDLE), gamma)
+    values = network.forward_inference(seen)
+    error = joint(values, agents("action")[:, None], "idle") - goal
     return weighted_mean(error.square(), batch), error.detach().abs()
 
 
 def network_of(settings: DQNSettings, player: Player, build: Build) -> QNetwork:
-    """A new action value network for the player."""
-    sizes = (player.features, player.num_actions, build.hidden(settings))
-    return QNetwork(*sizes, settings.dueling, build.fused).to(build.device)
+    """A new action value network for the player; with separate networks of its agents all."""
+
+    def new() -> QNetwork:
+        sizes = (player.features, player.num_actions, build.hidden(settings))
+        return QNetwork(*sizes, settings.dueling, build.fused)
+
+    separate = getattr(settings, "sharing", SHARED) != SHARED and player.members > 1
+    network: Any = separate_networks(new, player) if separate else new()
+    return cast(QNetwork, network.to(build.device))

@@ -22,12 +22,13 @@ from train.algorithms import (
     ppo,
     q_learning,
     regularized,
+    vdn,
 )
 from train.algorithms.learner import Build, Learner, network_loader
 from train.algorithms.rollouts import actor_critic_of
 from train.networks.policy import Player, Seat
 from train.networks.small_game_policy import SmallGameSeat
-from train.settings.algorithms import HYPERPARAMETERS, LEARNERS, Hyperparameters
+from train.settings.algorithms import HYPERPARAMETERS, LEARNERS, TUNED_AS, Hyperparameters
 from train.tensors import State
 
 __all__ = ["ALGORITHMS", "Algorithm", "Build", "entry", "register"]
@@ -46,7 +47,8 @@ class Algorithm:
         learns_distribution: whether it has a stochastic policy.
         has_advantages: whether it reports advantages to the hook of its environment.
         self_play: whether it can learn against a learning opponent.
-        teams: whether it can learn for several agents of a role.
+        teams: whether it can learn for several agents of a role in self-play.
+        whole_role: whether it learns for all agents of the role in `train` too.
         tabular: whether it has a table over the states of one maze or small game, and no network.
         recurrent: whether its network can be recurrent.
         actions: the kinds of actions that it supports: "discrete", "continuous".
@@ -61,6 +63,7 @@ class Algorithm:
     has_advantages: bool = False
     self_play: bool = False
     teams: bool = False
+    whole_role: bool = False
     tabular: bool = False
     recurrent: bool = False
     actions: frozenset[str] = frozenset({"discrete"})
@@ -80,6 +83,7 @@ class Algorithm:
             f"algorithm={self.name!r} is for self-play; use `pursuit self-play --algorithm "
             f"{self.name}`, or another algorithm",
         )
+        self.check_team(player)
         self.check_actions(player)
         check(
             greedy or self.learns_distribution,
@@ -116,6 +120,14 @@ class Algorithm:
             numbered or not self.tabular,
             f"algorithm={self.name!r} has a table over the cells of a maze, which this task does "
             f"not have; use {' or '.join(able)}",
+        )
+
+    def check_team(self, player: Player) -> None:
+        """ValueError where it trains all agents of a role, and the player has no role."""
+        check(
+            isinstance(player, Seat) or not self.whole_role,
+            f"algorithm={self.name!r} trains the teams of games in mazes; use "
+            f"{TUNED_AS.get(self.name, 'ppo')} here",
         )
 
     def check_memory(self, settings: Hyperparameters, player: Player) -> None:
@@ -225,4 +237,9 @@ _ours("td3", continuous.TD3, _LOAD_DETERMINISTIC, **_GREEDY, actions=CONTINUOUS)
 _ours("sac", continuous.SAC, network_loader(continuous.SAC.network_of), actions=CONTINUOUS)
 _ours("mmd", regularized.MMD.build, _LOAD_ACTOR_CRITIC, **_ROLLOUTS)
 _ours("rnad", regularized.RNaD.build, _LOAD_ACTOR_CRITIC, **_ROLLOUTS)
+_TEAM: Any = {"self_play": True, "teams": True, "whole_role": True}
+_TEAM_PPO: Any = {"has_advantages": True, "recurrent": True, **_TEAM}
+_ours("ippo", ppo.PPO.build, _LOAD_ACTOR_CRITIC, **_TEAM_PPO)
+_ours("mappo", ppo.PPO.build, _LOAD_ACTOR_CRITIC, **_TEAM_PPO)
+_ours("vdn", vdn.VDN, network_loader(dqn.network_of), **_GREEDY, **_TEAM)
 _ours("nfsp", nfsp.NFSP, network_loader(dqn.network_of), self_play=True)

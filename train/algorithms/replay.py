@@ -12,6 +12,8 @@ from train.tensors import State
 
 ALIGNED = 8
 """Alignment of rows, in bytes."""
+NEXT_IDLE = "next_idle"
+OF_STEP = ("observation", "action", "idle")
 
 Batch = Mapping[str, torch.Tensor]
 """Drawn rows, [batch, ...] by column name."""
@@ -177,7 +179,8 @@ def n_step_rows(rollout: Columns, gamma: float, n_steps: int) -> Columns:
 
     Returns:
         "observation" and "action" of the step; "reward", the discounted sum; "next_observation",
-        "terminated" and masks of the last step of the return; "steps" int64, its length.
+        "terminated" and masks of the last step of the return; "steps" int64, its length. Of teams
+        also "idle" and "next_idle", the agents that have left.
     """
     reward, done = rollout["reward"], rollout["done"]
     games, steps = reward.shape
@@ -188,14 +191,10 @@ def n_step_rows(rollout: Columns, gamma: float, n_steps: int) -> Columns:
         going = going[:, :there] & ~done[:, further - 1 : steps - 1]
         total[:, :there] += gamma**further * reward[:, further:] * going
         ahead[:, :there] += going
-    rows = {
-        "observation": rollout["observation"].flatten(0, 1),
-        "action": rollout["action"].flatten(0, 1),
-        "reward": total.flatten(),
-        "steps": ahead.flatten() + 1,
-    }
+    rows = {name: rollout[name].flatten(0, 1) for name in OF_STEP if name in rollout}
+    rows |= {"reward": total.flatten(), "steps": ahead.flatten() + 1}
     last = torch.arange(games * steps, device=reward.device) + ahead.flatten()
-    for name in ("next_observation", "terminated", NEXT_MASK):
+    for name in ("next_observation", "terminated", NEXT_MASK, NEXT_IDLE):
         if name in rollout:
             column = rollout[name].flatten(0, 1)
             rows[name] = column if n_steps == 1 else column.index_select(0, last)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any, cast
 
 import torch
 
@@ -10,11 +11,13 @@ from pursuit.observations.masks import ACTION_MASK
 from train.algorithms.advantages import advantages
 from train.algorithms.collector import Collector, Columns
 from train.algorithms.learner import Build, HasState, VecEnv, backward
+from train.environments.seat_env import CRITIC
 from train.networks.actor_critic import ActorCritic
 from train.networks.distributions import DISTRIBUTION
 from train.networks.fused_actor_critic import LossCoefficients
 from train.networks.policy import Player
-from train.settings.algorithms import ActorCriticSettings
+from train.networks.separate import separate_networks
+from train.settings.algorithms import SHARED, ActorCriticSettings
 
 Frames = dict[str, torch.Tensor]
 """Columns of training data. A row is a frame, or for a recurrent network a sequence;
@@ -30,15 +33,21 @@ def select(frames: Frames, chosen: torch.Tensor) -> Frames:
 
 
 def actor_critic_of(settings: ActorCriticSettings, player: Player, build: Build) -> ActorCritic:
-    """A new actor-critic network for the player."""
-    network = ActorCritic(
-        player.features,
-        player.num_actions,
-        build.hidden(settings),
-        settings.shared,
-        settings.action_std if player.continuous else None,
-    )
-    return network.to(build.device)
+    """A new actor-critic network for the player; with separate networks of its agents all."""
+
+    def new() -> ActorCritic:
+        return ActorCritic(
+            player.features,
+            player.num_actions,
+            build.hidden(settings),
+            settings.shared,
+            settings.action_std if player.continuous else None,
+            getattr(player, "critic_features", None),
+        )
+
+    separate = getattr(settings, "sharing", SHARED) != SHARED and player.members > 1
+    network: Any = separate_networks(new, player) if separate else new()
+    return cast(ActorCritic, network.to(build.device))
 
 
 class TorchEngine:
@@ -85,7 +94,7 @@ class TorchEngine:
 
     def _step(self, seen: Columns, state: torch.Tensor) -> tuple[Columns, torch.Tensor]:
         """Drawn actions with the columns that learning needs, and the next states."""
-        output, value, state = self.network.step(seen["observation"], state)
+        output, value, state = self.network.step(seen["observation"], state, seen.get(CRITIC))
         distribution = self.network.distribution(output, seen.get(ACTION_MASK, None))
         drawn = distribution.draw()
         columns = {
@@ -98,8 +107,8 @@ class TorchEngine:
             columns[DISTRIBUTION] = distribution.parameters
         return columns, state
 
-    def _value(self, observation: torch.Tensor, state: torch.Tensor) -> torch.Tensor:
-        return self.network.step(observation, state)[1].squeeze(-1)
+    def _value(self, seen: Columns, state: torch.Tensor) -> torch.Tensor:
+        return self.network.step(seen["observation"], state, seen.get(CRITIC))[1].squeeze(-1)
 
     def collect(self, gamma: float, gae_lambda: float) -> Frames:
         """A rollout with its advantages: frames, or for a recurrent network one sequence for every
@@ -113,15 +122,18 @@ class TorchEngine:
             self.env.hook.note_advantages(*(column.cpu().numpy() for column in noted))
         names = [self.network.form.DRAWN, "action_log_prob", "advantage", "value_target"]
         names += [name for name in (DISTRIBUTION, ACTION_MASK) if name in rollout]
-        prepare = self.network.policy_trunk.prepare
+        inputs = {"prepared": (self.network.policy_trunk, rollout["observation"])}
+        if CRITIC in rollout:
+            inputs["critic_prepared"] = (self.network.value_trunk, rollout[CRITIC])
         idle = rollout["idle"].squeeze(-1) if "idle" in rollout else None
         if self.network.policy_memory is not None:
             frames = {name: rollout[name] for name in (*names, "episode_start")}
-            frames["prepared"] = prepare(rollout["observation"])
+            frames |= {name: trunk.prepare(seen) for name, (trunk, seen) in inputs.items()}
             frames["state"] = self.collector.states[0]
             return frames if idle is None else frames | {"loss_mask": ~idle}
         frames = {name: rollout[name].flatten(0, 1) for name in names}
-        frames["prepared"] = prepare(rollout["observation"].flatten(0, 1))
+        for name, (trunk, seen) in inputs.items():
+            frames[name] = trunk.prepare(seen.flatten(0, 1))
         if idle is None:
             return frames
         return {name: column[~idle.flatten()] for name, column in frames.items()}

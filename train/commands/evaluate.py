@@ -10,6 +10,7 @@ from typing import Annotated, Any
 
 import tyro
 
+from pursuit.observations.custom import without_id
 from pursuit.replays.replay import with_suffix
 from pursuit.simulator.policy import Policy
 from pursuit.validation import at_least, check, choice
@@ -278,7 +279,7 @@ def load_run(given: EvaluateCommand) -> Loaded:
     if given.maze is not None:
         played = in_maze(settings.task, f"--maze {given.maze}")
         settings = replace(settings, task=replace(played, maze=given.maze))
-        if settings.observation in NO_WALLS:
+        if without_id(settings.observation) in NO_WALLS:
             warn(f"{given.run} observes {settings.observation!r}, which does not contain walls")
     named = {name: getattr(settings, name) for name in ("algorithm", "curriculum", "seed")}
     how = (settings.evaluate == "greedy", settings.hyper.last_gamma)

@@ -15,6 +15,9 @@ from pursuit.observations.masks import ACTION_MASK
 from train.environments.hooks import EpisodeHook
 from train.environments.lockstep import LockstepEnv
 
+CRITIC = "critic_observation"
+"""The key of the observations of a central critic."""
+
 
 class SeatEnv(LockstepEnv):
     """An environment in which the learner controls k seats of every game, policies the others.
@@ -64,11 +67,15 @@ class SeatEnv(LockstepEnv):
             spec["idle"] = Binary(n=1, shape=(batch, 1), dtype=torch.bool)
         if player.has_masks:
             spec[ACTION_MASK] = Binary(n=actions, shape=(batch, actions), dtype=torch.bool)
-        self.observation_spec = Composite(spec, shape=(batch,))
+        self.observation_spec = Composite(spec | self._more_specs(), shape=(batch,))
 
     @abstractmethod
     def _bounds(self) -> tuple[torch.Tensor, torch.Tensor]:
         """The least and the largest observation [*shape], in the dtype of observations."""
+
+    def _more_specs(self) -> dict[str, TensorSpec]:
+        """The specs of further observations."""
+        return {}
 
     def _returns(self, games: NDArray[np.bool_]) -> NDArray[np.float64]:
         returns: NDArray[np.float64] = self.simulator.returns[games, self.seats]

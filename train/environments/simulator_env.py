@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torchrl.data import Bounded, TensorSpec
 
 from pursuit.mazes.maze_arrays import lay_out
 from pursuit.observations.masks import action_masks, warn_of_masks
 from pursuit.simulator.simulator import Simulator
 from train.environments.lockstep import StepOutcome
-from train.environments.seat_env import SeatEnv
+from train.environments.seat_env import CRITIC, SeatEnv
 from train.networks.frames import FrameStack, Observations, shift
 from train.networks.policy import Seat
 
@@ -51,6 +52,14 @@ class SimulatorEnv(SeatEnv):
         low, high = (torch.as_tensor(bound, dtype=dtype) for bound in ends)
         return low, high
 
+    def _more_specs(self) -> dict[str, TensorSpec]:
+        encoder = self.player.critic_encoder
+        if encoder is None:
+            return {}
+        shape = (self.batch_size[0], *encoder.shape)
+        low, high = torch.as_tensor(encoder.space.low), torch.as_tensor(encoder.space.high)
+        return {CRITIC: Bounded(low.expand(shape), high.expand(shape), shape, dtype=low.dtype)}
+
     def _restarted(self, games: NDArray[np.intp]) -> None:
         self.idle[games] = False
         if self.stack is not None:
@@ -72,6 +81,9 @@ class SimulatorEnv(SeatEnv):
         found = {"observation": seen.flatten(0, 1)}
         if self.members > 1:
             found["idle"] = torch.from_numpy(self.idle.reshape(-1, 1).copy())
+        if self.player.critic:
+            central = self.player.critic_observations(simulator.games)
+            found[CRITIC] = torch.from_numpy(central).flatten(0, 1)
         if self.player.has_masks:
             task, over = simulator.task, simulator.terminated
             allowed = action_masks(simulator.games, self._world, task, self.seats, over)

@@ -24,6 +24,8 @@ class ActorCritic(nn.Module):
         shared: whether policy and value share the trunk.
         action_std: for continuous actions, the initial standard deviation of every dimension,
             before tanh; None for discrete actions.
+        critic: of the observation of a central critic, which has a trunk of its own; None where the
+            value is one of the policy's observation.
 
     Attributes:
         policy_trunk, value_trunk: the trunks; the same object where they are shared.
@@ -48,10 +50,12 @@ class ActorCritic(nn.Module):
         hidden: Hidden,
         shared: bool = True,
         action_std: float | None = None,
+        critic: Features | None = None,
     ) -> None:
         super().__init__()
+        shared = shared and critic is None
         self.policy_trunk = Trunk(features, hidden)
-        self.value_trunk = self.policy_trunk if shared else Trunk(features, hidden)
+        self.value_trunk = self.policy_trunk if shared else Trunk(critic or features, hidden)
         self.policy_memory = cell_of(hidden)
         self.value_memory = self.policy_memory if shared else cell_of(hidden)
         self.policy_head = head(hidden.width, num_actions, 0.01)
@@ -66,10 +70,23 @@ class ActorCritic(nn.Module):
         """Whether policy and value share their trunk."""
         return self.policy_trunk is self.value_trunk
 
-    def forward(self, observation: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Logits [..., actions], or means [..., numbers], and value [..., 1]."""
-        hidden, value_hidden = self.hidden(self.policy_trunk.prepare(observation))
+    def forward(
+        self, observation: torch.Tensor, critic: torch.Tensor | None = None
+    ) -> tuple[torch.Tensor, torch.Tensor]:
+        """Logits [..., actions], or means [..., numbers], and value [..., 1].
+
+        Args:
+            observation: [..., *shape].
+            critic: the observation of the central critic, where there is one.
+        """
+        hidden, value_hidden = self.hidden(*self._prepared(observation, critic))
         return self.policy_head(hidden), self.value_head(value_hidden)
+
+    def _prepared(
+        self, observation: torch.Tensor, critic: torch.Tensor | None
+    ) -> tuple[torch.Tensor, torch.Tensor | None]:
+        prepared = self.policy_trunk.prepare(observation)
+        return prepared, None if critic is None else self.value_trunk.prepare(critic)
 
     def logits(self, observation: torch.Tensor) -> torch.Tensor:
         """[..., actions], or means [..., numbers] before tanh; without the value."""
@@ -101,13 +118,19 @@ class ActorCritic(nn.Module):
         mean = self.logits(observation)
         return (mean if noise is None else mean + self.log_std.exp() * noise).tanh()
 
-    def hidden(self, prepared: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    def hidden(
+        self, prepared: torch.Tensor, critic: torch.Tensor | None = None
+    ) -> tuple[torch.Tensor, torch.Tensor]:
         """The outputs of the trunks for the two heads, [..., width] each, before recurrent cells.
 
-        `policy_trunk.prepare` serves both.
+        Args:
+            prepared: by `policy_trunk`, which serves both trunks without a central critic.
+            critic: the observation of the central critic, prepared by `value_trunk`.
         """
         hidden = self.policy_trunk(prepared)
-        return hidden, hidden if self.shared else self.value_trunk(prepared)
+        if self.shared:
+            return hidden, hidden
+        return hidden, self.value_trunk(prepared if critic is None else critic)
 
     # -- recurrence ------------------------------------------------------------------------------
 
@@ -133,7 +156,7 @@ class ActorCritic(nn.Module):
         return self.policy_head(hidden), state
 
     def step(
-        self, observation: torch.Tensor, state: torch.Tensor
+        self, observation: torch.Tensor, state: torch.Tensor, critic: torch.Tensor | None = None
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """As `forward`, and the next state [games, sum of `sizes`], which has 0 columns without
         recurrence.
@@ -141,10 +164,11 @@ class ActorCritic(nn.Module):
         Args:
             observation: [games, *shape].
             state: [games, sum of `sizes`], the state before the step.
+            critic: as of `forward`.
         """
         if self.policy_memory is None:
-            return *self(observation), state
-        hidden, value_hidden = self.hidden(self.policy_trunk.prepare(observation))
+            return *self(observation, critic), state
+        hidden, value_hidden = self.hidden(*self._prepared(observation, critic))
         own, other = torch.split(state, list(self.sizes), dim=-1)
         hidden, own = self.policy_memory.step(hidden, own)
         if self.shared:
@@ -160,15 +184,16 @@ class ActorCritic(nn.Module):
         """The inputs of the two heads, [frames, width] each, and the other columns of the frames.
 
         Args:
-            frames: columns [frames, ...] with "observation", or "prepared" by `Trunk.prepare`. For
-                a recurrent network, columns [games, steps, ...] of sequences: "episode_start" marks
-                the first steps of episodes, "state" [games, sum of `sizes`] is the state before the
-                first step, and the optional "loss_mask" selects the frames of the loss.
+            frames: columns [frames, ...] with "observation", or "prepared" by `Trunk.prepare`; with
+                a central critic "critic_prepared", by `value_trunk`. For a recurrent network,
+                columns [games, steps, ...] of sequences: "episode_start" marks the first steps of
+                episodes, "state" [games, sum of `sizes`] is the state before the first step, and
+                the optional "loss_mask" selects the frames of the loss.
         """
         prepared = frames.get("prepared", None)
         if prepared is None:
             prepared = self.policy_trunk.prepare(frames["observation"])
-        hidden, value_hidden = self.hidden(prepared)
+        hidden, value_hidden = self.hidden(prepared, frames.get("critic_prepared", None))
         if self.policy_memory is None:
             return hidden, value_hidden, frames
         own, other = torch.split(frames["state"], list(self.sizes), dim=-1)

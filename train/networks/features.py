@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.observations.custom import is_builtin
+from pursuit.observations.custom import is_builtin, without_id
 from pursuit.observations.observations import Encoder
 
 SEEN_AS: dict[str, Literal["planes", "grid", "flat"]] = {
@@ -57,14 +57,17 @@ def features_of(encoder: Encoder, num_agents: int) -> Features:
     if not is_builtin(encoder.encoding):  # user-defined: its bounds may be infinite
         largest = np.maximum(np.abs(encoder.space.low.astype(np.float64)), np.abs(high))
         high = np.where(np.isfinite(largest), largest, 1.0)
-    if encoder.encoding != "index":
+    if not is_builtin(encoder.encoding) or without_id(encoder.encoding) != "index":
         return Features("planes" if len(shape) == 3 else "flat", shape, high)
     cells, entities = encoder.num_cells, encoder.num_entities
     blocks = [min(entity, num_agents) for entity in range(entities)]
     blocks.append(num_agents + (entities > num_agents))  # the goal collected last
     num_rows = (blocks[-1] + 1) * cells
     rows = (np.array(blocks)[:, None] * cells + np.arange(cells)).ravel()
-    return Features("index", shape, high, np.append(rows, num_rows), num_rows)
+    members = int(high[-1]) - len(rows)  # of "index+id": rows of their own, before the padding
+    ids = num_rows + np.arange(members)
+    num_rows += members
+    return Features("index", shape, high, np.concatenate([rows, [num_rows], ids]), num_rows)
 
 
 def features_for(features: Features, network: str) -> Features:

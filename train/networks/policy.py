@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pursuit.mazes.maze import Maze
 from pursuit.mazes.maze_arrays import lay_out
-from pursuit.observations.custom import is_builtin
+from pursuit.observations.custom import AGENT_ID, is_builtin, without_id
 from pursuit.observations.masks import action_masks, has_masks
 from pursuit.observations.observations import Encoder
 from pursuit.rules.layout import Games
@@ -30,6 +30,7 @@ from train.networks.recurrent_policy import (
     numbers_fit,
     probabilities_of,
 )
+from train.settings.algorithms import STATE
 
 GAMES_AT_ONCE, NUMBERS_AT_ONCE = 65_536, 2**23
 """Largest number of games, and of numbers in their observations, in one forward pass."""
@@ -92,6 +93,9 @@ class Seat:
         frame_stack: number of stacked observations.
         network: its network, by the name in the settings.
         min_probability: its policies never play actions of lower probability, unless greedy.
+        team: whether all agents of the role learn together; then `agent` is the role.
+        critic: the observation of a central critic: "state", the cells of `state()` with the number
+            of the agent, or an encoding, seen with full view; "" for none.
     """
 
     task: Task
@@ -101,6 +105,8 @@ class Seat:
     frame_stack: int = 1
     network: str = "auto"
     min_probability: float = 0.0
+    team: bool = False
+    critic: str = ""
     continuous: ClassVar[bool] = False
 
     @property
@@ -144,6 +150,33 @@ class Seat:
     def features(self) -> Features:
         """The features of the network's input."""
         return features_for(stacked(self.seen, self.frame_stack), self.network)
+
+    @cached_property
+    def critic_encoder(self) -> Encoder | None:
+        """The encoding of the central critic's observation, of the task with full views."""
+        if not self.critic:
+            return None
+        full = replace(self.task, view_radius=None, line_of_sight=False, unknown_maze=False)
+        return Encoder(full, f"index{AGENT_ID}" if self.critic == STATE else self.critic)
+
+    @cached_property
+    def critic_features(self) -> Features | None:
+        """The features of the central critic's observation; None without one."""
+        encoder = self.critic_encoder
+        if encoder is None:
+            return None
+        return features_for(features_of(encoder, self.task.num_agents), "auto")
+
+    def critic_observations(self, games: Games) -> Observations:
+        """[games, members, *shape]: the observations of the central critic; requires one."""
+        assert self.critic_encoder is not None
+        first, last = self.number, self.number + self.members
+        if self.critic != STATE:
+            return self.critic_encoder.encode(games, slice(first, last))
+        state = self.critic_encoder.encode(games, slice(first, first + 1))
+        seen = state.repeat(self.members, axis=1)  # entities in one order for all
+        seen[:, :, -1] += np.arange(self.members)
+        return seen
 
     def policy(self, network: PolicyNetwork, greedy: bool = True) -> Any:
         """A policy with this network: a `LearnedPolicy` where it observes cells only, a
@@ -313,7 +346,7 @@ class LearnedPolicy(NetworkPolicy):
         walls and has the same shape."""
         if maze in self.task.mazes:
             return True
-        if self.encoding in NO_WALLS:
+        if without_id(self.encoding) in NO_WALLS:
             return False
         return tuple(Encoder(self._in_maze(maze), self.encoding).shape) == self._shape
 

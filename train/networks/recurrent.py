@@ -84,7 +84,7 @@ def flattened(frames: Mapping[str, torch.Tensor]) -> dict[str, torch.Tensor]:
         frames: columns [games, steps, ...]; "loss_mask" [games, steps] bool selects the frames of
             the loss. Columns that only sequences have are dropped.
     """
-    spent = {"observation", "prepared", "state", "episode_start", "loss_mask"}
+    spent = {"observation", "prepared", "critic_prepared", "state", "episode_start", "loss_mask"}
     flat = {name: column.flatten(0, 1) for name, column in frames.items() if name not in spent}
     if "loss_mask" in frames:
         chosen = frames["loss_mask"].flatten().nonzero().squeeze(-1)

@@ -8,6 +8,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from pursuit.observations.custom import without_id
 from pursuit.simulator.policy import GameView, Memory
 from pursuit.tasks.task import Task
 from train.networks.distributions import masked
@@ -62,7 +63,7 @@ def chosen_from(
 
 def numbers_fit(encoding: str, own: Task, other: Task) -> bool:
     """Whether cell numbers have the same meaning in two tasks, for encodings that contain them."""
-    return encoding not in ("index", "positions") or own.max_cells == other.max_cells
+    return without_id(encoding) not in ("index", "positions") or own.max_cells == other.max_cells
 
 
 def check_looks(

@@ -12,6 +12,7 @@ from math import prod
 from typing import Any
 
 from pursuit.memory import check_memory
+from pursuit.observations.custom import without_id
 from pursuit.validation import check
 from train.algorithms.registry import Algorithm, Build, entry
 from train.environments.small_game_env import SmallGameTrainingEnv
@@ -107,7 +108,7 @@ def parts_of(settings: AgentSettings, rank: int = 0) -> Parts:
             )
     world = world_of(settings.task)
     mazes = len(getattr(world.task, "mazes", ()))
-    if mazes > 1 and settings.observation in NO_WALLS:
+    if mazes > 1 and without_id(settings.observation) in NO_WALLS:
         warnings.warn(
             f"observation={settings.observation!r} does not contain walls, so {mazes} mazes are "
             "indistinguishable; use window:R, planes or walls",

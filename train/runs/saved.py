@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from pursuit.observations.custom import is_builtin
+from pursuit.observations.custom import AGENT_ID, is_builtin, without_id
 from pursuit.plugins import check_trusted
 from pursuit.validation import check
 from train.algorithms.registry import entry
@@ -25,6 +26,7 @@ from train.runs.tasks import (
     player_in,
     task_of,
 )
+from train.settings.algorithms import SHARED
 from train.settings.common import with_memory
 from train.settings.curricula import curriculum_form
 from train.settings.presets import SIZES, TUNED, preset_task
@@ -129,5 +131,29 @@ def player_of(settings: AgentSettings) -> AnySeat:
     unseen = agent.startswith("runner") and len(task.mazes) > 1 and is_builtin(settings.observation)
     plans = settings.network == "auto" and settings.device == "cpu" and unseen
     network = "planning" if plans else settings.network
-    how = (settings.observation, given.mask_bumps, settings.frame_stack, network)
-    return Seat(played, agent, *how, settings.min_probability or 0.0)
+    how = (given.mask_bumps, settings.frame_stack, network, settings.min_probability or 0.0)
+    return team_seat(Seat(played, agent, settings.observation, *how), settings)
+
+
+def team_seat(seat: Seat, settings: AgentSettings) -> Seat:
+    """The seat of all agents of the role, if the algorithm trains these; ValueError for a single
+    agent of a role then."""
+    hyper: Any = settings.hyper
+    if not entry(settings.algorithm).whole_role:
+        return seat
+    check(
+        seat.agent == seat.role,
+        f"role={seat.agent!r}, but {settings.algorithm} trains all agents of a role; give "
+        f"{seat.role}, or use ppo or dqn",
+    )
+    sharing = getattr(hyper, "sharing", SHARED)
+    check(
+        sharing == SHARED or settings.frame_stack == 1,
+        f"frame_stack={settings.frame_stack} with sharing={sharing!r}; use sharing=shared",
+    )
+    encoding = without_id(seat.encoding)
+    if getattr(hyper, "with_id", False) and seat.members > 1:
+        encoding += AGENT_ID
+    return replace(
+        seat, encoding=encoding, team=True, critic=getattr(hyper, "critic_observation", "")
+    )

@@ -84,14 +84,18 @@ class GridWorld:
         """
         assert isinstance(seat, Seat)
         number, policies = fill_seats(seat.task, seat.agent, self.opponents)
+        members = seat.members if seat.team else 1
+        seats = slice(number, number + members)
+        policies[seats] = [None] * members
         metrics = EpisodeMetrics(
             lambda games: won_by(games, number),
-            lambda games: games.returns[:, number],
+            lambda games: games.returns[:, seats].mean(axis=1),
             measure_of(seat.task, seat.role) != BY_MOST_STEPS,
         )
-        simulator = Simulator(seat.task, num_games, seed, first_game, auto_restart=False)
+        count = num_games // members
+        simulator = Simulator(seat.task, count, seed, first_game, auto_restart=False)
         teacher = None if plan is None else Teacher(plan, simulator, metrics)
-        return SimulatorEnv(simulator, seat, policies, teacher), teacher
+        return SimulatorEnv(simulator, seat, policies, teacher, members), teacher
 
     def contest(self, episodes: int, seed: int = EVALUATION_SEED) -> GameContest | SuiteContest:
         """The contest of evaluations: in the task itself, independent of the curriculum."""

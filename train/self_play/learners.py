@@ -13,7 +13,7 @@ from scripted_agents.games.enumeration import names_of_players
 from scripted_agents.games.named import game_named
 from train.files import Plain
 from train.runs.tasks import discount_of, profile_of
-from train.settings.algorithms import Hyperparameters, hyperparameter_form
+from train.settings.algorithms import TUNED_AS, Hyperparameters, hyperparameter_form
 from train.settings.common import with_memory
 from train.settings.presets import hyperparameters
 from train.settings.reading import check_names, names_of, settings_with, typed
@@ -58,7 +58,9 @@ def learning_side(role: str, task: PlayedTask, common: Plain, own: Plain) -> Lea
         given["gamma"] = common["gamma_end"]  # both sides end with the same discount
     given |= {name: value for name, value in own.items() if name != ALGORITHM}
     hyper: Hyperparameters = default
-    if algorithm != "ppo":
+    if TUNED_AS.get(algorithm) == "ppo":
+        hyper = replace(form(), **vars(default))
+    elif algorithm != "ppo":
         tuned = hyperparameters(algorithm, profile_of(with_role(task, role)))
         same: Plain = {"gamma": default.gamma, "gamma_end": None, "recurrent": None}
         hyper = replace(tuned, **{name: same[name] for name in same if name in names})

@@ -29,7 +29,7 @@ from train.networks.small_game_policy import SmallGameSeat
 from train.runs.forms import RESTORE
 from train.runs.opponents import player_policy, policy_in_seat
 from train.runs.parts import build_of, check_sizes
-from train.runs.saved import player_of
+from train.runs.saved import player_of, team_seat
 from train.runs.tasks import check_one_maze, game_of, reward_scale, task_of
 from train.self_play.learners import players_of, unchecked_self_play, with_role
 from train.self_play.side import SideParts
@@ -124,6 +124,7 @@ def self_play_parts(settings: SelfPlayBase) -> SelfPlayParts:
     for role in settings.learning:
         own = side_settings(settings, role)
         seat = Seat(task, role, own.observation, played.mask_bumps, own.frame_stack, own.network)
+        seat = team_seat(seat, own)
         # Returns of up to 1 / (1 - gamma) steps would make the value loss dominate.
         scale = 1.0 - discount if played.rewards == "zero_sum" else 1.0
         sides[role] = side_parts(own, seat, discount, scale, training)
@@ -136,6 +137,7 @@ def side_parts(
     """The parts of the side with these settings; ValueError if they do not fit."""
     check_sizes(own.hyper, seat)
     algorithm = entry(own.algorithm)
+    algorithm.check_team(seat)
     algorithm.check_memory(own.hyper, seat)
     how = (discount, scale, training, own.min_probability or 0.0)
     return SideParts(seat, algorithm, own.hyper, build_of(own), *how)

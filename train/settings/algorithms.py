@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
+from pursuit.observations.custom import check_observation
 from pursuit.plugins import Registry
-from pursuit.validation import check
-from train.settings.checks import Count, NotNegative, Positive, Share
+from pursuit.validation import check, choice
+from train.settings.checks import Count, NotNegative, Positive, Settings, Share
 from train.settings.hyperparameters import Activation, Momentum
 from train.settings.hyperparameters import Hyperparameters as Hyperparameters
 from train.settings.hyperparameters import NetworkSettings as NetworkSettings
@@ -16,6 +17,11 @@ from train.settings.off_policy import DQNSettings as DQNSettings
 from train.settings.off_policy import NFSPSettings as NFSPSettings
 from train.settings.off_policy import SACSettings as SACSettings
 from train.settings.off_policy import TD3Settings as TD3Settings
+
+SHARED, SEPARATE = "shared", "separate"
+"""Whether the agents of a role share one network."""
+STATE = "state"
+"""The observation of a central critic that has the cells of all agents, goals and exits."""
 
 
 @dataclass(frozen=True)
@@ -115,6 +121,50 @@ def ppo_settings(settings: ActorCriticSettings, **own: float) -> PPOSettings:
     names = {field.name for field in fields(PPOSettings)}
     shared = {name: value for name, value in vars(settings).items() if name in names} | own
     return PPOSettings(**shared, minibatch_size=shared["num_games"] * shared["rollout_steps"])
+
+
+@dataclass(frozen=True)
+class TeamSettings(Settings):
+    """Hyperparameters of algorithms that train all agents of a role."""
+
+    sharing: Annotated[str, choice(SHARED, SEPARATE)] = SHARED
+    """Whether the agents of the role share one network (shared), or each has its own (separate)."""
+    agent_id: bool = True
+    """Whether the agents of a team observe their number within the role (encoding +id). Separate
+    networks always do."""
+
+    @property
+    def with_id(self) -> bool:
+        """Whether observations end with the number of the agent."""
+        return self.agent_id or self.sharing == SEPARATE
+
+
+@dataclass(frozen=True)
+class IPPOSettings(TeamSettings, PPOSettings):
+    """Independent PPO of all agents of a role (de Witt et al., 2020): every agent has a value of
+    its own observation."""
+
+
+@dataclass(frozen=True)
+class MAPPOSettings(TeamSettings, PPOSettings):
+    """PPO of all agents of a role with a central critic (Yu et al., 2022): values are of the state,
+    which policies need not observe."""
+
+    critic_observation: str = STATE
+    """Observation of the critic: state (the cells of all agents, goals and exits, with the number
+    of the agent), or an observation such as planes, seen with full view."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.critic_observation != STATE:
+            check_observation(self.critic_observation)
+        check(self.critic, "critic=False with a central critic; use algorithm ippo")
+
+
+@dataclass(frozen=True)
+class VDNSettings(TeamSettings, DQNSettings):
+    """Value decomposition networks (Sunehag et al., 2018): deep Q-learning of the sum of the action
+    values of all agents of a role, from their mean reward."""
 
 
 @dataclass(frozen=True)
@@ -280,8 +330,15 @@ HYPERPARAMETERS: dict[str, type[Hyperparameters]] = {
     "mmd": MMDSettings,
     "rnad": RNaDSettings,
     "nfsp": NFSPSettings,
+    "ippo": IPPOSettings,
+    "mappo": MAPPOSettings,
+    "vdn": VDNSettings,
 }
 """The hyperparameters of every algorithm by name; see `algorithms/registry.py` for the learners."""
+
+
+TUNED_AS = {"ippo": "ppo", "mappo": "ppo", "vdn": "dqn"}
+"""The algorithms whose tuned hyperparameters others have."""
 
 
 def is_algorithm(part: object) -> bool:

@@ -12,6 +12,7 @@ from pursuit.validation import check, one_of
 from train.files import Plain
 from train.settings.algorithms import (
     HYPERPARAMETERS,
+    TUNED_AS,
     ActorCriticSettings,
     Hyperparameters,
     NetworkSettings,
@@ -197,6 +198,7 @@ def tuned(algorithm: str, setting: TaskProfile) -> Hyperparameters:
     hyper = hyperparameter_form(algorithm)()
     if algorithm not in HYPERPARAMETERS or hyper.SELF_PLAY_ONLY:  # their defaults are used
         return hyper
+    algorithm = TUNED_AS.get(algorithm, algorithm)
     table = "unseen_mazes" if setting.unseen_mazes and algorithm == "ppo" else "mazes"
     for rule in TUNED_RULES["arms" if setting.task == "reacher" else table]:
         applies = (

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Generic, TypeVar
 
+from pursuit.observations.custom import without_id
 from pursuit.validation import at_least, check, choice
 from train.settings.algorithms import Hyperparameters, PPOSettings
 from train.settings.checks import threads_from
@@ -91,7 +92,7 @@ class TrainSettings(RunSettings, Generic[S]):
             object.__setattr__(self, "observation", self.task.OBSERVATION)
         super().__post_init__()
         self.task.check_observation(self.observation)
-        planned = self.observation == "planes" or self.observation.split(":")[0] == "window"
+        planned = without_id(self.observation).split(":")[0] in ("planes", "window")
         check(
             self.network != "planning" or (planned and self.device == "cpu"),
             f"network='planning' with observation={self.observation!r} on device={self.device!r}; "

@@ -153,6 +153,9 @@ SMALL: dict[str, dict[str, Any]] = {
     "mmd": {"num_games": 32, "minibatch_size": 128},
     "rnad": {"num_games": 32, "minibatch_size": 128},
     "nfsp": {"num_games": 32, "batch_size": 64, "learning_starts": 100, "anticipatory": 0.5},
+    "ippo": {"num_games": 32, "minibatch_size": 128},
+    "mappo": {"num_games": 32, "minibatch_size": 128},
+    "vdn": {"num_games": 32, "batch_size": 64, "learning_starts": 100},
 }
 
 

@@ -31,6 +31,8 @@ THREE = "small_games:RandomGame(players=3,seed=5)"
 NIM = "small_games:Nim"
 SIZES: dict[str, dict[str, Any]] = {
     "ppo": {"rollout_steps": 8, "minibatch_size": 128},
+    "ippo": {"rollout_steps": 8, "minibatch_size": 128},
+    "mappo": {"rollout_steps": 8, "minibatch_size": 128},
     "a2c": {"rollout_steps": 8},
     "mmd": {"rollout_steps": 8, "minibatch_size": 128},
     "rnad": {"rollout_steps": 8, "minibatch_size": 128},
@@ -39,10 +41,15 @@ SIZES: dict[str, dict[str, Any]] = {
     "cross_entropy": {"population": 32},
     "command_games:LEARNER": {"rollout_steps": 8},
 }
+OF_TEAMS = [name for name, algorithm in ALGORITHMS.items() if algorithm.whole_role]
 ALONE = [
-    n for n, a in ALGORITHMS.items() if "discrete" in a.actions and not a.settings.SELF_PLAY_ONLY
+    name
+    for name, algorithm in ALGORITHMS.items()
+    if "discrete" in algorithm.actions
+    and not algorithm.settings.SELF_PLAY_ONLY
+    and name not in OF_TEAMS
 ]
-TOGETHER = [name for name, algorithm in ALGORITHMS.items() if algorithm.self_play]
+TOGETHER = [n for n, a in ALGORITHMS.items() if a.self_play and n not in OF_TEAMS]
 
 
 def settings(algorithm: str, **given: Any) -> dict[str, Any]:
@@ -59,6 +66,13 @@ def check_metrics(folder: Path) -> None:
     assert rows
     for row in rows:
         assert all(math.isfinite(float(value)) for value in row.values() if value), row
+
+
+@pytest.mark.parametrize("algorithm", OF_TEAMS)
+def test_algorithms_of_teams_are_refused(algorithm: str) -> None:
+    for make in (train.settings_of, self_play_settings_of):
+        with pytest.raises(ValueError, match=r"trains the teams of games in mazes; use (ppo|dqn)"):
+            make(**settings(algorithm, game=MASKED))
 
 
 @pytest.mark.filterwarnings("ignore:frames=")
