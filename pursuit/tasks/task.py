@@ -127,7 +127,8 @@ class Task:
         rewards: a name ("goal", "completion", "distance", "zero_sum", "win_loss", or "pursuit_v5":
             `PursuitV5Rewards`); a dict from role to `Rewards` (roles left out use "goal"); the same
             as text ("chaser.step=-0.1,evader.capture=-2"; without a role for all roles); or a
-            custom reward function or its name "package.module:Name" (see `pursuit.tasks.rewards.RewardFunction`).
+            custom reward function or its name "package.module:Name" (see
+            `pursuit.tasks.rewards.RewardFunction`).
         view_radius: the path distance up to which an agent sees: None (no limit), a number, a dict
             ({"chaser": 2, "evader_0": None}; an agent's entry overrides its role's), or the same as
             text ("2", "chaser=2,evader_0=3"). What is out of view is absent from the observation.

@@ -127,8 +127,8 @@ def check_plays_pursuit_v5(policy: Any, env: Any) -> Any:
     encoding, task = getattr(policy, "encoding", None), getattr(policy, "task", None)
     check(
         encoding == ENCODING and role_of(policy) == "chaser",
-        f"the policy of the {role_of(policy)} observes {encoding!r}, but pursuers of pursuit_v5 see "
-        f"{ENCODING!r}{remedy}",
+        f"the policy of the {role_of(policy)} observes {encoding!r}, but pursuers of pursuit_v5 "
+        f"see {ENCODING!r}{remedy}",
     )
     space = env.observation_space(env.possible_agents[0])
     own = Simulator(task).encoder(ENCODING).space

@@ -178,8 +178,8 @@ def hyperparameters(
     own: Plain = TASK_PRESETS.get(preset, {}).get("hyper", {owner: {}})
     check(
         owner is None or algorithm in own,
-        f"preset={preset!r} is for algorithm {' or '.join(map(repr, own))}, not {algorithm!r}; leave "
-        "one of them out",
+        f"preset={preset!r} is for algorithm {' or '.join(map(repr, own))}, not {algorithm!r}; "
+        "leave one of them out",
     )
     if preset in TASK_PRESETS:
         hyper = form(**own[algorithm])

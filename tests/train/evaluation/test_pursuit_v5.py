@@ -84,10 +84,8 @@ def test_a_policy_plays_there_as_here(monkeypatch: pytest.MonkeyPatch, greedy: b
 
 
 def test_the_summary_counts_agents_and_episodes() -> None:
-    found = PursuitV5Episodes(
-        np.array([[1.0, 3.0], [5.0, 7.0]]), np.array([500, 9]), np.array([2, 4])
-    )
-    summary = found.summary()
+    returns = np.array([[1.0, 3.0], [5.0, 7.0]])
+    summary = PursuitV5Episodes(returns, np.array([500, 9]), np.array([2, 4])).summary()
     assert summary["mean_return"] == 4.0 and summary["total_return"] == 8.0
     assert summary["ci95"] == pytest.approx(1.96 * 8**0.5 / 2**0.5)
     assert (summary["mean_steps"], summary["mean_caught"], summary["episodes"]) == (254.5, 3.0, 2)
