@@ -16,7 +16,7 @@ from train.networks.distributions import masked
 from train.networks.policy import Player
 from train.networks.q_network import QNetwork
 from train.networks.separate import separate_networks
-from train.settings.algorithms import SHARED
+from train.settings.algorithms import SEPARATE, SHARED
 from train.settings.off_policy import DQNSettings
 
 
@@ -143,6 +143,6 @@ def network_of(settings: DQNSettings, player: Player, build: Build) -> QNetwork:
         sizes = (player.features, player.num_actions, build.hidden(settings))
         return QNetwork(*sizes, settings.dueling, build.fused)
 
-    separate = getattr(settings, "sharing", SHARED) != SHARED and player.members > 1
+    separate = getattr(settings, "sharing", SHARED) == SEPARATE and player.members > 1
     network: Any = separate_networks(new, player) if separate else new()
     return cast(QNetwork, network.to(build.device))

@@ -17,7 +17,7 @@ from train.networks.distributions import DISTRIBUTION
 from train.networks.fused_actor_critic import LossCoefficients
 from train.networks.policy import Player
 from train.networks.separate import separate_networks
-from train.settings.algorithms import SHARED, ActorCriticSettings
+from train.settings.algorithms import SEPARATE, SHARED, ActorCriticSettings
 
 Frames = dict[str, torch.Tensor]
 """Columns of training data. A row is a frame, or for a recurrent network a sequence;
@@ -45,7 +45,7 @@ def actor_critic_of(settings: ActorCriticSettings, player: Player, build: Build)
             getattr(player, "critic_features", None),
         )
 
-    separate = getattr(settings, "sharing", SHARED) != SHARED and player.members > 1
+    separate = getattr(settings, "sharing", SHARED) == SEPARATE and player.members > 1
     network: Any = separate_networks(new, player) if separate else new()
     return cast(ActorCritic, network.to(build.device))
 

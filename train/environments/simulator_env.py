@@ -13,14 +13,16 @@ from pursuit.simulator.simulator import Simulator
 from train.environments.lockstep import StepOutcome
 from train.environments.seat_env import CRITIC, SeatEnv
 from train.networks.frames import FrameStack, Observations, shift
+from train.networks.joint_policy import parts_of
 from train.networks.policy import Seat
 
 
 class SimulatorEnv(SeatEnv):
     """An environment in which the learner controls k agents of every game, policies the others.
 
-    The learner's agents have consecutive indices: a single agent, or all of a role, which then
-    learn with shared parameters (independent PPO; de Witt et al., 2020). An episode ends with its
+    The learner's agents have consecutive indices: a single agent, or all of a role. With k = 1 and
+    `Seat.joint` the learner chooses joint actions of all agents of the role, for their mean
+    reward. An episode ends with its
     game, or when none of the learner's agents is active. With k > 1, a captured agent is "idle"
     ([batch, 1] bool) while others continue; its data is excluded from learning.
 
@@ -30,6 +32,7 @@ class SimulatorEnv(SeatEnv):
     Arguments are those of `SeatEnv`.
 
     Attributes:
+        moved: the indices of the agents that the learner moves.
         frames: [batch, frame_stack, ...], the stacked observations, with frame stacking.
     """
 
@@ -39,6 +42,8 @@ class SimulatorEnv(SeatEnv):
     def _bounds(self) -> tuple[torch.Tensor, torch.Tensor]:
         simulator, player = self.simulator, self.player
         self._world = lay_out(simulator.task.mazes).world
+        agents = simulator.task.count(player.role) if player.joint else self.members
+        self.moved = slice(self.seat, self.seat + agents)
         if player.mask_bumps:
             warn_of_masks(simulator.task)
         encoder = simulator.encoder(self.encoding)
@@ -90,12 +95,28 @@ class SimulatorEnv(SeatEnv):
             self._masked(found, allowed.reshape(-1, allowed.shape[-1]))
         return found
 
+    def _move(self, actions: torch.Tensor) -> NDArray[np.float32]:
+        if not self.player.joint:
+            return super()._move(actions)
+        task, role = self.simulator.task, self.player.agent
+        self.simulator.act(self.policies, self._actions)
+        self._actions[:, self.moved] = parts_of(actions.numpy(), task, role)
+        self.simulator.step(self._actions)
+        rewards: NDArray[np.float32] = self.simulator.rewards[:, self.moved]
+        return rewards.mean(axis=1, keepdims=True) * np.float32(self.scale)
+
+    def _returns(self, games: NDArray[np.bool_]) -> NDArray[np.float64]:
+        returns: NDArray[np.float64] = self.simulator.returns[games, self.moved].mean(axis=1)
+        return returns
+
     def _play(self, actions: torch.Tensor) -> StepOutcome:
         """One step with the learner's actions [batch] int64."""
         simulator, rewards = self.simulator, self._move(actions)
         if self.stack is not None:
             shift(self.frames)
-        caught = simulator.active[:, self.seats] == 0
+        caught = simulator.active[:, self.moved] == 0
+        if self.player.joint:
+            caught = caught.all(axis=1, keepdims=True)
         terminated = simulator.terminated[:, None] | caught
         truncated = simulator.truncated[:, None] & ~caught
         over = (terminated | truncated).all(axis=1)

@@ -22,6 +22,7 @@ from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task
 from train.networks.features import Features, features_for, features_of
 from train.networks.frames import Observations, stacked
+from train.networks.joint_policy import JointPolicy
 from train.networks.layers import Network, float32_inference
 from train.networks.recurrent_policy import (
     RecurrentPolicy,
@@ -94,6 +95,7 @@ class Seat:
         network: its network, by the name in the settings.
         min_probability: its policies never play actions of lower probability, unless greedy.
         team: whether all agents of the role learn together; then `agent` is the role.
+        joint: whether the team is one player, whose actions are the joint actions of all agents.
         critic: the observation of a central critic: "state", the cells of `state()` with the number
             of the agent, or an encoding, seen with full view; "" for none.
     """
@@ -106,6 +108,7 @@ class Seat:
     network: str = "auto"
     min_probability: float = 0.0
     team: bool = False
+    joint: bool = False
     critic: str = ""
     continuous: ClassVar[bool] = False
 
@@ -121,13 +124,13 @@ class Seat:
 
     @property
     def members(self) -> int:
-        """The number of agents of that role."""
-        return self.task.count(self.role)
+        """The number of players of that role: its agents, or the team as one player."""
+        return 1 if self.joint else self.task.count(self.role)
 
     @property
     def num_actions(self) -> int:
-        """4, or 5 with the stay action."""
-        return self.task.num_actions
+        """4, or 5 with the stay action; of a team as one player all joint actions."""
+        return self.task.num_actions ** (self.task.count(self.role) if self.joint else 1)
 
     def masks(self, view: GameView) -> NDArray[np.bool_] | None:
         """[games, actions]: the action mask of the agent of the view; None allows all."""
@@ -179,8 +182,11 @@ class Seat:
         return seen
 
     def policy(self, network: PolicyNetwork, greedy: bool = True) -> Any:
-        """A policy with this network: a `LearnedPolicy` where it observes cells only, a
-        `RecurrentPolicy` with memory or stacked observations, else a `NetworkPolicy`."""
+        """A policy with this network: a `JointPolicy` of a team as one player, a `RecurrentPolicy`
+        with memory or stacked observations, a `LearnedPolicy` where it observes cells only, else a
+        `NetworkPolicy`."""
+        if self.joint:
+            return JointPolicy(LearnedPolicy(network, self, greedy))
         if self.frame_stack > 1 or getattr(network, "policy_memory", None) is not None:
             return RecurrentPolicy(network, self, greedy)
         sees_more = not is_builtin(self.encoding) and not sees_cells_only(self.task, self.encoding)
@@ -306,7 +312,7 @@ class LearnedPolicy(NetworkPolicy):
         self, encoder: Encoder, task: Task, games: Games, seat: int
     ) -> NDArray[np.float64]:
         """[games, actions] float64, computed in batches of limited size."""
-        probabilities = np.empty((len(games.steps), task.num_actions))
+        probabilities = np.empty((len(games.steps), self.seat.num_actions))
         at_once = max(min(GAMES_AT_ONCE, NUMBERS_AT_ONCE // math.prod(self._shape)), 1)
         own, world, allowed = slice(seat, seat + 1), lay_out(task.mazes).world, None
         for first in range(0, len(probabilities), at_once):

@@ -26,7 +26,7 @@ from train.runs.tasks import (
     player_in,
     task_of,
 )
-from train.settings.algorithms import SHARED
+from train.settings.algorithms import JOINT, SHARED
 from train.settings.common import with_memory
 from train.settings.curricula import curriculum_form
 from train.settings.presets import SIZES, TUNED, preset_task
@@ -42,6 +42,9 @@ from train.settings.run import AgentSettings, TrainSettings
 from train.settings.self_play import ROLES
 from train.settings.task import ReacherSettings, SmallGameSettings, TaskSettings, task_form
 from train.teaching.plan import training_task
+
+MOST_JOINT = 4096
+"""The largest number of joint actions of a team that learns as one player."""
 
 
 def unchecked_settings(**flat: Any) -> AgentSettings:
@@ -151,9 +154,32 @@ def team_seat(seat: Seat, settings: AgentSettings) -> Seat:
         sharing == SHARED or settings.frame_stack == 1,
         f"frame_stack={settings.frame_stack} with sharing={sharing!r}; use sharing=shared",
     )
+    joint = sharing == JOINT and seat.members > 1
+    if joint:
+        check_team_as_one(seat, settings)
     encoding = without_id(seat.encoding)
     if getattr(hyper, "with_id", False) and seat.members > 1:
         encoding += AGENT_ID
     return replace(
-        seat, encoding=encoding, team=True, critic=getattr(hyper, "critic_observation", "")
+        seat,
+        encoding=encoding,
+        team=True,
+        joint=joint,
+        critic=getattr(hyper, "critic_observation", ""),
     )
+
+
+def check_team_as_one(seat: Seat, settings: AgentSettings) -> None:
+    """ValueError where a team cannot learn as one player, which observes the state."""
+    task, count = seat.task, seat.task.num_actions**seat.members
+    names = [name for name in task.agent_names if task.seat_roles[task.seat(name)] == seat.role]
+    hidden = any(map(task.hides_from, names)) or not is_builtin(seat.encoding)
+    memory = settings.frame_stack > 1 or settings.hyper.recurrent is not None
+    why = {
+        f"{count:,} joint actions; at most {MOST_JOINT:,} are possible": count > MOST_JOINT,
+        "views that are limited, or a user-defined observation": hidden,
+        "memory (recurrent, frame_stack)": memory,
+        "masked actions (mask_bumps, turns)": seat.has_masks,
+    }
+    found = next((reason for reason, holds in why.items() if holds), "")
+    check(not found, f"sharing='joint' with {found}; use sharing=shared")

@@ -85,8 +85,9 @@ class GridWorld:
         assert isinstance(seat, Seat)
         number, policies = fill_seats(seat.task, seat.agent, self.opponents)
         members = seat.members if seat.team else 1
-        seats = slice(number, number + members)
-        policies[seats] = [None] * members
+        agents = seat.task.count(seat.role) if seat.team else 1
+        seats = slice(number, number + agents)
+        policies[seats] = [None] * agents
         metrics = EpisodeMetrics(
             lambda games: won_by(games, number),
             lambda games: games.returns[:, seats].mean(axis=1),

@@ -18,8 +18,8 @@ from train.settings.off_policy import NFSPSettings as NFSPSettings
 from train.settings.off_policy import SACSettings as SACSettings
 from train.settings.off_policy import TD3Settings as TD3Settings
 
-SHARED, SEPARATE = "shared", "separate"
-"""Whether the agents of a role share one network."""
+SHARED, SEPARATE, JOINT = "shared", "separate", "joint"
+"""Networks of the agents of a role: one of all, one of each, or one of the team as one player."""
 STATE = "state"
 """The observation of a central critic that has the cells of all agents, goals and exits."""
 
@@ -127,8 +127,9 @@ def ppo_settings(settings: ActorCriticSettings, **own: float) -> PPOSettings:
 class TeamSettings(Settings):
     """Hyperparameters of algorithms that train all agents of a role."""
 
-    sharing: Annotated[str, choice(SHARED, SEPARATE)] = SHARED
-    """Whether the agents of the role share one network (shared), or each has its own (separate)."""
+    sharing: Annotated[str, choice(SHARED, SEPARATE, JOINT)] = SHARED
+    """shared: the agents of the role share one network; separate: each has its own; joint: the team
+    is one player, whose network chooses the joint action."""
     agent_id: bool = True
     """Whether the agents of a team observe their number within the role (encoding +id). Separate
     networks always do."""
@@ -136,7 +137,7 @@ class TeamSettings(Settings):
     @property
     def with_id(self) -> bool:
         """Whether observations end with the number of the agent."""
-        return self.agent_id or self.sharing == SEPARATE
+        return self.sharing == SEPARATE or (self.agent_id and self.sharing == SHARED)
 
 
 @dataclass(frozen=True)
