@@ -9,12 +9,13 @@ import csv
 import re
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from statistics import median
+from statistics import mean, median
 
 import pytest
 
 from pursuit.mazes.maze import load_maze
 from scripted_agents import expected_tour_length
+from train.experiments.statistics import mean_interval
 
 RESULTS = Path(__file__).parents[1] / "docs" / "results"
 NOT_KEPT = "Runs not kept"
@@ -241,6 +242,33 @@ def exits() -> Iterable[dict[int, Cell]]:
                               numbers(row, "best_evader"))))  # fmt: skip
 
 
+def pursuit_v5() -> Iterable[dict[int, Cell]]:
+    rows = [row for row in data("pursuit_v5/runs") if row["policy"] == "sampled"]
+    for learner in dict.fromkeys(row["learner"] for row in rows):
+        own = [row for row in rows if row["learner"] == learner]
+        returns = [float(row["mean_return"]) for row in own]
+        ends = mean_interval([returns]) if len(own) > 1 else ()
+        total, steps = (mean(float(row[n]) for row in own) for n in ("total_return", "mean_steps"))
+        yield {
+            1: [mean(returns), *ends],
+            2: [total],
+            3: [total + 0.8 * steps],  # without eight times the urgency reward of -0.1
+            4: [mean(float(row["mean_caught"]) for row in own)],
+            5: [steps],
+            6: [mean(float(row["agent_steps"]) for row in own) / 1e6] if len(own) > 1 else "",
+        }
+
+
+def published() -> Iterable[dict[int, Cell]]:
+    for row in data("pursuit_v5/published"):
+        known = {2: row["episodes"], 3: row["hours"]}
+        yield {
+            0: row["method"],
+            1: numbers(row, "best_mean"),
+            **{place: [float(text)] if text else "" for place, text in known.items()},
+        }
+
+
 TABLES: dict[tuple[str, int], Callable[[], Iterable[dict[int, Cell]]]] = {
     ("libraries", 0): libraries,
     ("self_play", 3): lambda: methods("self-play-methods", ("worst",)),
@@ -253,6 +281,8 @@ TABLES: dict[tuple[str, int], Callable[[], Iterable[dict[int, Cell]]]] = {
     ("rules", 2): classical_domain,
     ("rules", 3): exits,
     ("thesis", 0): thesis,
+    ("pursuit_v5", 0): pursuit_v5,
+    ("pursuit_v5", 1): published,
 }
 """How the numbers of a table, given by its page and place, follow from the data."""
 PAGES = [page.stem for page in sorted(RESULTS.glob("*.md")) if page.stem != "index"]

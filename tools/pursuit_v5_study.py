@@ -12,9 +12,7 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Callable
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -37,53 +35,49 @@ from train.settings.presets import TASK_PRESETS, preset_task
 from train.settings.task import TaskSettings
 
 OUT = Path(__file__).parents[1] / "docs" / "results" / "data" / "pursuit_v5"
-EPISODES, FIRST_SEED = 100, 1_000_000
-"""Episodes of a score, and the seed of their first one in PettingZoo, which no training uses."""
+EPISODES, FIRST_SEED = 1, 1_000_000
+"""Episodes of a score in PettingZoo, and the seed of the first one, which no training uses."""
+SIMULATED = 100
+"""Episodes of a score in our simulator."""
 TUTORIAL = {"learning_rate": 1e-3, "batch_size": 256}
 Played = dict[str, PursuitV5Episodes]
 
 
-def ours(algorithm: str, seed: int, seconds: float) -> tuple[int, Played]:
-    """The agent steps of a run of the preset, and its episodes by the policy played."""
-    loop.EVALUATIONS = 1  # evaluations are not in the budget, but take longer than it
+def ours(algorithm: str, seed: int, seconds: float, folder: Path) -> tuple[int, Played]:
+    """The agent steps of a run of the preset, and its episodes by where they are played."""
+    loop.EVALUATIONS = 0  # they are not in the budget, but take longer than it
     how = {"seconds": seconds, "clock": "processor", "threads": 1, "seed": seed}
     settings = train.settings_of(preset="sisl-pursuit", algorithm=algorithm, **how)
-    with TemporaryDirectory() as folder:
-        run: Any = train.start(RUN, settings, Path(folder) / "run")
-        run.train()
-        policies = {
-            name: train.load_policy(run.folder, name == "greedy") for name in ("sampled", "greedy")
-        }
-    played = {name: play_pursuit_v5(own, EPISODES, FIRST_SEED) for name, own in policies.items()}
-    return run.trainee.frames, played
+    run: Any = train.start(RUN, settings, folder)
+    run.train()
+    run.save()
+    policy = train.load_policy(folder, greedy=False)
+    inside = play_pursuit_v5(policy, EPISODES, FIRST_SEED)
+    return run.trainee.frames, {"pettingzoo": inside, **simulated(policy, FIRST_SEED)}
 
 
-def stable_baselines(seed: int, seconds: float, **changed: Any) -> tuple[int, Played]:
+def stable_baselines(seed: int, seconds: float, folder: Path, **changed: Any) -> tuple[int, Played]:
     """As `ours`, of Stable-Baselines3's PPO with parameter sharing by SuperSuit."""
     import supersuit
     from stable_baselines3 import PPO
+    from stable_baselines3.common.utils import set_random_seed
 
     env = supersuit.pettingzoo_env_to_vec_env_v1(environments(1)[0])
     env = supersuit.concat_vec_envs_v1(env, 8, num_cpus=1, base_class="stable_baselines3")
-    model = PPO("MlpPolicy", env, seed=None, device="cpu", **{**TUTORIAL, **changed})
-    model.set_random_seed(seed)  # SuperSuit's environments cannot be seeded
+    set_random_seed(seed)
+    model = PPO("MlpPolicy", env, device="cpu", **{**TUTORIAL, **changed})
+    for number, copy in enumerate(env.venv.vec_envs):  # SuperSuit's copies draw the same numbers
+        copy.par_env.reset(seed=100 * seed + number)
     began = time.process_time()
     model.learn(10**12, callback=lambda *_: time.process_time() - began < seconds)
+    model.save(folder / "model.zip")
 
-    def chooser(deterministic: bool) -> Callable[[Array], Array]:
-        def choose(seen: Array) -> Array:
-            flat = seen.reshape(-1, *seen.shape[2:])
-            return np.asarray(model.predict(flat, deterministic=deterministic)[0]).reshape(
-                seen.shape[:2]
-            )
+    def choose(seen: Array) -> Array:
+        flat = model.predict(seen.reshape(-1, *seen.shape[2:]), deterministic=False)[0]
+        return np.asarray(flat).reshape(seen.shape[:2])
 
-        return choose
-
-    played = {
-        name: play_episodes(environments(EPISODES), chooser(name == "greedy"), FIRST_SEED)
-        for name in ("sampled", "greedy")
-    }
-    return model.num_timesteps, played
+    inside = play_episodes(environments(EPISODES), choose, FIRST_SEED)
+    return model.num_timesteps, {"pettingzoo": inside}
 
 
 def as_ours(seconds: float) -> Plain:
@@ -102,45 +96,47 @@ def as_ours(seconds: float) -> Plain:
     return {**found, "learning_rate": annealed, "policy_kwargs": {"net_arch": layers}}
 
 
-def scripted(policy: Any, seed: int) -> Played:
-    """Episodes of scripted chasers in our simulator, whose rewards are equal."""
+def simulated(policy: Any, seed: int) -> Played:
+    """Episodes in our simulator, whose rewards are equal."""
     task = task_of(TaskSettings(**preset_task("sisl-pursuit", TaskSettings)))
-    games = pursuit.Simulator(task, EPISODES, seed, auto_restart=False)
-    actions = np.zeros((EPISODES, task.num_agents), dtype=np.int32)
+    games = pursuit.Simulator(task, SIMULATED, seed, auto_restart=False)
+    actions = np.zeros((SIMULATED, task.num_agents), dtype=np.int32)
     policies = [policy] * 8 + [pursuit.UniformAgent()] * 30
     while not (games.terminated | games.truncated).all():
         games.act(policies, actions)
         games.step(actions)
     caught = (games.active[:, 8:] == 0).sum(axis=1)
     found = PursuitV5Episodes(games.returns[:, :8].astype(float), games.steps.astype(int), caught)
-    return {"sampled": found}
+    return {"simulator": found}
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("learner")
     parser.add_argument("seed", type=int)
-    parser.add_argument("--seconds", type=float, default=300.0)
+    parser.add_argument("--seconds", type=float, default=60.0)
+    parser.add_argument("--folder", type=Path, default=Path("runs/pursuit_v5"))
     parser.add_argument("--out", type=Path, default=OUT)
     given = parser.parse_args()
     learner, seed, seconds, began = given.learner, given.seed, given.seconds, time.process_time()
+    folder = given.folder / f"{learner}-{seed}"
     if learner in ("astar", "random"):
         policy = pursuit.AStarChaser(epsilon=0.0) if learner == "astar" else pursuit.UniformAgent()
-        steps, played, seconds = 0, scripted(policy, seed), 0.0
+        steps, played, seconds = 0, simulated(policy, FIRST_SEED), 0.0
     elif learner.startswith("sb3"):
         own = as_ours(seconds) if learner == "sb3-ours" else {}
-        steps, played = stable_baselines(seed, seconds, **own)
+        steps, played = stable_baselines(seed, seconds, folder, **own)
     else:
-        steps, played = ours(learner, seed, seconds)
+        steps, played = ours(learner, seed, seconds, folder)
     about = {"learner": learner, "seed": seed, "seconds": seconds, "agent_steps": steps}
     about["processor_seconds"] = round(time.process_time() - began, 1)  # with the episodes
     where = {"torch": versions()["torch"], "commit": commit(), "processor": processor()}
     given.out.mkdir(parents=True, exist_ok=True)
     path = given.out / "runs.csv"
     rows: list[Plain] = [*read_csv(path)] if path.exists() else []
-    for name, episodes in played.items():
-        rows.append({**about, "policy": name, **episodes.summary(), **where})
-        print(rows[-1])
+    for place, episodes in played.items():
+        rows.append({**about, "played_in": place, **episodes.summary(), **where})
+        print(rows[-1], flush=True)
     write_csv(path, rows)
 
 
