@@ -30,6 +30,11 @@ training: 5x5 with two chasers has half this size, a second."""
 MAX_FINAL_WORK = 40_000_000
 """The same at the end of a run of self-play and in leagues: 9x9 with two chasers, half a minute."""
 
+MAX_TEAM_WORK = 1_100_000_000
+"""Size of a chase up to which the play of a whole team is evaluated exactly at the end of a run, in
+`pursuit evaluate` and in leagues, and its best response is solved: 4x4 with four chasers, a
+minute; 5x5 with three, and 7x7 with two, some seconds."""
+
 MAX_WORK = 5_000_000
 """Size of a game of any teams up to which a best response is computed at the start of a run: 4x4,
 two agents and three goals, two seconds."""

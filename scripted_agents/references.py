@@ -23,6 +23,7 @@ from scripted_agents.limits import (
     MAX_EXACT_CELLS,
     MAX_EXACT_WORK,
     MAX_FINAL_WORK,
+    MAX_TEAM_WORK,
     MAX_WORK,
     check_joint_states,
     count_joint_states,
@@ -47,7 +48,8 @@ class ExactReference:
             with options of the rules, policies with known distributions, work of up to
             MAX_EXACT_WORK; with exits or turns in final results MAX_FINAL_WORK. Exact: the best
             response of the agent, the mean over all starts, in steps; with exits in captures -
-            escapes.
+            escapes. The same for a whole team that learns, against any number of evaders or
+            chasers; in final results up to MAX_TEAM_WORK. Exact: its best response as one player.
         joint: Any other game in one maze, policies with known distributions, work of up to
             MAX_WORK; in final results, `pursuit evaluate` and `pursuit baseline`
             MAX_EVALUATED_WORK. Exact: the best response of the agent from the starts of the
@@ -78,6 +80,7 @@ def reference_of(
     opponents: Mapping[str, Policy],
     most_work: int = MAX_WORK,
     by_maze: bool = False,
+    team: bool = False,
 ) -> ExactReference:
     """Which exact optimum of an agent is known, and if none is, the reason.
 
@@ -88,12 +91,17 @@ def reference_of(
             role are of its teammates.
         most_work: the size (`work_of`) up to which games of the kind "joint" are solved.
         by_maze: whether duels in several mazes are solved maze by maze, as in suites.
+        team: whether all agents of the role `agent` respond, as one player; then `most_work` is
+            that of `team_work`.
     """
     if isinstance(task, ReacherTask):
         if task.discrete_actions:
             return _unknown("discrete actions; only a lower bound of the steps is known")
         return ExactReference("arm")
-    if task.hides_from(agent):
+    seats = [task.seat(agent)]
+    if team:
+        seats = [seat for seat, role in enumerate(task.seat_roles) if role == agent]
+    if any(map(task.hides_from, seats)):
         bounded = is_table_duel(task, *opponents.values()) and task.max_cells <= MAX_BOUNDED_CELLS
         return ExactReference("bounds" if bounded else "none", "limited view")
     if is_single_runner(task):
@@ -105,15 +113,16 @@ def reference_of(
         if by_maze and is_solvable(task, *opponents.values()):
             return ExactReference("duel")
         return _unknown(f"{len(task.mazes)} mazes; whole games are solved in one")
-    seat = task.seat(agent)
-    policies = {**opponents, task.agent_names[seat]: RandomAgent()}
-    if is_exact_team(task, policies, exact_work(task, most_work)):
+    policies = {**opponents, task.agent_names[seats[0]]: RandomAgent()}
+    if not team and is_exact_team(task, policies, exact_work(task, most_work)):
         return ExactReference("team")
-    reason = why_not_joint(task, opponents, most_work, seat)
-    by_return = task.num_goals > 0 and task.seat_roles[seat] != "runner"
+    most_work = team_work(task, most_work) if team else most_work
+    reason = why_not_joint(task, opponents, most_work, *seats)
+    by_return = task.num_goals > 0 and task.seat_roles[seats[0]] != "runner"
     if reason is None and by_return and task.reward_function is not None:
         reason = "user-defined rewards"
-    return ExactReference("joint") if reason is None else _unknown(reason)
+    kind: Literal["team", "joint"] = "team" if team and not task.num_goals else "joint"
+    return ExactReference(kind) if reason is None else _unknown(reason)
 
 
 def _unknown(reason: str) -> ExactReference:
@@ -154,6 +163,14 @@ def exact_work(task: Task, most_work: int) -> int:
     return MAX_FINAL_WORK if final else MAX_EXACT_WORK
 
 
+def team_work(task: Task, most_work: int) -> int:
+    """The size up to which the play of a whole team and its best response are solved: during
+    training, or in final results (`most_work` above MAX_WORK)."""
+    if most_work <= MAX_WORK:
+        return min(most_work, MAX_EXACT_WORK)
+    return most_work if task.num_goals else MAX_TEAM_WORK
+
+
 def is_exact_team(task: Task, policies: Mapping[str, Policy], most: int = MAX_EXACT_WORK) -> bool:
     """Whether a chase of one evader by a team is small enough to be solved with these policies.
 
@@ -172,7 +189,7 @@ def is_exact_team(task: Task, policies: Mapping[str, Policy], most: int = MAX_EX
 
 
 def why_not_joint(
-    task: Task, policies: Mapping[str, Policy], most: int, responder: int | None = None
+    task: Task, policies: Mapping[str, Policy], most: int, *responders: int
 ) -> str | None:
     """The reason why a whole game is not solved; None if it is.
 
@@ -180,7 +197,7 @@ def why_not_joint(
         task: the game.
         policies: of the agents, by agent name or role.
         most: the largest size that is solved (`work_of`).
-        responder: the index of an agent that needs no policy.
+        responders: the indices of agents that need no policy.
     """
     if len(task.mazes) > 1:
         return f"{len(task.mazes)} mazes; whole games are solved in one"
@@ -193,7 +210,7 @@ def why_not_joint(
         check_joint_states(task, each=100)
     except ValueError as refused:
         return str(refused)
-    seats = [seat for seat in range(task.num_agents) if seat != responder]
+    seats = [seat for seat in range(task.num_agents) if seat not in responders]
     return why_no_distribution(task, seats, policies)
 
 

@@ -45,6 +45,7 @@ def solve_joint(
     discount: float = 1.0,
     objective: Objective = "steps",
     most_states: int = MAX_STATES,
+    counted: str | Sequence[str] | None = None,
 ) -> JointResponse:
     """The exact best response of an agent, or of several acting as one, to fixed policies.
 
@@ -64,6 +65,8 @@ def solve_joint(
             "steps" minimises the steps until the game is over; for evaders
             it maximises the steps until none of them is free.
         most_states: maximum number of states.
+        counted: the agents whose steps and returns are the objective of `agents`, such as the team
+            of a member; by default `agents`.
 
     Raises:
         ValueError: invalid arguments; a policy that is missing or has no known distribution; too
@@ -85,7 +88,8 @@ def solve_joint(
     check_joint_states(task, most_states, 16 + 2 + bytes_of_others(task, filled))
     states = joint_states_of(task)
     others = lay_out_others(states, filled)
-    counts = [int(seat in seats) for seat in range(task.num_agents)]
+    own = seats if counted is None else _seats_of(task, counted)
+    counts = [int(seat in own) for seat in range(task.num_agents)]
     nothing = [0] * task.num_agents
     lead = [1 if count else -1 if objective == "lead" else 0 for count in counts]
     what = Quantity(nothing, counts) if objective == "steps" else Quantity(lead, nothing)

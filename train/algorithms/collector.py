@@ -26,7 +26,7 @@ Act = Callable[[Columns, torch.Tensor], tuple[Columns, torch.Tensor]]
 
 SEEN = ("observation", ACTION_MASK, "idle", CRITIC)
 AFTER = ("reward", "terminated", "truncated", "done")
-NEXT_MASK = f"next_{ACTION_MASK}"
+NEXT_MASK, NEXT_CRITIC = f"next_{ACTION_MASK}", f"next_{CRITIC}"
 
 
 class Collector:
@@ -119,6 +119,8 @@ class Collector:
         self.episode_start = row["done"]
         if self.keep_next:
             row["next_observation"] = after["observation"].to(self.device)
+            if CRITIC in row:
+                row[NEXT_CRITIC] = after[CRITIC].to(self.device)
             if ACTION_MASK in row:
                 row[NEXT_MASK] = after[ACTION_MASK].to(self.device)
         if self.ended is not None:

@@ -8,15 +8,16 @@ import torch
 
 from curricula import linear
 from pursuit.observations.masks import ACTION_MASK
-from train.algorithms.collector import NEXT_MASK, Collector, Columns
+from train.algorithms.collector import NEXT_CRITIC, NEXT_MASK, Collector, Columns
 from train.algorithms.learner import Build, HasState, VecEnv
 from train.algorithms.off_policy import OffPolicyLearner
 from train.algorithms.replay import NEXT_IDLE, Batch, returns_to_expect, weighted_mean
+from train.environments.seat_env import CRITIC
 from train.networks.distributions import masked
 from train.networks.policy import Player
-from train.networks.q_network import QNetwork
+from train.networks.q_network import Mixer, QNetwork
 from train.networks.separate import separate_networks
-from train.settings.algorithms import SEPARATE, SHARED
+from train.settings.algorithms import SEPARATE, SHARED, QMIXSettings
 from train.settings.off_policy import DQNSettings
 
 
@@ -106,7 +107,8 @@ def dqn_loss(
             next observation); with prioritised replay "priority_weight"; with masks
             "next_action_mask", the allowed next actions. Of a team (`VDN`) observations and actions
             are [batch, agents, ...], with "idle" and "next_idle" [batch, agents], the agents that
-            have left; values are the sums over the others.
+            have left; values are the sums over the others, or mixed (`Mixer`) by the state in
+            "critic_observation" and "next_critic_observation".
         gamma: discount of a step.
         double: whether `network` chooses the next action.
 
@@ -119,10 +121,15 @@ def dqn_loss(
         """The rows of all agents."""
         return batch[name].flatten(0, 1) if team else batch[name]
 
-    def joint(values: torch.Tensor, actions: torch.Tensor, idle: str) -> torch.Tensor:
+    def joint(
+        values: torch.Tensor, actions: torch.Tensor, idle: str, state: str, of: QNetwork
+    ) -> torch.Tensor:
         """[batch] the values of these actions."""
         chosen = values.gather(-1, actions).squeeze(-1)
-        return (chosen.view_as(batch[idle]) * ~batch[idle]).sum(dim=1) if team else chosen
+        if not team:
+            return chosen
+        each = chosen.view_as(batch[idle]) * ~batch[idle]
+        return each.sum(dim=1) if of.mixer is None else of.mixer(each, batch[state])
 
     seen, following = agents("observation"), agents("next_observation")
     with torch.no_grad():
@@ -130,9 +137,10 @@ def dqn_loss(
         chooser = network.forward_inference(following) if double else next_values
         chooser = masked(chooser, agents(NEXT_MASK) if NEXT_MASK in batch else None)
     next_action = chooser.argmax(dim=-1, keepdim=True)
-    goal = returns_to_expect(batch, joint(next_values, next_action, NEXT_IDLE), gamma)
+    next_joint = joint(next_values, next_action, NEXT_IDLE, NEXT_CRITIC, target)
+    goal = returns_to_expect(batch, next_joint, gamma)
     values = network.forward_inference(seen)
-    error = joint(values, agents("action")[:, None], "idle") - goal
+    error = joint(values, agents("action")[:, None], "idle", CRITIC, network) - goal
     return weighted_mean(error.square(), batch), error.detach().abs()
 
 
@@ -145,4 +153,7 @@ def network_of(settings: DQNSettings, player: Player, build: Build) -> QNetwork:
 
     separate = getattr(settings, "sharing", SHARED) == SEPARATE and player.members > 1
     network: Any = separate_networks(new, player) if separate else new()
+    features = getattr(player, "critic_features", None)
+    if isinstance(settings, QMIXSettings) and features is not None and player.members > 1:
+        network.mixer = Mixer(features, player.members, settings.mixing_width)
     return cast(QNetwork, network.to(build.device))

@@ -242,4 +242,5 @@ _TEAM_PPO: Any = {"has_advantages": True, "recurrent": True, **_TEAM}
 _ours("ippo", ppo.PPO.build, _LOAD_ACTOR_CRITIC, **_TEAM_PPO)
 _ours("mappo", ppo.PPO.build, _LOAD_ACTOR_CRITIC, **_TEAM_PPO)
 _ours("vdn", vdn.VDN, network_loader(dqn.network_of), **_GREEDY, **_TEAM)
+_ours("qmix", vdn.VDN, network_loader(dqn.network_of), **_GREEDY, **_TEAM)
 _ours("nfsp", nfsp.NFSP, network_loader(dqn.network_of), self_play=True)

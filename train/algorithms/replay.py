@@ -6,14 +6,15 @@ from collections.abc import Mapping
 
 import torch
 
-from train.algorithms.collector import NEXT_MASK, Columns
+from train.algorithms.collector import NEXT_CRITIC, NEXT_MASK, Columns
 from train.algorithms.prioritized import Priorities
+from train.environments.seat_env import CRITIC
 from train.tensors import State
 
 ALIGNED = 8
 """Alignment of rows, in bytes."""
 NEXT_IDLE = "next_idle"
-OF_STEP = ("observation", "action", "idle")
+OF_STEP = ("observation", "action", "idle", CRITIC)
 
 Batch = Mapping[str, torch.Tensor]
 """Drawn rows, [batch, ...] by column name."""
@@ -180,7 +181,8 @@ def n_step_rows(rollout: Columns, gamma: float, n_steps: int) -> Columns:
     Returns:
         "observation" and "action" of the step; "reward", the discounted sum; "next_observation",
         "terminated" and masks of the last step of the return; "steps" int64, its length. Of teams
-        also "idle" and "next_idle", the agents that have left.
+        also "idle" and "next_idle", the agents that have left, and the observations of a central
+        critic.
     """
     reward, done = rollout["reward"], rollout["done"]
     games, steps = reward.shape
@@ -194,7 +196,7 @@ def n_step_rows(rollout: Columns, gamma: float, n_steps: int) -> Columns:
     rows = {name: rollout[name].flatten(0, 1) for name in OF_STEP if name in rollout}
     rows |= {"reward": total.flatten(), "steps": ahead.flatten() + 1}
     last = torch.arange(games * steps, device=reward.device) + ahead.flatten()
-    for name in ("next_observation", "terminated", NEXT_MASK, NEXT_IDLE):
+    for name in ("next_observation", "terminated", NEXT_MASK, NEXT_IDLE, NEXT_CRITIC):
         if name in rollout:
             column = rollout[name].flatten(0, 1)
             rows[name] = column if n_steps == 1 else column.index_select(0, last)

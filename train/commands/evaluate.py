@@ -22,6 +22,7 @@ from train.commands.scores import (
     print_objective_gap,
     print_reference,
     print_scores,
+    print_team,
 )
 from train.commands.suites import compared, evaluate_in_mazes
 from train.evaluation.arm_contest import ArmContest
@@ -82,6 +83,9 @@ class EvaluateCommand(Evaluated):
     opponent: Annotated[str | None, AGENT] = None
     """Other opponents than in training, as for `pursuit train`. None: those of training; for one
     player of self-play in a small game the other players of the run."""
+    teammates: Annotated[str | None, choice("learned", "scripted")] = None
+    """The other agents of the same role: learned, so that the whole team is evaluated, or scripted.
+    None: learned if the run trained the whole team, as self-play does, otherwise scripted."""
     opponent_policy: Annotated[str | None, choice("sampled", "greedy")] = None
     """Policy of learned opponents: sampled or greedy; by default that of training."""
     opponent_epsilon: float | None = None
@@ -186,7 +190,8 @@ def evaluate_and_print(
     loaded = load_run(given) if isinstance(given, EvaluateCommand) else load_model(given)
     task, training, policies = loaded.task, loaded.training, loaded.policies
     evaluated = "learned" if loaded.greedy else "learned, sampled"
-    contest = contest_of(task, given.episodes, given.seed).solved_up_to(MAX_EVALUATED_WORK)
+    contest = contest_of(task, given.episodes, given.seed, loaded.team)
+    contest = contest.solved_up_to(MAX_EVALUATED_WORK)
     check(
         replays is None or not isinstance(contest, SmallGameContest),
         "--replays takes games in mazes and arms; `pursuit view` shows episodes of a small game",
@@ -213,6 +218,7 @@ def evaluate_and_print(
     chosen = "greedy" if loaded.greedy else "sampled"
     results = evaluation_of(scores, chosen, contest, gap, policies[evaluated])
     print_reference(results["reference"], contest)
+    print_team(results)
     if loaded.gamma is not None:
         print_objective_gap(results["evaluation"], loaded.gamma)
     if replays is not None:
@@ -233,6 +239,7 @@ class Loaded:
         greedy: whether the greedy policy is the evaluated one.
         gamma: the last discount of training; None if it is not known.
         named: further entries of the output file.
+        team: whether the policies play all agents of the role.
     """
 
     task: AnyTask
@@ -241,6 +248,7 @@ class Loaded:
     greedy: bool
     gamma: float | None
     named: Plain
+    team: bool = False
 
 
 def load_run(given: EvaluateCommand) -> Loaded:
@@ -248,10 +256,15 @@ def load_run(given: EvaluateCommand) -> Loaded:
     from train.algorithms.registry import entry  # torch is slow to import
     from train.networks.policy import NO_WALLS
     from train.runs.opponents import load_policy
-    from train.runs.saved import load_settings
+    from train.runs.saved import load_settings, trains_team
 
     with print_warnings():
         settings, policy = load_settings(given.run), load_policy(given.run)
+    whole_team = trains_team(given.run)
+    check(
+        whole_team or given.teammates != "learned",
+        f"--teammates learned, but {given.run} trained one agent; leave it out",
+    )
     names = ("opponent", "opponent_policy", "opponent_epsilon")
     changed = {name: own for name in names if (own := getattr(given, name)) is not None}
     for name in changed:
@@ -283,7 +296,8 @@ def load_run(given: EvaluateCommand) -> Loaded:
             warn(f"{given.run} observes {settings.observation!r}, which does not contain walls")
     named = {name: getattr(settings, name) for name in ("algorithm", "curriculum", "seed")}
     how = (settings.evaluate == "greedy", settings.hyper.last_gamma)
-    return Loaded(settings.task, training, policies, *how, named)
+    team = whole_team and given.teammates != "scripted"
+    return Loaded(settings.task, training, policies, *how, named, team)
 
 
 def load_model(given: EvaluateModelCommand) -> Loaded:

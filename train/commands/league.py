@@ -62,7 +62,7 @@ class LeagueCommand(Settings):
     """Observations of these models, such as one_hot; one for all, or one for each."""
     out: Path = Path("league")
     """Folder for league.json, league.png and the tables (table.csv, chasers.csv and
-    evaders.csv)."""
+    evaders.csv; for teams teams.csv, their best responses)."""
     overwrite: bool = False
     """Write to --out even if it has other files, and replace those with the same names."""
 
@@ -75,8 +75,14 @@ def league(arguments: Sequence[str]) -> None:
     check_output_folder(out, lambda folder: (folder / LEAGUE).exists(), given.overwrite)
     from train.machine import machine, versions  # torch is slow to import
     from train.self_play.game_league import enter_game, play_game_league
-    from train.self_play.league import enter, play_league, policies_of, rate
-    from train.self_play.payoffs import draw_league, legend_of, payoff_tables, ratings_table
+    from train.self_play.league import enter, play_league, policies_of, rate, team_rows
+    from train.self_play.payoffs import (
+        draw_league,
+        legend_of,
+        payoff_tables,
+        ratings_table,
+        teams_table,
+    )
 
     task: Any
     entered: Any
@@ -107,14 +113,21 @@ def league(arguments: Sequence[str]) -> None:
         "versions": versions(),
         "machine": machine(),
     }
+    teams = team_rows(task, entered, table) if given.game is None else []
+    content |= {"team": teams} if teams else {}
     write_json(out / LEAGUE, content)
     draw_league(out / "league.png", table, f"League {place.replace('maze ', '')}")
     tables = payoff_tables(table, content)
     if table.first is None:
         tables |= {policies_of(role): ratings_table(role, content) for role in table.roles}
+    if any(row["best_response"] is not None for row in teams):
+        tables["teams"] = teams_table(teams, table.unit)
     for stem, each in tables.items():
         each.write(out, stem)
     _print(place, task.max_steps, table, tables, content)
+    for role, other, why in dict.fromkeys((r["role"], r["against"], r["reason"]) for r in teams):
+        if why:
+            print(f"no exact best response of the {role}s against {other}: {why}")
     if given.game is None and (legend := legend_of(names, given.opponent_epsilon)):
         print(legend)
     lock.release()

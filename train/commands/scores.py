@@ -16,6 +16,7 @@ from train.evaluation.scores import (
     Reference,
     Score,
 )
+from train.evaluation.team_contest import TeamContest, describe_team
 from train.files import Plain
 from train.reports.tables import print_table
 
@@ -49,12 +50,19 @@ def print_reference(held: Plain, contest: AnyContest) -> None:
             print(f"no exact optimum: {why}")
 
 
+def print_team(results: Plain) -> None:
+    """Print the "team" of results, if there is one."""
+    if "team" in results:
+        print(*describe_team(results["team"]), sep="\n")
+
+
 def announce_solution(contest: AnyContest, interrupted: bool) -> None:
     """Print to stderr that a whole game is being solved, if this takes seconds or more."""
     if not isinstance(contest, GameContest) or contest.task.num_agents == 1 or interrupted:
         return
     solved = contest.with_full_view.solved_up_to(MAX_EVALUATED_WORK)
-    if solved.exact_reference.kind != "joint" or work_of(solved.task) <= MAX_WORK:
+    kinds = ("team", "joint") if isinstance(contest, TeamContest) else ("joint",)
+    if solved.exact_reference.kind not in kinds or work_of(solved.task) <= MAX_WORK:
         return
     states = count_joint_states(solved.task)
     print(f"solving the whole game exactly, {states:,} states ...", file=sys.stderr)

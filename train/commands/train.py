@@ -21,6 +21,7 @@ from train.commands.scores import (
     print_objective_gap,
     print_reference,
     print_scores,
+    print_team,
 )
 from train.evaluation.arm_contest import ArmContest
 from train.evaluation.scores import Score
@@ -184,6 +185,7 @@ def show(run: Run[SingleAgent], content: Plain) -> None:
     if column != "mean_steps":
         print(f"\n{headline(content)}")
     print_reference(content.get("reference", {}), trainee.final_contest(evaluation["episodes"]))
+    print_team(content)
     print_objective_gap(evaluation, trainee.parts.hyper.last_gamma)
     files = "results" if run.present is None else f"results, curve, replay and {REPORT}"
     print(f"{files}: {run.folder}")

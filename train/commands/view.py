@@ -66,7 +66,7 @@ def report_again(folder: Path, out: Path | None) -> Path:
     from train.kinds import KINDS, open_run  # torch is slow to import
     from train.runs.opponents import load_policy
     from train.runs.parts import contest_of
-    from train.runs.saved import load_settings
+    from train.runs.saved import load_settings, trains_team
     from train.self_play.report import write_self_play_report
     from train.self_play.small_game_report import write_small_game_report
     from train.self_play.small_games import SmallGamePlay
@@ -84,7 +84,8 @@ def report_again(folder: Path, out: Path | None) -> Path:
         return page
     settings, results = load_settings(folder), load_results(folder)
     policy = load_policy(folder, greedy=settings.evaluate == "greedy")
-    contest = contest_of(settings.task, results["evaluation"]["episodes"])
+    episodes = results["evaluation"]["episodes"]
+    contest = contest_of(settings.task, episodes, team=trains_team(folder))
     return write_report(folder, settings, contest, policy, results, out)
 
 
@@ -108,11 +109,11 @@ def add_run(builder: Builder, folder: Path, episodes: int) -> None:
     """The first episodes of the evaluation of a run."""
     from train.runs.opponents import load_policy  # torch is slow to import
     from train.runs.parts import contest_of
-    from train.runs.saved import load_settings
+    from train.runs.saved import load_settings, trains_team
 
     settings = load_settings(folder)
     policy = load_policy(folder, greedy=settings.evaluate == "greedy")
-    contest = contest_of(settings.task, max(episodes, 2))
+    contest = contest_of(settings.task, max(episodes, 2), team=trains_team(folder))
     games = {f"{folder.name}, episode {number + 1}": number for number in range(episodes)}
     add_episodes(builder, contest, policy, games, settings.algorithm)
 

@@ -49,7 +49,7 @@ from train.evaluation.hidden_contest import (
     discounted,
     solution_of,
 )
-from train.evaluation.matchups import exact_match
+from train.evaluation.matchups import Matchup, exact_match
 from train.evaluation.maze_contest import SCRIPTED, MazeContest
 from train.evaluation.scores import (
     BY_GOALS,
@@ -97,26 +97,28 @@ class GameContest(MazeContest):
         return is_table_duel(self.task, *self.opponents.values())
 
     def _means(self, simulator: Simulator) -> tuple[float, float | None]:
-        """Mean return and number of goals of the agent in finished games."""
-        seat = self.seat
-        goals = float(simulator.collected[:, seat].mean()) if self.task.num_goals else None
-        return float(simulator.returns[:, seat].mean()), goals
-
-    def _with(self, policy: Policy) -> dict[str, Policy]:
-        """The policies of all agents, with `policy` for the evaluated one."""
-        return {**self.opponents, self.task.agent_names[self.seat]: policy}
+        """Mean return and number of goals of the agent, or of the team, in finished games."""
+        returns, collected = (
+            float(found[:, [*self.seats]].sum(axis=1).mean())
+            for found in (simulator.returns, simulator.collected)
+        )
+        return returns, collected if self.task.num_goals else None
 
     def opponent_table(self) -> NDArray[np.float64]:
         """[self cell, other cell, action] of the opponent; requires `is_table_duel`."""
         assert self.opponent is not None  # is_table_duel
         return table_in(self.task, self.opponent)
 
+    def exact_match(self, policy: Policy) -> Matchup | None:
+        """The result over all starts; None if it is sampled."""
+        most = exact_work(self.task, self.most_work)
+        return exact_match(self.task, self.with_policy(policy), most)
+
     def score(self, name: str, policy: Policy) -> Score:
         """Exact over all starts if that can be computed; otherwise of sampled episodes."""
         certain: tuple[float, float] | tuple[None, None] = (None, None)
         bounded = self.is_limited and self.is_table_duel
-        most = exact_work(self.task, self.most_work)
-        if (found := exact_match(self.task, self._with(policy), most)) is not None:
+        if (found := self.exact_match(policy)) is not None:
             if bounded:
                 certain = discounted(self.task, self.role, policy, self.opponent_table())
             score = self._exact_score(name, found.steps, found.caught, *certain)
@@ -146,13 +148,14 @@ class GameContest(MazeContest):
 
     @cached_property
     def with_full_view(self) -> GameContest:
-        """The same contest with a full view of this agent: its optimum is a bound.
+        """The same contest with a full view of this agent (or team): its optimum is a bound.
 
         The views of the other agents are unchanged.
         """
         task = self.task
         limits = dict(zip(task.agent_names, task.sight.limits, strict=True))
-        del limits[task.agent_names[self.seat]]
+        for seat in self.seats:
+            del limits[task.agent_names[seat]]
         sight: dict[str, Any] = {
             "view_radius": {name: limit.view_radius for name, limit in limits.items()},
             "line_of_sight": [name for name, limit in limits.items() if limit.line_of_sight],
@@ -184,7 +187,7 @@ class GameContest(MazeContest):
         """The score of a best response, with the success rate of the policy of the first step."""
         maze = self.task.mazes[0]
         mean = mean_over_starts(best.values, maze, self.task.min_start_distance)
-        found = exact_match(self.task, self._with(TablePolicy(maze, best.policy)))
+        found = exact_match(self.task, self.with_policy(TablePolicy(maze, best.policy)))
         assert found is not None  # the games of `is_table_duel`
         return self._exact_score(name, mean, found.caught)
 
@@ -192,7 +195,7 @@ class GameContest(MazeContest):
         """The best response of this agent in a team chase; None if that is not solved, and with
         exits, see `best_of_outcomes`."""
         task, most = self.task, exact_work(self.task, self.most_work)
-        if task.most_exits or not is_exact_team(task, self._with(RandomAgent()), most):
+        if task.most_exits or not is_exact_team(task, self.with_policy(RandomAgent()), most):
             return None
         if self.task.options.turns:
             return self._joint_response(self.task)
@@ -232,8 +235,8 @@ class GameContest(MazeContest):
     def _joint_response(
         self, task: Task, objective: Literal["steps", "return"] = "steps"
     ) -> JointResponse:
-        """The best response of this agent in a whole game."""
-        own = [task.agent_names[self.seat]]
+        """The best response of this agent, or of this team as one player, in a whole game."""
+        own = [task.agent_names[seat] for seat in self.seats]
         return solve_joint(task, own, self.opponents, task.max_steps, objective=objective)
 
     @cached_property
@@ -270,7 +273,16 @@ class GameContest(MazeContest):
         is not the measure."""
         if self.measure.name != "outcome" or not self.solves_whole_game:
             return None
-        return self._joint_response(replace(self.task, rewards=OUTCOMES), "return")
+        return self._joint_response(self.by_outcome, "return")
+
+    @property
+    def by_outcome(self) -> Task:
+        """The task with rewards whose sum over the evaluated agents is captures minus escapes (of
+        evaders its negative)."""
+        shared = 1.0 / len(self.seats)
+        own = replace(OUTCOMES["chaser"], capture=shared, escape=-shared)
+        rewards = {**OUTCOMES, "chaser": own if self.role == "chaser" else OUTCOMES["chaser"]}
+        return replace(self.task, rewards=rewards)
 
     def _joint_score(self, best: JointResponse, measure: Measure) -> Score:
         """The score of a best response: exact expectations in this measure from the starts of the

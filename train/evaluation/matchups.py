@@ -19,11 +19,13 @@ from scripted_agents import (
     team_survival,
     why_not_team_chase,
 )
+from scripted_agents.joint.solver import lengths_of, quantities_of
 from scripted_agents.limits import MAX_EXACT_WORK, MAX_FINAL_WORK
 from scripted_agents.references import is_exact_team, is_table_duel
 from train.evaluation.games import (
     Escapes,
     all_caught,
+    evaders_of,
     half_width,
     mean_steps,
     play_out,
@@ -169,7 +171,7 @@ def exact_match(
         )
     elif most and is_exact_team(task, policies, most):
         if why_not_team_chase(task) is not None:
-            return _exact_outcome(task, policies)
+            return exact_joint_match(task, policies)
         steps, late = team_survival(task, policies, task.max_steps)
         means = (mean_over_team_starts(values, task) for values in (steps, 1.0 - late))
     else:
@@ -182,12 +184,16 @@ COUNTS = {"chaser": Rewards(capture=1.0, per_evader=True), "evader": Rewards(esc
 """Rewards that count the captures, as the return of every chaser, and the escapes."""
 
 
-def _exact_outcome(task: Task, policies: Mapping[str, Policy]) -> Matchup:
-    """The result in a chase of one evader with exits or turns."""
-    counted = replace(task, rewards=COUNTS)
-    found = evaluate_joint(counted, policies, task.max_steps)
-    caught, escaped = (found.returns[name] for name in ("chaser_0", "evader_0"))
-    return _matchup(task, found.length, 0.0, caught, 0, escaped)
+def exact_joint_match(task: Task, policies: Mapping[str, Policy]) -> Matchup:
+    """The result in any chase without goals, over all starts; policies as of `evaluate_joint`."""
+    if not task.most_exits:
+        states, values = quantities_of(task, policies, lengths_of(task), task.max_steps, 1.0)
+        length, ended = states.mean_over_starts(values).tolist()
+        return Matchup(length, 0.0, ended, 0)
+    agents = ("chaser_0", *task.agent_names[evaders_of(task)])
+    found = evaluate_joint(replace(task, rewards=COUNTS), policies, task.max_steps, agents=agents)
+    caught, *escaped = (found.returns[name] / task.num_evaders for name in agents)
+    return _matchup(task, found.length, 0.0, caught, 0, sum(escaped))
 
 
 def _matchup(

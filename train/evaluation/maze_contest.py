@@ -60,6 +60,20 @@ class MazeContest(Contest[Policy, Simulator]):
         return self.task.seat(self.agent)
 
     @property
+    def seats(self) -> tuple[int, ...]:
+        """The indices of the agents that the evaluated policy plays."""
+        return (self.seat,)
+
+    def with_policy(self, policy: Policy) -> dict[str, Policy]:
+        """The policies of all agents, with `policy` for the evaluated one."""
+        return {**self.opponents, self.task.agent_names[self.seat]: policy}
+
+    @property
+    def player(self) -> str:
+        """The evaluated agent, or team, in words."""
+        return self.agent
+
+    @property
     def role(self) -> str:
         """The role of the agent."""
         return self.task.seat_roles[self.seat]
@@ -80,7 +94,7 @@ class MazeContest(Contest[Policy, Simulator]):
     @cached_property
     def is_limited(self) -> bool:
         """Whether the agent has a limited view, so that a best response is not its optimum."""
-        return self.task.hides_from(self.agent)
+        return any(map(self.task.hides_from, self.seats))
 
     @property
     def limited(self) -> dict[str, Policy]:
@@ -94,7 +108,7 @@ class MazeContest(Contest[Policy, Simulator]):
         return {
             name: label_of(self.opponents.get(name, self.opponents[role]))
             for seat, (name, role) in enumerate(zip(task.agent_names, task.seat_roles, strict=True))
-            if seat != self.seat and role == self.role != "runner"
+            if seat not in self.seats and role == self.role != "runner"
         }
 
     @property
@@ -117,12 +131,13 @@ class MazeContest(Contest[Policy, Simulator]):
             {
                 label_of(policy)
                 for role, policy in self.opponents.items()
-                if role in task.seat_roles and (role != self.role or task.count(role) > 1)
+                if role in task.seat_roles
+                and (role != self.role or task.count(role) > len(self.seats))
             }
         )
         against = f", with {', '.join(others)}" if others else ""
         return (
-            f"{task.name}: {self.agent} on maze {maze.name} ({maze.num_cells} cells; "
+            f"{task.name}: {self.player} on maze {maze.name} ({maze.num_cells} cells; "
             f"{', '.join(parts)}){against}, at most {task.max_steps} steps"
         )
 
@@ -140,24 +155,26 @@ class MazeContest(Contest[Policy, Simulator]):
         self, simulator: Simulator, policy: Policy
     ) -> tuple[NDArray[np.int64], NDArray[np.bool_], Departures | None]:
         """As `play_from`; and with exits how evaders left: all for a chaser, else this one."""
-        seat, escapes = self.seat, Escapes(simulator)
+        seats, escapes = [*self.seats], Escapes(simulator)
         lengths, won = play_out(
             simulator,
             escapes.after(self.stepper(simulator, policy)),
-            lambda games: games.terminated | games.truncated | (games.active[:, seat] == 0),
-            lambda games: won_by(games, seat, escapes.seen),
+            lambda games: (
+                games.terminated | games.truncated | (games.active[:, seats] == 0).all(axis=1)
+            ),
+            lambda games: np.any([won_by(games, seat, escapes.seen) for seat in seats], axis=0),
         )
         if not self.task.most_exits:
             return lengths, won, None
-        first = self.task.num_chasers
-        counted = slice(seat - first, seat - first + 1) if self.role == "evader" else slice(None)
+        evades, first = self.role == "evader", seats[0] - self.task.num_chasers
+        counted = slice(first, first + len(seats)) if evades else slice(None)
         left = [found[:, counted].sum(axis=1) for found in (escapes.captured, escapes.seen)]
-        count = 1 if self.role == "evader" else self.task.num_evaders
+        count = len(seats) if evades else self.task.num_evaders
         return lengths, won, Departures(left[0].astype(float), left[1].astype(float), count)
 
     def stepper(self, games: Simulator, policy: Policy) -> Callable[[], None]:
         """As `Contest`."""
-        seat, policies = fill_seats(self.task, self.agent, self.opponents)
+        seat, policies = fill_seats(self.task, self.agent, self.with_policy(policy))
         policies[seat] = policy
         return stepper(games, policies)
 
@@ -182,7 +199,7 @@ class MazeContest(Contest[Policy, Simulator]):
         if self.measure.name == "outcome" and left is not None:
             return left.outcome
         found = simulator.collected if self.measure == BY_GOALS else simulator.returns
-        return found[:, self.seat].copy()
+        return np.asarray(found[:, [*self.seats]].sum(axis=1))
 
     def reference(self, scores: Sequence[Score], learned: Score) -> Reference | None:
         """As `Contest`."""

@@ -53,13 +53,16 @@ def objective_gap(contest: AnyContest, discount: float) -> ObjectiveGap:
     as rewards for goals do not favour short games.
 
     Unknown for games that are too large, action masks, distance or user-defined rewards, several
-    mazes, starts at marks, too many goals to enumerate, rewards that do not favour short episodes
-    (evader: long ones), a limited view, a whole game without discount, discount 0, and the arm.
+    mazes, starts at marks, a team as one player, too many goals to enumerate, rewards that do not
+    favour short episodes (evader: long ones), a limited view, a whole game without discount,
+    discount 0, and the arm.
     """
     if isinstance(contest, SmallGameContest):
         known = discount > 0.0
         return ObjectiveGap(missing_return=contest.missing_return(discount)) if known else UNKNOWN
     if not isinstance(contest, GameContest) or contest.is_limited or discount == 0.0:
+        return UNKNOWN
+    if len(contest.seats) > 1:
         return UNKNOWN
     task = contest.task
     rewards = task.role_rewards[contest.role]

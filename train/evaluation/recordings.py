@@ -77,11 +77,10 @@ def players_of(contest: AnyContest, player: str) -> dict[str, str]:
         return {"arm": player}
     if isinstance(contest, SmallGameContest):
         return {**{n: label_of(own) for n, own in contest.opponents.items()}, contest.agent: player}
-    task, own = contest.task, contest.task.agent_names[contest.task.seat(contest.agent)]
-    found = {}
-    for name, role in zip(task.agent_names, task.seat_roles, strict=True):
+    task, found = contest.task, {}
+    for seat, (name, role) in enumerate(zip(task.agent_names, task.seat_roles, strict=True)):
         policy = contest.opponents.get(name, contest.opponents.get(role))
-        found[name] = player if name == own or policy is None else label_of(policy)
+        found[name] = player if seat in contest.seats or policy is None else label_of(policy)
     return found
 
 

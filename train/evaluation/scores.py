@@ -78,8 +78,10 @@ class Measure:
         At most 0 in the steps of evaders, which maximise episode length; else at least 0.
         """
         value, most = self.of(achieved), None if best is None else self.of(best)
-        if value is None or most is None:
-            return None
+        return None if value is None or most is None else self.gap(value, most)
+
+    def gap(self, value: float, most: float) -> float:
+        """The distance of a value to the best one, as `distance`."""
         if self.name == "steps":
             return value / most - 1.0
         return value - most if self.less_is_better else most - value

@@ -45,6 +45,7 @@ class SeparateNetworks(nn.Module):
         self.__dict__["policy_memory"] = getattr(first, "policy_memory", None)
         self.policy_trunk = self.value_trunk = Unprepared()
         self.policy_head = self.value_head = nn.Identity()
+        self.mixer = None  # of QMIX
 
     def owner(self, observation: torch.Tensor) -> torch.Tensor:
         """[...] int64: the number of the agent that each observation [..., *shape] is of."""

@@ -196,6 +196,7 @@ def build_of(settings: AgentSettings) -> Build:
     return Build(settings.device, bfloat16, settings.first_layer, settings.seed, fused)
 
 
-def contest_of(settings: AnyTask, episodes: int, seed: int = 0) -> AnyContest:
-    """The contest of a task, without a run; `seed` is a seed of evaluations."""
-    return world_of(settings).contest(episodes, evaluation_seed(seed))
+def contest_of(settings: AnyTask, episodes: int, seed: int = 0, team: bool = False) -> AnyContest:
+    """The contest of a task, without a run; `seed` is a seed of evaluations, `team` as in
+    `GridWorld`."""
+    return world_of(settings, team).contest(episodes, evaluation_seed(seed))

@@ -13,6 +13,7 @@ from train.evaluation.maze_contest import MazeContest
 from train.evaluation.recordings import add_episodes
 from train.evaluation.score_table import score_table
 from train.evaluation.scores import Reference, Score, beside_of
+from train.evaluation.team_contest import describe_team
 from train.files import Plain, read_json
 from train.reports.pages import PLAYER_ELEMENT, details, pairs, picture, section, write_page
 from train.reports.tables import in_markdown
@@ -66,6 +67,7 @@ def write_report(
         in_markdown(summary(results)),
         PLAYER_ELEMENT,
         *section("Scores", table.markdown()),
+        *(section("Team", *describe_team(results["team"])) if "team" in results else ()),
         *section("Learning", picture(folder / CURVE, "steps, gap and curriculum over training")),
         *section("Settings and command", *provenance_parts(folder, settings, results)),
     ]

@@ -112,6 +112,17 @@ def load_settings(folder: Path | str) -> AgentSettings:
     return from_plain(plain, str(folder / CONFIG))
 
 
+def trains_team(folder: Path | str) -> bool:
+    """Whether the policy of a run was trained in all seats of a role with several agents."""
+    kind, plain = read_config(Path(folder))
+    if kind != SIDE or task_form(plain["task"]) is not TaskSettings:
+        return False
+    settings = load_settings(folder).task
+    assert isinstance(settings, TaskSettings)
+    task = task_of(settings)
+    return task.count(task.seat_roles[task.seat(agent_of(settings, task))]) > 1
+
+
 def player_of(settings: AgentSettings) -> AnySeat:
     """The learning agent in the training games of a run; ValueError if there is none."""
     given = settings.task

@@ -26,6 +26,7 @@ from train.evaluation.scores import (
     optimality_gap,
 )
 from train.evaluation.small_game_contest import SmallGameContest
+from train.evaluation.team_contest import TeamContest, team_results
 from train.files import Plain, write_csv
 from train.runs.data_parallel import OtherProcesses
 from train.runs.folder import RUN, game_digest
@@ -242,7 +243,7 @@ def evaluation_of(
     objective: ObjectiveGap = UNKNOWN,
     policy: Any = None,
 ) -> Plain:
-    """ "evaluation", "reference" and "scores" of `results.json`.
+    """ "evaluation", "reference" and "scores" of `results.json`, and "team" of a `TeamContest`.
 
     `objective` is the objective gap; `policy` the evaluated policy, for `Contest.columns`. With a
     limited view the optimum is an interval.
@@ -271,7 +272,9 @@ def evaluation_of(
                 f"optimal_{by.name}": by.of(most),
                 f"{by.name}_regret": by.distance(learned, most),
             }
-    held = contest.reference(scores, learned)
+    held, team = contest.reference(scores, learned), {}
+    if isinstance(contest, TeamContest) and policy is not None:
+        team = {"team": team_results(contest, policy, learned, scores)}
     return {
         "evaluation": {
             "episodes": learned.episodes,
@@ -293,6 +296,7 @@ def evaluation_of(
         },
         "reference": {} if held is None else asdict(held),
         "scores": [score.plain() for score in scores],
+        **team,
     }
 
 

@@ -11,6 +11,7 @@ from pursuit.reacher.task import ReacherTask
 from pursuit.simulator.policy import Policy
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task
+from pursuit.validation import check
 from scripted_agents.environments import AGENTS
 from scripted_agents.games.simulator import GameSimulator, GameTask, StatePolicy
 from train.environments.arm_env import ArmEnv
@@ -22,6 +23,7 @@ from train.evaluation.games import won_by
 from train.evaluation.scores import BY_MOST_STEPS, measure_of
 from train.evaluation.small_game_contest import SmallGameContest
 from train.evaluation.suite_contest import SuiteContest
+from train.evaluation.team_contest import TeamContest
 from train.networks.arm_policy import ArmSeat
 from train.networks.policy import Seat
 from train.networks.small_game_policy import AnySeat, SmallGameSeat
@@ -38,12 +40,16 @@ from train.teaching.teacher import EpisodeMetrics, Teacher
 class GridWorld:
     """A game in mazes with its opponents, built once from settings.
 
+    With `team` evaluations are of the whole team of the learning agent (`TeamContest`), if it has
+    several members.
+
     Attributes:
         task: of the evaluation.
         context: for which curricula are built.
     """
 
     settings: TaskSettings
+    team: bool = False
 
     @cached_property
     def task(self) -> Task:
@@ -101,6 +107,14 @@ class GridWorld:
     def contest(self, episodes: int, seed: int = EVALUATION_SEED) -> GameContest | SuiteContest:
         """The contest of evaluations: in the task itself, independent of the curriculum."""
         given = (self.task, self.agent, self.opponents, episodes, seed)
+        role = self.task.seat_roles[self.task.seat(self.agent)]
+        if self.team and self.task.count(role) > 1:
+            check(
+                not hasattr(self.opponents[role], "task"),
+                f"opponent={self.settings.opponent!r} is a policy for {role!r}, but the whole team "
+                "is evaluated; give one for another role",
+            )
+            return TeamContest(self.task, role, *given[2:], mask_bumps=self.settings.mask_bumps)
         if len(self.task.mazes) > 1:
             return SuiteContest(*given)
         return GameContest(*given, mask_bumps=self.settings.mask_bumps)
@@ -195,8 +209,10 @@ World = GridWorld | ArmWorld | SmallGameWorld
 AnyEnv = SimulatorEnv | ArmEnv | SmallGameTrainingEnv
 
 
-def world_of(settings: AnyTask) -> World:
-    """The world of a task's settings."""
+def world_of(settings: AnyTask, team: bool = False) -> World:
+    """The world of a task's settings; `team` as in `GridWorld`."""
     if isinstance(settings, SmallGameSettings):
         return SmallGameWorld(settings)
-    return ArmWorld(settings) if isinstance(settings, ReacherSettings) else GridWorld(settings)
+    if isinstance(settings, ReacherSettings):
+        return ArmWorld(settings)
+    return GridWorld(settings, team)

@@ -23,9 +23,12 @@ from scripted_agents.environments import (
     named_policy,
     roles_of_agent,
 )
-from train.evaluation.games import half_width
+from scripted_agents.limits import MAX_EVALUATED_WORK
+from train.evaluation.games import half_width, other_role
 from train.evaluation.matchups import can_solve, match, pair_payoffs
+from train.evaluation.team_contest import TeamContest
 from train.files import Plain
+from train.reports.tables import Row
 from train.runs.folder import CONFIG
 from train.runs.opponents import check_fits, is_self_play, load_opponent, role_of
 from train.runs.saved import load_settings
@@ -233,6 +236,42 @@ def play_league(task: Task, entries: Sequence[Entry], games: int, seed: int) -> 
     names = [[entry.name for entry in sides[role]] for role in ROLES]
     how = (None, ESCAPES) if task.most_exits else (task.max_steps, STEPS)
     return LeagueTable(names[0], names[1], payoff, ci95, lengths, *how)
+
+
+def team_rows(task: Task, entries: Sequence[Entry], table: LeagueTable) -> list[Row]:
+    """Every team of several agents against every policy of the other role, with its best response.
+
+    Returns:
+        Rows with "role", "team", "against"; "payoff" and "ci95" of the table; "best_response" of
+        the team as one player (with full view), in the unit of the table and over all starts, and
+        "gap" (`Measure.gap`); or None and the "reason".
+    """
+    rows: list[Row] = []
+    sign = -1.0 if table.unit == ESCAPES else 1.0
+    for role in [role for role in ROLES if task.count(role) > 1]:
+        for other in [entry for entry in entries if entry.role == other_role(role)]:
+            how: Plain = {"most_work": MAX_EVALUATED_WORK}
+            contest = TeamContest(task, role, {other.role: other.policy}, **how)
+            best = contest.best
+            for entry in [entry for entry in entries if entry.role == role]:
+                at = (entry.name, other.name) if role == ROLES[0] else (other.name, entry.name)
+                place = table.chasers.index(at[0]), table.evaders.index(at[1])
+                payoff = float(table.payoff[place])
+                gap = None if best is None else contest.measure.gap(sign * payoff, best)
+                rows.append(
+                    {
+                        "role": role,
+                        "team": entry.name,
+                        "against": other.name,
+                        "payoff": payoff,
+                        "ci95": float(table.ci95[place]),
+                        "best_response": None if best is None else sign * best,
+                        "gap": gap,
+                        "full_view": contest.is_limited,
+                        "reason": contest.full.exact_reference.reason,
+                    }
+                )
+    return rows
 
 
 def survival(table: LeagueTable) -> Plain:

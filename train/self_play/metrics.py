@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,6 +11,7 @@ from pursuit.simulator.policy import Policy
 from pursuit.tasks.task import Task
 from scripted_agents import (
     JointNashConv,
+    RandomAgent,
     joint_nash_conv,
     solve_joint,
     why_not_optimal,
@@ -18,6 +19,7 @@ from scripted_agents import (
 )
 from scripted_agents.environments import SCRIPTED, SEARCHERS
 from scripted_agents.limits import (
+    MAX_EVALUATED_WORK,
     MAX_EXACT_WORK,
     MAX_FINAL_WORK,
     MAX_GAME_CELLS,
@@ -31,6 +33,7 @@ from train.evaluation.games import other_role, table_in
 from train.evaluation.hidden_contest import best_response_interval
 from train.evaluation.matchups import match
 from train.evaluation.scores import OUTCOME
+from train.evaluation.team_contest import TeamContest, team_results
 from train.files import Plain
 from train.settings.self_play import ROLES
 
@@ -43,6 +46,7 @@ class ResultLimits:
         evaluated_work: size up to which games of teams are evaluated exactly (`match`).
         whole_game_work: size up to which whole games are solved (`whole_game`).
         response_work: size up to which exact best responses of teams are solved.
+        team_work: as `GameContest.most_work`, for the results of teams.
         search_seconds: of each interval of a best response with a limited view.
         is_dry_run: whether the last evaluation is used again, best responses are not trained, and
             the current policies are taken for the snapshots, which a new run does not have.
@@ -51,11 +55,12 @@ class ResultLimits:
     evaluated_work: int = MAX_FINAL_WORK
     whole_game_work: int = MAX_WORK
     response_work: int = MAX_FINAL_WORK
+    team_work: int = MAX_EVALUATED_WORK
     search_seconds: float = SEARCH_SECONDS
     is_dry_run: bool = False
 
 
-DRY_RUN = ResultLimits(0, 20_000, 20_000, 0.0, is_dry_run=True)
+DRY_RUN = ResultLimits(0, 20_000, 20_000, 20_000, 0.0, is_dry_run=True)
 
 
 def exploited(task: Task, chaser: Policy, evader: Policy, discount: float) -> dict[str, float]:
@@ -167,6 +172,39 @@ def exact_best_responses(
         best = solve_joint(task, other_role(role), {role: policy}, task.max_steps)
         steps[f"against_{role}"] = best.mean_over_starts
     return steps
+
+
+def team_references(
+    task: Task,
+    pair: Mapping[str, Policy],
+    roles: Sequence[str],
+    episodes: int,
+    most: int,
+    solved: Mapping[str, float],
+    tell: Callable[[str, float], None],
+) -> Plain:
+    """ "team" of the results: by role the `team_results` of a team against the other side.
+
+    Args:
+        task: the game.
+        pair: the policies by role.
+        roles: of the teams.
+        episodes: of scores that are not exact.
+        most: as `GameContest.most_work`.
+        solved: best responses, if they are known (`exact_best_responses`).
+        tell: as there.
+    """
+    found = {}
+    for number, role in enumerate(roles):
+        tell(f"the team of {role}s and its members", number / len(roles))
+        other = other_role(role)
+        contest = TeamContest(task, role, {other: pair[other]}, episodes, most_work=most)
+        fair = {**contest.limited, "random": RandomAgent()} if contest.is_limited else {}
+        scores = [contest.score(name, policy) for name, policy in fair.items()]
+        learned = contest.score("learned, sampled", pair[role])
+        best = solved.get(f"against_{other}")
+        found[role] = team_results(contest, pair[role], learned, [*scores, learned], best)
+    return found
 
 
 def limited_best_responses(

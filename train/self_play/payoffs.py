@@ -9,7 +9,7 @@ from pathlib import Path
 from train.files import Plain
 from train.reports.figures import draw_matrix
 from train.reports.tables import Column, ResultTable, Row, numeric, words
-from train.self_play.league import LeagueTable
+from train.self_play.league import STEPS, LeagueTable
 from train.settings.self_play import ROLES
 
 
@@ -87,6 +87,21 @@ def ratings_table(role: str, content: Plain) -> ResultTable:
         numeric(f"{content.get('unit', 'steps')} against Nash", *against),
     ]
     return ResultTable(sorted(rows, key=lambda row: -row["elo"]), columns)
+
+
+def teams_table(rows: Sequence[Row], unit: str) -> ResultTable:
+    """The rows of `team_rows` with a best response."""
+    known = [row for row in rows if row["best_response"] is not None]
+    full = ", full view" if any(row["full_view"] for row in known) else ""
+    gap = numeric("gap", "gap", "+.2f", 100, " %")
+    columns = [
+        words("team", "team"),
+        words("against", "against"),
+        numeric(unit, "payoff", "z.3f"),
+        numeric(f"best team response{full}", "best_response", "z.3f"),
+        gap if unit == STEPS else numeric("difference", "gap", "z.3f"),
+    ]
+    return ResultTable(known, columns)
 
 
 def payoff_tables(table: LeagueTable, content: Plain) -> dict[str, ResultTable]:

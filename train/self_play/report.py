@@ -14,6 +14,7 @@ from pursuit.tasks.task import Task
 from train.evaluation.contest import GameContest
 from train.evaluation.recordings import MOST_OVERLAY_CELLS, recorded, sides_of
 from train.evaluation.scores import OUTCOME
+from train.evaluation.team_contest import describe_team
 from train.files import Plain, read_json
 from train.reports.curves import Panel, Series, draw_panels
 from train.reports.figures import BLACK, BLUE, ORANGE, time_scale
@@ -192,6 +193,8 @@ def describe_exploitability(results: Plain) -> list[str]:
             against = name.replace("_", " the ")
             unit = OUTCOME if "outcome" in found else "steps"
             lines.append(f"{kind} best response{full} {against}: {steps:.2f} {unit}.".capitalize())
+    for team in results.get("team", {}).values():
+        lines += [f"{line[0].upper()}{line[1:]}." for line in describe_team(team)]
     lines.append(f"{results['frames']:,} frames in {results['seconds']:.1f} s.")
     return lines
 

@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from pursuit.simulator.policy import Policy
-from scripted_agents.limits import MAX_FINAL_WORK, MAX_SNAPSHOT_CELLS
+from scripted_agents.limits import MAX_FINAL_WORK, MAX_SNAPSHOT_CELLS, MAX_WORK
 from scripted_agents.references import is_exact_team
 from train.evaluation.games import other_role
 from train.evaluation.matchups import discounted_steps, match
@@ -42,6 +42,7 @@ from train.self_play.metrics import (
     limited_best_responses,
     matches,
     scripted_references,
+    team_references,
     whole_game,
 )
 from train.self_play.mixtures import snapshot_results
@@ -247,7 +248,7 @@ class SelfPlay:
 
     def results(self, interrupted: bool, episodes: int) -> Plain:
         """Exploitability, matches between all policies, pools; for teams best responses to each
-        side, exact if the game is small enough, otherwise approximate."""
+        side, exact if the game is small enough, otherwise approximate, and `team_results`."""
         settings, limits = self.settings, self.limits
         pair, players = {role: self.policy(role) for role in ROLES}, dict[str, dict[str, Policy]]()
         for role in ROLES:
@@ -281,6 +282,13 @@ class SelfPlay:
             content["exact_best_response"] = exact_best_responses(self.task, learned, self.tell)
         elif not known and settings.best_response_seconds and not interrupted:
             content["approximate_best_response"] = self.approximate_best_responses(episodes)
+        teams = [role for role in self.sides if self.task.count(role) > 1]
+        if teams:  # an interrupted run should end soon
+            most = MAX_WORK if interrupted else limits.team_work
+            solved = content.get("exact_best_response", {})
+            content["team"] = team_references(
+                self.task, pair, teams, episodes, most, solved, self.tell
+            )
         return content
 
     def content(self, game: Plain, evaluation: dict[str, float], played: Plain) -> Plain:

@@ -140,6 +140,12 @@ class TeamSettings(Settings):
         return self.sharing == SEPARATE or (self.agent_id and self.sharing == SHARED)
 
 
+def check_critic(name: str) -> None:
+    """ValueError unless a central critic or mixing network can have this observation."""
+    if name != STATE:
+        check_observation(name)
+
+
 @dataclass(frozen=True)
 class IPPOSettings(TeamSettings, PPOSettings):
     """Independent PPO of all agents of a role (de Witt et al., 2020): every agent has a value of
@@ -157,8 +163,7 @@ class MAPPOSettings(TeamSettings, PPOSettings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.critic_observation != STATE:
-            check_observation(self.critic_observation)
+        check_critic(self.critic_observation)
         check(self.critic, "critic=False with a central critic; use algorithm ippo")
 
 
@@ -166,6 +171,22 @@ class MAPPOSettings(TeamSettings, PPOSettings):
 class VDNSettings(TeamSettings, DQNSettings):
     """Value decomposition networks (Sunehag et al., 2018): deep Q-learning of the sum of the action
     values of all agents of a role, from their mean reward."""
+
+
+@dataclass(frozen=True)
+class QMIXSettings(VDNSettings):
+    """QMIX (Rashid et al., 2018): as VDN, with a network that mixes the action values of the agents
+    monotonically, by weights that depend on the state."""
+
+    critic_observation: str = STATE
+    """Observation of the mixing network: state (the cells of all agents, goals and exits), or an
+    observation such as planes of the first agent, seen with full view."""
+    mixing_width: Count = 32
+    """Hidden units of the mixing network."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_critic(self.critic_observation)
 
 
 @dataclass(frozen=True)
@@ -334,11 +355,12 @@ HYPERPARAMETERS: dict[str, type[Hyperparameters]] = {
     "ippo": IPPOSettings,
     "mappo": MAPPOSettings,
     "vdn": VDNSettings,
+    "qmix": QMIXSettings,
 }
 """The hyperparameters of every algorithm by name; see `algorithms/registry.py` for the learners."""
 
 
-TUNED_AS = {"ippo": "ppo", "mappo": "ppo", "vdn": "dqn"}
+TUNED_AS = {"ippo": "ppo", "mappo": "ppo", "vdn": "dqn", "qmix": "dqn"}
 """The algorithms whose tuned hyperparameters others have."""
 
 

@@ -156,6 +156,7 @@ SMALL: dict[str, dict[str, Any]] = {
     "ippo": {"num_games": 32, "minibatch_size": 128},
     "mappo": {"num_games": 32, "minibatch_size": 128},
     "vdn": {"num_games": 32, "batch_size": 64, "learning_starts": 100},
+    "qmix": {"num_games": 32, "batch_size": 64, "learning_starts": 100},
 }
 
 

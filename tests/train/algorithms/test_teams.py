@@ -39,6 +39,7 @@ SIZES: dict[str, dict[str, Any]] = {
     "mappo": {"minibatch_size": 64, "rollout_steps": 8},
     "vdn": {"batch_size": 16, "learning_starts": 32, "rollout_steps": 4},
 }
+SIZES["qmix"] = SIZES["vdn"] | {"mixing_width": 8}
 
 
 def parts(name: str, **given: Any) -> Parts:
@@ -257,6 +258,30 @@ def test_the_loss_of_vdn_is_that_of_the_sum_of_the_values() -> None:
     np.testing.assert_allclose(float(loss.detach()), np.mean(errors), rtol=1e-3)
 
 
+def test_qmix_mixes_values_monotonically_by_the_state() -> None:
+    """The value of a joint action grows with that of each agent, with slopes that depend on the
+    state; agents that have left count 0."""
+    learner, env = learner_of(parts("qmix"))
+    mixer = learner.network.mixer
+    state = env.reset()[CRITIC].unflatten(0, (-1, 3))[:, 0]
+    values = torch.randn(len(state), 3, requires_grad=True)
+    (slopes,) = torch.autograd.grad(mixer(values, state).sum(), values)
+    assert (slopes >= 0.0).all() and slopes.std(dim=0).min() > 1e-4
+    for _ in range(8):
+        assert all(map(math.isfinite, learner.iterate(0.5).values()))
+    assert not torch.equal(mixer.offset.weight, torch.zeros_like(mixer.offset.weight))
+    batch = {name: rows[:40] for name, rows in learner.replay.columns().items()}
+    left = {**batch, "idle": torch.ones_like(batch["idle"])}
+    left["next_idle"] = torch.ones_like(batch["idle"])
+    learner.target.load_state_dict(learner.network.state_dict())
+    gamma = learner.settings.gamma
+    loss, _ = dqn_loss(learner.network, learner.target, left, gamma, True)
+    none = torch.zeros(40, 3)
+    following = mixer(none, batch["next_critic_observation"]) * ~batch["terminated"]
+    goal = batch["reward"] + gamma ** batch["steps"] * following
+    torch.testing.assert_close(loss, (mixer(none, batch[CRITIC]) - goal).square().mean())
+
+
 def test_rows_of_vdn_are_steps_of_whole_games() -> None:
     learner, env = learner_of(parts("vdn", role="evader", num_evaders=3, n_steps=1))
     for _ in range(6):
@@ -348,10 +373,13 @@ def test_teams_learn_in_self_play(algorithm: str, sharing: str, tmp_path: Path) 
         ({"sharing": "joint", "mask_bumps": True}, "sharing='joint' with masked actions"),
         ({"sharing": "joint", "num_chasers": 7}, "16,384 joint actions; at most 4,096"),
         ({"sharing": "all"}, "unknown sharing 'all'; one of shared, separate, joint"),
-        ({"algorithm": "qplex"}, "unknown algorithm 'qplex'; one of ppo, .*, ippo, mappo, vdn"),
+        (
+            {"algorithm": "qplex"},
+            "unknown algorithm 'qplex'; .*vdn, qmix",
+        ),
         (
             {"algorithm": "maddpg"},
-            "unknown algorithm 'maddpg' .*; one of ppo, .*, ippo, mappo, vdn",
+            "unknown algorithm 'maddpg' .*; one of ppo, .*, vdn, qmix",
         ),
         ({"algorithm": "mappo", "critic_observation": "sky"}, "'sky'"),
         ({"algorithm": "mappo", "critic": False}, "critic=False with a central critic; use"),

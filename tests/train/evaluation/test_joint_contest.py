@@ -356,7 +356,8 @@ def test_the_evaluation_of_one_side_names_its_teammates(
     game = ["--maze", "3x3", "--num-chasers", "2", "--max-steps", "9", "--frames", "100"]
     main(["self-play", *game, *small, "--episodes", "4", "--no-report", "--out", str(pair)])
     capsys.readouterr()
-    main(["evaluate", str(pair / "chaser"), "--episodes", "4", "--out", str(out)])
+    scripted = ["--teammates", "scripted", "--episodes", "4", "--out", str(out)]
+    main(["evaluate", str(pair / "chaser"), *scripted])
     said = capsys.readouterr().out.splitlines()
     assert [line for line in said if line.startswith("learned + AStarChaser(epsilon=0.2)  ")]
     assert json.loads(out.read_text())["teammates"] == {"chaser_1": "AStarChaser(epsilon=0.2)"}
