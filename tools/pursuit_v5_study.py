@@ -35,7 +35,7 @@ from train.settings.presets import TASK_PRESETS, preset_task
 from train.settings.task import TaskSettings
 
 OUT = Path(__file__).parents[1] / "docs" / "results" / "data" / "pursuit_v5"
-EPISODES, FIRST_SEED = 1, 1_000_000
+EPISODES, FIRST_SEED = 12, 1_000_000
 """Episodes of a score in PettingZoo, and the seed of the first one, which no training uses."""
 SIMULATED = 100
 """Episodes of a score in our simulator."""
