@@ -159,7 +159,8 @@ def evaluate_players(given: EvaluateCommand) -> Plain:
 
 def evaluate_in_pursuit_v5(given: EvaluateCommand) -> Plain:
     """Print the scores of a run inside PettingZoo's `pursuit_v5`; the results."""
-    names = ("opponent", "opponent_policy", "opponent_epsilon", "maze", "replays", "table")
+    others = ("opponent", "opponent_policy", "opponent_epsilon", "teammates")
+    names = (*others, "maze", "replays", "table")
     check_default(given, EvaluateCommand, names, "--env plays its own game, with its own evaders")
     loaded = load_run(given)
     found: list[Plain] = [

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,8 +20,14 @@ from pursuit.tasks.pursuit_v5 import PursuitV5Rewards
 from pursuit.tasks.task import Task
 from train.algorithms.learner import Build
 from train.algorithms.rollouts import actor_critic_of
+from train.commands.evaluate import evaluate
+from train.evaluation import pursuit_v5 as module
 from train.evaluation.pursuit_v5 import PursuitV5Episodes, play_pursuit_v5
+from train.kinds import start
 from train.networks.policy import Seat
+from train.runs.folder import RUN
+from train.runs.opponents import load_policy
+from train.runs.parts import settings_of
 from train.runs.tasks import task_of
 from train.settings.algorithms import PPOSettings
 from train.settings.presets import preset_task
@@ -81,6 +90,25 @@ def test_a_policy_plays_there_as_here(monkeypatch: pytest.MonkeyPatch, greedy: b
     assert caught > 0 and theirs.caught.tolist() == [caught]
     assert theirs.steps.tolist() == ours.steps.tolist()
     np.testing.assert_allclose(theirs.returns[0], ours.returns[0, :8], atol=1e-4)
+
+
+def test_the_command_plays_a_saved_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    sizes = {"num_games": 16, "rollout_steps": 2, "minibatch_size": 16, "width": 8}
+    settings = settings_of(preset="sisl-pursuit", **sizes, seconds=1)
+    start(RUN, settings, tmp_path / "run").save()
+    short = partial(module.environments, max_cycles=5)
+    monkeypatch.setattr(module, "environments", short)
+    out = tmp_path / "scores.json"
+    evaluate([str(tmp_path / "run"), "--env", "pursuit_v5", "--episodes", "2", "--out", str(out)])
+    scores = json.loads(out.read_text())["scores"]
+    assert [score["policy"] for score in scores] == ["learned", "learned, sampled"]
+    for greedy, score in zip((True, False), scores, strict=True):
+        played = play_pursuit_v5(load_policy(tmp_path / "run", greedy), 2)
+        assert score == {"policy": score["policy"], **played.summary()}
+        assert score["mean_steps"] == 5.0
+    for option in (["--maze", "5x5"], ["--teammates", "scripted"], ["--opponent", "random"]):
+        with pytest.raises(ValueError, match="--env plays its own game"):
+            evaluate([str(tmp_path / "run"), "--env", "pursuit_v5", *option])
 
 
 def test_the_summary_counts_agents_and_episodes() -> None:
