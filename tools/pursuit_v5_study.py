@@ -2,10 +2,11 @@
 
     PYTHONPATH=. OMP_NUM_THREADS=1 python tools/pursuit_v5_study.py LEARNER SEED [--seconds S]
 
-LEARNER is ippo or mappo (the preset sisl-pursuit), sb3 (Stable-Baselines3 with SuperSuit, the
-network and the hyperparameters of PettingZoo's tutorial for Waterworld, its other SISL
-environment), sb3-ours (the same with the hyperparameters of the preset), astar (the scripted
-chasers, which see everything, in our simulator) or random. Rows are added to `runs.csv`.
+LEARNER is ippo or mappo (the preset sisl-pursuit), ippo-local (each agent with its own rewards),
+sb3 (Stable-Baselines3 with SuperSuit, the network and the hyperparameters of PettingZoo's tutorial
+for Waterworld, its other SISL environment), sb3-ours (the same with the hyperparameters of the
+preset), astar (the scripted chasers, which see everything, in our simulator) or random. Rows are
+added to `runs.csv`.
 """
 
 from __future__ import annotations
@@ -46,8 +47,11 @@ Played = dict[str, PursuitV5Episodes]
 def ours(algorithm: str, seed: int, seconds: float, folder: Path) -> tuple[int, Played]:
     """The agent steps of a run of the preset, and its episodes by where they are played."""
     loop.EVALUATIONS = 0  # they are not in the budget, but take longer than it
-    how = {"seconds": seconds, "clock": "processor", "threads": 1, "seed": seed}
-    settings = train.settings_of(preset="sisl-pursuit", algorithm=algorithm, **how)
+    how: Plain = {"seconds": seconds, "clock": "processor", "threads": 1, "seed": seed}
+    name, _, local = algorithm.partition("-")
+    if local:
+        how["rewards"] = "pursuit_v5_local"
+    settings = train.settings_of(preset="sisl-pursuit", algorithm=name, **how)
     run: Any = train.start(RUN, settings, folder)
     run.train()
     run.save()

@@ -139,6 +139,7 @@ REWARDS: Registry[Mapping[str, Rewards] | RewardFunction | PursuitV5Rewards] = R
 for _name, _scheme in REWARD_SCHEMES.items():
     REWARDS.register(_name, _scheme)
 REWARDS.register("pursuit_v5", PursuitV5Rewards())
+REWARDS.register("pursuit_v5_local", PursuitV5Rewards(shared=False))
 
 
 def is_coefficients(text: object) -> bool:

@@ -124,11 +124,11 @@ class Task:
         slip: the probability that a move, stay included, is replaced by a uniformly random one of
             the moves that change the cell: a number, a dict from roles or agents, or the same as
             text ("evader=0.1").
-        rewards: a name ("goal", "completion", "distance", "zero_sum", "win_loss", or "pursuit_v5":
-            `PursuitV5Rewards`); a dict from role to `Rewards` (roles left out use "goal"); the same
-            as text ("chaser.step=-0.1,evader.capture=-2"; without a role for all roles); or a
-            custom reward function or its name "package.module:Name" (see
-            `pursuit.tasks.rewards.RewardFunction`).
+        rewards: a name ("goal", "completion", "distance", "zero_sum" or "win_loss"; "pursuit_v5" or
+            "pursuit_v5_local", `PursuitV5Rewards` with and without sharing); a dict from role to
+            `Rewards` (roles left out use "goal"); the same as text
+            ("chaser.step=-0.1,evader.capture=-2"; without a role for all roles); or a custom reward
+            function or its name "package.module:Name" (see `pursuit.tasks.rewards.RewardFunction`).
         view_radius: the path distance up to which an agent sees: None (no limit), a number, a dict
             ({"chaser": 2, "evader_0": None}; an agent's entry overrides its role's), or the same as
             text ("2", "chaser=2,evader_0=3"). What is out of view is absent from the observation.

@@ -20,6 +20,7 @@ from pursuit.observations.pursuit_v5 import PURSUIT_V5_ACTIONS, PursuitV5Observa
 from pursuit.rules.layout import CAPTURED
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.pursuit_v5 import PursuitV5Rewards
+from pursuit.tasks.rewards import REWARDS
 from pursuit.tasks.task import Rewards, Task
 from train.runs.tasks import task_of
 from train.settings.presets import preset_task
@@ -201,6 +202,11 @@ def test_the_preset_is_the_default_game() -> None:
     np.testing.assert_array_equal(game.base.map_matrix.T == 0, task.mazes[0].cell_numbers >= 0)
     captures, _ = play(game, 100, shared=True)
     assert captures > 0
+
+
+def test_the_named_rewards_are_the_default_ones_with_and_without_sharing() -> None:
+    assert REWARDS.get("pursuit_v5") == PursuitV5Rewards(TAG, CATCH, URGENCY, shared=True)
+    assert REWARDS.get("pursuit_v5_local") == PursuitV5Rewards(TAG, CATCH, URGENCY, shared=False)
 
 
 def test_rewards_need_rows_and_columns() -> None:
