@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from pursuit.observations.pursuit_v5 import PURSUIT_V5_ACTIONS
 from pursuit.rules.arrays import Array
-from pursuit.simulator.policy import play, role_of
+from pursuit.simulator.policy import GameView, play, role_of
 from pursuit.simulator.simulator import Simulator
+from pursuit.tasks.task import Task
 from pursuit.validation import check, whole
 from train.evaluation.games import half_width
 from train.files import Plain
@@ -71,12 +72,16 @@ def play_pursuit_v5(
     # Games that are never played: their views have the random streams and the number of steps.
     games = Simulator(check_plays_pursuit_v5(policy, envs[0]), episodes, seed, auto_restart=False)
     theirs = np.argsort(PURSUIT_V5_ACTIONS)  # its action by ours
+    latest: list[Array] = []
+
+    def view_of(seat: int) -> GameView:
+        return replace(games.view(seat), observe=lambda encoding: latest[0][:, seat])
+
+    # Views are kept, as policies with memory have one memory for each.
+    views = [view_of(seat) for seat in range(len(envs[0].possible_agents))]
 
     def choose(seen: Array) -> Array:
-        views = [
-            replace(games.view(seat), observe=lambda _, seat=seat: seen[:, seat])
-            for seat in range(seen.shape[1])
-        ]
+        latest[:] = [seen]
         actions = np.stack([play(policy, view) for view in views], axis=1)
         games.steps[:] += 1
         return np.asarray(theirs[actions])
@@ -121,15 +126,16 @@ def play_episodes(
     return PursuitV5Episodes(returns, steps, caught)
 
 
-def check_plays_pursuit_v5(policy: Any, env: Any) -> Any:
+def check_plays_pursuit_v5(policy: Any, env: Any) -> Task:
     """The task that the policy was trained in; ValueError unless it fits this `pursuit_v5`."""
     remedy = "; train with --preset sisl-pursuit, or with the agents and actions of this one"
-    encoding, task = getattr(policy, "encoding", None), getattr(policy, "task", None)
+    encoding = getattr(policy, "encoding", None)
     check(
         encoding == ENCODING and role_of(policy) == "chaser",
         f"the policy of the {role_of(policy)} observes {encoding!r}, but pursuers of pursuit_v5 "
         f"see {ENCODING!r}{remedy}",
     )
+    task: Task = policy.task
     space = env.observation_space(env.possible_agents[0])
     own = Simulator(task).encoder(ENCODING).space
     counts = {

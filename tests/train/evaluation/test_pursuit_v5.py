@@ -41,23 +41,27 @@ def default_task(**changed: Any) -> Task:
     return task_of(settings)
 
 
-def policy_in(task: Task, encoding: str = "pursuit_v5", greedy: bool = False) -> Any:
+def policy_in(
+    task: Task, encoding: str = "pursuit_v5", greedy: bool = False, recurrent: str | None = None
+) -> Any:
     """A policy with random weights."""
     torch.manual_seed(3)
     seat = Seat(task, "chaser", encoding, network="mlp")
     build = Build("cpu", False, "auto", 0, False)
-    network = actor_critic_of(PPOSettings(width=16), seat, build)
+    network = actor_critic_of(PPOSettings(width=16, recurrent=recurrent), seat, build)
     with torch.no_grad():
         network.policy_head.weight *= 30.0  # so that actions depend on observations
     return seat.policy(network, greedy)
 
 
-@pytest.mark.parametrize("greedy", [True, False])
-def test_a_policy_plays_there_as_here(monkeypatch: pytest.MonkeyPatch, greedy: bool) -> None:
+@pytest.mark.parametrize(("greedy", "recurrent"), [(True, None), (False, None), (False, "gru")])
+def test_a_policy_plays_there_as_here(
+    monkeypatch: pytest.MonkeyPatch, greedy: bool, recurrent: str | None
+) -> None:
     rules = {"surround": False, "shared_reward": False, "max_cycles": CYCLES}
     task = default_task(capture="cell", n_catch=2, max_steps=CYCLES)
     task = replace(task, rewards=PursuitV5Rewards(shared=False))
-    policy, seed = policy_in(task, greedy=greedy), 7
+    policy, seed = policy_in(task, greedy=greedy, recurrent=recurrent), 7
     drawn, draw = [], RandomPolicy.act
 
     def recorded(evaders: RandomPolicy, state: Any) -> Any:
