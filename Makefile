@@ -48,6 +48,7 @@ bench: $(SETUP)
 	$(BIN)/python tools/benchmarks/bench_viewer.py
 	$(BIN)/python tools/benchmarks/bench_searchers.py
 	$(BIN)/python tools/benchmarks/bench_games.py
+	$(BIN)/python tools/benchmarks/bench_observations.py
 
 campaign: $(SETUP)
 	$(BIN)/python tools/campaign/campaign.py

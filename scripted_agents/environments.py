@@ -271,6 +271,7 @@ def make_env(
     render_mode: str | None = None,
     mask_bumps: bool = False,
     mask_in_observation: bool = False,
+    observation_dtype: str | None = None,
     **settings: Any,
 ) -> SingleAgentEnv:
     """Any agent of any named task as a Gymnasium environment, with scripted opponents by default.
@@ -282,6 +283,8 @@ def make_env(
         render_mode: None, "ansi", "rgb_array" or "human".
         mask_bumps: whether infos hold an "action_mask" that forbids moves into walls.
         mask_in_observation: whether observations are {"observation", "action_mask"}.
+        observation_dtype: "uint8" for planes, windows and "one_hot", in a quarter of the memory;
+            None for the dtype of the encoding.
         **settings: maze, opponent_epsilon (probability of random moves of the scripted opponents, 0
             by default), opponent (of all other roles: a `Policy`, one of AGENTS, the folder of a
             run, or package.module:Name of a user-defined policy), and those of `pursuit.Task`.
@@ -293,6 +296,7 @@ def make_env(
         render_mode=render_mode,
         mask_bumps=mask_bumps,
         mask_in_observation=mask_in_observation,
+        observation_dtype=observation_dtype,
     )
 
 
@@ -311,6 +315,7 @@ def make_vector_env(
     autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
     mask_in_observation: bool = False,
     max_episode_steps: int | None = None,
+    observation_dtype: str | None = None,
     **settings: Any,
 ) -> SingleAgentVectorEnv:
     """`make_env` for `num_envs` games in lockstep.
@@ -328,6 +333,7 @@ def make_vector_env(
         mask_bumps=mask_bumps,
         autoreset_mode=autoreset_mode,
         mask_in_observation=mask_in_observation,
+        observation_dtype=observation_dtype,
     )
     envs.limit_episodes(max_episode_steps)
     return envs

@@ -32,8 +32,8 @@ MAX_FINAL_WORK = 40_000_000
 
 MAX_TEAM_WORK = 1_100_000_000
 """Size of a chase up to which the play of a whole team is evaluated exactly at the end of a run, in
-`pursuit evaluate` and in leagues, and its best response is solved: 4x4 with four chasers, a
-minute; 5x5 with three, and 7x7 with two, some seconds."""
+`pursuit evaluate` and in leagues, and its best response and those of its members are solved: 4x4
+with four chasers, two minutes; 5x5 with three, half a minute; 7x7 with two, seconds."""
 
 MAX_WORK = 5_000_000
 """Size of a game of any teams up to which a best response is computed at the start of a run: 4x4,

@@ -53,8 +53,10 @@ class Seen:
         self.opponents = [cells[other] for other in others if roles[other] != roles[seat]]
         left = sorted(int(goal) for goal in simulator.goals[game] if goal in self.view)
         self.goals = [None] * (task.num_goals - len(left)) + left
+        there = sorted(int(cell) for cell in simulator.exits[game] if cell in self.view)
+        self.exits = [None] * (task.most_exits - len(there)) + there
         self.collected = bool(simulator.events[game, seat] & COLLECTED)
-        self.entities = [self.own, *self.team, *self.opponents, *self.goals]
+        self.entities = [self.own, *self.team, *self.opponents, *self.goals, *self.exits]
         self.size = max(maze.num_cells for maze in task.mazes)
         self.height = max(maze.height for maze in task.mazes)
         self.width = max(maze.width for maze in task.mazes)
@@ -82,7 +84,13 @@ class Seen:
 
     def draw(self, grid: NDArray[np.uint8], stride: int) -> NDArray[np.uint8]:
         """The entities over a grid whose cells lie `stride` apart; the last drawn is on top."""
-        ranks = ((4, self.goals), (2, self.team), (3, self.opponents), (1, [self.own]))
+        ranks = (
+            (7, self.exits),
+            (4, self.goals),
+            (2, self.team),
+            (3, self.opponents),
+            (1, [self.own]),
+        )
         for code, cells in ranks:
             for cell in cells:
                 if cell is not None:
@@ -119,7 +127,7 @@ class Seen:
         return self.draw(grid, 2)
 
     def planes(self) -> NDArray[np.float32]:
-        names = (*PLANES, "in view") if self.limited else PLANES
+        names = [*PLANES, *["in view"] * self.limited, *["exits"] * bool(self.exits)]
         planes = {name: np.zeros((self.height, self.width), dtype=np.float32) for name in names}
         known = self.view if self.unknown else range(self.maze.num_cells)
         marked = {
@@ -127,12 +135,13 @@ class Seen:
             "team": self.team,
             "others": self.opponents,
             "goals": self.goals,
+            "exits": self.exits,
             "just collected": [self.own if self.collected else None],
             "walkable": known,
             "in view": self.view if self.limited else [],
         }
-        for name, cells in marked.items():
-            for cell in cells:
+        for name in names:
+            for cell in marked.get(name, []):
                 if cell is not None:
                     planes[name][self.place(cell)] = 1.0
         for action, side in enumerate(("north", "south", "east", "west")):
@@ -141,9 +150,9 @@ class Seen:
                     planes[f"wall {side}"][self.place(cell)] = 1.0
         return np.stack(list(planes.values()))
 
-    def window(self) -> NDArray[np.float32]:
+    def window(self, radius: int | None = None) -> NDArray[np.float32]:
         """Cut out of the planes, laid in the middle of a large empty field."""
-        planes, radius = self.planes(), self.radius
+        planes, radius = self.planes(), self.radius if radius is None else radius
         field = np.pad(planes, ((0, 0), (radius, radius), (radius, radius)))
         row, column = self.place(self.at)
         return field[:, row : row + 2 * radius + 1, column : column + 2 * radius + 1]

@@ -199,17 +199,23 @@ class MazeGames:
     simulator: Simulator
 
     def _spaces(
-        self, simulator: Simulator, observation: str, mask_bumps: bool, mask_in_observation: bool
+        self,
+        simulator: Simulator,
+        observation: str,
+        mask_bumps: bool,
+        mask_in_observation: bool,
+        observation_dtype: str | None,
     ) -> tuple[Space, Space]:
         """Set what an agent observes; the spaces of observations and actions."""
         task, self.observation = simulator.task, observation
+        self._encoder = simulator.encoder(observation, observation_dtype)
         self.mask_in_observation = check_bool("mask_in_observation", mask_in_observation)
         self.mask_bumps = check_bool("mask_bumps", mask_bumps)
         self._world = lay_out(task.mazes).world
         if self.mask_bumps:
             warn_of_masks(task)
         self.mask_bumps = has_masks(task, self.mask_bumps)
-        seen: Space = simulator.encoder(observation).space
+        seen: Space = self._encoder.space
         if self.mask_in_observation:
             seen = masked_space(seen, task.num_actions)
         return seen, gymnasium.spaces.Discrete(task.num_actions)
@@ -253,9 +259,12 @@ class PursuitParallelEnv(MazeGames, SimulatorParallelEnv):
             (`move_order="turns"`) there is always a mask; the side that waits can only stay.
         mask_in_observation: observations are {"observation", "action_mask"}, as many libraries
             expect; without `mask_bumps` the masks are all 1.
+        observation_dtype: "uint8" for planes, windows and "one_hot", in a quarter of the memory;
+            None for the dtype of the encoding.
 
     Raises:
-        ValueError: an unknown observation or render mode.
+        ValueError: an unknown observation or render mode, or a dtype that the observation cannot
+            have.
 
     Attributes:
         task, simulator: the task and its simulator.
@@ -272,12 +281,13 @@ class PursuitParallelEnv(MazeGames, SimulatorParallelEnv):
         render_mode: str | None = None,
         mask_bumps: bool = False,
         mask_in_observation: bool = False,
+        observation_dtype: str | None = None,
     ) -> None:
         name = f"{checked_task(task).name}_v0"
         self._render_as(render_mode, RENDER_FPS, name=name, is_parallelizable=True)
         simulator = Simulator(task, auto_restart=False)
-        spaces = self._spaces(simulator, observation, mask_bumps, mask_in_observation)
-        self._encoder = simulator.encoder(observation)
+        masks = mask_bumps, mask_in_observation
+        spaces = self._spaces(simulator, observation, *masks, observation_dtype)
         entities = task.num_agents + task.num_goals + task.most_exits
         steps = task.max_steps * task.steps_per_round
         high = np.array([task.max_cells] * entities + [steps], dtype=np.float32)
@@ -389,10 +399,12 @@ def environment_makers(
         render_mode: str | None = None,
         mask_bumps: bool = False,
         mask_in_observation: bool = False,
+        observation_dtype: str | None = None,
         **settings: Any,
     ) -> PursuitParallelEnv:
         """The parallel environment; `settings` are those of `pursuit.Task`."""
         task = make_task(name, maze=maze, **settings)
-        return PursuitParallelEnv(task, observation, render_mode, mask_bumps, mask_in_observation)
+        masks = mask_bumps, mask_in_observation
+        return PursuitParallelEnv(task, observation, render_mode, *masks, observation_dtype)
 
     return parallel_env, *turn_based_makers(parallel_env)

@@ -73,7 +73,8 @@ class SeatOfGames(MazeGames):
         return rewards, terminations, truncations
 
     def _observe(self) -> Observations:
-        observed = self.simulator.observe(self.observation, self.seat)
+        own = slice(self.seat, self.seat + 1)
+        observed: Array = self._encoder.encode(self.simulator.games, own)[:, 0]
         if not self.mask_in_observation:
             return observed
         return {"observation": observed, ACTION_MASK: self._masks().astype(np.int8)}
@@ -106,6 +107,8 @@ class SingleAgentEnv(SeatOfGames, SingleEnv, Single):
             cell and for staying. Without the stay action it forbids waiting (with a warning).
         mask_in_observation: observations are {"observation", "action_mask"}, as many libraries
             expect; without `mask_bumps` the mask is all 1.
+        observation_dtype: "uint8" for planes, windows and "one_hot", in a quarter of the memory;
+            None for the dtype of the encoding.
 
     Raises:
         ValueError: an unknown agent, observation or render mode, or a missing policy.
@@ -123,10 +126,12 @@ class SingleAgentEnv(SeatOfGames, SingleEnv, Single):
         render_mode: str | None = None,
         mask_bumps: bool = False,
         mask_in_observation: bool = False,
+        observation_dtype: str | None = None,
     ) -> None:
         self._render_as(render_mode, RENDER_FPS)
         simulator = self._take_seat(task, agent, policies, 1)
-        spaces = self._spaces(simulator, observation, mask_bumps, mask_in_observation)
+        masks = mask_bumps, mask_in_observation
+        spaces = self._spaces(simulator, observation, *masks, observation_dtype)
         super().__init__(simulator, *spaces)
 
     def _checked(self, actions: Any) -> int:
@@ -159,7 +164,7 @@ class SingleAgentVectorEnv(SeatOfGames, LockstepVectorEnv, Vector):
         mask_bumps: `infos["action_mask"]`, [num_envs, actions] int8, is 1 for the moves that change
             the cell and for staying. Without the stay action it forbids waiting (with a warning).
         autoreset_mode: one of `gymnasium.vector.AutoresetMode`, or its name.
-        mask_in_observation: as in `SingleAgentEnv`.
+        mask_in_observation, observation_dtype: as in `SingleAgentEnv`.
 
     Raises:
         ValueError: an unknown agent, observation or mode, or a missing policy.
@@ -180,10 +185,12 @@ class SingleAgentVectorEnv(SeatOfGames, LockstepVectorEnv, Vector):
         mask_bumps: bool = False,
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         mask_in_observation: bool = False,
+        observation_dtype: str | None = None,
     ) -> None:
         num_envs = whole("num_envs", num_envs, 1, 2**63 - 1)
         simulator = self._take_seat(task, agent, policies, num_envs)
-        spaces = self._spaces(simulator, observation, mask_bumps, mask_in_observation)
+        masks = mask_bumps, mask_in_observation
+        spaces = self._spaces(simulator, observation, *masks, observation_dtype)
         super().__init__(simulator, *spaces, render_mode, RENDER_FPS, seed, autoreset_mode)
 
     def _checked(self, actions: ArrayLike) -> Array:

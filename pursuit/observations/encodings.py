@@ -1,8 +1,9 @@
 """Kernels that write the built-in encodings.
 
-`list_entities` reads the games. For grids and planes its result, `seen` [games, agents,
-entities + 1] int32, holds the cell of every entity: -1 if it is gone or out of view. The last entry
-is the agent's own cell if it collected a goal in the last step, else -1.
+`list_entities` reads the games. For grids its result, `seen` [games, agents, entities + 1] int32,
+holds the cell of every entity: -1 if it is gone or out of view. The last entry is the agent's own
+cell if it collected a goal in the last step, else -1. `pursuit.observations.planes` has the kernel
+of planes and windows.
 
 `table` and `begin` describe limited views (`pursuit.rules.visibility`); both are None if no view is
 limited. `view` [games, agents] int64 is the index in the table of the row of an agent's cell.
@@ -17,10 +18,6 @@ from pursuit.compilation.compiled import compiled, inlined
 from pursuit.rules.arrays import Array, Flags, Ints, Longs
 from pursuit.rules.layout import Games
 from pursuit.rules.visibility import (
-    COLLECTED_PLANE,
-    GOALS_PLANE,
-    IN_VIEW_PLANE,
-    MAZE_PLANES,
     UNSEEN,
     has_collected,
     in_view,
@@ -133,55 +130,3 @@ def hide_grid(
                         for right in range(-reach, reach + 1):
                             place = places[number, cell] + down * columns + right
                             out[game, seat, place] = background[number, place]
-
-
-@compiled
-def draw_planes(
-    seen: Ints, at: Ints, maze: Ints, table: Flags | None, view: Longs, hidden: Flags,
-    layers: Longs, cells: Ints, rows: Ints, columns: Ints, walls: Codes, centred: bool,
-    num_exits: int, out: NDArray[np.float32],
-) -> None:  # fmt: skip
-    """Fill `out` [games, seats, planes, height, width], around the agent's own cell if `centred`.
-
-    `at` [games, seats] are the own cells, `layers` [seats, agents] the planes of the agents; the
-    last `num_exits` entities are exits, of the last plane. See
-    `pursuit.observations.observations.Grids` for the mazes.
-    """
-    num_entities, num_agents = seen.shape[2] - 1, layers.shape[1]
-    first_exit = num_entities - num_exits
-    height, width = out.shape[3], out.shape[4]
-    for game in range(seen.shape[0]):
-        number = np.uintp(maze[game])
-        for seat in range(seen.shape[1]):
-            row = view[game, seat]
-            top, left = 0, 0
-            if centred:
-                top = rows[number, at[game, seat]] - height // 2
-                left = columns[number, at[game, seat]] - width // 2
-            out[game, seat] = 0.0
-            for down in range(max(0, -top), min(height, cells.shape[1] - top)):
-                for right in range(max(0, -left), min(width, cells.shape[2] - left)):
-                    cell = cells[number, top + down, left + right]
-                    if cell < 0:
-                        continue
-                    is_seen = in_view(table, row, cell)
-                    if table is not None and is_seen:
-                        out[game, seat, IN_VIEW_PLANE, down, right] = 1.0
-                    if is_seen or not hidden[seat]:
-                        out[game, seat, MAZE_PLANES, down, right] = 1.0
-                        closed = walls[number, np.uintp(cell)]
-                        for side in range(4):
-                            wall = np.float32((closed >> side) & 1)
-                            out[game, seat, MAZE_PLANES + 1 + side, down, right] = wall
-            for entity in range(num_entities + 1):
-                cell = seen[game, seat, entity]
-                if cell < 0:
-                    continue
-                down, right = rows[number, cell] - top, columns[number, cell] - left
-                if 0 <= down < height and 0 <= right < width:
-                    layer = COLLECTED_PLANE if entity == num_entities else GOALS_PLANE
-                    if entity < num_agents:
-                        layer = layers[seat, entity]
-                    elif first_exit <= entity < num_entities:
-                        layer = out.shape[2] - 1
-                    out[game, seat, layer, down, right] = 1.0

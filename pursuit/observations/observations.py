@@ -8,7 +8,7 @@ evaders and collected goals are absent.
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -20,19 +20,17 @@ from pursuit.observations.custom import (
     WINDOW,
     CustomEncoding,
     Observation,
-    given_radius,
     is_builtin,
     without_id,
 )
 from pursuit.observations.custom import ENCODINGS as ENCODINGS
+from pursuit.observations.planes import Planes, radius_of
 from pursuit.rules.arrays import Array
 from pursuit.rules.layout import Games
 from pursuit.rules.visibility import (
     EXIT,
-    EXITS,
     FLOOR,
     GOAL,
-    IN_VIEW,
     OTHER,
     SELF,
     TEAM,
@@ -42,7 +40,9 @@ from pursuit.rules.visibility import (
 from pursuit.rules.visibility import PLANES as PLANES
 from pursuit.tasks.task import Task, checked_task
 
-NO_CELL = -1
+DTYPES = ("float32", "uint8")
+ZEROS_AND_ONES = ("one_hot", "planes", WINDOW)
+"""Encodings of zeros and ones, which have either of DTYPES; by default the first."""
 DRAWING_ORDER = (EXIT, GOAL, TEAM, OTHER, SELF)
 """If several entities are in one cell of a grid, the last of these is drawn over the others."""
 
@@ -79,18 +79,20 @@ class Encoder:
         task: the task.
         encoding: one of ENCODINGS, or a custom `Observation`: the object, its class, or its name
             "package.module:Name".
+        dtype: "uint8" for "one_hot", "planes" and windows in a quarter of the memory; None for the
+            dtype above.
 
     Raises:
-        ValueError: an unknown encoding, a custom observation with a space other than Box, or an
-            encoding of rows and columns ("walls", "planes", "window") of a graph, or "+id" of
-            "cells" and "walls" in grids.
+        ValueError: an unknown encoding, a custom observation with a space other than Box, a dtype
+            that the encoding cannot have, an encoding of rows and columns ("walls", "planes",
+            "window") of a graph, or "+id" of "cells" and "walls" in grids.
 
     Attributes:
         shape, dtype: shape and dtype of one observation.
         space: its Gymnasium space (the same object at every call).
     """
 
-    def __init__(self, task: Task, encoding: str | Observation) -> None:
+    def __init__(self, task: Task, encoding: str | Observation, dtype: str | None = None) -> None:
         self.encoding: Any = encoding
         self._sight = checked_task(task).sight
         self.num_entities = task.num_agents + task.num_goals + task.most_exits
@@ -109,7 +111,7 @@ class Encoder:
         self._plain: Encoder | None = None
         self._own: CustomEncoding | None = None
         if isinstance(encoding, str) and encoding.endswith(AGENT_ID):
-            self._plain = Encoder(task, without_id(encoding))
+            self._plain = Encoder(task, without_id(encoding), dtype)
             self._ids = [roles[:seat].count(role) for seat, role in enumerate(roles)]
             self.space: Any = _space_with_id(self._plain, max(self._ids) + 1)
         elif is_builtin(encoding):
@@ -118,6 +120,11 @@ class Encoder:
             self._own = CustomEncoding(task, encoding)
             self.space = self._own.space
         self.shape, self.dtype = self.space.shape, self.space.dtype
+        if dtype is not None:
+            _check_dtype(encoding, dtype, str(self.dtype))
+            self.dtype = np.dtype(dtype)
+            bounds = self.space.low.astype(dtype), self.space.high.astype(dtype)
+            self.space = gymnasium.spaces.Box(*bounds, dtype=self.dtype.type)
 
     def _space(self, task: Task) -> gymnasium.spaces.Box:
         """The space of a built-in encoding; also creates the arrays that its kernels need."""
@@ -143,11 +150,9 @@ class Encoder:
             most = UNSEEN if self._sight.hidden_maze.any() else WALL
             most = EXIT if task.most_exits else most
             return box(FLOOR, most, self._background.shape[1:], np.uint8)
-        self._grids = grids_of(task)
-        sides = self._grids.cells.shape[1:]
-        if self.encoding != "planes":
-            sides = (2 * radius_of(task, self.encoding) + 1,) * 2
-        return box(0.0, 1.0, (len(planes_of(task)), *sides), np.float32)
+        radius = None if self.encoding == "planes" else radius_of(task, self.encoding)
+        self._planes = Planes(task, radius)
+        return box(0.0, 1.0, self._planes.shape, np.float32)
 
     def encode(self, games: Games, seats: slice = slice(None), out: Array | None = None) -> Array:
         """[games, seats, *shape]: the observations of these agents in these games.
@@ -199,26 +204,36 @@ class Encoder:
         if self.encoding == "one_hot":
             encodings.list_entities(*seen_from, 0, size, None, out)
             return
+        if self.encoding not in ("cells", "walls"):
+            self._planes.draw(games, seats, out)
+            return
         seen = np.empty((*out.shape[:2], self.num_entities + 1), dtype=np.int32)
         encodings.list_entities(*seen_from, 0, 0, -1, seen)
         view = np.empty(out.shape[:2], dtype=np.int64)
         encodings.list_views(*games, sight.begin, order, view)
         hidden = sight.hidden_maze[seats]
-        if self.encoding in ("cells", "walls"):
-            out[:] = self._background[games.maze][:, None]
-            flat = out.reshape(*out.shape[:2], math.prod(self.shape))
-            if hidden.any():
-                mazes = self._background.reshape(len(self._background), -1)
-                maze = (self._num_cells, hidden, self._places, mazes, self.shape[1])
-                reach = int(self.encoding == "walls")
-                encodings.hide_grid(games.maze, sight.table, view, *maze, reach, flat)
-            encodings.draw_codes(seen, games.maze, self._draws[seats], self._places, flat)
-        else:
-            at = games.position[:, seats]
-            views = (games.maze, sight.table, view, hidden, self._codes[seats] - SELF)
-            centred = self.encoding != "planes"
-            exits = games.exit.shape[1]
-            encodings.draw_planes(seen, at, *views, *self._grids, centred, exits, out)
+        out[:] = self._background[games.maze][:, None]
+        flat = out.reshape(*out.shape[:2], math.prod(self.shape))
+        if hidden.any():
+            mazes = self._background.reshape(len(self._background), -1)
+            maze = (self._num_cells, hidden, self._places, mazes, self.shape[1])
+            reach = int(self.encoding == "walls")
+            encodings.hide_grid(games.maze, sight.table, view, *maze, reach, flat)
+        encodings.draw_codes(seen, games.maze, self._draws[seats], self._places, flat)
+
+
+def _check_dtype(encoding: object, dtype: object, own: str) -> None:
+    """ValueError unless an encoding, by default of dtype `own`, can have another dtype."""
+    if dtype not in (DTYPES if has_bits(encoding) else (own,)):
+        raise ValueError(
+            f"observation_dtype={dtype!r} of observation {encoding!r}, which is {own}; only "
+            f"{', '.join(ZEROS_AND_ONES)} and {WINDOW}:R can be {' or '.join(DTYPES)}: leave it out"
+        )
+
+
+def has_bits(encoding: object) -> bool:
+    """Whether an encoding consists of zeros and ones, and so has either of DTYPES."""
+    return is_builtin(encoding) and without_id(str(encoding)).partition(":")[0] in ZEROS_AND_ONES
 
 
 def _space_with_id(plain: Encoder, members: int) -> gymnasium.spaces.Box:
@@ -267,66 +282,3 @@ def _drawn_mazes(task: Task, with_walls: bool) -> tuple[NDArray[np.int64], NDArr
         background[number, rows, columns] = FLOOR
         places[number, : maze.num_cells] = rows * shape[1] + columns
     return places, background
-
-
-# -- planes and windows ----------------------------------------------------------------------------
-
-
-def planes_of(task: Task) -> tuple[str, ...]:
-    """The names of the planes of "planes" and "window": one more if views are limited, and one more
-    if there are exits."""
-    in_view = (IN_VIEW,) if task.sight.limited else ()
-    return (*PLANES, *in_view, *((EXITS,) if task.most_exits else ()))
-
-
-def radius_of(task: Task, encoding: str) -> int:
-    """R of a window of 2R + 1 rows and columns.
-
-    "window:R" gives it. For "window" it is the largest view radius of the task or, without one, the
-    smallest R that shows the whole of every maze from each of its cells.
-
-    Raises:
-        ValueError: an invalid R.
-    """
-    given = given_radius(encoding)
-    if given is not None:
-        return given
-    radii = [limit.view_radius for limit in task.sight.limits if limit.view_radius is not None]
-    if radii:
-        return given_radius(f"{WINDOW}:{max(radii)}") or 0
-    return max(max(maze.height, maze.width) for maze in task.mazes) - 1
-
-
-class Grids(NamedTuple):
-    """Mazes as grids.
-
-    Attributes:
-        cells: [mazes, height, width] int32, the number of each cell; NO_CELL if there is none.
-        rows, columns: [mazes, cells] int32, row and column of each cell.
-        walls: [mazes, cells] uint8, bit 1 << action is set if the move does not change the cell.
-    """
-
-    cells: NDArray[np.int32]
-    rows: NDArray[np.int32]
-    columns: NDArray[np.int32]
-    walls: NDArray[np.uint8]
-
-
-def grids_of(task: Task) -> Grids:
-    """The mazes of a task."""
-    count, size = len(task.mazes), task.max_cells
-    height = max(maze.height for maze in task.mazes)
-    width = max(maze.width for maze in task.mazes)
-    grids = Grids(
-        np.full((count, height, width), NO_CELL, dtype=np.int32),
-        np.zeros((count, size), dtype=np.int32),
-        np.zeros((count, size), dtype=np.int32),
-        np.zeros((count, size), dtype=np.uint8),
-    )
-    for number, maze in enumerate(task.mazes):
-        own = np.arange(maze.num_cells)
-        grids.cells[number, maze.rows, maze.columns] = own
-        grids.rows[number, : len(own)], grids.columns[number, : len(own)] = maze.rows, maze.columns
-        closed = maze.neighbors[:, :4] == own[:, None]
-        grids.walls[number, : len(own)] = closed @ (1 << np.arange(4))
-    return grids

@@ -74,7 +74,8 @@ class GameView(GameArrays):
         epsilon: [num_games, num_agents] float64, the probability of a random move; NaN if the
             policy's own epsilon applies.
         mazes: the arrays of the mazes.
-        observe: `observe(encoding)` -> [num_games, ...], the observations of the agent.
+        observe: `observe(encoding, dtype=None)` -> [num_games, ...], the observations of the agent;
+            `dtype` is that of `pursuit.observations.observations.Encoder`.
         whole: the view of the whole batch, for a view made by `select`; None otherwise.
         chosen: [num_games], the indices of these games in the batch; None for all games.
     """
@@ -85,7 +86,7 @@ class GameView(GameArrays):
     streams: NDArray[np.uint64]
     epsilon: NDArray[np.float64]
     mazes: MazeArrays
-    observe: Callable[[str], Array]
+    observe: Callable[..., Array]
     whole: GameView | None = None
     chosen: NDArray[np.intp] | None = None
 
@@ -105,7 +106,7 @@ class GameView(GameArrays):
             games=Games(*(array[games] for array in self.games)),
             streams=self.streams[games],
             epsilon=self.epsilon[games],
-            observe=lambda encoding: self.observe(encoding)[games],
+            observe=lambda *form: self.observe(*form)[games],
             whole=self.whole or self,
             chosen=games if self.chosen is None else self.chosen[games],
         )

@@ -123,7 +123,7 @@ class Simulator(BatchSimulator[Task], GameArrays):
         self.episode_returns: NDArray[np.float64] = outcome.episode_returns
         self.final_positions: NDArray[np.int32] = outcome.final.position
         self.episode_lengths: NDArray[np.int32] = outcome.final.steps
-        self._encoders: dict[str, Encoder] = {}
+        self._encoders: dict[tuple[str, str], Encoder] = {}
         self._views: dict[int, GameView] = {}
         self._coming.min_start_distance[:] = task.min_start_distance
         self.reset(seed)
@@ -321,38 +321,50 @@ class Simulator(BatchSimulator[Task], GameArrays):
 
     # -- observations ----------------------------------------------------------------------------
 
-    def encoder(self, encoding: str) -> Encoder:
-        """The `Encoder` of `encoding` for this task."""
-        if not isinstance(encoding, str) or encoding not in self._encoders:
-            self._encoders[encoding] = Encoder(self.task, encoding)
-        return self._encoders[encoding]
+    def encoder(self, encoding: str, dtype: str | None = None) -> Encoder:
+        """The `Encoder` of `encoding` for this task, in its default dtype or the given one."""
+        key = encoding, str(dtype)
+        if not isinstance(encoding, str) or key not in self._encoders:
+            self._encoders[key] = Encoder(self.task, encoding, dtype)
+        return self._encoders[key]
 
     def observe(
-        self, encoding: str = "one_hot", seat: int | str | None = None, out: Any = None
+        self,
+        encoding: str = "one_hot",
+        seat: int | str | None = None,
+        out: Any = None,
+        dtype: str | None = None,
     ) -> Array:
         """The current observations: a new array, or `out`.
 
-        The shape is [num_games, num_agents, ...], or [num_games, ...] for one `seat`.
+        The shape is [num_games, num_agents, ...], or [num_games, ...] for one `seat`. `dtype` is
+        that of the `Encoder`.
         """
-        return self._encode(self.games, encoding, seat, out)
+        return self._encode(self.games, encoding, seat, dtype, out)
 
     def observe_final(
         self,
         encoding: str = "one_hot",
         seat: int | str | None = None,
         games: ArrayLike | None = None,
+        dtype: str | None = None,
     ) -> Array:
         """The observations at the end of the last episodes, of all games or of `games`."""
         final = self._outcome.final
         if games is not None:
             chosen = game_indices(games, self.num_games)
             final = layout.Games(*(array[chosen] for array in final))
-        return self._encode(final, encoding, seat)
+        return self._encode(final, encoding, seat, dtype)
 
     def _encode(
-        self, games: layout.Games, encoding: str, seat: int | str | None, out: Any = None
+        self,
+        games: layout.Games,
+        encoding: str,
+        seat: int | str | None,
+        dtype: str | None = None,
+        out: Any = None,
     ) -> Array:
-        encoder = self.encoder(encoding)
+        encoder = self.encoder(encoding, dtype)
         if seat is None:
             return encoder.encode(games, out=out)
         number = self.task.seat(seat)
@@ -365,7 +377,9 @@ class Simulator(BatchSimulator[Task], GameArrays):
         if number not in self._views:
             self._views[number] = GameView(
                 self.task, number, self.games, self.streams, self._epsilon, self._mazes,
-                observe=lambda encoding: self._encode(self.games, encoding, number),
+                observe=lambda encoding, dtype=None: self._encode(
+                    self.games, encoding, number, dtype
+                ),
             )  # fmt: skip
         return self._views[number]
 

@@ -62,8 +62,10 @@ def policies_of(
         if not hasattr(policy, "act"):
             policy = TablePolicy(task.mazes[0], policy)
         if isinstance(policy, MemoryPolicy) or not isinstance(policy, DistributionPolicy):
+            bare = type(policy).__repr__ is object.__repr__
+            shown = type(policy).__name__ if bare else repr(policy)
             raise ValueError(
-                f"{policy!r} of {name} has no distribution(task, games, seat); exact solutions "
+                f"{shown} of {name} has no distribution(task, games, seat); exact solutions "
                 "need policies with action probabilities in every state"
             )
         if isinstance(policy, JointPlan) and len(policy.choices) > 1:

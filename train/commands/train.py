@@ -44,7 +44,8 @@ H = TypeVar("H", bound=Hyperparameters, covariant=True)
 
 @dataclass(frozen=True)
 class TrainCommand(RunCommand, Generic[H]):
-    """Train one agent against fixed opponents, or an arm, and compare it with the exact optimum.
+    """Train one agent, or all of a role (--algorithm ippo, mappo, vdn or qmix), against fixed
+    opponents, or an arm, and compare the result with the exact optimum.
 
     Options depend on --task (default: chase), --algorithm (default: ppo) and --curriculum (default:
     none). For example `pursuit train --task reacher --algorithm td3 --help` lists the options of an
@@ -84,7 +85,7 @@ def train(arguments: Sequence[str]) -> None:
     run = cast("Run[SingleAgent]", started)
     trainee = run.trainee
     print(trainee.contest.line())
-    if hint := team_hint(trainee.parts.settings.task):
+    if not trainee.parts.algorithm.whole_role and (hint := team_hint(trainee.parts.settings.task)):
         print(hint)
     if trainee.update_form is not None:
         print(f"update: {trainee.update_form}")

@@ -12,6 +12,7 @@ from pursuit.observations.masks import action_masks, warn_of_masks
 from pursuit.simulator.simulator import Simulator
 from train.environments.lockstep import StepOutcome
 from train.environments.seat_env import CRITIC, SeatEnv
+from train.networks.features import dtype_of
 from train.networks.frames import FrameStack, Observations, shift
 from train.networks.joint_policy import parts_of
 from train.networks.policy import Seat
@@ -46,7 +47,7 @@ class SimulatorEnv(SeatEnv):
         self.moved = slice(self.seat, self.seat + agents)
         if player.mask_bumps:
             warn_of_masks(simulator.task)
-        encoder = simulator.encoder(self.encoding)
+        encoder = simulator.encoder(self.encoding, dtype_of(self.encoding))
         ends = [encoder.space.low, encoder.space.high]
         self.stack, self.frames = None, np.zeros(0)
         if player.frame_stack > 1:
@@ -81,7 +82,7 @@ class SimulatorEnv(SeatEnv):
     def _observe(self) -> dict[str, torch.Tensor]:
         """The observations [batch, ...] of the learner's agents, their idle flags and masks."""
         simulator = self.simulator
-        encoder = simulator.encoder(self.encoding)
+        encoder = simulator.encoder(self.encoding, dtype_of(self.encoding))
         seen = torch.from_numpy(self._stacked(encoder.encode(simulator.games, self.seats)))
         found = {"observation": seen.flatten(0, 1)}
         if self.members > 1:

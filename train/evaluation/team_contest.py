@@ -182,8 +182,8 @@ def team_results(
         "best_response", of the team, and "gap" (`Measure.gap`), or None and the "reason";
         "full_view", whether the team has a limited view, so that best responses are bounds;
         "members": by name the same, or {} and "members_reason"; with a limited view "interval", of
-        the optimum: "bound", and the result that a policy with this view "achieved", its name and
-        "exact".
+        the optimum: "bound" (or None), and the result that a policy with this view "achieved", its
+        name and "exact".
     """
     measure, why = contest.measure, contest.why_not_solved(policy)
     best = contest.best if best is None else best
@@ -204,17 +204,14 @@ def team_results(
         "members": {name: _beside(measure, value, own) for name, own in members.items()},
         "members_reason": why or "",
     }
-    if contest.is_limited and best is not None:
+    if contest.is_limited:
         names = (*contest.limited, "random")
         fair = [one for one in scores if one.name in names or one.name.startswith("learned")]
         known = measure.best([*fair, score]) or score
-        own = value if known is score else measure.of(known)
-        content["interval"] = {
-            "bound": best,
-            "achieved": own,
-            "name": known.name,
-            "exact": exact if known is score else known.exact,
-        }
+        at = {"achieved": measure.of(known), "exact": known.exact}
+        if known.name == score.name:
+            at = {"achieved": value, "exact": exact}
+        content["interval"] = {"bound": best, **at, "name": known.name}
     return content
 
 
@@ -236,8 +233,14 @@ def describe_team(found: Plain) -> list[str]:
     how = "exact" if found["exact"] else "sampled"
     how = f"± {found['ci95']:.3f}" if name == "steps" and not found["exact"] else how
     lines = [f"team of {found['size']} {found['role']}s: {found[name]:.3f} {unit} ({how})"]
+    interval, of_known, known = found.get("interval"), "", 0.0
+    if interval is not None:
+        known = interval["achieved"]
+        of_known = f"{interval['name']}, {'exact' if interval['exact'] else 'sampled'}"
     if found["best_response"] is None:
         lines[0] += f"; no exact best team response: {found['reason']}"
+        if interval is not None:
+            lines.append(f"best known with these views: {known:.3f} {unit} ({of_known})")
         return lines
     lines[0] += f"; best team response{full} {found['best_response']:.3f}: {gap(found)}"
     each = ", ".join(
@@ -250,14 +253,8 @@ def describe_team(found: Plain) -> list[str]:
         if why
         else f"best response of one member{full}, the others fixed: {each}"
     )
-    if interval := found.get("interval"):
-        ends = [
-            (interval["bound"], "best team response, full view; proven"),
-            (
-                interval["achieved"],
-                f"{interval['name']}, {'exact' if interval['exact'] else 'sampled'}",
-            ),
-        ]
+    if interval is not None:
+        ends = [(interval["bound"], "best team response, full view; proven"), (known, of_known)]
         (low, of_low), (high, of_high) = sorted(ends)
         lines.append(
             f"the optimum of a team with these views lies between {low:.3f} ({of_low}) and "

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.observations.custom import is_builtin, without_id
-from pursuit.observations.observations import Encoder
+from pursuit.observations.observations import Encoder, has_bits
 
 SEEN_AS: dict[str, Literal["planes", "grid", "flat"]] = {
     "auto": "planes",
@@ -42,6 +42,21 @@ class Features:
     rows: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64), repr=False)
     num_rows: int = 0
     network: str = ""
+
+
+def dtype_of(encoding: str) -> str | None:
+    """The dtype of the observations of learners and policies; None for that of the encoding.
+
+    That of planes and windows is uint8, in a quarter of the memory; networks see the same numbers.
+    """
+    return "uint8" if has_bits(encoding) and without_id(encoding) != "one_hot" else None
+
+
+def observed(view: Any, encoding: str) -> NDArray[Any]:
+    """[games, *shape]: what the agent of a `GameView` observes, in `dtype_of` the encoding."""
+    dtype = dtype_of(encoding)
+    seen: NDArray[Any] = view.observe(encoding, *([] if dtype is None else [dtype]))
+    return seen
 
 
 def features_of(encoder: Encoder, num_agents: int) -> Features:

@@ -20,7 +20,7 @@ from pursuit.rules.layout import Games
 from pursuit.simulator.policy import GameView, pairs_of_cells
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task
-from train.networks.features import Features, features_for, features_of
+from train.networks.features import Features, dtype_of, features_for, features_of, observed
 from train.networks.frames import Observations, stacked
 from train.networks.joint_policy import JointPolicy
 from train.networks.layers import Network, float32_inference
@@ -160,7 +160,8 @@ class Seat:
         if not self.critic:
             return None
         full = replace(self.task, view_radius=None, line_of_sight=False, unknown_maze=False)
-        return Encoder(full, f"index{AGENT_ID}" if self.critic == STATE else self.critic)
+        encoding = f"index{AGENT_ID}" if self.critic == STATE else self.critic
+        return Encoder(full, encoding, dtype_of(encoding))
 
     @cached_property
     def critic_features(self) -> Features | None:
@@ -252,7 +253,7 @@ class NetworkPolicy:
         Raises:
             ValueError: observations other than in training.
         """
-        observations = view.observe(self.encoding)
+        observations = observed(view, self.encoding)
         draws = None if self.greedy else view.uniform()
         return self.choose(view, observations, draws, self.seat.masks(view))
 
@@ -291,7 +292,7 @@ class LearnedPolicy(NetworkPolicy):
         Raises:
             ValueError: an agent of another role, or observations other than in training.
         """
-        encoder = Encoder(task, self.encoding)
+        encoder = Encoder(task, self.encoding, dtype_of(self.encoding))
         role = task.seat_roles[seat]
         if (
             role != self.seat.role
@@ -344,7 +345,8 @@ class LearnedPolicy(NetworkPolicy):
         task = self._in_maze(maze)
         size, seat = maze.num_cells, task.seat(self.agent)
         pairs = pairs_of_cells(task, maze, seat)
-        probabilities = self._in_batches(Encoder(task, self.encoding), task, pairs, seat)
+        encoder = Encoder(task, self.encoding, dtype_of(self.encoding))
+        probabilities = self._in_batches(encoder, task, pairs, seat)
         return probabilities.reshape(size, size, task.num_actions)
 
     def plays_in(self, maze: Maze) -> bool:

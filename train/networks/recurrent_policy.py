@@ -12,6 +12,7 @@ from pursuit.observations.custom import without_id
 from pursuit.simulator.policy import GameView, Memory
 from pursuit.tasks.task import Task
 from train.networks.distributions import masked
+from train.networks.features import observed
 from train.networks.frames import FrameStack, Observations, shift
 from train.networks.layers import float32_inference
 
@@ -125,7 +126,7 @@ class RecurrentPolicy:
             empty["state"] = np.zeros((view.num_games, self.network.sizes[0]), dtype=np.float32)
         if self._stack is not None:
             empty["frames"] = self._stack.empty_frames(
-                view.num_games, view.observe(self.encoding).dtype
+                view.num_games, observed(view, self.encoding).dtype
             )
         return empty
 
@@ -143,17 +144,17 @@ class RecurrentPolicy:
         Raises:
             ValueError: observations other than in training.
         """
-        observed = view.observe(self.encoding)
-        check_looks(observed, self.seat.seen.shape, self.task, view, self.encoding)
+        seen = observed(view, self.encoding)
+        check_looks(seen, self.seat.seen.shape, self.task, view, self.encoding)
         kept, rows = self.memory.of(view), view.rows
         if self._stack is not None:
             frames = kept["frames"][rows]
             shift(frames)
-            observed = self._stack.with_newest(frames, observed)
+            seen = self._stack.with_newest(frames, seen)
             kept["frames"][rows] = frames
         device = next(self.network.parameters()).device
         with float32_inference(self.network):
-            observation = torch.from_numpy(observed).to(device)
+            observation = torch.from_numpy(seen).to(device)
             if self._recurrent:
                 before = torch.from_numpy(kept["state"][rows]).to(device)
                 logits, state = self.network.remember(observation, before)

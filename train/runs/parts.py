@@ -106,7 +106,9 @@ def parts_of(settings: AgentSettings, rank: int = 0) -> Parts:
                 f"{FEWEST_ITERATIONS} and {FEWEST_EPISODES} by more frames or a lower num_games",
                 stacklevel=2,
             )
-    world = world_of(settings.task)
+    world = world_of(settings.task, algorithm.whole_role)
+    if algorithm.whole_role:
+        world.contest(2)  # refuses what has no result as a team
     mazes = len(getattr(world.task, "mazes", ()))
     if mazes > 1 and without_id(settings.observation) in NO_WALLS:
         warnings.warn(

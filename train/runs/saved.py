@@ -114,13 +114,12 @@ def load_settings(folder: Path | str) -> AgentSettings:
 
 def trains_team(folder: Path | str) -> bool:
     """Whether the policy of a run was trained in all seats of a role with several agents."""
-    kind, plain = read_config(Path(folder))
-    if kind != SIDE or task_form(plain["task"]) is not TaskSettings:
+    settings, side = load_settings(folder), read_config(Path(folder))[0] == SIDE
+    given = settings.task
+    if not isinstance(given, TaskSettings) or not (side or entry(settings.algorithm).whole_role):
         return False
-    settings = load_settings(folder).task
-    assert isinstance(settings, TaskSettings)
-    task = task_of(settings)
-    return task.count(task.seat_roles[task.seat(agent_of(settings, task))]) > 1
+    task = task_of(given)
+    return task.count(task.seat_roles[task.seat(agent_of(given, task))]) > 1
 
 
 def player_of(settings: AgentSettings) -> AnySeat:

@@ -183,18 +183,19 @@ def team_references(
     solved: Mapping[str, float],
     tell: Callable[[str, float], None],
 ) -> Plain:
-    """ "team" of the results: by role the `team_results` of a team against the other side.
+    """ "team" of the results: by role the `team_results` of a team against the other side; {} if
+    there is no team.
 
     Args:
         task: the game.
         pair: the policies by role.
-        roles: of the teams.
+        roles: that learn; those with one agent are no teams.
         episodes: of scores that are not exact.
         most: as `GameContest.most_work`.
         solved: best responses, if they are known (`exact_best_responses`).
         tell: as there.
     """
-    found = {}
+    found, roles = {}, [role for role in roles if task.count(role) > 1]
     for number, role in enumerate(roles):
         tell(f"the team of {role}s and its members", number / len(roles))
         other = other_role(role)
@@ -204,7 +205,7 @@ def team_references(
         learned = contest.score("learned, sampled", pair[role])
         best = solved.get(f"against_{other}")
         found[role] = team_results(contest, pair[role], learned, [*scores, learned], best)
-    return found
+    return {"team": found} if found else {}
 
 
 def limited_best_responses(

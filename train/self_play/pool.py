@@ -19,6 +19,7 @@ from pursuit.rules.arrays import Array
 from pursuit.simulator.policy import GameView, Policy, play
 from pursuit.validation import check, raised
 from train.files import Plain
+from train.networks.features import observed
 from train.networks.policy import NetworkPolicy
 from train.runs.folder import MISFITS
 from train.self_play.tables import CellTables
@@ -347,16 +348,16 @@ class PoolPolicy:
         actions = np.empty(view.num_games, dtype=np.int32)
         order = np.argsort(self.opponents, kind="stable")
         bounds = np.searchsorted(self.opponents[order], [*present, len(policies)])
-        observed: dict[str, Array] = {}
+        looks: dict[str, Array] = {}
         for place, first, last in zip(present, bounds, bounds[1:], strict=False):
             games, policy = order[first:last], policies[place]
             if places[place] >= 0:
                 which = places[self.opponents[games]]
                 actions[games] = self.tables.draw(which, view, games, draws[games])
             elif isinstance(policy, NetworkPolicy):
-                if policy.encoding not in observed:
-                    observed[policy.encoding] = view.observe(policy.encoding)
-                seen = observed[policy.encoding][games]
+                if policy.encoding not in looks:
+                    looks[policy.encoding] = observed(view, policy.encoding)
+                seen = looks[policy.encoding][games]
                 allowed = policy.seat.masks(view)
                 actions[games] = policy.choose(
                     view,

@@ -282,14 +282,9 @@ class SelfPlay:
             content["exact_best_response"] = exact_best_responses(self.task, learned, self.tell)
         elif not known and settings.best_response_seconds and not interrupted:
             content["approximate_best_response"] = self.approximate_best_responses(episodes)
-        teams = [role for role in self.sides if self.task.count(role) > 1]
-        if teams:  # an interrupted run should end soon
-            most = MAX_WORK if interrupted else limits.team_work
-            solved = content.get("exact_best_response", {})
-            content["team"] = team_references(
-                self.task, pair, teams, episodes, most, solved, self.tell
-            )
-        return content
+        most = MAX_WORK if interrupted else limits.team_work  # an interrupted run should end soon
+        how = (episodes, most, content.get("exact_best_response", {}), self.tell)
+        return content | team_references(self.task, pair, [*self.sides], *how)
 
     def content(self, game: Plain, evaluation: dict[str, float], played: Plain) -> Plain:
         """The entries of all results: of this game, evaluation and policies against others."""
