@@ -103,9 +103,9 @@ def train(arguments: Sequence[str]) -> None:
 
 
 def team_hint(given: AnyTask) -> str:
-    """The number of teammates that do not learn, and the command that trains them all, as a line.
+    """The number of teammates that do not learn, and how to train them all, as a line.
 
-    Empty for a learner without teammates, and for runners, which self-play does not train.
+    Empty for a learner without teammates, and for runners, which compete.
     """
     if not isinstance(given, TaskSettings):
         return ""
@@ -113,14 +113,8 @@ def team_hint(given: AnyTask) -> str:
     count = task.count(role)
     if count < 2 or task.num_runners:
         return ""
-    other = "evader" if role == "chaser" else "chaser"
-    numbers = {f"num_{name}s": getattr(task, f"num_{name}s") for name in ("chaser", "evader")}
-    changed: dict[str, object] = {"task": given.task} if given.task != "chase" else {}
-    changed |= {name: number for name, number in numbers.items() if number > 1}
-    changed[other] = given.opponent or "astar"
-    options = " ".join(f"--{name.replace('_', '-')} {value}" for name, value in changed.items())
     rest = f"the other {count - 1} play fixed policies" if count > 2 else "the other one is fixed"
-    return f"one of {count} {role}s learns, {rest}; to train all: pursuit self-play {options}"
+    return f"one of {count} {role}s learns, {rest}; to train all: --algorithm ippo"
 
 
 def _defaults(arguments: Sequence[str]) -> TrainCommand[Hyperparameters]:
