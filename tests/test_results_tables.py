@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable
 from itertools import product
 from math import exp, log
 from pathlib import Path
-from statistics import fmean, median
+from statistics import fmean, mean, median
 from typing import Any
 
 import pytest
@@ -265,16 +265,16 @@ def teams() -> Iterable[dict[int, Cell]]:
     for kind, rule in product(dict.fromkeys(kind for kind, _ in units), RULES):
         own = [unit for key, unit in units.items() if key[0] == kind]
 
-        def mean(column: str, *key: str, own: list[dict[Any, dict[str, str]]] = own) -> float:
+        def over(column: str, *key: str, own: list[dict[Any, dict[str, str]]] = own) -> float:
             return fmean(float(unit[key][column]) for unit in own)
 
         yield {
             0: kind,
             1: rule,
             2: [len(own)],
-            3: [mean("optimal_steps", "ippo", rule)],
+            3: [over("optimal_steps", "ippo", rule)],
             **{
-                4 + n: [100 * mean(c, name, rule) for c in ("optimality_gap", "members_gap")]
+                4 + n: [100 * over(c, name, rule) for c in ("optimality_gap", "members_gap")]
                 for n, name in enumerate(LEARNERS)
             },
         }
@@ -319,13 +319,13 @@ def teams_decided() -> Iterable[dict[int, Cell]]:
     claims = team_claims()
     ps = holm([sign_flip_p(values) for _, _, values, _ in claims])
     for (sign, margin, values, ratio), p in zip(claims, ps, strict=True):
-        mean = fmean(values)
-        shown = [mean, *mean_interval([values])]
+        center = fmean(values)
+        shown = [center, *mean_interval([values])]
         low, high = mean_interval([values], 0.9)
-        if p < LEVEL and sign * mean < 0.0:
+        if p < LEVEL and sign * center < 0.0:
             verdict = "refuted"
         elif p < LEVEL:
-            verdict = "confirmed" if sign * mean >= margin else "confirmed, within the margin"
+            verdict = "confirmed" if sign * center >= margin else "confirmed, within the margin"
         else:
             verdict = "equal within the margin" if -margin < low <= high < margin else "undecided"
         yield {
@@ -348,6 +348,40 @@ def team_budgets() -> Iterable[dict[int, Cell]]:
             **{1 + n: [median(each("seconds", rule))] for n, rule in enumerate(RULES)},
             **{4 + n: [100 * median(each("last_share", rule))] for n, rule in enumerate(RULES)},
             7: [100 * fmean(v for rule in RULES for v in each("unsolved_share", rule))],
+
+
+def pursuit_v5() -> Iterable[dict[int, Cell]]:
+    rows = data("pursuit_v5/runs")
+    for learner, seconds in dict.fromkeys((row["learner"], row["seconds"]) for row in rows):
+        runs = [row for row in rows if (row["learner"], row["seconds"]) == (learner, seconds)]
+        places = ("pettingzoo", "simulator")
+        inside, here = ([row for row in runs if row["played_in"] == place] for place in places)
+        shown = inside or here
+
+        def means(part: Data, *names: str) -> list[float]:
+            return [mean(float(row[name]) for row in part) for name in names] if part else []
+
+        returns = [float(row["mean_return"]) for row in inside]
+        ends = mean_interval([returns]) if len(returns) > 1 else ()
+        total, steps = means(shown, "total_return", "mean_steps")
+        trained = sum(means(shown, "agent_steps")) / 1e6
+        yield {
+            1: [*means(inside, "mean_return"), *ends] or "",
+            2: means(here, "mean_return") or "",
+            3: [total + 0.8 * steps],  # without the urgency reward of -0.1 of eight agents
+            4: means(shown, "mean_caught"),
+            5: [steps],
+            6: [trained] if trained else "",
+        }
+
+
+def published() -> Iterable[dict[int, Cell]]:
+    for row in data("pursuit_v5/published"):
+        known = {2: row["episodes"], 3: row["hours"]}
+        yield {
+            0: row["method"],
+            1: numbers(row, "best_mean"),
+            **{place: [float(text)] if text else "" for place, text in known.items()},
         }
 
 
@@ -366,6 +400,8 @@ TABLES: dict[tuple[str, int], Callable[[], Iterable[dict[int, Cell]]]] = {
     ("teams", 1): teams_decided,
     ("teams", 2): team_budgets,
     ("thesis", 0): thesis,
+    ("pursuit_v5", 0): pursuit_v5,
+    ("pursuit_v5", 1): published,
 }
 """How the numbers of a table, given by its page and place, follow from the data."""
 PAGES = [page.stem for page in sorted(RESULTS.glob("*.md")) if page.stem != "index"]

@@ -27,11 +27,14 @@ TASKS: dict[str, dict[str, Any]] = {
     "chaser 4x4": {"task": "chase", "role": "chaser", "maze": "4x4"},
     "arm, 1 joint": {"task": "reacher", "joints": 1},
     "arm, 2 joints": {"task": "reacher", "joints": 2},
+    "team of 2, 3x3": {"task": "chase", "maze": "3x3", "num_chasers": 2},
+    "team of 2, 4x4": {"task": "chase", "maze": "4x4", "num_chasers": 2},
     "self-play 2x2-tree": {"maze": "2x2-tree"},
     "self-play 3x3-tree": {"maze": "3x3-tree"},
 }
 DISCRETE = ["maze 3x3, 1 goal", "chaser 4x4"]
 ARMS = ["arm, 1 joint", "arm, 2 joints"]
+TEAMS = ["team of 2, 3x3", "team of 2, 4x4"]
 DUELS = ["self-play 2x2-tree", "self-play 3x3-tree"]
 
 
@@ -70,6 +73,10 @@ CASES = [
     *_cases("mmd", DUELS, (400_000, 2.0), (600_000, 2.0)),
     *_cases("rnad", DUELS, (400_000, 3.0), (600_000, 3.0)),
     *_cases("nfsp", DUELS, (200_000, 5.0), (200_000, 5.0)),
+    *_cases("ippo", TEAMS, (400_000, 0.3), (800_000, 0.15)),
+    *_cases("mappo", TEAMS, (400_000, 0.3), (800_000, 0.15)),
+    *_cases("vdn", TEAMS, (400_000, 0.1), (800_000, 0.1)),
+    *_cases("qmix", TEAMS, (400_000, 0.1), (800_000, 0.1)),
 ]
 
 

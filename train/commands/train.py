@@ -31,7 +31,7 @@ from train.runs.pictures import draw_learning_curve
 from train.runs.report import describe_loops, headline, of_solved, write_report
 from train.runs.tasks import default_settings, task_of
 from train.settings.algorithms import Hyperparameters
-from train.settings.presets import TUNED
+from train.settings.presets import TUNED, preset_task
 from train.settings.run import AgentSettings, TrainSettings
 from train.settings.task import AnyTask, TaskSettings
 
@@ -55,7 +55,9 @@ class TrainCommand(RunCommand, Generic[H]):
     settings: TrainSettings[H]
     preset: str = TUNED
     """Hyperparameters: tuned, thesis-ppo, thesis-a2c or thesis-dqn; for the arm thesis-ddpg,
-    thesis-td3 or thesis-reacher-ppo."""
+    thesis-td3 or thesis-reacher-ppo. Or sisl-pursuit: the default game of PettingZoo's pursuit_v5
+    (maze, agents, rules, rewards, observation) with hyperparameters for it, of ippo (the default)
+    or mappo."""
 
 
 @dataclass(frozen=True)
@@ -101,9 +103,9 @@ def train(arguments: Sequence[str]) -> None:
 
 
 def team_hint(given: AnyTask) -> str:
-    """The number of teammates that do not learn, and the command that trains them all, as a line.
+    """The number of teammates that do not learn, and how to train them all, as a line.
 
-    Empty for a learner without teammates, and for runners, which self-play does not train.
+    Empty for a learner without teammates, and for runners, which compete.
     """
     if not isinstance(given, TaskSettings):
         return ""
@@ -111,14 +113,8 @@ def team_hint(given: AnyTask) -> str:
     count = task.count(role)
     if count < 2 or task.num_runners:
         return ""
-    other = "evader" if role == "chaser" else "chaser"
-    numbers = {f"num_{name}s": getattr(task, f"num_{name}s") for name in ("chaser", "evader")}
-    changed: dict[str, object] = {"task": given.task} if given.task != "chase" else {}
-    changed |= {name: number for name, number in numbers.items() if number > 1}
-    changed[other] = given.opponent or "astar"
-    options = " ".join(f"--{name.replace('_', '-')} {value}" for name, value in changed.items())
     rest = f"the other {count - 1} play fixed policies" if count > 2 else "the other one is fixed"
-    return f"one of {count} {role}s learns, {rest}; to train all: pursuit self-play {options}"
+    return f"one of {count} {role}s learns, {rest}; to train all: --algorithm ippo"
 
 
 def _defaults(arguments: Sequence[str]) -> TrainCommand[Hyperparameters]:
@@ -129,6 +125,8 @@ def _defaults(arguments: Sequence[str]) -> TrainCommand[Hyperparameters]:
     """
     options = options_in(arguments)
     task = default_task(options)
+    if own := preset_task(options.get("preset", TUNED), type(task)):
+        task = TaskSettings(**own)
     first = parse_known(_First(task), arguments)
     found = {**default_settings(**vars(first)), "task": task}
     settings: AgentSettings = TrainSettings(**found, **default_budget(options, 60.0))

@@ -99,7 +99,7 @@ class GridWorld:
             lambda games: games.returns[:, seats].mean(axis=1),
             measure_of(seat.task, seat.role) != BY_MOST_STEPS,
         )
-        count = num_games // members
+        count = max(num_games // members, 1)
         simulator = Simulator(seat.task, count, seed, first_game, auto_restart=False)
         teacher = None if plan is None else Teacher(plan, simulator, metrics)
         return SimulatorEnv(simulator, seat, policies, teacher, members), teacher

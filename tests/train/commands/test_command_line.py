@@ -108,11 +108,17 @@ def test_teams_are_trained_and_compared_with_their_optimum(
         assert evaluation["exact"] == exact
         assert evaluation["optimal_steps"] > 0 and evaluation["optimality_gap"] is not None
         assert -1e-9 < evaluation["objective_gap"] < evaluation["optimality_gap"]
-        hint = "one of 2 chasers learns, the other one is fixed; to train all: pursuit "
-        command = re.findall(f"^{hint}(.*)", capsys.readouterr().out, re.MULTILINE)
-        train_all = "self-play --num-chasers 2 --evader astar"
-        assert command == [train_all] * (team == "--num-chasers")
-    run(*train_all.split(), *TINY, "--frames", "512", "--out", tmp_path / "all")
+        hint = "one of 2 chasers learns, the other one is fixed; to train all: "
+        found = re.findall(f"^{hint}(.*)", capsys.readouterr().out, re.MULTILINE)
+        assert found == ["--algorithm ippo"] * (team == "--num-chasers"), found
+    all_of_them = ("--algorithm", "ippo", "--num-chasers", "2", "--frames", "512")
+    run("train", *TINY, *all_of_them, "--out", tmp_path / "all")
+    printed = capsys.readouterr().out
+    assert "to train all" not in printed and "team of 2 chasers: " in printed
+    assert {*json.loads((tmp_path / "all" / "results.json").read_text())["team"]["members"]} == {
+        "chaser_0",
+        "chaser_1",
+    }
 
 
 @pytest.mark.parametrize("task", [pytest.param("maze", marks=pytest.mark.slow), "chase"])
