@@ -348,6 +348,7 @@ def team_budgets() -> Iterable[dict[int, Cell]]:
             **{1 + n: [median(each("seconds", rule))] for n, rule in enumerate(RULES)},
             **{4 + n: [100 * median(each("last_share", rule))] for n, rule in enumerate(RULES)},
             7: [100 * fmean(v for rule in RULES for v in each("unsolved_share", rule))],
+        }
 
 
 def pursuit_v5() -> Iterable[dict[int, Cell]]:
