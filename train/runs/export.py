@@ -62,6 +62,13 @@ def export_policy(policy: Any, path: Path | str) -> Path:
             f"a policy with {what} remembers earlier observations, which an exported network does "
             f"not; export a run without {'--frame-stack' if stacked > 1 else '--recurrent'}"
         )
+    network = getattr(policy, "network", None)
+    team = "joint" if isinstance(policy, JointPolicy) else "separate"
+    check(
+        team != "joint" and not isinstance(network, SeparateNetworks),
+        f"the networks of a team with sharing={team!r} are not exported; export a run with "
+        "sharing=shared",
+    )
     check(
         isinstance(policy, NetworkPolicy),
         f"a {type(policy).__name__} has no network without memory in a maze or small game; export "
