@@ -27,8 +27,12 @@ OPTIONAL = {
 }
 SLOW = {"matplotlib", "polars", "networkx", "scipy", "tyro"}
 """Needed by few, and a wait for everybody: may be imported where they are used."""
-WITH_THEM = {"pursuit.environments.stable_baselines", "scripted_agents.games.openspiel_games"}
-"""Our own files that import such a one at their top."""
+WITH_THEM = {
+    "pursuit.environments.stable_baselines",
+    "scripted_agents.games.openspiel_games",
+    "pettingzoo.sisl.pursuit.pursuit",
+}
+"""Files that import such a one at their top."""
 TORCH = ("torch", "torchrl", "tensordict")
 """Slow as well: in `train` our own files that import it, by others or not, count as slow."""
 TABLES = {"train/commands/main.py"}

@@ -9,12 +9,13 @@ import csv
 import re
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from statistics import median
+from statistics import mean, median
 
 import pytest
 
 from pursuit.mazes.maze import load_maze
 from scripted_agents import expected_tour_length
+from train.experiments.statistics import mean_interval
 
 RESULTS = Path(__file__).parents[1] / "docs" / "results"
 NOT_KEPT = "Runs not kept"
@@ -241,6 +242,41 @@ def exits() -> Iterable[dict[int, Cell]]:
                               numbers(row, "best_evader"))))  # fmt: skip
 
 
+def pursuit_v5() -> Iterable[dict[int, Cell]]:
+    rows = data("pursuit_v5/runs")
+    for learner, seconds in dict.fromkeys((row["learner"], row["seconds"]) for row in rows):
+        runs = [row for row in rows if (row["learner"], row["seconds"]) == (learner, seconds)]
+        places = ("pettingzoo", "simulator")
+        inside, here = ([row for row in runs if row["played_in"] == place] for place in places)
+        shown = inside or here
+
+        def means(part: Data, *names: str) -> list[float]:
+            return [mean(float(row[name]) for row in part) for name in names] if part else []
+
+        returns = [float(row["mean_return"]) for row in inside]
+        ends = mean_interval([returns]) if len(returns) > 1 else ()
+        total, steps = means(shown, "total_return", "mean_steps")
+        trained = sum(means(shown, "agent_steps")) / 1e6
+        yield {
+            1: [*means(inside, "mean_return"), *ends] or "",
+            2: means(here, "mean_return") or "",
+            3: [total + 0.8 * steps],  # without the urgency reward of -0.1 of eight agents
+            4: means(shown, "mean_caught"),
+            5: [steps],
+            6: [trained] if trained else "",
+        }
+
+
+def published() -> Iterable[dict[int, Cell]]:
+    for row in data("pursuit_v5/published"):
+        known = {2: row["episodes"], 3: row["hours"]}
+        yield {
+            0: row["method"],
+            1: numbers(row, "best_mean"),
+            **{place: [float(text)] if text else "" for place, text in known.items()},
+        }
+
+
 TABLES: dict[tuple[str, int], Callable[[], Iterable[dict[int, Cell]]]] = {
     ("libraries", 0): libraries,
     ("self_play", 3): lambda: methods("self-play-methods", ("worst",)),
@@ -253,6 +289,8 @@ TABLES: dict[tuple[str, int], Callable[[], Iterable[dict[int, Cell]]]] = {
     ("rules", 2): classical_domain,
     ("rules", 3): exits,
     ("thesis", 0): thesis,
+    ("pursuit_v5", 0): pursuit_v5,
+    ("pursuit_v5", 1): published,
 }
 """How the numbers of a table, given by its page and place, follow from the data."""
 PAGES = [page.stem for page in sorted(RESULTS.glob("*.md")) if page.stem != "index"]

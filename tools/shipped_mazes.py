@@ -61,7 +61,15 @@ def library_mazes() -> dict[str, Maze]:
     name = "roads-8x8"
     marks = {"start": "0,0", "goals": ["7,7"]}
     found[name] = Maze.from_drawing(graph_drawing("roads", 8, 8, 0, name, **marks), name)
+    found["pursuit_v5"] = with_corner_marks(pursuit_v5_map(), "pursuit_v5")
     return found
+
+
+def pursuit_v5_map() -> Maze:
+    """The default map of PettingZoo's `pursuit_v5`: 16x16 cells with an obstacle."""
+    row, column = np.mgrid[:16, :16] / 16
+    walkable = ~((column > 0.3) & (column < 0.7) & (row > 0.2) & (row < 0.8))
+    return Maze(walkable, np.ones((15, 16), dtype=bool), np.ones((16, 15), dtype=bool))
 
 
 def with_corner_marks(maze: Maze, name: str) -> Maze:

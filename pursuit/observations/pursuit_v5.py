@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.rules.arrays import Array
+from pursuit.compilation.compiled import compiled
+from pursuit.mazes.maze import Maze
+from pursuit.rules.arrays import Array, Ints
 from pursuit.rules.layout import CHASER, EAST, EVADER, NORTH, SOUTH, STAY, WEST
 from pursuit.tasks.moments import Before
 from pursuit.tasks.task import Task
@@ -57,25 +61,51 @@ class PursuitV5Observation:
     def encode(self, task: Task, games: Before, seats: NDArray[np.intp]) -> Array:
         """[games, seats, *shape] float32."""
         edge = self.obs_range // 2
-        height = max(maze.height for maze in task.mazes) + 2 * edge
-        width = max(maze.width for maze in task.mazes) + 2 * edge
-        rows, columns = (np.zeros((len(task.mazes), task.max_cells), dtype=int) for _ in "rc")
-        blocked = np.ones((len(task.mazes), height, width), dtype=np.float32)
-        for number, maze in enumerate(task.mazes):
-            rows[number, : maze.num_cells] = maze.rows + edge
-            columns[number, : maze.num_cells] = maze.columns + edge
-            blocked[number, maze.rows + edge, maze.columns + edge] = 0.0
-        which, game = games.maze_index, np.arange(len(games.steps))
-        board = np.zeros((len(game), height, width, 3), dtype=np.float32)
-        board[..., 0] = blocked[which]
-        row = rows[which[:, None], games.positions]
-        column = columns[which[:, None], games.positions]
-        for seat, role in enumerate(games.roles):
-            if role in (CHASER, EVADER):
-                channel = 1 + int(role == EVADER)
-                board[game, row[:, seat], column[:, seat], channel] += games.active[:, seat]
-        around = np.arange(self.obs_range) - edge
-        down = row[:, seats, None, None] + around[:, None]
-        right = column[:, seats, None, None] + around
-        seen: Array = board[game[:, None, None, None], down, right]
+        rows, columns, blocked = _maps_of(task.mazes, edge)
+        shape = (len(games.steps), len(seats), self.obs_range, self.obs_range, 3)
+        seen = np.empty(shape, dtype=np.float32)
+        state = (games.maze_index, games.positions, games.active, games.roles)
+        _draw_windows(*state, seats, rows, columns, blocked, edge, seen)
         return np.moveaxis(seen, -1, 2) if self.channels_first else seen
+
+
+@lru_cache(maxsize=4)
+def _maps_of(
+    mazes: tuple[Maze, ...], edge: int
+) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float32]]:
+    """The row and column of each cell, [mazes, cells]; and [mazes, height, width], 1 for blocked
+    cells, with `edge` blocked rows and columns on all sides."""
+    height = max(maze.height for maze in mazes) + 2 * edge
+    width = max(maze.width for maze in mazes) + 2 * edge
+    cells = max(maze.num_cells for maze in mazes)
+    rows, columns = (np.zeros((len(mazes), cells), dtype=np.intp) for _ in "rc")
+    blocked = np.ones((len(mazes), height, width), dtype=np.float32)
+    for number, maze in enumerate(mazes):
+        rows[number, : maze.num_cells] = maze.rows
+        columns[number, : maze.num_cells] = maze.columns
+        blocked[number, maze.rows + edge, maze.columns + edge] = 0.0
+    return rows, columns, blocked
+
+
+@compiled
+def _draw_windows(
+    maze: Ints, position: Ints, active: Ints, role: Ints, seats: Array,
+    rows: Array, columns: Array, blocked: Array, edge: int, out: Array,
+) -> None:  # fmt: skip
+    """Fill `out` [games, seats, rows, columns, 3]."""
+    side = 2 * edge + 1
+    for game in range(out.shape[0]):
+        own = maze[game]
+        for place in range(out.shape[1]):
+            cell = position[game, seats[place]]
+            row, column = rows[own, cell], columns[own, cell]  # of the corner, with the edge
+            for i in range(side):
+                for j in range(side):
+                    out[game, place, i, j, 0] = blocked[own, row + i, column + j]
+                    out[game, place, i, j, 1] = out[game, place, i, j, 2] = 0.0
+            for agent in range(position.shape[1]):
+                if active[game, agent] != 0 and (role[agent] == CHASER or role[agent] == EVADER):
+                    other = position[game, agent]
+                    i, j = rows[own, other] - row + edge, columns[own, other] - column + edge
+                    if 0 <= i < side and 0 <= j < side:
+                        out[game, place, i, j, 1 + (role[agent] == EVADER)] += 1.0

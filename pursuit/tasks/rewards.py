@@ -9,6 +9,7 @@ from typing import Annotated, Any
 from pursuit.plugins import Registry, accepts
 from pursuit.tasks.moments import ROLES as ROLES
 from pursuit.tasks.moments import After, Before
+from pursuit.tasks.pursuit_v5 import PursuitV5Rewards
 from pursuit.validation import Flag, FrozenDict, Rule, check_fields, number
 
 RewardFunction = Callable[[Before, Any, After], Any]
@@ -116,17 +117,19 @@ minus the number of steps; the game between several runners is not zero-sum.
 
 
 def is_rewards(part: Any) -> bool:
-    """Whether `part` is a reward function or a dict from role to `Rewards`."""
+    """Whether `part` is a reward function, `PursuitV5Rewards` or a dict from role to `Rewards`."""
     if isinstance(part, Mapping):
         return set(part) <= set(ROLES) and all(
             isinstance(rewards, Rewards)
             and (role == "chaser" or not (rewards.per_evader or rewards.touch))
             for role, rewards in part.items()
         )
+    if isinstance(part, PursuitV5Rewards):
+        return True
     return callable(part) and not isinstance(part, type) and accepts(part, None, None, None)
 
 
-REWARDS: Registry[Mapping[str, Rewards] | RewardFunction] = Registry(
+REWARDS: Registry[Mapping[str, Rewards] | RewardFunction | PursuitV5Rewards] = Registry(
     "rewards",
     "a function (before, actions, after) -> [games, agents], or pursuit.Rewards by role",
     is_rewards,
@@ -135,6 +138,8 @@ REWARDS: Registry[Mapping[str, Rewards] | RewardFunction] = Registry(
 )
 for _name, _scheme in REWARD_SCHEMES.items():
     REWARDS.register(_name, _scheme)
+REWARDS.register("pursuit_v5", PursuitV5Rewards())
+REWARDS.register("pursuit_v5_local", PursuitV5Rewards(shared=False))
 
 
 def is_coefficients(text: object) -> bool:

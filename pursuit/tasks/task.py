@@ -29,6 +29,7 @@ from pursuit.tasks.options import (
 )
 from pursuit.tasks.options import MOVE_ORDERS as MOVE_ORDERS
 from pursuit.tasks.placements import StartConstraint
+from pursuit.tasks.pursuit_v5 import PursuitV5Rewards
 from pursuit.tasks.rewards import REWARD_SCHEMES as REWARD_SCHEMES
 from pursuit.tasks.rewards import REWARDS, RewardFunction, check_rewards
 from pursuit.tasks.rewards import ROLES as ROLES
@@ -123,8 +124,9 @@ class Task:
         slip: the probability that a move, stay included, is replaced by a uniformly random one of
             the moves that change the cell: a number, a dict from roles or agents, or the same as
             text ("evader=0.1").
-        rewards: a name ("goal", "completion", "distance", "zero_sum" or "win_loss"); a dict from
-            role to `Rewards` (roles left out use "goal"); the same as text
+        rewards: a name ("goal", "completion", "distance", "zero_sum" or "win_loss"; "pursuit_v5" or
+            "pursuit_v5_local", `PursuitV5Rewards` with and without sharing); a dict from role to
+            `Rewards` (roles left out use "goal"); the same as text
             ("chaser.step=-0.1,evader.capture=-2"; without a role for all roles); or a custom reward
             function or its name "package.module:Name" (see `pursuit.tasks.rewards.RewardFunction`).
         view_radius: the path distance up to which an agent sees: None (no limit), a number, a dict
@@ -204,6 +206,8 @@ class Task:
     def reward_function(self) -> RewardFunction | None:
         """The custom reward function that replaces `role_rewards`, or None."""
         own = REWARDS.resolved(self.rewards)
+        if isinstance(own, PursuitV5Rewards):
+            return own.for_mazes(self.mazes)
         return None if isinstance(own, Mapping) else own
 
     @cached_property

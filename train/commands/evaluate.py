@@ -27,11 +27,13 @@ from train.commands.scores import (
 from train.commands.suites import compared, evaluate_in_mazes
 from train.evaluation.arm_contest import ArmContest
 from train.evaluation.objective_gap import UNKNOWN, objective_gap
+from train.evaluation.pursuit_v5 import ENCODING, play_pursuit_v5
 from train.evaluation.recordings import recorded
 from train.evaluation.small_game_contest import SmallGameContest
 from train.evaluation.suite_contest import SuiteContest
 from train.evaluation.suite_report import summary_of
 from train.files import Plain, check_folder, check_new_files, reserved, write_json
+from train.reports.tables import ResultTable, numeric, print_table, words
 from train.runs.folder import CONFIG, SELF_PLAY, SIDE, read_config
 from train.runs.tasks import agent_of, game_of, task_of
 from train.runs.unused_settings import check_unused_task_settings
@@ -91,6 +93,9 @@ class EvaluateCommand(Evaluated):
     maze: str | None = None
     """Another maze than in training, or a suite of mazes such as suite:7x7-test. In a suite results
     are compared with the exact optimum of each maze, and with those in the training mazes."""
+    env: Annotated[str | None, choice(ENCODING)] = None
+    """pursuit_v5: play chasers trained with --preset sisl-pursuit inside PettingZoo's environment
+    of this name, with its defaults, from its observations (0.3 to 1.5 s an episode)."""
 
 
 @dataclass(frozen=True)
@@ -116,6 +121,8 @@ def evaluate(arguments: Sequence[str]) -> None:
     with reserved(given.out, replays, given.table, overwrite=given.overwrite):
         if isinstance(given, EvaluateCommand) and is_small_self_play(given.run):
             content = evaluate_players(given)
+        elif isinstance(given, EvaluateCommand) and given.env is not None:
+            content = evaluate_in_pursuit_v5(given)
         else:
             content = evaluate_and_print(given, replays)
         if given.out is not None:
@@ -148,6 +155,29 @@ def evaluate_players(given: EvaluateCommand) -> Plain:
     content = {**described(task), "discount": discount, "evaluation": found}
     print(*describe_small_game(content), sep="\n")
     return content
+
+
+def evaluate_in_pursuit_v5(given: EvaluateCommand) -> Plain:
+    """Print the scores of a run inside PettingZoo's `pursuit_v5`; the results."""
+    others = ("opponent", "opponent_policy", "opponent_epsilon", "teammates")
+    names = (*others, "maze", "replays", "table")
+    check_default(given, EvaluateCommand, names, "--env plays its own game, with its own evaders")
+    loaded = load_run(given)
+    found: list[Plain] = [
+        {"policy": name, **play_pursuit_v5(policy, given.episodes, given.seed).summary()}
+        for name, policy in loaded.policies.items()
+    ]
+    print(f"PettingZoo pursuit_v5 with its defaults, {given.episodes} episodes")
+    columns = [
+        words("policy"),
+        numeric("return of an agent", "mean_return", ".2f"),
+        numeric("± (95 %)", "ci95", ".2f"),
+        numeric("of all agents", "total_return", ".1f"),
+        numeric("evaders caught", "mean_caught", ".1f"),
+        numeric("steps", "mean_steps", ".1f"),
+    ]
+    print_table(ResultTable(found, columns))
+    return {**loaded.named, "env": given.env, "scores": found}
 
 
 def evaluate_and_print(

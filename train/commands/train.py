@@ -31,7 +31,7 @@ from train.runs.pictures import draw_learning_curve
 from train.runs.report import describe_loops, headline, of_solved, write_report
 from train.runs.tasks import default_settings, task_of
 from train.settings.algorithms import Hyperparameters
-from train.settings.presets import TUNED
+from train.settings.presets import TUNED, preset_task
 from train.settings.run import AgentSettings, TrainSettings
 from train.settings.task import AnyTask, TaskSettings
 
@@ -55,7 +55,9 @@ class TrainCommand(RunCommand, Generic[H]):
     settings: TrainSettings[H]
     preset: str = TUNED
     """Hyperparameters: tuned, thesis-ppo, thesis-a2c or thesis-dqn; for the arm thesis-ddpg,
-    thesis-td3 or thesis-reacher-ppo."""
+    thesis-td3 or thesis-reacher-ppo. Or sisl-pursuit: the default game of PettingZoo's pursuit_v5
+    (maze, agents, rules, rewards, observation) with hyperparameters for it, of ippo (the default)
+    or mappo."""
 
 
 @dataclass(frozen=True)
@@ -123,6 +125,8 @@ def _defaults(arguments: Sequence[str]) -> TrainCommand[Hyperparameters]:
     """
     options = options_in(arguments)
     task = default_task(options)
+    if own := preset_task(options.get("preset", TUNED), type(task)):
+        task = TaskSettings(**own)
     first = parse_known(_First(task), arguments)
     found = {**default_settings(**vars(first)), "task": task}
     settings: AgentSettings = TrainSettings(**found, **default_budget(options, 60.0))

@@ -29,7 +29,7 @@ from train.runs.tasks import (
 from train.settings.algorithms import JOINT, SHARED
 from train.settings.common import with_memory
 from train.settings.curricula import curriculum_form
-from train.settings.presets import SIZES, TUNED
+from train.settings.presets import SIZES, TUNED, preset_task
 from train.settings.reading import (
     check_names,
     complete_settings,
@@ -57,7 +57,8 @@ def unchecked_settings(**flat: Any) -> AgentSettings:
     form = task_form(flat)
     chosen = {n: flat.get(n) for n in (*DEFAULTS_BY, *SIZES)}
     preset = flat.get("preset", TUNED)
-    default = default_settings(settings_with(form, flat, {}), preset=preset, **chosen)
+    task = settings_with(form, flat, preset_task(preset, form))
+    default = default_settings(task, preset=preset, **chosen)
     hyper, own = default["hyper"], default["curriculum_settings"]
     check_names(
         flat,
@@ -66,7 +67,7 @@ def unchecked_settings(**flat: Any) -> AgentSettings:
     )
     default["hyper"] = settings_with(type(hyper), flat, vars(hyper))
     default["curriculum_settings"] = settings_with(type(own), flat, vars(own))
-    return TrainSettings(**{**typed(TrainSettings, flat), **default})
+    return TrainSettings(**{**default, **typed(TrainSettings, flat)})
 
 
 def from_plain(plain: Plain, where: str) -> AgentSettings:

@@ -26,6 +26,7 @@ from train.settings.presets import (
     for_episodes,
     hyperparameters,
     preset_algorithm,
+    preset_run,
 )
 from train.settings.task import AnyTask, ReacherSettings, SmallGameSettings, TaskSettings
 from train.teaching.mazes import named_maze
@@ -173,7 +174,8 @@ def default_settings(
     frames: int | None = None,
     **sizes: int | None,
 ) -> Plain:
-    """The default settings of a run: task, hyper, curriculum_settings, algorithm and curriculum.
+    """The default settings of a run: task, hyper, curriculum_settings, algorithm and curriculum,
+    and those of the run that the preset changes.
 
     Args:
         task: its settings.
@@ -202,6 +204,7 @@ def default_settings(
             episodes = frames / (hyper.num_games * task.max_steps)
             curriculum_settings = for_episodes(curriculum_settings, episodes)
     return {
+        **preset_run(preset),
         "task": task,
         "hyper": hyper,
         "curriculum_settings": curriculum_settings,

@@ -20,6 +20,7 @@ from train.settings.algorithms import (
     hyperparameter_form,
 )
 from train.settings.curricula import CurriculumSettings, ScheduleSettings, curriculum_form
+from train.settings.task import AnyTask, TaskSettings
 
 
 def _content_of(name: str) -> Plain:
@@ -121,16 +122,45 @@ THESIS_ALGORITHMS: dict[str, str] = {name: own.pop("algorithm") for name, own in
 THESIS: dict[str, Hyperparameters] = {
     name: HYPERPARAMETERS[THESIS_ALGORITHMS[name]](**own) for name, own in _THESIS.items()
 }
-PRESETS = (TUNED, *THESIS)
+TASK_PRESETS: dict[str, Plain] = {"sisl-pursuit": _content_of("sisl_pursuit.toml")}
+"""Presets of whole runs by name: the settings of the task and of the run, and hyperparameters by
+algorithm, of which the first is the default."""
+PRESETS = (TUNED, *THESIS, *TASK_PRESETS)
+
+
+def preset_task(preset: str, form: type[AnyTask]) -> Plain:
+    """The settings of the task of a preset; {} for one of any task.
+
+    Args:
+        preset: by name.
+        form: the class of the task that the user chose.
+
+    Raises:
+        ValueError: a preset of a game in mazes with another task.
+    """
+    if preset not in TASK_PRESETS:
+        return {}
+    check(
+        form is TaskSettings,
+        f"preset={preset!r} is a game in mazes; leave out the task, or the preset",
+    )
+    return dict(TASK_PRESETS[preset]["task"])
+
+
+def preset_run(preset: str) -> Plain:
+    """The settings of a run besides task and hyperparameters that a preset changes."""
+    return dict(TASK_PRESETS.get(preset, {}).get("run", {}))
 
 
 def preset_algorithm(preset: str) -> str | None:
-    """The algorithm of a preset; None for `tuned`, which applies to all.
+    """The algorithm of a preset, or its default; None for `tuned`, which applies to all.
 
     Raises:
         ValueError: an unknown preset.
     """
     one_of("preset", preset, PRESETS)
+    if preset in TASK_PRESETS:
+        return str(next(iter(TASK_PRESETS[preset]["hyper"])))
     return None if preset == TUNED else THESIS_ALGORITHMS[preset]
 
 
@@ -144,13 +174,17 @@ def hyperparameters(
     Raises:
         ValueError: an unknown algorithm or preset, or a preset of another algorithm.
     """
-    hyperparameter_form(algorithm)
-    owner = preset_algorithm(preset)
+    form, owner = hyperparameter_form(algorithm), preset_algorithm(preset)
+    own: Plain = TASK_PRESETS.get(preset, {}).get("hyper", {owner: {}})
     check(
-        owner in (None, algorithm),
-        f"preset={preset!r} is for algorithm {owner!r}, not {algorithm!r}; leave one of them out",
+        owner is None or algorithm in own,
+        f"preset={preset!r} is for algorithm {' or '.join(map(repr, own))}, not {algorithm!r}; "
+        "leave one of them out",
     )
-    hyper = tuned(algorithm, setting) if owner is None else THESIS[preset]
+    if preset in TASK_PRESETS:
+        hyper = form(**own[algorithm])
+    else:
+        hyper = tuned(algorithm, setting) if owner is None else THESIS[preset]
     if own_gamma and isinstance(hyper, ActorCriticSettings):
         return replace(hyper, gamma_end=None)
     return hyper

@@ -129,7 +129,8 @@ class TaskSettings(Settings):
     slip: SlipText = "0"
     """Probability that a move becomes a random one: 0.1, or by role or agent, as evader=0.1."""
     rewards: RewardsText = "default"
-    """default, goal, completion, distance, zero_sum or win_loss; or coefficients such as
+    """default, goal, completion, distance, zero_sum, win_loss, pursuit_v5 or pursuit_v5_local
+    (those of PettingZoo with shared rewards, and without); or coefficients such as
     step=-0.1,capture=2 or chaser.step=-0.1,evader.capture=-2 (of step, capture, goal, distance,
     on_completion, per_evader, escape, touch); or package.module:Name of a user-defined function."""
     view_radius: RadiusText = None

@@ -2,7 +2,7 @@
 
 Both play the same actions, those of its own random evaders included, from the same cells. Its
 rewards are computed from our states, the events of captures and the reward `touch` of our step, and
-paid by the reward function of the page "Pursuit in other libraries".
+paid by the rewards "pursuit_v5".
 """
 
 from __future__ import annotations
@@ -14,13 +14,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from pettingzoo.sisl import pursuit_v5
-from test_docs import files_of
 
 from pursuit.mazes.maze import Maze
 from pursuit.observations.pursuit_v5 import PURSUIT_V5_ACTIONS, PursuitV5Observation
 from pursuit.rules.layout import CAPTURED
 from pursuit.simulator.simulator import Simulator
+from pursuit.tasks.pursuit_v5 import PursuitV5Rewards
+from pursuit.tasks.rewards import REWARDS
 from pursuit.tasks.task import Rewards, Task
+from train.runs.tasks import task_of
+from train.settings.presets import preset_task
+from train.settings.task import TaskSettings
 
 PURSUERS, EVADERS, WIDTH, HEIGHT = 6, 6, 8, 7
 TAG, CATCH, URGENCY = 0.01, 5.0, -0.1  # its defaults
@@ -39,8 +43,8 @@ class Recorded:
 
 
 class Twins(NamedTuple):
-    """The parallel environment, its inner game, the recorded evaders, our game, and the same game
-    with the reward function of the page."""
+    """The parallel environment, its inner game, the recorded evaders, our game with rewards for
+    touched evaders, and the same game with the rewards "pursuit_v5"."""
 
     env: Any
     base: Any
@@ -58,7 +62,6 @@ def twins(surround: bool, obstacle: bool, shared: bool, obs_range: int = 7) -> T
     base = env.unwrapped.env
     if not obstacle:
         base.map_matrix[:] = 0  # all its agents share this array
-    base.evader_controller = Recorded(base.evader_controller)
     walkable = base.map_matrix.T == 0  # its arrays are [x, y], ours [row, column]
     open_south = np.ones((HEIGHT - 1, WIDTH), dtype=bool)
     open_east = np.ones((HEIGHT, WIDTH - 1), dtype=bool)
@@ -72,15 +75,17 @@ def twins(surround: bool, obstacle: bool, shared: bool, obs_range: int = 7) -> T
         capture="surround" if surround else "cell",
         n_catch=1 if surround else 2,
         max_steps=10**9,
-        rewards={"chaser": Rewards(touch=1.0)},  # the reward is the number of evaders touched
+        rewards=PursuitV5Rewards(TAG, CATCH, URGENCY, shared),
     )
-    page: dict[str, Any] = {}
-    exec(files_of("docs/guides/pursuit_in_other_libraries.md")["twin.py"], page)
-    function = page["rewards_of"](task.mazes[0], TAG, CATCH, URGENCY, shared)
-    games = [
-        Simulator(each, seed=1, auto_restart=False)
-        for each in (task, replace(task, rewards=function))
-    ]
+    return paired(env, task)
+
+
+def paired(env: Any, task: Task) -> Twins:
+    """The twins of an environment and our task, whose rewards are those of pursuit_v5."""
+    base = env.unwrapped.env
+    base.evader_controller = Recorded(base.evader_controller)
+    touched = replace(task, rewards={"chaser": Rewards(touch=1.0)})  # their number is the reward
+    games = [Simulator(each, seed=1, auto_restart=False) for each in (touched, task)]
     return Twins(env, base, base.evader_controller, games[0], games[1])
 
 
@@ -91,9 +96,9 @@ def place(game: Twins, rng: np.random.Generator) -> None:
     env.reset()
     ours.reset()
     paying.reset()
-    maze = ours.task.mazes[0]
-    cells = rng.integers(maze.num_cells, size=PURSUERS + EVADERS)
-    cells[rng.permutation(PURSUERS)[:4]] = maze.neighbors[rng.choice(cells[PURSUERS:]), :4]
+    maze, pursuers = ours.task.mazes[0], ours.task.num_chasers
+    cells = rng.integers(maze.num_cells, size=ours.task.num_agents)
+    cells[rng.permutation(pursuers)[:4]] = maze.neighbors[rng.choice(cells[pursuers:]), :4]
     ours.positions[0] = paying.positions[0] = cells
     agents = [*base.pursuer_layer.allies, *base.evader_layer.allies]
     for agent, cell in zip(agents, cells, strict=True):
@@ -118,7 +123,8 @@ def counted(maze: Maze, cells: NDArray[np.int32], evaders: NDArray[np.int32]) ->
     moves = beside != cells[:, None]
     touched = ((beside[:, :, None] == evaders) & moves[:, :, None]).sum(axis=(1, 2))
     rows, columns = maze.rows[cells], maze.columns[cells]
-    sides = (rows == 0) * 1 + (rows == HEIGHT - 1) + (columns == 0) + (columns == WIDTH - 1)
+    sides = (rows == 0) * 1 + (rows == maze.height - 1)
+    sides += (columns == 0) * 1 + (columns == maze.width - 1)
     return np.stack([touched, sides * (cells[:, None] == evaders).sum(axis=1)])
 
 
@@ -126,46 +132,47 @@ def play(game: Twins, steps: int, shared: bool) -> tuple[int, int]:
     """Play and compare; return the numbers of captures and of captors."""
     env, base, recorded, ours, paying = game
     maze, rng = ours.task.mazes[0], np.random.default_rng(5)
+    pursuers, evaders = ours.task.num_chasers, ours.task.num_evaders
     names = env.possible_agents
     seen = PursuitV5Observation(base.obs_range)
     moves = np.array(PURSUIT_V5_ACTIONS)
     captures = captors = 0
-    waited = np.arange(PURSUERS)  # of its `PURSUERS` rewards, those before the pursuer's own move
+    waited = np.arange(pursuers)  # of its `pursuers` rewards, those before the pursuer's own move
     for step in range(steps):
         if step % EPISODE == 0 or not env.agents:
             place(game, rng)
-        free = ours.active[0, PURSUERS:] != 0
+        free = ours.active[0, pursuers:] != 0
         before = ours.positions[0].copy()
-        actions = rng.choice(5, size=PURSUERS, p=[0.1, 0.1, 0.1, 0.1, 0.6])
+        actions = rng.choice(5, size=pursuers, p=[0.1, 0.1, 0.1, 0.1, 0.6])
         recorded.drawn.clear()
         observed, rewards, terminated, *_ = env.step(
             dict(zip(names, actions.tolist(), strict=True))
         )
         gone = base.evaders_gone.copy()
-        chosen = np.full(EVADERS, 4)  # what captured evaders choose has no effect
+        chosen = np.full(evaders, 4)  # what captured evaders choose has no effect
         chosen[~gone] = recorded.drawn
         for simulator in (ours, paying):
             simulator.step(moves[np.concatenate([actions, chosen])][None])
 
         after = ours.positions[0]
-        assert cells_of(base.pursuer_layer, maze) == after[:PURSUERS].tolist()
-        assert cells_of(base.evader_layer, maze) == after[PURSUERS:][~gone].tolist()
-        np.testing.assert_array_equal(gone, ours.active[0, PURSUERS:] == 0)
+        assert cells_of(base.pursuer_layer, maze) == after[:pursuers].tolist()
+        assert cells_of(base.evader_layer, maze) == after[pursuers:][~gone].tolist()
+        np.testing.assert_array_equal(gone, ours.active[0, pursuers:] == 0)
         assert terminated[names[0]] == ours.terminated[0] == gone.all()
 
-        stood = before[PURSUERS:][free]
-        past, now = counted(maze, before[:PURSUERS], stood), counted(maze, after[:PURSUERS], stood)
-        np.testing.assert_array_equal(ours.rewards[0, :PURSUERS], now[0])
-        tags = waited * past.sum(axis=0) + (PURSUERS - waited) * now.sum(axis=0)
-        caught = (ours.events[0, :PURSUERS] & CAPTURED) != 0
-        paid = TAG * tags / PURSUERS + CATCH * caught + URGENCY
-        paid = np.full(PURSUERS, paid.mean()) if shared else paid
+        stood = before[pursuers:][free]
+        past, now = counted(maze, before[:pursuers], stood), counted(maze, after[:pursuers], stood)
+        np.testing.assert_array_equal(ours.rewards[0, :pursuers], now[0])
+        tags = waited * past.sum(axis=0) + (pursuers - waited) * now.sum(axis=0)
+        caught = (ours.events[0, :pursuers] & CAPTURED) != 0
+        paid = TAG * tags / pursuers + CATCH * caught + URGENCY
+        paid = np.full(pursuers, paid.mean()) if shared else paid
         np.testing.assert_allclose([rewards[name] for name in names], paid, rtol=0, atol=1e-12)
-        np.testing.assert_array_equal(paying.rewards[0, :PURSUERS], paid.astype(np.float32))
+        np.testing.assert_array_equal(paying.rewards[0, :pursuers], paid.astype(np.float32))
         captures += int((free & gone).sum())
         captors += int(caught.sum())
 
-        own = ours.observe(seen)[0, :PURSUERS]  # type: ignore[arg-type]
+        own = ours.observe(seen)[0, :pursuers]  # type: ignore[arg-type]
         np.testing.assert_array_equal(own, [observed[name] for name in names])
         if gone.all():
             env.agents.clear()
@@ -185,6 +192,26 @@ def test_the_same_actions_give_the_same_game(surround: bool, obstacle: bool, ste
 @pytest.mark.parametrize("obs_range", [1, 5, 15])
 def test_windows_of_any_odd_size_are_equal(obs_range: int) -> None:
     play(twins(True, True, True, obs_range), 20, shared=True)
+
+
+def test_the_preset_is_the_default_game() -> None:
+    task = task_of(TaskSettings(**preset_task("sisl-pursuit", TaskSettings)))
+    game = paired(pursuit_v5.parallel_env(), task)
+    game.env.reset(seed=1)
+    assert game.base.max_cycles == task.max_steps
+    np.testing.assert_array_equal(game.base.map_matrix.T == 0, task.mazes[0].cell_numbers >= 0)
+    captures, _ = play(game, 100, shared=True)
+    assert captures > 0
+
+
+def test_the_named_rewards_are_the_default_ones_with_and_without_sharing() -> None:
+    assert REWARDS.get("pursuit_v5") == PursuitV5Rewards(TAG, CATCH, URGENCY, shared=True)
+    assert REWARDS.get("pursuit_v5_local") == PursuitV5Rewards(TAG, CATCH, URGENCY, shared=False)
+
+
+def test_rewards_need_rows_and_columns() -> None:
+    with pytest.raises(ValueError, match=r"'pursuit_v5' need the rows .* roads-8x8"):
+        Simulator(Task("roads-8x8", num_chasers=1, num_evaders=1, rewards="pursuit_v5"))
 
 
 def test_the_space_is_that_of_the_original() -> None:

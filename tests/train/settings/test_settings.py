@@ -13,13 +13,14 @@ import pytest
 from pursuit.tasks.rewards import ROLES
 from pursuit.tasks.task import TASK_NAMES
 from pursuit.validation import at_least, choice, passes, rules_of
+from train.commands.train import _defaults
 from train.runs.parts import settings_of
 from train.runs.saved import from_plain
 from train.self_play.parts import self_play_from_plain, self_play_settings_of
 from train.settings.algorithms import HYPERPARAMETERS
 from train.settings.checks import Count, Settings, Share
 from train.settings.curricula import CURRICULA
-from train.settings.presets import TUNED_RULES, TaskProfile
+from train.settings.presets import TASK_PRESETS, TUNED_RULES, TaskProfile
 from train.settings.reading import names_of
 from train.settings.run import TrainSettings
 from train.settings.self_play import SelfPlaySettings
@@ -184,6 +185,39 @@ def test_the_budget_changes_tuned_ppo_in_one_maze_only() -> None:
             assert small == replace(usual, seconds=None, frames=20_000)
         own = settings_of(maze="9x9", curriculum="start-distance", frames=20_000)
         assert own.curriculum_settings.schedule_length == 0.5  # as without a budget
+
+
+def test_the_preset_of_a_game_sets_the_task_and_options_take_precedence() -> None:
+    found = settings_of(preset="sisl-pursuit", seconds=60)
+    assert (found.algorithm, found.observation, found.network) == ("ippo", "pursuit_v5", "mlp")
+    assert (found.task.maze, found.task.num_evaders, found.task.opponent) == (
+        "pursuit_v5",
+        30,
+        "uniform",
+    )
+    flat = {"algorithm": "mappo", "num_evaders": 3, "observation": "window:3", "learning_rate": 0.5}
+    own = settings_of(preset="sisl-pursuit", seconds=60, **flat)
+    assert (own.algorithm, own.task.num_evaders, own.task.num_chasers) == ("mappo", 3, 8)
+    assert (own.observation, own.hyper.learning_rate) == ("window:3", 0.5)
+    assert own.hyper.gamma == TASK_PRESETS["sisl-pursuit"]["hyper"]["mappo"]["gamma"] != 0.99
+    options = [f"--{name.replace('_', '-')}={value}" for name, value in flat.items()]
+    parsed = _defaults(["--preset", "sisl-pursuit", *options]).settings
+    assert (parsed.task, parsed.algorithm) == (found.task, "mappo")  # before the other options
+    assert parsed.hyper == replace(own.hyper, learning_rate=found.hyper.learning_rate)
+
+
+@pytest.mark.parametrize(
+    ("flat", "message"),
+    [
+        ({"task": "reacher"}, "is a game in mazes"),
+        ({"game": "soccer"}, "is a game in mazes"),
+        ({"algorithm": "dqn"}, "is for algorithm 'ippo' or 'mappo', not 'dqn'"),
+        ({"num_chasers": 0}, "chaser"),
+    ],
+)
+def test_the_preset_of_a_game_refuses_others(flat: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        settings_of(preset="sisl-pursuit", seconds=60, **flat)
 
 
 @pytest.mark.filterwarnings("ignore:.*(the run ends before|iterations of the learner)")

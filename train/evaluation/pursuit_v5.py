@@ -1,0 +1,149 @@
+"""Policies of chasers inside PettingZoo's own `pursuit_v5`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pursuit.observations.pursuit_v5 import PURSUIT_V5_ACTIONS
+from pursuit.rules.arrays import Array
+from pursuit.simulator.policy import GameView, play, role_of
+from pursuit.simulator.simulator import Simulator
+from pursuit.tasks.task import Task
+from pursuit.validation import check, whole
+from train.evaluation.games import half_width
+from train.files import Plain
+
+ENCODING = "pursuit_v5"
+
+
+@dataclass(frozen=True, eq=False)
+class PursuitV5Episodes:
+    """Episodes in `pursuit_v5`.
+
+    Attributes:
+        returns: [episodes, pursuers] float64, the sum of the rewards of each pursuer.
+        steps: [episodes] int64, cycles.
+        caught: [episodes] int64, evaders.
+    """
+
+    returns: NDArray[np.float64]
+    steps: NDArray[np.int64]
+    caught: NDArray[np.int64]
+
+    def summary(self) -> Plain:
+        """Means over the episodes; `ci95` is half the width of the 95 % interval of `mean_return`.
+
+        `mean_return` is that of one agent, the mean over all of them; `total_return` the sum over
+        the agents.
+        """
+        own = self.returns.mean(axis=1)
+        return {
+            "episodes": len(own),
+            "mean_return": float(own.mean()),
+            "ci95": half_width(own),
+            "total_return": float(self.returns.sum(axis=1).mean()),
+            "mean_steps": float(self.steps.mean()),
+            "mean_caught": float(self.caught.mean()),
+        }
+
+
+def play_pursuit_v5(
+    policy: Any, episodes: int = 100, seed: int = 0, **arguments: Any
+) -> PursuitV5Episodes:
+    """Play all pursuers by one policy in `pettingzoo.sisl.pursuit_v5.parallel_env(**arguments)`.
+
+    The policy receives the environment's observations and nothing else.
+
+    Args:
+        policy: of chasers, trained with the observation `pursuit_v5`, as of `load_policy`.
+        episodes: their number; episode i is reset with the seed `seed` + i.
+        seed: of the episodes, and of the draws of a policy that is not greedy.
+        **arguments: of the environment; none for its defaults.
+
+    Raises:
+        ValueError: another observation or role, or another number of agents or actions.
+    """
+    envs = environments(whole("episodes", episodes, 1), **arguments)
+    # Games that are never played: their views have the random streams and the number of steps.
+    games = Simulator(check_plays_pursuit_v5(policy, envs[0]), episodes, seed, auto_restart=False)
+    theirs = np.argsort(PURSUIT_V5_ACTIONS)  # its action by ours
+    latest: list[Array] = []
+
+    def view_of(seat: int) -> GameView:
+        return replace(games.view(seat), observe=lambda encoding: latest[0][:, seat])
+
+    # Views are kept, as policies with memory have one memory for each.
+    views = [view_of(seat) for seat in range(len(envs[0].possible_agents))]
+
+    def choose(seen: Array) -> Array:
+        latest[:] = [seen]
+        actions = np.stack([play(policy, view) for view in views], axis=1)
+        games.steps[:] += 1
+        return np.asarray(theirs[actions])
+
+    return play_episodes(envs, choose, seed)
+
+
+def environments(count: int, **arguments: Any) -> list[Any]:
+    """New environments `pettingzoo.sisl.pursuit_v5.parallel_env(**arguments)`."""
+    # Imported by another name, as that one warns that it is deprecated; it imports pygame.
+    from pettingzoo.sisl.pursuit.pursuit import parallel_env
+
+    return [parallel_env(**arguments) for _ in range(count)]
+
+
+def play_episodes(
+    envs: list[Any], choose: Callable[[Array], Array], seed: int
+) -> PursuitV5Episodes:
+    """One episode in each environment, number i with the seed `seed` + i.
+
+    Args:
+        envs: as of `environments`.
+        choose: the environment's actions [episodes, pursuers] from its observations [episodes,
+            pursuers, rows, columns, 3]; also called for the last observations of ended episodes.
+        seed: of the first episode.
+    """
+    names = envs[0].possible_agents
+
+    def by_name(found: Plain) -> list[Any]:
+        return [found[name] for name in names]
+
+    seen = np.array([by_name(env.reset(seed + i)[0]) for i, env in enumerate(envs)])
+    returns, steps = np.zeros((len(envs), len(names))), np.zeros(len(envs), dtype=np.int64)
+    while any(env.agents for env in envs):
+        actions = choose(seen).tolist()
+        for i, env in enumerate(envs):
+            if env.agents:
+                observed, rewards, *_ = env.step(dict(zip(names, actions[i], strict=True)))
+                seen[i], steps[i] = by_name(observed), steps[i] + 1
+                returns[i] += by_name(rewards)
+    caught = np.array([env.unwrapped.env.evaders_gone.sum() for env in envs])
+    return PursuitV5Episodes(returns, steps, caught)
+
+
+def check_plays_pursuit_v5(policy: Any, env: Any) -> Task:
+    """The task that the policy was trained in; ValueError unless it fits this `pursuit_v5`."""
+    remedy = "; train with --preset sisl-pursuit, or with the agents and actions of this one"
+    encoding = getattr(policy, "encoding", None)
+    check(
+        encoding == ENCODING and role_of(policy) == "chaser",
+        f"the policy of the {role_of(policy)} observes {encoding!r}, but pursuers of pursuit_v5 "
+        f"see {ENCODING!r}{remedy}",
+    )
+    task: Task = policy.task
+    space = env.observation_space(env.possible_agents[0])
+    own = Simulator(task).encoder(ENCODING).space
+    counts = {
+        "pursuers": (task.num_chasers, len(env.possible_agents)),
+        "actions": (task.num_actions, len(PURSUIT_V5_ACTIONS)),
+        "observations": (own.shape, space.shape),
+    }
+    for what, (mine, its) in counts.items():
+        check(mine == its, f"{what} of the policy: {mine}, of this pursuit_v5: {its}{remedy}")
+    check(not policy.seat.has_masks, f"mask_bumps needs the walls around the agent{remedy}")
+    return task
