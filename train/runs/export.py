@@ -17,9 +17,11 @@ from pursuit.tasks.task import ACTIONS
 from pursuit.validation import as_path, check
 from pursuit.version import __version__
 from train.files import write_bytes
+from train.networks.joint_policy import JointPolicy
 from train.networks.layers import float32_inference
 from train.networks.policy import NetworkPolicy
 from train.networks.recurrent_policy import RecurrentPolicy
+from train.networks.separate import SeparateNetworks
 from train.networks.small_game_policy import SmallGamePolicy
 
 SUFFIXES = (".onnx", ".pt2")
