@@ -417,7 +417,10 @@ def test_teams_learn_in_self_play(algorithm: str, sharing: str, tmp_path: Path) 
             {"algorithm": "maddpg"},
             "unknown algorithm 'maddpg' .*; one of ppo, .*, vdn, qmix",
         ),
-        ({"algorithm": "mappo", "critic_observation": "sky"}, "'sky'"),
+        (
+            {"algorithm": "mappo", "critic_observation": "sky"},
+            "critic_observation: unknown observation 'sky'; .*; or state",
+        ),
         ({"algorithm": "mappo", "critic": False}, "critic=False with a central critic; use"),
     ],
 )
