@@ -17,11 +17,11 @@ from pursuit.environments.types import (
     Actions,
     GamesSimulator,
     Info,
+    MakesTurnBased,
     Observations,
     Options,
     Parallel,
     Space,
-    TurnBased,
 )
 from pursuit.mazes.maze_arrays import lay_out
 from pursuit.observations.masks import (
@@ -199,18 +199,13 @@ class MazeGames:
     simulator: Simulator
 
     def _spaces(
-        self,
-        simulator: Simulator,
-        observation: str,
-        mask_bumps: bool,
-        mask_in_observation: bool,
-        observation_dtype: str | None,
+        self, simulator: Simulator, observation: str, masks: tuple[bool, bool], dtype: str | None
     ) -> tuple[Space, Space]:
-        """Set what an agent observes; the spaces of observations and actions."""
+        """Set what agents observe; the spaces. `masks`: `mask_bumps`, `mask_in_observation`."""
         task, self.observation = simulator.task, observation
-        self._encoder = simulator.encoder(observation, observation_dtype)
-        self.mask_in_observation = check_bool("mask_in_observation", mask_in_observation)
-        self.mask_bumps = check_bool("mask_bumps", mask_bumps)
+        self._encoder = simulator.encoder(observation, dtype)
+        self.mask_in_observation = check_bool("mask_in_observation", masks[1])
+        self.mask_bumps = check_bool("mask_bumps", masks[0])
         self._world = lay_out(task.mazes).world
         if self.mask_bumps:
             warn_of_masks(task)
@@ -259,12 +254,10 @@ class PursuitParallelEnv(MazeGames, SimulatorParallelEnv):
             (`move_order="turns"`) there is always a mask; the side that waits can only stay.
         mask_in_observation: observations are {"observation", "action_mask"}, as many libraries
             expect; without `mask_bumps` the masks are all 1.
-        observation_dtype: "uint8" for planes, windows and "one_hot", in a quarter of the memory;
-            None for the dtype of the encoding.
+        observation_dtype: "uint8" for planes, windows, "one_hot"; None for that of the encoding.
 
     Raises:
-        ValueError: an unknown observation or render mode, or a dtype that the observation cannot
-            have.
+        ValueError: an unknown observation, render mode, or dtype for the observation.
 
     Attributes:
         task, simulator: the task and its simulator.
@@ -287,7 +280,7 @@ class PursuitParallelEnv(MazeGames, SimulatorParallelEnv):
         self._render_as(render_mode, RENDER_FPS, name=name, is_parallelizable=True)
         simulator = Simulator(task, auto_restart=False)
         masks = mask_bumps, mask_in_observation
-        spaces = self._spaces(simulator, observation, *masks, observation_dtype)
+        spaces = self._spaces(simulator, observation, masks, observation_dtype)
         entities = task.num_agents + task.num_goals + task.most_exits
         steps = task.max_steps * task.steps_per_round
         high = np.array([task.max_cells] * entities + [steps], dtype=np.float32)
@@ -386,11 +379,7 @@ def scene_of(simulator: Simulator, game: int = 0, caption: str = "") -> Scene:
 
 def environment_makers(
     name: str,
-) -> tuple[
-    Callable[..., PursuitParallelEnv],
-    Callable[..., TurnBased],
-    Callable[..., TurnBased],
-]:
+) -> tuple[Callable[..., PursuitParallelEnv], MakesTurnBased, MakesTurnBased]:
     """The functions `parallel_env`, `raw_env` and `env` of the PettingZoo module of a task."""
 
     def parallel_env(

@@ -131,7 +131,7 @@ class SingleAgentEnv(SeatOfGames, SingleEnv, Single):
         self._render_as(render_mode, RENDER_FPS)
         simulator = self._take_seat(task, agent, policies, 1)
         masks = mask_bumps, mask_in_observation
-        spaces = self._spaces(simulator, observation, *masks, observation_dtype)
+        spaces = self._spaces(simulator, observation, masks, observation_dtype)
         super().__init__(simulator, *spaces)
 
     def _checked(self, actions: Any) -> int:
@@ -190,7 +190,7 @@ class SingleAgentVectorEnv(SeatOfGames, LockstepVectorEnv, Vector):
         num_envs = whole("num_envs", num_envs, 1, 2**63 - 1)
         simulator = self._take_seat(task, agent, policies, num_envs)
         masks = mask_bumps, mask_in_observation
-        spaces = self._spaces(simulator, observation, *masks, observation_dtype)
+        spaces = self._spaces(simulator, observation, masks, observation_dtype)
         super().__init__(simulator, *spaces, render_mode, RENDER_FPS, seed, autoreset_mode)
 
     def _checked(self, actions: ArrayLike) -> Array:

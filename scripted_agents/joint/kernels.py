@@ -169,13 +169,16 @@ def restore_game(games: Games, rules: Rules, work: Workspace, steps: Any) -> Non
 def without_bumps(
     rules: Rules, world: World, players: Players, player: int, work: Workspace, joint: int
 ) -> int:
-    """A player's joint action with the first of the actions that run into a wall for all these."""
+    """A player's joint action with the first of the actions that run into a wall for all these, and
+    action 0 for agents that have left the game."""
     found, scale = 0, 1
     for back in range(players.begins[player + 1] - players.begins[player]):
-        cell = work.cells[players.seats[players.begins[player + 1] - 1 - back]]
-        action = joint % rules.num_actions
+        seat = players.seats[players.begins[player + 1] - 1 - back]
+        cell, action = work.cells[seat], joint % rules.num_actions
         joint //= rules.num_actions
-        if world.neighbors[cell, action] == cell:
+        if not work.active[seat]:
+            action = 0
+        elif world.neighbors[cell, action] == cell:
             action = 0
             while world.neighbors[cell, action] != cell:
                 action += 1

@@ -158,7 +158,7 @@ class Convolutions(nn.Module):
         # `contiguous(memory_format=...)` is not available under `vmap`.
         planes = planes.movedim(-3, -1).contiguous().movedim(-1, -3)
         hidden: torch.Tensor = self.layers(planes)
-        return hidden.reshape(*prepared.shape[:-3], -1)
+        return hidden.reshape(*prepared.shape[:-3], hidden.shape[-1])
 
 
 class Own(nn.Module):

@@ -335,3 +335,34 @@ def test_refusals_name_value_rule_and_remedy() -> None:
         Simulator(other, 1).act([best.policy, None], np.zeros((1, 2), dtype=np.int32))
     with pytest.raises(ValueError, match="not for 1"):
         Simulator(race, 1).act([None, best.policy], np.zeros((1, 2), dtype=np.int32))
+
+
+class DrawnTogether:
+    """Two evaders as one player, whose joint distribution is the product of independent ones."""
+
+    def __init__(self) -> None:
+        self.own = np.array([0.1, 0.2, 0.3, 0.4])
+
+    def act(self, view: Any) -> Any:  # only its distributions are evaluated
+        raise AssertionError
+
+    def distribution(self, task: Task, games: Any, seat: int) -> Any:
+        return np.tile(self.own, (len(games.steps), 1))
+
+    def joint_distribution(self, task: Task, games: Any) -> Any:
+        return np.tile(np.outer(self.own, self.own).ravel(), (len(games.steps), 1))
+
+
+def test_evaders_that_draw_together_independently_play_as_independent_evaders() -> None:
+    """A captured evader has no part in the joint action of the others."""
+    task = make_task("chase", maze="3x3", num_chasers=2, num_evaders=2)
+    together = DrawnTogether()
+    alone = {"evader_0": DrawnTogether(), "evader_1": DrawnTogether()}  # two players
+    found, expected = (
+        evaluate_joint(task, {"chaser": AStarChaser(0.2), **evaders}, 50)
+        for evaders in ({"evader": together}, alone)
+    )
+    for seat in ("evader_0", "evader_1", "chaser_0"):
+        assert found.steps[seat] == pytest.approx(expected.steps[seat], rel=1e-12)
+        assert found.returns[seat] == pytest.approx(expected.returns[seat], rel=1e-12)
+    assert found.length == pytest.approx(expected.length, rel=1e-12)

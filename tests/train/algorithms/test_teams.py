@@ -143,6 +143,22 @@ def test_separate_networks_learn_from_the_frames_of_their_own_agent(
         torch.testing.assert_close(one, two, rtol=1e-4, atol=1e-6)
 
 
+@pytest.mark.parametrize("observation", ["index", "planes"])
+def test_separate_networks_take_frames_that_lack_an_agent(observation: str) -> None:
+    """As the final observations of a few games do."""
+    learner, env = learner_of(parts("ippo", sharing="separate", observation=observation))
+    network: SeparateNetworks = learner.network
+    seen: Any = env.reset()
+    part = seen["observation"][network.owner(seen["observation"]) != 1]
+    with torch.no_grad():
+        logits, values = network(part)
+        for number in (0, 2):
+            rows = network.owner(part) == number
+            expected, value = network.networks[number](part[rows])
+            torch.testing.assert_close(logits[rows], expected)
+            torch.testing.assert_close(values[rows], value)
+
+
 def test_a_value_is_of_the_state_and_a_policy_of_the_own_observation() -> None:
     learner, env = learner_of(parts("mappo", view_radius=1))
     seen: Any = env.reset()
