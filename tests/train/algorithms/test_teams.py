@@ -403,10 +403,19 @@ def test_teams_learn_in_self_play(algorithm: str, sharing: str, tmp_path: Path) 
             {"role": "chaser_1"},
             "role='chaser_1', but ippo trains all agents of a role; give chaser",
         ),
-        ({"sharing": "separate", "frame_stack": 2}, "sharing='separate' does not support frame_stack=2"),
-        ({"sharing": "joint", "view_radius": 2}, "sharing='joint' does not support views that are limited"),
+        (
+            {"sharing": "separate", "frame_stack": 2},
+            "does not support frame_stack=2",
+        ),
+        (
+            {"sharing": "joint", "view_radius": 2},
+            "does not support views that are limited",
+        ),
         ({"sharing": "joint", "recurrent": "gru"}, "sharing='joint' does not support memory"),
-        ({"sharing": "joint", "mask_bumps": True}, "sharing='joint' does not support masked actions"),
+        (
+            {"sharing": "joint", "mask_bumps": True},
+            "does not support masked actions",
+        ),
         ({"sharing": "joint", "num_chasers": 7}, "16,384 joint actions; at most 4,096"),
         ({"sharing": "all"}, "unknown sharing 'all'; one of shared, separate, joint"),
         (
