@@ -56,12 +56,16 @@ def sample_table(
 
 
 @compiled
-def draw_together(streams: Any, num_agents: int, steps: Any, numbers: Any) -> None:
-    """Fill `numbers` [games] with uniform float64 in [0, 1), the same for all calls in a step.
+def draw_together(
+    streams: Any, num_agents: int, steps: Any, first: int, numbers: Any
+) -> None:  # fmt: skip
+    """Fill `numbers` [games] with uniform float64 in [0, 1), the same for all calls of a team in a
+    step, and independent of those of other teams.
 
-    They are a function of the step and of the stream of teams, which advances with every episode;
-    the call advances no stream.
+    They are a function of the step, of the first seat of the team, and of the stream of teams,
+    which advances with every episode; the call advances no stream.
     """
     for game in range(numbers.shape[0]):
-        word = mix(streams[game, team_stream(num_agents)]) ^ mix(np.uint64(steps[game] + 1))
+        step = np.uint64(steps[game] + 1) ^ np.uint64(first) << np.uint64(32)
+        word = mix(streams[game, team_stream(num_agents)]) ^ mix(step)
         numbers[game] = np.float64(mix(word) >> np.uint64(11)) * (1.0 / 9007199254740992.0)

@@ -65,8 +65,8 @@ def policies_of(
             bare = type(policy).__repr__ is object.__repr__
             shown = type(policy).__name__ if bare else repr(policy)
             raise ValueError(
-                f"{shown} of {name} has no distribution(task, games, seat); exact solutions "
-                "need policies with action probabilities in every state"
+                f"{shown} of {name} has memory or no distribution(task, games, seat); exact "
+                "solutions need policies with action probabilities in every state"
             )
         if isinstance(policy, JointPlan) and len(policy.choices) > 1:
             raise ValueError(

@@ -106,7 +106,7 @@ class JointTable:
         numbers = self.states.numbers(view.games)
         draws = np.empty(view.num_games)
         if len(self.seats) > 1:
-            draw_together(view.streams, view.task.num_agents, view.steps, draws)
+            draw_together(view.streams, view.task.num_agents, view.steps, self.seats[0], draws)
         else:
             draws = view.uniform()
         joint = drawn(draws, self._cumulative[np.maximum(numbers, 0)])

@@ -45,7 +45,7 @@ class TeamContest(GameContest):
         check(
             len(task.mazes) == 1,
             f"a team is evaluated in one maze, but the task has {len(task.mazes)}; give one of "
-            "them, or evaluate one member beside scripted ones (--teammates scripted)",
+            "them (or to `pursuit evaluate` --teammates scripted, for one member of a team)",
         )
 
     @property

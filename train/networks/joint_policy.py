@@ -49,7 +49,8 @@ class JointPolicy:
         task, draws = view.task, None
         if not self.greedy:
             draws = np.empty(view.num_games)
-            draw_together(view.streams, task.num_agents, view.steps, draws)
+            first = task.seat(self.agent)
+            draw_together(view.streams, task.num_agents, view.steps, first, draws)
         chosen = chosen_from(self.joint_distribution(task, view.games), draws)
         return parts_of(chosen, task, self.agent)[:, view.seat - task.seat(self.agent)]
 

@@ -17,9 +17,11 @@ from pursuit.tasks.task import ACTIONS
 from pursuit.validation import as_path, check
 from pursuit.version import __version__
 from train.files import write_bytes
+from train.networks.joint_policy import JointPolicy
 from train.networks.layers import float32_inference
 from train.networks.policy import NetworkPolicy
 from train.networks.recurrent_policy import RecurrentPolicy
+from train.networks.separate import SeparateNetworks
 from train.networks.small_game_policy import SmallGamePolicy
 
 SUFFIXES = (".onnx", ".pt2")
@@ -62,6 +64,13 @@ def export_policy(policy: Any, path: Path | str) -> Path:
             f"a policy with {what} remembers earlier observations, which an exported network does "
             f"not; export a run without {'--frame-stack' if stacked > 1 else '--recurrent'}"
         )
+    network = getattr(policy, "network", None)
+    team = "joint" if isinstance(policy, JointPolicy) else "separate"
+    check(
+        team != "joint" and not isinstance(network, SeparateNetworks),
+        f"the networks of a team with sharing={team!r} are not exported; export a run with "
+        "sharing=shared",
+    )
     check(
         isinstance(policy, NetworkPolicy),
         f"a {type(policy).__name__} has no network without memory in a maze or small game; export "

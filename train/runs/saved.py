@@ -162,7 +162,8 @@ def team_seat(seat: Seat, settings: AgentSettings) -> Seat:
     sharing = getattr(hyper, "sharing", SHARED)
     check(
         sharing == SHARED or settings.frame_stack == 1,
-        f"frame_stack={settings.frame_stack} with sharing={sharing!r}; use sharing=shared",
+        f"sharing={sharing!r} does not support frame_stack={settings.frame_stack}; use "
+        "sharing=shared",
     )
     joint = sharing == JOINT and seat.members > 1
     if joint:
@@ -192,4 +193,4 @@ def check_team_as_one(seat: Seat, settings: AgentSettings) -> None:
         "masked actions (mask_bumps, turns)": seat.has_masks,
     }
     found = next((reason for reason, holds in why.items() if holds), "")
-    check(not found, f"sharing='joint' with {found}; use sharing=shared")
+    check(not found, f"sharing='joint' does not support {found}; use sharing=shared")

@@ -23,7 +23,7 @@ from scripted_agents.environments import (
     named_policy,
     roles_of_agent,
 )
-from scripted_agents.limits import MAX_EVALUATED_WORK
+from scripted_agents.limits import MAX_EVALUATED_WORK, MAX_FINAL_WORK
 from train.evaluation.games import half_width, other_role
 from train.evaluation.matchups import can_solve, match, pair_payoffs
 from train.evaluation.team_contest import TeamContest
@@ -215,10 +215,12 @@ def is_model(name: str) -> bool:
     return not is_agent(name) and Path(name).suffix == ".zip"
 
 
-def play_league(task: Task, entries: Sequence[Entry], games: int, seed: int) -> LeagueTable:
+def play_league(
+    task: Task, entries: Sequence[Entry], games: int, seed: int, most: int = MAX_FINAL_WORK
+) -> LeagueTable:
     """Every chaser against every evader: exact payoffs where possible, and sampled games.
 
-    `seed` is an evaluation seed, which training never uses.
+    `seed` is an evaluation seed, which training never uses; `most` as in `match`.
     """
     starts = evaluation_seed(seed)
     sides = {role: [entry for entry in entries if entry.role == role] for role in ROLES}
@@ -228,8 +230,8 @@ def play_league(task: Task, entries: Sequence[Entry], games: int, seed: int) -> 
     for i, chaser in enumerate(sides["chaser"]):
         for j, evader in enumerate(sides["evader"]):
             lengths[i, j] = pair_payoffs(task, chaser.policy, evader.policy, games, starts)
-            if can_solve(task, chaser.policy, evader.policy):
-                payoff[i, j] = match(task, chaser.policy, evader.policy).payoff
+            if can_solve(task, chaser.policy, evader.policy, most):
+                payoff[i, j] = match(task, chaser.policy, evader.policy, most=most).payoff
             else:
                 payoff[i, j] = lengths[i, j].mean()
                 ci95[i, j] = half_width(lengths[i, j])

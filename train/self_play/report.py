@@ -11,6 +11,7 @@ import numpy as np
 from pursuit.replays.viewer.data import Builder, Extras
 from pursuit.simulator.policy import Policy
 from pursuit.tasks.task import Task
+from scripted_agents.limits import MAX_EXACT_WORK
 from train.evaluation.contest import GameContest
 from train.evaluation.recordings import MOST_OVERLAY_CELLS, recorded, sides_of
 from train.evaluation.scores import OUTCOME
@@ -141,7 +142,7 @@ def snapshots_league(trainee: SelfPlay, task: Task, pair: Mapping[str, Policy]) 
         kept = trainee.pools[role].snapshots if role in trainee.pools else []
         entries += [Entry(one.name, role, one.policy) for one in spread(kept, SNAPSHOTS)]
         entries.append(Entry("now", role, pair[role]))
-    return play_league(task, entries, GAMES, 0)
+    return play_league(task, entries, GAMES, 0, MAX_EXACT_WORK)  # many pairs
 
 
 def describe_exploitability(results: Plain) -> list[str]:

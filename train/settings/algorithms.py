@@ -142,8 +142,12 @@ class TeamSettings(Settings):
 
 def check_critic(name: str) -> None:
     """ValueError unless a central critic or mixing network can have this observation."""
-    if name != STATE:
+    if name == STATE:
+        return
+    try:
         check_observation(name)
+    except ValueError as refused:
+        raise ValueError(f"critic_observation: {refused}; or {STATE}") from None
 
 
 @dataclass(frozen=True)

@@ -63,8 +63,9 @@ class TrainSettings(RunSettings, Generic[S]):
     curriculum_settings: CurriculumSettings = field(default_factory=CurriculumSettings)
     """Settings of the curriculum."""
     algorithm: str = "ppo"
-    """ppo, a2c, reinforce, dqn, cross_entropy or q_learning; for the arm ppo, a2c, reinforce,
-    cross_entropy, ddpg, td3 or sac; or package.module:Name of a user-defined algorithm."""
+    """ppo, a2c, reinforce, dqn, cross_entropy or q_learning; ippo, mappo, vdn or qmix for all
+    agents of a role; for the arm ppo, a2c, reinforce, cross_entropy, ddpg, td3 or sac; or
+    package.module:Name of a user-defined algorithm."""
     curriculum: str = "none"
     """Scheduled: opponent-epsilon, slip, goal-spread-fixed, goal-spread-start, start-distance,
     num-goals, maze-size, loops; for the arm target-distance, free-joints, hold, tolerance.
@@ -73,8 +74,9 @@ class TrainSettings(RunSettings, Generic[S]):
     package.module:Name of a user-defined curriculum or axis."""
     observation: str = "auto"
     """Observation of the network. In mazes: index (one_hot computed faster), one_hot, positions,
-    cells, walls, planes, window:R (convolutions), or package.module:Name of a user-defined one. For
-    the arm: positions or positions_angles. auto: the first of these."""
+    cells, walls, planes, window:R (convolutions), or package.module:Name of a user-defined one;
+    with the suffix +id (not of cells, walls) also the number of the agent within its role. For the
+    arm: positions or positions_angles. auto: the first of these."""
     evaluate: Annotated[str, choice("greedy", "sampled")] = "greedy"
     """Policy of the evaluations during training: greedy (the most probable action) or sampled. The
     final results have both."""

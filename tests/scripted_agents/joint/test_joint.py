@@ -319,7 +319,7 @@ def test_refusals_name_value_rule_and_remedy() -> None:
         solve_joint(race, "runner_0", {})
     with pytest.raises(ValueError, match="use NearestGoalRunner"):
         solve_joint(race, "runner_0", {"runner": TourRunner()})
-    with pytest.raises(ValueError, match="has no distribution"):
+    with pytest.raises(ValueError, match="memory or no distribution"):
         solve_joint(heist, "evader", {"chaser": SearchingChaser()}, objective="return")
     with pytest.raises(ValueError, match="take objective='return'"):
         solve_joint(heist, "evader", IN_A_HEIST)

@@ -240,6 +240,26 @@ def test_the_joint_policy_is_evaluated_as_it_plays() -> None:
     assert abs(alone.length - exact.length) > half
 
 
+def test_two_joint_policies_draw_independently_of_each_other() -> None:
+    """The actions of teammates are opposite; those of opponents are equal in half of the games."""
+    policies: dict[str, Any] = {}
+    for role in ("chaser", "evader"):
+        given = {"num_chasers": 2, "num_evaders": 2, "stay_action": True, "role": role}
+        made = parts("ippo", sharing="joint", **given)
+        learner, _ = learner_of(made)
+        with torch.no_grad():  # one agent goes up and the other one down, or the other way round
+            learner.network.policy_head.weight.zero_()
+            learner.network.policy_head.bias.fill_(-50.0)
+            learner.network.policy_head.bias[[1, 5]] = 0.0
+        policies[role] = learner.policy(greedy=False)
+    simulator = Simulator(made.world.task, 4096)
+    actions = np.zeros((4096, 4), dtype=np.int32)
+    simulator.act([policies[role] for role in made.world.task.seat_roles], actions)
+    np.testing.assert_array_equal(actions[:, 0] + actions[:, 1], 1)
+    np.testing.assert_array_equal(actions[:, 2] + actions[:, 3], 1)
+    assert abs((actions[:, 0] == actions[:, 2]).mean() - 0.5) < 4.0 * 0.5 / 64.0
+
+
 # -- values of a team ------------------------------------------------------------------------------
 
 
@@ -383,10 +403,19 @@ def test_teams_learn_in_self_play(algorithm: str, sharing: str, tmp_path: Path) 
             {"role": "chaser_1"},
             "role='chaser_1', but ippo trains all agents of a role; give chaser",
         ),
-        ({"sharing": "separate", "frame_stack": 2}, "frame_stack=2 with sharing='separate'"),
-        ({"sharing": "joint", "view_radius": 2}, "sharing='joint' with views that are limited"),
-        ({"sharing": "joint", "recurrent": "gru"}, "sharing='joint' with memory"),
-        ({"sharing": "joint", "mask_bumps": True}, "sharing='joint' with masked actions"),
+        (
+            {"sharing": "separate", "frame_stack": 2},
+            "does not support frame_stack=2",
+        ),
+        (
+            {"sharing": "joint", "view_radius": 2},
+            "does not support views that are limited",
+        ),
+        ({"sharing": "joint", "recurrent": "gru"}, "sharing='joint' does not support memory"),
+        (
+            {"sharing": "joint", "mask_bumps": True},
+            "does not support masked actions",
+        ),
         ({"sharing": "joint", "num_chasers": 7}, "16,384 joint actions; at most 4,096"),
         ({"sharing": "all"}, "unknown sharing 'all'; one of shared, separate, joint"),
         (
@@ -397,7 +426,10 @@ def test_teams_learn_in_self_play(algorithm: str, sharing: str, tmp_path: Path) 
             {"algorithm": "maddpg"},
             "unknown algorithm 'maddpg' .*; one of ppo, .*, vdn, qmix",
         ),
-        ({"algorithm": "mappo", "critic_observation": "sky"}, "'sky'"),
+        (
+            {"algorithm": "mappo", "critic_observation": "sky"},
+            "critic_observation: unknown observation 'sky'; .*; or state",
+        ),
         ({"algorithm": "mappo", "critic": False}, "critic=False with a central critic; use"),
     ],
 )

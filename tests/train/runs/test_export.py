@@ -141,6 +141,14 @@ def test_what_cannot_be_exported_is_refused(
         train.export_policy(policy, tmp_path / "policy.h5")
     with pytest.raises(ValueError, match="no network without memory"):
         train.export_policy(AStarChaser(), tmp_path / "policy.pt2")
+    team = {"algorithm": "ippo", "num_chasers": 2, "maze": "2x2", "frames": 640, "width": 8}
+    small = {"num_games": 4, "rollout_steps": 4, "minibatch_size": 8, "max_steps": 8}
+    for sharing in ("separate", "joint"):
+        run = start(
+            "single", train.settings_of(**team, **small, sharing=sharing), tmp_path / sharing
+        )
+        with pytest.raises(ValueError, match=f"sharing='{sharing}' are not exported"):
+            train.export_policy(run.trainee.learner.policy(), tmp_path / "policy.pt2")
     out = tmp_path / "made.pt2"
     assert main(["export", str(runs / "index"), "--out", str(out)]) in (0, None)
     assert "observation [batch, 3] (index)" in capsys.readouterr().out and out.exists()
