@@ -13,11 +13,15 @@ import pytest
 from filelock import FileLock, Timeout
 
 from pursuit import load_maze
+from pursuit.tasks.task import make_task
+from scripted_agents import AStarEvader, evaluate_joint, solve_joint
 from train.experiments.expansion import load_study
-from train.experiments.rows import read_all
+from train.experiments.rows import read_all, read_run
 from train.experiments.runs import prepare, status_of
 from train.kinds import KINDS, open_run, start
 from train.runs.folder import RUN
+from train.runs.opponents import load_policy
+from train.runs.parts import settings_of
 
 MAZE = "+-+-+\n|   |\n+ + +\n|   |\n+-+-+\n"
 OTHER = "+-+-+\n|   |\n+-+ +\n|   |\n+-+-+\n"
@@ -161,3 +165,27 @@ def test_a_killed_sweep_leaves_no_process_and_the_next_one_waits_for_its_runs(
         driver.communicate(timeout=120)
     assert driver.returncode == 143
     assert open_run(folder).trainee.frames >= before
+
+
+def test_the_row_of_a_team_has_the_mean_gap_of_its_members(tmp_path: Path) -> None:
+    small: dict[str, Any] = {
+        "task": "chase",
+        "role": "chaser",
+        "num_chasers": 2,
+        "maze": "2x2",
+        "max_steps": 10,
+    }
+    sizes = {"num_games": 16, "rollout_steps": 4, "minibatch_size": 32, "frames": 2560}
+    run = start(RUN, settings_of(algorithm="ippo", n_catch=2, **small, **sizes), tmp_path / "run")
+    run.train()
+    run.results(10)
+    task = make_task("chase", maze="2x2", num_chasers=2, max_steps=10, n_catch=2)
+    team, evader = load_policy(tmp_path / "run"), AStarEvader(0.2)
+    steps = evaluate_joint(task, {"chaser": team, "evader": evader}, 10).length
+    gaps = []
+    for member, other in (("chaser_0", "chaser_1"), ("chaser_1", "chaser_0")):
+        best = solve_joint(task, member, {other: team, "evader": evader}, 10)
+        gaps.append(steps / best.mean_over_starts - 1.0)
+    row = read_run(tmp_path / "run")[0]
+    assert row["members_gap"] == pytest.approx(sum(gaps) / 2)
+    assert 0.0 <= row["members_gap"] <= row["optimality_gap"]
