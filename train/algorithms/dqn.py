@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, cast
+from typing import ClassVar, cast
 
 import torch
 
@@ -16,8 +16,8 @@ from train.environments.seat_env import CRITIC
 from train.networks.distributions import masked
 from train.networks.policy import Player
 from train.networks.q_network import Mixer, QNetwork
-from train.networks.separate import separate_networks
-from train.settings.algorithms import SEPARATE, SHARED, QMIXSettings
+from train.networks.separate import network_with_sharing
+from train.settings.algorithms import QMIXSettings
 from train.settings.off_policy import DQNSettings
 
 
@@ -151,8 +151,7 @@ def network_of(settings: DQNSettings, player: Player, build: Build) -> QNetwork:
         sizes = (player.features, player.num_actions, build.hidden(settings))
         return QNetwork(*sizes, settings.dueling, build.fused)
 
-    separate = getattr(settings, "sharing", SHARED) == SEPARATE and player.members > 1
-    network: Any = separate_networks(new, player) if separate else new()
+    network = network_with_sharing(new, settings, player)
     features = getattr(player, "critic_features", None)
     if isinstance(settings, QMIXSettings) and features is not None and player.members > 1:
         network.mixer = Mixer(features, player.members, settings.mixing_width)

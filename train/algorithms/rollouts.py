@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, cast
+from typing import cast
 
 import torch
 
@@ -16,8 +16,8 @@ from train.networks.actor_critic import ActorCritic
 from train.networks.distributions import DISTRIBUTION
 from train.networks.fused_actor_critic import LossCoefficients
 from train.networks.policy import Player
-from train.networks.separate import separate_networks
-from train.settings.algorithms import SEPARATE, SHARED, ActorCriticSettings
+from train.networks.separate import network_with_sharing
+from train.settings.algorithms import ActorCriticSettings
 
 Frames = dict[str, torch.Tensor]
 """Columns of training data. A row is a frame, or for a recurrent network a sequence;
@@ -45,9 +45,7 @@ def actor_critic_of(settings: ActorCriticSettings, player: Player, build: Build)
             getattr(player, "critic_features", None),
         )
 
-    separate = getattr(settings, "sharing", SHARED) == SEPARATE and player.members > 1
-    network: Any = separate_networks(new, player) if separate else new()
-    return cast(ActorCritic, network.to(build.device))
+    return cast(ActorCritic, network_with_sharing(new, settings, player).to(build.device))
 
 
 class TorchEngine:

@@ -10,6 +10,7 @@ from torch import nn
 
 from train.networks.distributions import Categorical
 from train.networks.features import Features
+from train.settings.algorithms import SEPARATE, SHARED
 
 
 class Unprepared:
@@ -131,6 +132,14 @@ class SeparateNetworks(nn.Module):
         return str(getattr(self.networks[0], "update_form", "torch"))
 
 
-def separate_networks(new: Callable[[], nn.Module], player: Any) -> SeparateNetworks:
-    """New networks of all agents of a role, for a player whose observation ends with "+id"."""
-    return SeparateNetworks([new() for _ in range(player.members)], player.features)
+def network_with_sharing(new: Callable[[], nn.Module], settings: Any, player: Any) -> Any:
+    """A new network for a player; with `sharing` "separate" one for each agent of its role.
+
+    Args:
+        new: makes a network.
+        settings: of the algorithm.
+        player: whose observation ends with "+id", if networks are separate.
+    """
+    if getattr(settings, "sharing", SHARED) == SEPARATE and player.members > 1:
+        return SeparateNetworks([new() for _ in range(player.members)], player.features)
+    return new()
