@@ -18,7 +18,8 @@ from scripted_agents.games.small_game import SmallGame
 
 GAMES: Registry[Any] = Registry(
     "game",
-    "a class or function that returns a Game (players, starts, legal_actions, transitions)",
+    "a class or function that returns a Game (players, starts, legal_actions, transitions) or a "
+    "SmallGame",
     callable,
     ours=tuple(SHIPPED),
 )
@@ -60,8 +61,8 @@ def arguments_of(text: str, given: str) -> dict[str, Any]:
     return values
 
 
-def game_named(text: str) -> Game:
-    """The game of this name, not enumerated; see `load_game` for the names.
+def game_named(text: str) -> Game | SmallGame:
+    """The game of this name, enumerated only if its function does that; see `load_game`.
 
     Raises:
         ValueError: an unknown name, arguments that it does not accept, or no `Game`.
@@ -79,7 +80,7 @@ def game_named(text: str) -> Game:
     with mended(f"game={shortened(text)}"):
         game = make(**values)
     check(
-        isinstance(game, Game) and not isinstance(game, type),
+        isinstance(game, Game | SmallGame) and not isinstance(game, type),
         f"game={shortened(text)} is {shortened(game)}; it must be {GAMES.needs}",
     )
     return game
@@ -99,5 +100,7 @@ def load_game(text: str) -> SmallGame:
             cannot be enumerated, as its functions raise exceptions.
     """
     game = game_named(text)
+    if isinstance(game, SmallGame):
+        return game
     with mended(f"game={shortened(text)}"):
         return enumerate_game(game, progress=True)

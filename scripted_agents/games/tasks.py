@@ -1,9 +1,13 @@
-"""Tasks as small games: the states and transitions of the joint solver, state by state."""
+"""Tasks as small games: the states and transitions of the joint solver, state by state.
+
+In `game_of_task` every agent is a player, in `game_of_sides` each of two sides is one.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
-from itertools import compress
+from dataclasses import replace
+from itertools import compress, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,10 +53,15 @@ def game_of_task(task: Task, most_states: int = MAX_TASK_STATES) -> SmallGame:
         )
     if task.options.slips or task.options.turns:
         raise ValueError(
-            f"task {task.name!r} with slip={task.slip!r}, move_order={task.move_order!r}: a small "
-            "game has neither slips nor rounds of turns; use solve_joint and joint_nash_conv"
+            f"task {task.name!r} with slip={task.slip!r}, move_order={task.move_order!r}: here a "
+            "small game has neither; use game_of_sides, or solve_joint and joint_nash_conv"
         )
     check_joint_states(task, most_states, each=1000)
+    return _enumerated(task)
+
+
+def _enumerated(task: Task) -> SmallGame:
+    """The game of a task without slips; in turns the move of one side is a step."""
     joint = joint_states_of(task)
     agents, nothing = task.num_agents, [0] * task.num_agents
     rewards = [Quantity(row, nothing) for row in np.eye(agents, dtype=np.int64).tolist()]
@@ -77,7 +86,10 @@ def game_of_task(task: Task, most_states: int = MAX_TASK_STATES) -> SmallGame:
     )
     names: list[State] = []
     for _, games, real in joint.chunks():
-        names += compress(states_of_games(games), real)
+        places = states_of_games(games)
+        if task.options.turns:
+            places = [(*row, half) for row, half in zip(places, games.steps.tolist(), strict=True)]
+        names += compress(places, real)
     actions, choices = _actions(task, played, begins)
     start = np.zeros(joint.count)
     for numbers in joint.starts():
@@ -111,3 +123,108 @@ def _actions(
             actions[agent].append(tuple(legal.tolist()))
             choices[first:last, agent] = index
     return actions, choices
+
+
+# -- two sides -------------------------------------------------------------------------------------
+
+
+def game_of_sides(task: Task, most_states: int = MAX_TASK_STATES) -> SmallGame:
+    """A task in one maze as a zero-sum small game of two players without a limit on steps.
+
+    Of a task with two roles, each role is a player, which chooses the moves of all its agents as
+    one tuple. Of a task with two agents of one role, each agent is a player. The payoff of the
+    first player is half of: the mean reward of its agents minus the mean reward of the others. In
+    `zero_sum` chases this is minus the number of steps, so NashConv is that of the task.
+
+    Slips are part of the transitions. In a game with turns the move of one side is a step, and is
+    discounted as such; a state ends with 0 if the first side is to move, else 1.
+
+    Raises:
+        ValueError: no two sides, several mazes, user-defined rewards, too many states, or too
+            little memory.
+    """
+    task = checked_task(task)
+    if task.reward_function is not None:
+        raise ValueError(
+            f"task {task.name!r} has a custom reward function; give rewards by coefficients"
+        )
+    roles = list(dict.fromkeys(task.seat_roles))
+    if len(roles) != 2 and task.num_agents != 2:
+        raise ValueError(
+            f"task {task.name!r} has {task.num_agents} agents of {len(roles)} role; give agents of "
+            "two roles, or two agents"
+        )
+    check_joint_states(task, most_states, each=1000)
+    names = roles if len(roles) == 2 else list(task.agent_names)
+    first = task.seat_roles.count(roles[0]) if len(roles) == 2 else 1
+    chances = task.slips
+    game = with_slips(_enumerated(replace(task, slip=0.0)), chances, task.mazes[0].neighbors)
+    return _merged(game, (names[0], names[1]), first)
+
+
+def with_slips(
+    game: SmallGame, chances: Sequence[float], neighbors: NDArray[np.integer]
+) -> SmallGame:
+    """A game of a task in which moves slip: with its chance, that of an agent is replaced by a
+    uniformly random one of those that change the cell.
+
+    Args:
+        game: of every agent as a player, without slips.
+        chances: of a slip, by agent.
+        neighbors: [cells, actions] of the maze.
+    """
+    sizes = np.stack([np.diff(game.offsets(agent)) for agent in range(len(game.players))], axis=1)
+    joints = np.arange(len(game.owners))
+    for agent, chance in enumerate(chances):
+        if chance == 0.0:
+            continue
+        offsets = game.offsets(agent)
+        cells = np.array([state[0][agent] for state in game.states])  # type: ignore[index]
+        actions = np.concatenate([np.asarray(row) for row in game.actions[agent]])
+        owner = np.repeat(np.arange(game.num_states), sizes[:, agent])
+        moves = (neighbors[cells[owner], actions] != cells[owner]) & (cells[owner] >= 0)
+        many = np.add.reduceat(moves, offsets[:-1])
+        slips = many[game.owners] > 0  # agents that have left, or wait, have no moves
+        options = np.repeat(joints[slips], sizes[game.owners[slips], agent])
+        state = game.owners[options]
+        place = np.arange(len(options)) - np.repeat(
+            np.cumsum(sizes[game.owners[slips], agent]) - sizes[game.owners[slips], agent],
+            sizes[game.owners[slips], agent],
+        )
+        stride = sizes[state, agent + 1 :].prod(axis=1)
+        target = options + (place - game.choices[options, agent]) * stride
+        weight = chance * moves[offsets[state] + place] / many[state]
+        rows, columns = np.concatenate([joints, options]), np.concatenate([joints, target])
+        kept = np.where(slips, 1.0 - chance, 1.0)
+        mix = csr_array((np.concatenate([kept, weight]), (rows, columns)))
+        game = replace(game, following=mix @ game.following, rewards=mix @ game.rewards)
+    return game
+
+
+def _merged(game: SmallGame, names: tuple[str, str], first: int) -> SmallGame:
+    """The zero-sum game of the first agents as one player and of all others as the other."""
+    sides = range(first), range(first, len(game.players))
+    sizes = np.stack([np.diff(game.offsets(agent)) for agent in range(len(game.players))], axis=1)
+    actions: list[list[Sequence[Hashable]]] = []
+    choices = np.zeros((len(game.choices), 2), dtype=np.int32)
+    for player, side in enumerate(sides):
+        if len(side) == 1:
+            actions.append(game.actions[side[0]])
+        else:
+            rows = zip(*(game.actions[agent] for agent in side), strict=True)
+            actions.append([tuple(product(*row)) for row in rows])
+        for agent in side:
+            choices[:, player] *= sizes[game.owners, agent]
+            choices[:, player] += game.choices[:, agent]
+    lead = (game.rewards[:, :first].mean(axis=1) - game.rewards[:, first:].mean(axis=1)) / 2.0
+    return SmallGame(
+        names,
+        game.states,
+        game.number,
+        actions,
+        game.begins,
+        choices,
+        np.stack([lead, -lead], axis=1),
+        game.following,
+        game.start,
+    )

@@ -6,9 +6,10 @@ SHIPPED: dict[str, str] = {
     for name, made in {
         "border_control": "BorderControl",
         "goofspiel": "Goofspiel",
+        "maze_game": "maze_game",
         "oshi_zumo": "oshi_zumo",
         "rock_paper_scissors": "RockPaperScissors",
         "soccer": "Soccer",
     }.items()
 }
-"""By name, "module:Class" (of oshi_zumo "module:function"), called with the arguments of a game."""
+"""By name, "module:Class" (of oshi_zumo and maze_game "module:function"), called with the arguments of a game."""

@@ -1,0 +1,26 @@
+"""Tasks in mazes as zero-sum small games of two sides."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pursuit.tasks.task import make_task
+from scripted_agents.games.small_game import SmallGame
+from scripted_agents.games.tasks import game_of_sides
+
+
+def maze_game(task: str = "chase", **settings: Any) -> SmallGame:
+    """A task as a small game of two sides, with equal transitions; see `game_of_sides`.
+
+    Args:
+        task: its name: chase, escape, heist or race.
+        settings: of `pursuit.make_task`, such as maze, num_chasers, capture, slip, rewards. The
+            rewards are zero_sum by default in chases, win_loss in escapes.
+
+    Raises:
+        ValueError: a setting that the task does not have, or no two sides.
+    """
+    rewards = {"chase": "zero_sum", "escape": "win_loss"}
+    if task in rewards:
+        settings = {"rewards": rewards[task], **settings}
+    return game_of_sides(make_task(task, **settings))
