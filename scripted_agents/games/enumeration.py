@@ -128,7 +128,7 @@ def enumerate_game(
     )
 
 
-def names_of_players(game: Game) -> tuple[str, ...]:
+def names_of_players(game: Game | SmallGame) -> tuple[str, ...]:
     """The names of all players; ValueError for none, equal ones, or something else than text."""
     given = game.players
     players = tuple(given) if isinstance(given, Iterable) and not isinstance(given, str) else ()

@@ -12,4 +12,5 @@ SHIPPED: dict[str, str] = {
         "soccer": "Soccer",
     }.items()
 }
-"""By name, "module:Class" (of oshi_zumo and maze_game "module:function"), called with the arguments of a game."""
+"""By name, "module:Class" (of oshi_zumo and maze_game "module:function"), called with the arguments
+of a game."""
