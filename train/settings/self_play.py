@@ -83,10 +83,12 @@ class SelfPlayBase(RunSettings):
 
     Attributes:
         task: the game.
+        ADDED: settings that older versions did not write.
         AGENTS: the names of scripted agents.
         UNDISCOUNTED: whether a discount of 1 is allowed.
     """
 
+    ADDED: ClassVar[tuple[str, ...]] = ("average",)
     AGENTS: ClassVar[tuple[str, ...]] = AGENTS
     UNDISCOUNTED: ClassVar[bool] = False
 
@@ -112,6 +114,9 @@ class SelfPlayBase(RunSettings):
     members: Annotated[tuple[str, ...], MEMBERS] = ()
     """Scripted agents in the pools from the start: astar, random, uniform, equilibrium,
     searching (or sweeping, belief), or package.module:Name of a user-defined policy."""
+    average: bool = True
+    """Evaluate, save and pool the average of the weights of about the last tenth of training.
+    --no-average: the last weights."""
     observation: str = "index"
     """Observation of the networks: index, one_hot, positions, cells, walls, planes, or
     package.module:Name of a user-defined one; in small games index, one_hot or observe."""
