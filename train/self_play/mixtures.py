@@ -33,8 +33,8 @@ RESPONSES = 8
 """Best responses to single snapshots that are played against a whole mixture; each takes an exact
 evaluation for every snapshot."""
 MIXED = ("uniform", *NASH_SAMPLING)
-"""Sampling rules that converge in a mixture of snapshots: all equally likely, or the Nash mixture;
-with others the last policies converge."""
+"""Sampling rules that play a mixture of snapshots: all equally likely, or the Nash mixture; with
+others the last policies are played."""
 MOST_MIXED = 50_000
 """Joint actions of a small game up to which bounds of mixtures are computed: minutes at most."""
 Table = NDArray[np.float64]

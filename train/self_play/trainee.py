@@ -75,7 +75,7 @@ class SelfPlay:
     Attributes:
         task, sides, pools: the game, the learning sides, and the opponents in each role.
         payoffs: between members of the pools.
-        mixtures: the Nash mixtures of double oracle.
+        mixtures: the Nash mixtures that the rules of `NASH_SAMPLING` draw from.
         taken, progress: snapshots and progress so far, in [0, 1].
         limits: of the results.
         last: the last evaluation.
