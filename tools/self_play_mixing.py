@@ -2,9 +2,9 @@
 
     python tools/self_play_mixing.py
 
-It reads docs/results/data/self_play_mixing/ (runs.csv, populations.csv, tuning.csv), prints the
-tables of docs/results/self_play_mixing.md and draws its figures. A test compares the page with these
-numbers.
+It reads runs.csv, populations.csv and tuning.csv in docs/results/data/self_play_mixing/, prints the
+tables of docs/results/self_play_mixing.md and draws its figures. A test compares the page with
+these numbers.
 """
 
 from __future__ import annotations
