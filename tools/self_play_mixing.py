@@ -1,24 +1,30 @@
 """The analysis of the study of self-play by mixed share: tables and figures of its page.
 
-    python tools/self_play_mixing.py
+    python tools/self_play_mixing.py [--tuning] [--cost]
 
-It reads runs.csv, populations.csv and tuning.csv in docs/results/data/self_play_mixing/, prints the
-tables of docs/results/self_play_mixing.md and draws its figures. A test compares the page with
+It reads runs.csv and tuning.csv in docs/results/data/self_play_mixing/, prints the tables of
+docs/results/self_play_mixing.md and draws its figures. A test compares the page with
 these numbers.
 """
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Iterable, Sequence
+from itertools import product
 from pathlib import Path
 from statistics import fmean, median
 from typing import Any
 
 import numpy as np
+import torch
 from scipy.stats import ttest_1samp
 
-from train.experiments.recorded import read_recorded
+from train.experiments.expansion import NO_SETTINGS
+from train.experiments.halving import score
+from train.experiments.recorded import read_recorded, settings_in
 from train.experiments.statistics import holm, mean_interval
+from train.experiments.study import StudyFile, choose_version, read_file
 
 DATA = Path(__file__).parents[1] / "docs" / "results" / "data" / "self_play_mixing"
 LEAST = 1e-3
@@ -33,25 +39,28 @@ POPULATIONS = ("psro", "nfsp")
 COLUMNS = {"ppo, defaults": "nash_conv_average_likely"}
 """The columns of NashConv that is judged, other than `PLAYED`."""
 PLAYED = "played_nash_conv"
+MATRIX = "rock_paper_scissors"
+"""Matrix games are shown, and are not part of the analysis."""
+FILES = ("self-play-mixing", "self-play-mixing-populations")
+"""The files of the study."""
 RESAMPLES = 10_000
 Row = dict[str, Any]
 Logs = dict[str, float]
 
 
 def rows_of(name: str = "runs") -> list[Row]:
-    """The complete runs in a file."""
-    rows = read_recorded(DATA / f"{name}.csv").values()
-    return [row for row in rows if row["status"] == "complete"]
+    """The rows of a file."""
+    return [*read_recorded(DATA / f"{name}.csv").values()]
 
 
 def judged() -> list[Row]:
-    """All judged runs."""
-    return [*rows_of("runs"), *rows_of("populations")]
+    """The judged runs, without those of matrix games."""
+    return [row for row in rows_of() if not row["game"].startswith(MATRIX)]
 
 
 def shares(rows: Iterable[Row]) -> dict[str, float]:
     """The mixed share of every game, ascending."""
-    found = {row["game"]: row["mixed_share"] for row in rows}
+    found = {row["game"]: row["mixed_share"] for row in rows if row["status"] == "complete"}
     return dict(sorted(found.items(), key=lambda item: item[1]))
 
 
@@ -61,13 +70,14 @@ def stratum(share: float) -> str:
 
 
 def logs_of(rows: Iterable[Row], method: str, column: str = "") -> Logs:
-    """By game the mean over seeds of log(NashConv + `LEAST`), NashConv in shares of the range."""
+    """By game the mean over seeds of log(NashConv + `LEAST`), NashConv in shares of the range; of a
+    failed run it is the whole range."""
     name = column or COLUMNS.get(method, PLAYED)
     found: dict[str, list[float]] = {}
     for row in rows:
-        if row["variant"] == method and row.get(name) is not None:
-            value = np.log(row[name] / row["payoff_range"] + LEAST)
-            found.setdefault(row["game"], []).append(float(value))
+        if row["variant"] == method:
+            share = row[name] / row["payoff_range"] if row["status"] == "complete" else 1.0
+            found.setdefault(row["game"], []).append(float(np.log(share + LEAST)))
     return {game: fmean(values) for game, values in found.items()}
 
 
@@ -156,6 +166,8 @@ def by_game(rows: Sequence[Row]) -> list[Row]:
 
 def markdown(rows: Sequence[Row]) -> str:
     """Rows as a table; numbers with three digits."""
+    if not rows:
+        return ""
 
     def cell(value: object) -> str:
         if isinstance(value, list):
@@ -164,9 +176,82 @@ def markdown(rows: Sequence[Row]) -> str:
             return f"{value:.3g}"
         return "" if value is None else str(value)
 
-    heads = [*rows[0]]
-    lines = [heads, ["---"] * len(heads), *([cell(row[name]) for name in heads] for row in rows)]
+    heads = [*dict.fromkeys(name for row in rows for name in row)]
+    cells = ([cell(row.get(name)) for name in heads] for row in rows)
+    lines = [heads, ["---"] * len(heads), *cells]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+# -- tuning and cost -------------------------------------------------------------------------------
+
+
+def trials(rung: int | None = None) -> dict[str, dict[int, list[Row]]]:
+    """The trials of a rung, by default the last one, by variant and number."""
+    rows = rows_of("tuning")
+    wanted = max(row["rung"] for row in rows) if rung is None else rung
+    found: dict[str, dict[int, list[Row]]] = {}
+    for row in rows:
+        if row["rung"] == wanted:
+            found.setdefault(row["variant"], {}).setdefault(row["trial"], []).append(row)
+    return found
+
+
+def chosen() -> dict[str, list[Row]]:
+    """By method the runs of the trial that was chosen."""
+    return {method: min(own.values(), key=score) for method, own in trials().items()}
+
+
+def settings_of(row: Row) -> Row:
+    """The settings of a trial."""
+    names = [name for name in settings_in([*row]) if name not in ("game", "variant", *NO_SETTINGS)]
+    return {name: row[name] for name in names if row[name] is not None}
+
+
+def stopped() -> list[Row]:
+    """Of every method on how many tuning games twice the frames do not lower NashConv + `LEAST` of
+    its chosen setting below 80 %, between the last two rungs."""
+    last = max(row["rung"] for row in rows_of("tuning"))
+    before, found = trials(last - 1), []
+    for method, rows in chosen().items():
+        earlier = {row["game"]: row for row in before[method][rows[0]["trial"]]}
+        ends = [score([row]) - score([earlier[row["game"]]]) for row in rows]
+        still = sum(end < np.log(0.8) for end in ends)
+        found.append({"method": method, "frames": rows[0]["budget_frames"], "games": len(ends),
+                      "stopped": len(ends) - still})  # fmt: skip
+    return found
+
+
+def costs(frames: int = 300_000, turns: int = 3) -> list[Row]:
+    """Processor seconds of a million frames of every method with its chosen settings, on a core:
+    medians over turns and over a game of each stratum of the short version."""
+    from tempfile import TemporaryDirectory
+
+    from train.kinds import start
+    from train.runs.folder import SELF_PLAY
+    from train.self_play.parts import self_play_settings_of
+
+    torch.set_num_threads(1)
+    best, taken = chosen(), dict[str, list[float]]()
+    variants = {}
+    for name in FILES:
+        _, file = read_file(name, "ablation", StudyFile)
+        like = file.tuning.like if file.tuning else {}
+        for variant in file.variants or ():
+            rows = best.get(like.get(variant["name"], variant["name"]))
+            tuned = settings_of(rows[0]) if rows else {}
+            variants[variant["name"]] = {**(file.settings or {}), **tuned, **variant}
+    games = choose_version(file, "short").grid["game"]  # type: ignore[index]
+    for _, game in product(range(turns), games):
+        for name, own in variants.items():
+            given = {n: value for n, value in own.items() if n != "name"}
+            settings = self_play_settings_of(
+                **{**given, "game": game, "frames": frames, "clock": "processor"}
+            )
+            with TemporaryDirectory() as folder:
+                run = start(SELF_PLAY, settings, Path(folder) / "run")
+                run.train(lambda run, row: None)
+                taken.setdefault(name, []).append(run.seconds * 1e6 / run.trainee.frames)
+    return [{"method": name, "seconds": median(values)} for name, values in taken.items()]
 
 
 # -- figures ---------------------------------------------------------------------------------------
@@ -207,6 +292,7 @@ def draw_curves(path: Path, rows: Sequence[Row]) -> None:
         game = next((game for game in games if game in populations), games[0])
         for number, method in enumerate((PPO, *RIVALS, *POPULATIONS)):
             own = [row for row in rows if (row["game"], row["variant"]) == (game, method)]
+            own = [row for row in own if row["status"] == "complete"]
             curves = [[float(value) for value in row["curve"].split()] for row in own]
             if not curves:
                 continue
@@ -227,14 +313,26 @@ def draw_curves(path: Path, rows: Sequence[Row]) -> None:
 
 
 def main() -> None:
-    """Print the tables, and draw the figures."""
+    """Print the tables, and draw the figures; or print tuning or costs."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--tuning", action="store_true", help="print what was chosen")
+    parser.add_argument("--cost", action="store_true", help="measure processor seconds, in turns")
+    given = parser.parse_args()
+    if given.tuning:
+        print(markdown([{"method": name, **settings_of(own[0])} for name, own in chosen().items()]))
+        print(markdown(stopped()))
+        return
+    if given.cost:
+        print(markdown(costs()))
+        return
     rows = judged()
     print(
         "slope of log(PPO / MMD) on the mixed share: {:.2f} [{:.2f}, {:.2f}], {} games".format(
             *slope(rows)
         )
     )
-    for table in (by_stratum(rows), comparisons(rows), by_game(rows)):
+    matrix = [row for row in rows_of() if row not in rows]
+    for table in (by_stratum(rows), comparisons(rows), by_game(rows), by_game(matrix)):
         print(f"\n{markdown(table)}")
     draw_ratios(DATA / "ratios.png", rows)
     draw_curves(DATA / "curves.png", rows)

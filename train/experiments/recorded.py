@@ -10,8 +10,10 @@ import csv
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
+from filelock import FileLock
+
 from pursuit.validation import check
-from train.files import write_csv
+from train.files import LOCK, write_csv
 from train.reports.tables import Row
 
 FIRST = ("run", "kind", "status")
@@ -61,10 +63,11 @@ def is_recorded(row: Row | None) -> bool:
 
 
 def record(path: Path, row: Row) -> None:
-    """Add the row of a run, or replace the one that is there, atomically."""
-    rows = {**read_recorded(path), str(row["run"]): row}
+    """Add the row of a run, or replace the one that is there, atomically; several processes may."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_csv(path, list(rows.values()), columns_of(rows.values()))
+    with FileLock(path.with_name(f".{path.name}{LOCK}")):
+        rows = {**read_recorded(path), str(row["run"]): row}
+        write_csv(path, list(rows.values()), columns_of(rows.values()))
 
 
 def columns_of(rows: Iterable[Row]) -> list[str]:

@@ -124,6 +124,7 @@ def read_all(out: Path) -> StudyRows:
         names |= dict.fromkeys(settings_in([*row]))
         rest = [*row][[*row].index("seed") + 1 :]
         found.measures += [name for name in rest if name not in found.measures]
+    found.everything.sort(key=lambda row: str(row["run"]))
     found.varying = [name for name in names if name != "variant"]
     if "variant" in names:
         found.varying.insert(0, "variant")

@@ -1,0 +1,122 @@
+"""Successive halving against halves that are sorted here."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+
+from train.experiments.expansion import load_study
+from train.experiments.halving import LEAST, Halving
+from train.experiments.recorded import record
+from train.experiments.runs import prepare
+from train.experiments.search import draw_samples
+from train.experiments.study import StudyFile, choose_version, read_file
+
+FILE = """
+title = "Halves"
+kind = "self-play"
+control = "ppo"
+seeds = [0]
+variants = [{ name = "ppo" }, { name = "ppo, momentum", adam_beta1 = 0.9 },
+            { name = "mmd", algorithm = "mmd" }]
+[report]
+x = "game"
+[settings]
+frames = 8000
+width = 8
+[grid]
+game = ["soccer(rows=2,columns=4)"]
+[tuning]
+games = ["goofspiel(cards=2)", "goofspiel(cards=3)"]
+shipped = false
+search_seed = 3
+short = { samples = 7, frames = 1000, rungs = 3 }
+full = { samples = 7, frames = 1000, rungs = 3 }
+like = { "ppo, momentum" = "ppo" }
+[tuning.space.ppo]
+learning_rate = { low = 1e-3, high = 1e-2, scale = "log" }
+[tuning.space.mmd]
+magnet_coef = { low = 0.01, high = 0.5, scale = "log" }
+"""
+
+
+def halving(folder: Path, text: str = FILE) -> Halving:
+    path = folder / "halves.toml"
+    path.write_text(text)
+    content = read_file(str(path), "ablation", StudyFile)[1]
+    assert content.tuning is not None
+    file = choose_version(content, None)
+    return Halving(content.tuning, None, file, folder / "tuning", folder / "tuning.csv")
+
+
+def conv(variant: str, trial: int, game: str, rung: int) -> float:
+    """NashConv that a trial is given: the order of trials is another one in every rung."""
+    return (trial * (5 if variant == "ppo" else 3) + 2 * rung) % 7 + len(game) / 100 + 0.1
+
+
+def test_the_better_half_goes_on_with_twice_the_frames(tmp_path: Path) -> None:
+    found = halving(tmp_path)
+    left = {"ppo": list(range(7)), "mmd": list(range(7))}
+    games = found.tuning.games
+    failing = ("ppo", left["ppo"][4])
+    for rung in found.rungs:
+        assert found.chosen() == {}
+        study = found.study(rung)
+        tried = {(run.label["variant"], run.label["trial"]) for run in study.runs}
+        assert tried == {(name, number) for name, own in left.items() for number in own}
+        assert {run.settings.frames for run in study.runs} == {1000 * 2**rung}
+        assert {run.label["game"] for run in study.runs} == set(games)
+        for run in study.runs:
+            variant, trial, game = (run.label[n] for n in ("variant", "trial", "game"))
+            failed = rung == 0 and (variant, trial) == failing
+            row = {"run": run.name, "kind": run.kind, "status": "failed" if failed else "complete"}
+            row |= {**run.label, "seed": run.seed, "payoff_range": 2.0}
+            record(
+                tmp_path / "tuning.csv",
+                row | {"played_nash_conv": conv(variant, trial, game, rung)},
+            )
+        prepare(study, found.folder(rung))
+
+        def score(name: str, trial: int, rung: int = rung) -> float:
+            if rung == 0 and (name, trial) == failing:
+                return math.inf
+            return sum(math.log(conv(name, trial, game, rung) / 2.0 + LEAST) for game in games)
+
+        ranked = {name: sorted(own, key=lambda t: score(name, t)) for name, own in left.items()}
+        left = {name: own[: len(own) // 2] for name, own in ranked.items()}
+    best = found.chosen()
+    for name, space in found.tuning.space.items():
+        drawn = draw_samples({**space, "samples": 7, "seed": 3}, 100)
+        assert best["", name] == drawn[ranked[name][0]]
+    assert best["", "ppo, momentum"] == best["", "ppo"]
+
+    file = str(tmp_path / "halves.toml")
+    runs = {
+        run.label["variant"]: run.settings
+        for run in load_study(file, "ablation", None, tuned=best).runs
+    }
+    rates = {name: runs[name].side("A").hyper for name in runs}
+    assert rates["ppo"].learning_rate == best["", "ppo"]["learning_rate"]
+    assert rates["ppo, momentum"].learning_rate == rates["ppo"].learning_rate
+    assert (rates["ppo"].adam_beta1, rates["ppo, momentum"].adam_beta1) == (0.0, 0.9)
+    assert rates["mmd"].magnet_coef == best["", "mmd"]["magnet_coef"]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("[tuning.space.mmd]", "[tuning.space.nobody]", "'nobody' in .tuning.; give the name"),
+        ('momentum" = "ppo"', 'momentum" = "rnad"', "like 'rnad'"),
+        ("goofspiel(cards=3)", "soccer(rows=2,columns=4)", "are those of the study"),
+        ("frames = 1000", "seconds = 1", "rungs are counted in frames"),
+        ("rungs = 3", "rungs = 0", "rungs=0"),
+    ],
+)
+def test_what_cannot_be_searched_is_refused(
+    tmp_path: Path, old: str, new: str, message: str
+) -> None:
+    assert old in FILE
+    with pytest.raises(ValueError, match=message):
+        halving(tmp_path, FILE.replace(old, new))

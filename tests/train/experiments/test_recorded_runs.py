@@ -1,0 +1,153 @@
+"""Rows of finished runs: what they hold, and that a run with a row is not executed again."""
+
+from __future__ import annotations
+
+import csv
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from train.commands.main import main
+from train.experiments import executors
+from train.experiments.recorded import TEXTS, read_recorded, record, typed
+from train.files import read_json
+
+FILE = """
+title = "Rows"
+kind = "self-play"
+control = "latest"
+episodes = 20
+seeds = [0, 1]
+variants = [{ name = "latest" }, { name = "last", average = false, learning_rate = 0.001 }]
+[report]
+x = "game"
+[settings]
+frames = 2000
+num_games = 32
+minibatch_size = 256
+width = 8
+[grid]
+game = ["soccer(rows=2,columns=4)", "goofspiel(cards=2)"]
+"""
+
+
+def study(folder: Path) -> list[str]:
+    """The command of the study above, and its file."""
+    path = folder / "rows.toml"
+    path.write_text(FILE)
+    return ["ablate", str(path), "--rows", str(folder / "rows"), "--workers", "1"]
+
+
+@pytest.fixture(scope="module")
+def executed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a study that was executed once."""
+    folder = tmp_path_factory.mktemp("executed")
+    main([*study(folder), "--out", str(folder / "first")])
+    return folder
+
+
+def test_a_row_has_the_results_of_its_run(executed: Path) -> None:
+    rows = read_recorded(executed / "rows" / "runs.csv")
+    assert len(rows) == 8
+    for name, row in rows.items():
+        results = read_json(executed / "first" / "runs" / name / "results.json")
+        found = results["evaluation"]
+        assert row["status"] == "complete" and row["frames"] == results["frames"]
+        assert row["nash_conv"] == found["nash_conv"]
+        assert row["played_nash_conv"] == found["played_nash_conv"]
+        convs = results["nash_conv_of"]
+        assert {f"nash_conv_{k}": v for k, v in convs.items()}.items() <= row.items()
+        assert row["payoff_range"] == results["payoff_range"]
+        assert row["mixed_share"] == results["mixed_share"]
+        assert float(row["curve"].split()[-1]) == pytest.approx(row["nash_conv"], rel=1e-4)
+        assert not [column for column in row if column.startswith(("A_", "player_"))]
+    last = [row for row in rows.values() if row["variant"] == "last"]
+    assert {row["learning_rate"] for row in last} == {0.001}
+    assert {row["seed"] for row in last} == {0, 1}
+
+
+def test_runs_with_a_row_are_not_executed_again(
+    executed: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(executors, "start_worker", None)  # a run would raise
+    main([*study(executed), "--out", str(executed / "second")])
+    assert not (executed / "second" / "runs").exists() or not list(
+        (executed / "second" / "runs").iterdir()
+    )
+    first, second = (executed / name / "report" / "table.csv" for name in ("first", "second"))
+    assert first.read_text() == second.read_text()
+
+
+def test_a_failed_run_has_a_row_and_is_executed_again(
+    tmp_path: Path, executed: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "rows" / "runs.csv"
+    rows = read_recorded(executed / "rows" / "runs.csv")
+    names = list(rows)
+    for name, row in rows.items():
+        if name != names[1]:
+            record(path, {**row, "status": "failed"} if name == names[0] else row)
+    main([*study(tmp_path), "--out", str(tmp_path / "out")])
+    assert sorted(run.name for run in (tmp_path / "out" / "runs").iterdir()) == sorted(names[:2])
+    found = read_recorded(path)
+    assert found.keys() == rows.keys()
+    for name, row in found.items():  # equal settings have equal results
+        assert row["status"] == "complete"
+        assert row["nash_conv"] == rows[name]["nash_conv"]
+
+
+def test_a_run_that_ended_without_its_row_gets_one(tmp_path: Path, executed: Path) -> None:
+    out, path = executed / "first", executed / "rows" / "runs.csv"
+    rows = read_recorded(path)
+    path.unlink()
+    main([*study(executed), "--out", str(out)])
+    assert read_recorded(path).keys() == rows.keys()
+
+
+VALUES: dict[str, st.SearchStrategy[Any]] = {
+    "whole": st.none() | st.integers(-(2**60), 2**60),
+    "number": st.none() | st.floats(allow_nan=False),
+    "flag": st.none() | st.booleans(),
+    "commit": st.from_regex(r"[0-9a-f]{7}", fullmatch=True),
+    "game": st.sampled_from(["goofspiel(cards=4)", 'a "b", c', "1"]),
+}
+
+
+@given(st.lists(st.fixed_dictionaries(VALUES), min_size=1, max_size=4))
+def test_values_are_read_as_they_were(rows: list[dict[str, Any]]) -> None:
+    for name in VALUES:
+        values = [row[name] for row in rows]
+        text = ["" if value is None else str(value) for value in values]
+        read = typed(name, text)
+        assert read == values or (name == "number" and read == [*values])
+        assert name not in TEXTS or all(isinstance(value, str) for value in read)
+
+
+def test_rows_of_several_processes_are_all_kept(tmp_path: Path) -> None:
+    path = tmp_path / "runs.csv"
+    first = {"run": "", "kind": "run", "status": "complete"}
+
+    def add(number: int) -> None:
+        own = {"width": number} if number % 2 else {"gamma": 0.5}
+        record(path, {**first, "run": f"run-{number}", **own, "seed": number, "frames": 10})
+
+    with ThreadPoolExecutor(4) as pool:
+        list(pool.map(add, range(24)))
+    rows = read_recorded(path)
+    assert {row["seed"] for row in rows.values()} == set(range(24))
+    assert rows["run-3"]["width"] == 3 and rows["run-3"]["gamma"] is None
+    with path.open(newline="") as file:
+        heads = next(csv.reader(file))
+    assert heads[:3] == ["run", "kind", "status"] and heads[-2:] == ["seed", "frames"]
+
+
+@pytest.mark.parametrize("text", ["a,b\n1,2\n", "run,kind,status,seed\n1,2\n", "run\n\xff"])
+def test_a_file_without_rows_of_runs_is_refused(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "runs.csv"
+    path.write_text(text, encoding="latin-1")
+    with pytest.raises(ValueError, match=r"runs\.csv.*give"):
+        read_recorded(path)
