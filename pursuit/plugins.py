@@ -232,6 +232,7 @@ class Registry(Generic[Part]):
         fits: returns whether an object is of this kind.
         plural: plural of `kind`; default: with "s".
         ours: names of built-in parts that are not registered.
+        renamed: the new names of built-in parts by their former ones, for messages.
     """
 
     def __init__(
@@ -241,8 +242,10 @@ class Registry(Generic[Part]):
         fits: Callable[[Any], bool],
         plural: str | None = None,
         ours: Sequence[str] = (),
+        renamed: Mapping[str, str] | None = None,
     ) -> None:
         self.kind, self.needs, self._fits = kind, needs, fits
+        self._renamed = dict(renamed or {})
         self.group, self._ours = f"pursuit.{plural or kind + 's'}", tuple(ours)
         self._parts: dict[str, Part] = {}
         self._origins: dict[str, str] = {}
@@ -315,7 +318,10 @@ class Registry(Generic[Part]):
         return None if not module or siblings.is_ours(module) else module
 
     def unknown(self, name: object) -> str:
-        """The error message for an unknown name."""
+        """The error message for an unknown name; for a former one, with the new one."""
+        new = self._renamed.get(str(name))
+        if new is not None:
+            return f"unknown {self.kind} {name!r}; it was renamed, give {new}"
         message = unknown(self.kind, name, self.names())
         return message + "; or a custom one as package.module:Name"
 

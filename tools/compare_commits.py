@@ -240,7 +240,7 @@ TRAININGS = {
 }
 PAIRS = {
     f"pair_{s}": f"--maze 3x3 --sampling {s}"
-    for s in ("latest", "uniform", "window", "pfsp", "double-oracle")
+    for s in ("latest", "uniform", "window", "pfsp", "nash-mixture")
 } | {"pair_dqn": "--maze 3x3 --chaser.algorithm dqn", "pair_teams": "--maze 3x3 --num-chasers 2"}
 FRAMES = {
     "arm_td3": 6000,

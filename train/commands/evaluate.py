@@ -152,7 +152,7 @@ def evaluate_players(given: EvaluateCommand) -> Plain:
         task, discount, run = game_of(settings.task), settings.discount, str(given.run)
         tables = {name: player_policy(run, task, name).table(task) for name in settings.sides}
     found = exact_row(task, tables, discount)
-    content = {**described(task), "discount": discount, "evaluation": found}
+    content = {**described(task, discount), "discount": discount, "evaluation": found}
     print(*describe_small_game(content), sep="\n")
     return content
 

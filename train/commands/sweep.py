@@ -16,16 +16,13 @@ import tyro
 
 from pursuit.validation import at_least, check, choice
 from train.commands.parse import parse
-from train.experiments.study import shipped
+from train.experiments.study import ENDED, shipped
 from train.files import check_output_folder
 from train.settings.checks import Settings
 
 if TYPE_CHECKING:
     from train.experiments.runs import Study
     from train.experiments.stages import Stage
-
-ENDED = ("complete", "failed")
-"""Statuses of runs that have ended."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +50,9 @@ class SweepCommand(Settings):
     dry_run: bool = False
     """Check the file and list the runs (status, varying settings, folder) without executing
     them."""
+    rows: Path | None = None
+    """A folder for the rows of finished runs: runs.csv, with a search for settings tuning.csv. Runs
+    whose row is there are not executed again, also on another machine and without --out."""
     overwrite: bool = False
     """Use --out even if it contains another sweep. Its runs are kept, its report is replaced."""
 
@@ -90,7 +90,7 @@ def run_study_file(options: SweepCommand, arguments: Sequence[str], kind: str) -
         return
     name, full = str(options.file), options.version == "full"
     out = options.out or Path(f"{kind}s") / f"{Path(name).stem}{'-full' if full else ''}"
-    stages = stages_of(name, kind, options.version, out)
+    stages = stages_of(name, kind, options.version, out, rows=options.rows)
     check_own(stages[-1], out, options.overwrite)
     if options.dry_run:
         list_runs(stages[-1].expand(), out)

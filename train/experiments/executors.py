@@ -24,7 +24,10 @@ from filelock import FileLock
 
 from pursuit.plugins import environment
 from pursuit.validation import check
+from train.experiments.recorded import record
+from train.experiments.rows import recorded_row
 from train.experiments.runs import ERROR, PROGRESS, Study, Watch, prepare, status_of, statuses_of
+from train.experiments.study import ENDED
 from train.files import only_one, write_text
 from train.kinds import open_run
 from train.machine import usable_cores
@@ -74,6 +77,9 @@ def run_study(
     """
     with only_one(out, "sweep"):
         folders = {run.name: folder for run, folder in prepare(study, out)}
+        for folder in folders.values():  # of a command that ended before it wrote the row
+            if status_of(folder) == "complete":
+                record_run(study, folder)
         waiting = [name for name, folder in folders.items() if status_of(folder) != "complete"]
         for name in waiting:  # retried
             (folders[name] / ERROR).unlink(missing_ok=True)
@@ -93,6 +99,8 @@ def run_study(
                         del running[slot]
                         record_end(folders[name], code)
                         statuses[name] = status_of(folders[name])
+                        if statuses[name] in ENDED:
+                            record_run(study, folders[name])
                 watch(statuses, {name: progress_of(folders[name]) for name, _ in running.values()})
                 if running:
                     time.sleep(POLL)
@@ -180,6 +188,12 @@ def end_with_parent() -> None:
     os.kill(os.getpid(), signal.SIGTERM)
     time.sleep(SECONDS_TO_SAVE)
     os._exit(128 + signal.SIGTERM)
+
+
+def record_run(study: Study, folder: Path) -> None:
+    """Write the row of a run that has ended, if the study has a file of rows."""
+    if study.rows is not None:
+        record(study.rows, recorded_row(folder))
 
 
 def record_end(folder: Path, code: int) -> None:

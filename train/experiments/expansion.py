@@ -35,6 +35,8 @@ MAX_RUNS = 100_000
 """Maximum number of runs of a study, to catch typing errors."""
 MEASURED = {"seconds": "budget_seconds", "frames": "budget_frames"}
 """New names of settings whose names are those of measurements in the table of runs."""
+NO_SETTINGS = ("name", "trial", "rung")
+"""Names in labels that are no settings."""
 EQUAL = (
     *("seconds", "clock", "frames", "seed", "threads", "processes", "evaluate"),
     *(field.name for form in (TaskSettings, SmallGameSettings) for field in fields(form)),
@@ -44,7 +46,8 @@ EQUAL = (
 Change = Callable[[StudyFile], StudyFile]
 """Modifies the contents of a study file."""
 Tuned = Mapping[tuple[str, str], Table]
-"""Settings found by a search, by algorithm or contestant, and by variant ("" for all)."""
+"""Settings found by a search, by algorithm or contestant ("" for any), and by variant ("" for
+all)."""
 
 
 def load_study(
@@ -122,7 +125,9 @@ def multiply_out(file: StudyFile, stem: str, tuned: Tuned) -> Study:
         for variant, sample in itertools.product(variants or [{}], drawn):
             label = values | variant | sample
             of = {**common, **label}.get("contestant" if kind == CONTESTANT else "algorithm")
-            found = tuned.get((str(of), label.get("name", "")), tuned.get((str(of), ""), {}))
+            name = label.get("name", "")
+            keys = ((str(of), name), (str(of), ""), ("", name))
+            found = next((tuned[key] for key in keys if key in tuned), {})
             own = {**common, **found}
             for run in runs_of(kind, own, label, own_seeds, final.episodes):
                 same = runs.setdefault(run.name.rsplit("-", 1)[1], run)
@@ -170,9 +175,9 @@ def runs_of(
 ) -> Iterator[TrainingRun]:
     """One combination with every seed, validated once, as validity does not depend on the seed.
 
-    Of the label "name" (the variant), "trial" and "place" (of a search) are no settings.
+    Of the label "name" (the variant), "trial" and "rung" (of a search) are no settings.
     """
-    varying = {name: value for name, value in label.items() if name not in ("name", "trial")}
+    varying = {name: value for name, value in label.items() if name not in NO_SETTINGS}
     try:
         asked = KINDS[kind].settings_of(**{"threads": 1, **common, **varying, "seed": seeds[0]})
         settings, files = frozen_mazes(asked)
@@ -181,7 +186,7 @@ def runs_of(
         which = run_label(label | {"seed": seeds[0]})
         raise ValueError(f"combination {which}: {error}") from None
     varying |= {"variant": label["name"]} if "name" in label else {}
-    varying |= {"trial": label["trial"]} if "trial" in label else {}
+    varying |= {name: label[name] for name in NO_SETTINGS[1:] if name in label}
     for seed in seeds:
         own = replace(settings, seed=seed)
         name = job_name(varying, seed, fingerprint(kind, own, episodes, inputs), without=kind)

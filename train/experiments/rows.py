@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from pursuit.plugins import references
 from pursuit.validation import check
 from train.experiments.expansion import MEASURED, flat_plain
+from train.experiments.recorded import FIRST, read_recorded, settings_in
 from train.experiments.runs import ERROR, read_label, read_layout, status_of
 from train.experiments.statistics import first_below, mean_over
 from train.experiments.study import Layout
@@ -44,6 +45,8 @@ from train.settings.task import learning_agent
 SCORES = {"random": "random_steps", "learned": "greedy_steps", "learned, sampled": "sampled_steps"}
 """Columns of the mean steps of these scores."""
 RUNS, CURVES, RUNS_CSV = "results.parquet", "curves.parquet", "runs.csv"
+OF_GAMES = ("payoff_range", "mixed_share")
+"""Entries of the results of small games."""
 GAPS = (20.0, 10.0, 5.0, 2.0, 1.0)
 """Per cent; a row has the time of the first evaluation within each of these gaps."""
 POLICIES = {"": "optimality_gap", "greedy_": "greedy", "sampled_": "sampled"}
@@ -100,7 +103,14 @@ def read_all(out: Path) -> StudyRows:
     folders = sorted(path.parent for path in out.glob(f"runs/*/{CONFIG}"))
     if layout.runs is not None:  # leave out runs of an earlier version of the file
         folders = [folder for folder in folders if folder.name in layout.runs]
-    check(bool(folders), f"{out}: no runs of a sweep; run `pursuit sweep FILE --out {out}` first")
+    here, known = {folder.name for folder in folders}, list[Row]()
+    if layout.rows is not None and layout.runs is not None:
+        of_file = read_recorded(Path(layout.rows))
+        known = [of_file[n] for n in layout.runs if n in of_file and n not in here]
+    check(
+        bool(folders or known),
+        f"{out}: no runs of a sweep; run `pursuit sweep FILE --out {out}` first",
+    )
     found = StudyRows(layout)
     labels = [read_label(folder) for folder in folders]
     for folder in folders:
@@ -108,6 +118,12 @@ def read_all(out: Path) -> StudyRows:
         found.everything.append(row)
         found.measures += [name for name in measures if name not in found.measures]
     names = dict.fromkeys(MEASURED.get(name, name) for label in labels for name in label)
+    for row in known:
+        found.everything.append(row)
+        found.curves[str(row["run"])] = []
+        names |= dict.fromkeys(settings_in([*row]))
+        rest = [*row][[*row].index("seed") + 1 :]
+        found.measures += [name for name in rest if name not in found.measures]
     found.varying = [name for name in names if name != "variant"]
     if "variant" in names:
         found.varying.insert(0, "variant")
@@ -191,7 +207,8 @@ def read_run(folder: Path) -> tuple[Row, list[str], list[Row]]:
 
     Results are "frames", "seconds", the evaluation ("mean_steps", "optimality_gap", ...),
     "random_steps", "scripted_steps", "greedy_steps" and "sampled_steps", of a team "members_gap"
-    (the mean gap of its members, each with the others fixed), `curve_measures`, versions,
+    (the mean gap of its members, each with the others fixed), of self-play "nash_conv_last" and so
+    on (`nash_convs_of`), "mixture_low" and "mixture_high", `OF_GAMES`, `curve_measures`, versions,
     "commit", "machine" and "error".
     """
     settings = settings_row(folder)
@@ -202,6 +219,13 @@ def read_run(folder: Path) -> tuple[Row, list[str], list[Row]]:
         results |= {n: content[n] for n in ("frames", "seconds", "frames_per_second")}
         results |= content["evaluation"]
         results |= {f"{name}_at_start": value for name, value in content["at_start"].items()}
+        results |= {name: content[name] for name in OF_GAMES if name in content}
+        convs = content.get("nash_conv_of", {})
+        results |= {f"nash_conv_{name}": value for name, value in convs.items()}
+        ends = zip(
+            ("mixture_low", "mixture_high"), content.get("mixture_nash_conv", ()), strict=False
+        )
+        results |= dict(ends)
         for score in content["scores"]:
             if score["name"] in SCORES:
                 results[SCORES[score["name"]]] = score["mean_steps"]
@@ -219,6 +243,23 @@ def read_run(folder: Path) -> tuple[Row, list[str], list[Row]]:
         results |= evaluations[-1]
     results["error"] = error_of(folder)
     return settings | results, [*results], evaluations
+
+
+def recorded_row(folder: Path) -> Row:
+    """The row of a run for a file of rows: the settings that vary and the results, but no columns
+    of single players."""
+    row, measures, evaluations = read_run(folder)
+    sides = tuple(f"{role}_" for role in read_config(folder)[1].get("players") or ROLES)
+    of_sides = [n for n in measures if n.startswith(sides) or f"_{n}".endswith("_at_start")]
+    label = [MEASURED.get(name, name) for name in read_label(folder)]
+    place = [name for name in ("maze", "game") if row.get(name) is not None]
+    rest = [*place, "budget_seconds", "budget_frames", *measures]
+    names = [*FIRST, *label, "seed", *(n for n in rest if n not in (*label, *of_sides))]
+    found = {name: row.get(name) for name in dict.fromkeys(names)}
+    if column := {"nash_conv", "optimality_gap"} & {*found}:
+        curve = column_of(evaluations, column.pop())
+        found["curve"] = " ".join(f"{value:.5g}" for value in curve)
+    return found
 
 
 def settings_row(folder: Path) -> Row:

@@ -18,6 +18,7 @@ import msgspec
 from pursuit.validation import check
 from train.experiments import contestant_runs  # noqa: F401 (adds its kind of run)
 from train.experiments.identity import INPUTS, Input, copied_input, fingerprint, with_policies
+from train.experiments.recorded import is_recorded, read_recorded
 from train.experiments.study import Layout, Table
 from train.files import LOCK, read_json, write_json
 from train.kinds import read_settings, write_config
@@ -99,11 +100,13 @@ class Study:
         layout: of the report.
         runs: in order of execution.
         pinned: whether every process is pinned to one core, for runs whose speed is compared.
+        rows: the file with the rows of finished runs; None for none. See `recorded`.
     """
 
     layout: Layout
     runs: tuple[TrainingRun, ...]
     pinned: bool = False
+    rows: Path | None = None
 
 
 def job_name(label: Table, seed: int, print_: str, without: str) -> str:
@@ -122,7 +125,7 @@ def prepare(study: Study, out: Path | str) -> list[tuple[TrainingRun, Path]]:
     """Create the folders of all runs with their files, and check existing ones.
 
     Returns:
-        Every run with its folder.
+        Every run with its folder, but those that are complete by the rows of the study.
 
     Raises:
         ValueError: `out` is not a study, or has runs of other settings or of another version.
@@ -142,9 +145,15 @@ def prepare(study: Study, out: Path | str) -> list[tuple[TrainingRun, Path]]:
     )
     out.mkdir(parents=True, exist_ok=True)
     names = [run.name for run in study.runs]
-    layout = msgspec.structs.replace(study.layout, format=FORMAT, runs=names)
+    rows = None if study.rows is None else str(study.rows)
+    layout = msgspec.structs.replace(study.layout, format=FORMAT, runs=names, rows=rows)
     write_json(out / LAYOUT, msgspec.to_builtins(layout))
-    folders = [(run, folder_of(out, run.name)) for run in study.runs]
+    known = read_recorded(study.rows)
+    folders = [
+        (run, folder_of(out, run.name))
+        for run in study.runs
+        if not is_recorded(known.get(run.name))
+    ]
     for run, folder in folders:
         run.write(folder, out)
     return folders
@@ -183,4 +192,10 @@ def status_of(folder: Path) -> str:
 
 def statuses_of(study: Study, out: Path) -> dict[str, str]:
     """The status of every run by name."""
-    return {run.name: status_of(folder_of(out, run.name)) for run in study.runs}
+    known = read_recorded(study.rows)
+    return {
+        run.name: "complete"
+        if is_recorded(known.get(run.name))
+        else status_of(folder_of(out, run.name))
+        for run in study.runs
+    }

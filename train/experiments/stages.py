@@ -7,16 +7,20 @@ replication has several studies after a common search.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 from pursuit.validation import check
 from train.experiments.expansion import Change, load_study
+from train.experiments.halving import Halving
 from train.experiments.report import report_on
 from train.experiments.runs import TUNING, Study
 from train.experiments.study import StudyFile, choose_version, read_file
 from train.experiments.tuning import best_trials, search_of
 
+RUN_ROWS = "runs"
+"""The file of rows of the runs of a study, but for its search."""
 Statuses = dict[str, str]
 Execute = Callable[[Study, Path], Statuses]
 """Executes the runs of a study that are not complete in a folder; the status of every run."""
@@ -45,30 +49,47 @@ def stages_of(
     version: str | None,
     out: Path,
     change: Change = lambda file: file,
+    rows: Path | None = None,
 ) -> list[Stage]:
     """The stages of a study file: its search if it has one, and its runs.
 
     Args:
         name, kind, version, change: as in `load_study`.
         out: the folder of the study.
+        rows: the folder with the rows of finished runs, "runs.csv" and of a search "tuning.csv".
 
     Raises:
         ValueError: as `load_study`.
     """
     path, content = read_file(name, kind, StudyFile)
+    known = {name: None if rows is None else rows / f"{name}.csv" for name in (RUN_ROWS, TUNING)}
     if content.tuning is None:
-        study = load_study(name, kind, version, change)
+        study = replace(load_study(name, kind, version, change), rows=known[RUN_ROWS])
         return [Stage(path.stem, lambda: study, out)]
     try:
         file, tuning = change(choose_version(content, version)), content.tuning
-        check(kind == "comparison", "[tuning] is for comparisons and replications; leave it out")
-        search = search_of(tuning, version, file)
+        check(
+            kind != "sweep", "[tuning] is for ablations, comparisons and replications; leave it out"
+        )
+        if kind == "ablation":
+            halving = Halving(tuning, version, file, out / TUNING, known[TUNING])
+        else:
+            search = search_of(tuning, version, file)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
 
     def tuned() -> Study:
-        return load_study(name, kind, version, change, best_trials(out)[1])
+        found = halving.chosen() if kind == "ablation" else best_trials(out)[1]
+        return replace(load_study(name, kind, version, change, found), rows=known[RUN_ROWS])
 
+    if kind == "ablation":
+        return [
+            *(
+                Stage(f"rung {n}", partial(halving.study, n), halving.folder(n))
+                for n in halving.rungs
+            ),
+            Stage(path.stem, tuned, out),
+        ]
     return [Stage("search", lambda: search, out / TUNING), Stage(path.stem, tuned, out)]
 
 
@@ -108,6 +129,6 @@ def carry_out(
                     f"{row['contestant']} failed in every trial on {row['task']!r}; see the "
                     f"error.txt files in {stage.folder}",
                 )
-        elif "complete" in statuses.values():
+        elif "complete" in statuses.values() and stage.folder.parent.name != TUNING:
             report_on(stage.folder)
     return done

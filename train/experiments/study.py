@@ -32,6 +32,8 @@ TABLES = ("settings", "grid", "search")
 """Tables of settings."""
 THRESHOLDS = (20.0, 10.0, 5.0, 2.0)
 """Gaps in per cent; an ablation reports the times to reach them."""
+ENDED = ("complete", "failed")
+"""Statuses of runs that have ended."""
 REMEDY = "correct that line; docs/guides/sweeps.md shows the form"
 
 EXACT_RULES = ("states", "tours")
@@ -77,6 +79,8 @@ class Trials(msgspec.Struct, forbid_unknown_fields=True):
     Attributes:
         samples: number of trials.
         seconds, frames: of each trial; one of the two.
+        rungs: of successive halving, in an ablation: the better half of the trials of a rung goes
+            on to the next one, with twice the frames.
         mazes: of each task, the first ones of the list; None for all.
     """
 
@@ -84,9 +88,11 @@ class Trials(msgspec.Struct, forbid_unknown_fields=True):
     seconds: float | None = None
     frames: int | None = None
     mazes: int | None = None
+    rungs: int = 1
 
     def __post_init__(self) -> None:
         check(self.samples > 0, f"samples={self.samples} in [tuning]; give at least 1")
+        check(self.rungs > 0, f"rungs={self.rungs} in [tuning]; give at least 1")
         check_budget(self.seconds, self.frames, " in [tuning]")
         check(
             self.mazes is None or self.mazes > 0,
@@ -97,19 +103,26 @@ class Trials(msgspec.Struct, forbid_unknown_fields=True):
 class Tuning(msgspec.Struct, forbid_unknown_fields=True):
     """[tuning]: the search for settings, with the same budget for every algorithm or contestant.
 
+    In an ablation every variant in `space` is searched.
+
     Attributes:
         mazes: of the search; runs of the study use other mazes. By variant, or for all.
+        games: of the search of an ablation, in place of mazes.
         space: the searched settings by algorithm or contestant, in the form of [search]; those of
             "all" are for every one that is not named.
+        like: of an ablation, variants by name that have the settings found for another one, but for
+            those that they set themselves.
         settings: of all trials.
         shipped: whether the first trial has the default settings.
         search_seed: of the draws.
     """
 
-    mazes: list[str] | dict[str, list[str]]
     space: dict[str, Table]
     short: Trials
     full: Trials
+    mazes: list[str] | dict[str, list[str]] = []
+    games: list[str] = []
+    like: dict[str, str] = {}
     settings: Table = {}
     shipped: bool = True
     search_seed: int = 0
@@ -153,11 +166,13 @@ class Layout(msgspec.Struct):
         x, group: columns of the table of runs.
         variants: their names, in order.
         control, primary, margin, threshold: as `StudyFile`.
+        rows: the file with the rows of finished runs, if there is one.
     """
 
     title: str
     format: int = 1
     runs: list[str] | None = None
+    rows: str | None = None
     x: str | None = None
     group: list[str] = msgspec.field(default_factory=list)
     control: str | None = None

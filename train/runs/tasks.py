@@ -75,9 +75,14 @@ def _game_with(name: str, max_steps: int) -> GameTask:
 
 def discount_of(settings: SmallGameSettings) -> float:
     """The default discount of a small game: 1 if it always ends within `max_steps`."""
-    longest = longest_play(game_of(settings).game)
+    longest = _longest_play(game_of(settings))
     ends = longest is not None and longest <= settings.max_steps
     return 1.0 if ends else GAME_DISCOUNT
+
+
+@lru_cache(maxsize=4)
+def _longest_play(task: GameTask) -> int | None:
+    return longest_play(task.game)
 
 
 def horizon_of(task: GameTask, discount: float) -> int | None:
@@ -85,6 +90,7 @@ def horizon_of(task: GameTask, discount: float) -> int | None:
     return task.max_steps if discount == 1.0 else None
 
 
+@lru_cache(maxsize=8)
 def reward_scale(task: GameTask, player: str, discount: float) -> float:
     """The factor of a player's rewards in training with which all its returns lie in [-1, 1].
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
+from functools import lru_cache
 from keyword import iskeyword
 from typing import Any
 
@@ -129,13 +130,18 @@ def unchecked_self_play(**flat: Any) -> SelfPlayBase:
     return made
 
 
+@lru_cache(maxsize=4)
+def _players_named(game: str) -> tuple[str, ...]:
+    return names_of_players(game_named(game))
+
+
 def players_of(task: SmallGameSettings) -> tuple[str, ...]:
     """The players of a small game, which is not enumerated.
 
     Raises:
         ValueError: no such game, or a player with the name of a setting, or none that is a word.
     """
-    players = names_of_players(game_named(task.game))
+    players = _players_named(task.game)
     settings = {*names_of(SmallGameSettings, SmallGameSelfPlay), ALGORITHM}
     for name in players:
         check(

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from pursuit.rules.layout import PLAIN
@@ -35,7 +37,9 @@ from train.evaluation.matchups import match
 from train.evaluation.scores import OUTCOME
 from train.evaluation.team_contest import TeamContest, team_results
 from train.files import Plain
-from train.settings.self_play import ROLES
+from train.runs.loop import build_parts, build_run
+from train.self_play.parts import response_settings, self_play_parts
+from train.settings.self_play import ROLES, SelfPlaySettings
 
 
 @dataclass(frozen=True)
@@ -171,6 +175,29 @@ def exact_best_responses(
         tell(f"exact best response against the {role}", number / len(learned))
         best = solve_joint(task, other_role(role), {role: policy}, task.max_steps)
         steps[f"against_{role}"] = best.mean_over_starts
+    return steps
+
+
+def approximate_best_responses(trainee: Any, episodes: int) -> dict[str, float]:
+    """Mean steps (with exits captures minus escapes) of a PPO trained against each learned side of
+    a run (`SelfPlay`), which is fixed.
+
+    A bound on the value of a best response: {"against_evader": steps, ...}.
+    """
+    steps = {}
+    for role in trainee.sides:
+        assert isinstance(trainee.settings, SelfPlaySettings)
+        settings = response_settings(trainee.settings, role, trainee.folder / role)
+        with TemporaryDirectory() as folder:
+            parts = build_parts(self_play_parts, settings)
+            run = build_run(type(trainee), parts, Path(folder))
+            what = f"approximate best response against the {role}"
+            if not trainee.limits.is_dry_run:
+                run.train(lambda run, row, what=what: trainee.tell(what, run.progress))  # type: ignore[misc]
+            if run.stopped:
+                raise KeyboardInterrupt
+            chaser, evader = (run.trainee.policy(side) for side in ROLES)
+            steps[f"against_{role}"] = match(trainee.task, chaser, evader, episodes).shown
     return steps
 
 

@@ -14,10 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pursuit.simulator.policy import Policy
 from pursuit.tasks.task import Task
 from scripted_agents import PairValues, mean_over_starts, solve_chase
 from scripted_agents.games.simulator import GameTask
-from scripted_agents.games.solve import equilibrium, respond, returns_of
+from scripted_agents.games.solve import SmallEquilibrium, equilibrium, respond, returns_of
 from scripted_agents.references import is_table_duel
 from train.evaluation.games import best_reply, other_role, table_in, values_between
 from train.files import Plain
@@ -25,14 +26,15 @@ from train.networks.recurrent_policy import without_improbable
 from train.runs.tasks import horizon_of
 from train.self_play.diversity import diversity_of
 from train.self_play.pool import Member
+from train.self_play.side import Side, usual_least
 from train.settings.self_play import NASH_SAMPLING
 
 RESPONSES = 8
 """Best responses to single snapshots that are played against a whole mixture; each takes an exact
 evaluation for every snapshot."""
 MIXED = ("uniform", *NASH_SAMPLING)
-"""Sampling rules that converge in a mixture of snapshots: all equally likely, or the Nash mixture;
-with others the last policies converge."""
+"""Sampling rules that play a mixture of snapshots: all equally likely, or the Nash mixture; with
+others the last policies are played."""
 MOST_MIXED = 50_000
 """Joint actions of a small game up to which bounds of mixtures are computed: minutes at most."""
 Table = NDArray[np.float64]
@@ -121,10 +123,15 @@ def _table_of(task: Task | GameTask, policy: Any, least: float) -> Table:
     return without_improbable(table_in(task, policy), least)
 
 
-@lru_cache(maxsize=4)
 def value_in(task: GameTask, discount: float) -> float:
-    """The value of a zero-sum small game for the first player, computed once."""
-    return equilibrium(task.game, discount, horizon_of(task, discount)).mean_over_starts
+    """The value of a zero-sum small game for the first player."""
+    return solved(task, discount).mean_over_starts
+
+
+@lru_cache(maxsize=4)
+def solved(task: GameTask, discount: float) -> SmallEquilibrium:
+    """The equilibrium of a zero-sum small game, computed once."""
+    return equilibrium(task.game, discount, horizon_of(task, discount))
 
 
 def mixture_nash_conv(
@@ -166,6 +173,30 @@ def mixture_nash_conv(
         bounds.append(mixture_bounds(task, role, tables[drawn], drawn_shares, discount))
     lower, upper = (sum(ends) for ends in zip(*bounds, strict=True))
     return lower, upper
+
+
+def nash_convs_of(
+    sides: Mapping[str, Side], nash_conv: Callable[[dict[str, Policy]], float]
+) -> dict[str, float]:
+    """NashConv of the learned sides with their last and with their averaged weights, also without
+    the actions below `usual_least`: "last", "average", "last_likely" and "average_likely".
+
+    Args:
+        sides: those that learn.
+        nash_conv: of policies of these.
+    """
+    found = {}
+    for name, average in (("last", False), ("average", True)):
+        for suffix, share in (("", 0.0), ("_likely", 1.0)):
+            found[name + suffix] = nash_conv(
+                {
+                    role: side.policy_with(
+                        average, share * usual_least(side.parts.seat.num_actions)
+                    )
+                    for role, side in sides.items()
+                }
+            )
+    return found
 
 
 def snapshot_results(

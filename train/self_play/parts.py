@@ -32,7 +32,7 @@ from train.runs.parts import build_of, check_sizes
 from train.runs.saved import player_of, team_seat
 from train.runs.tasks import check_one_maze, game_of, reward_scale, task_of
 from train.self_play.learners import players_of, unchecked_self_play, with_role
-from train.self_play.side import SideParts
+from train.self_play.side import SideParts, usual_least
 from train.settings.algorithms import Hyperparameters, PPOSettings
 from train.settings.common import RunSettings, check_min_probability
 from train.settings.reading import complete_settings, read_from
@@ -51,9 +51,6 @@ from train.settings.task import SmallGameSettings, TaskSettings, task_form
 SHORT = 20
 """Default number of steps of training episodes without goals. Where the evader can escape, episodes
 of full length would hardly visit the states in which it is caught."""
-
-MIN_PROBABILITY = 0.05
-"""Default of `min_probability` with up to 5 moves; with more it is 0.25 / moves."""
 
 RESPONSE_FRAMES = 100_000
 """Frames for each of the `best_response_seconds`, where the run has a budget in frames; at
@@ -127,19 +124,24 @@ def self_play_parts(settings: SelfPlayBase) -> SelfPlayParts:
         seat = team_seat(seat, own)
         # Returns of up to 1 / (1 - gamma) steps would make the value loss dominate.
         scale = 1.0 - discount if played.rewards == "zero_sum" else 1.0
-        sides[role] = side_parts(own, seat, discount, scale, training)
+        sides[role] = side_parts(own, seat, discount, scale, training, settings.average)
     return SelfPlayParts(settings, task, sides, frozen, scripted, discount)
 
 
 def side_parts(
-    own: AgentSettings, seat: Seat | SmallGameSeat, discount: float, scale: float, training: Any
+    own: AgentSettings,
+    seat: Seat | SmallGameSeat,
+    discount: float,
+    scale: float,
+    training: Any,
+    average: bool,
 ) -> SideParts:
     """The parts of the side with these settings; ValueError if they do not fit."""
     check_sizes(own.hyper, seat)
     algorithm = entry(own.algorithm)
     algorithm.check_team(seat)
     algorithm.check_memory(own.hyper, seat)
-    how = (discount, scale, training, own.min_probability or 0.0)
+    how = (discount, scale, training, own.min_probability or 0.0, average)
     return SideParts(seat, algorithm, own.hyper, build_of(own), *how)
 
 
@@ -170,7 +172,8 @@ def small_game_parts(settings: SmallGameSelfPlay) -> SelfPlayParts:
         entry(own.algorithm).check_self_play(role, 1)
         seat: Any = player_of(own)
         seat = replace(seat, min_probability=0.0)
-        found[role] = side_parts(own, seat, discount, reward_scale(task, role, discount), training)
+        scale = reward_scale(task, role, discount)
+        found[role] = side_parts(own, seat, discount, scale, training, settings.average)
     return SelfPlayParts(settings, task, found, frozen, scripted, discount)
 
 
@@ -218,7 +221,7 @@ def side_settings(settings: SelfPlayBase, role: str) -> AgentSettings:
     whole = {name: getattr(settings, name) for name in names}
     least = settings.min_probability
     if least is None:
-        least = min(MIN_PROBABILITY, 0.25 / actions)
+        least = usual_least(actions)
     whole["min_probability"] = check_min_probability(least, actions)
     return TrainSettings(task, hyper, algorithm=algorithm, **whole)
 

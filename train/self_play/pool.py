@@ -245,14 +245,14 @@ def weights(
         sampling: "latest": the current opponent. "window": uniform over that one and the last
             `window` snapshots. "uniform": uniform over all (fictitious self-play; Heinrich et al.,
             2015). "pfsp": by (1 - score) ** `power`, the learner's score against each: prioritised
-            fictitious self-play (Vinyals et al., 2019). "double-oracle" and "psro": by
-            `mixture`, a Nash equilibrium of the payoff matrix (McMahan et al., 2003); until there
-            is one, the latest. Scripted members are included in all but "latest", in the last two
-            by the mixture.
+            fictitious self-play (Vinyals et al., 2019). "nash-mixture" and "psro": by
+            `mixture`, a Nash equilibrium of the payoff matrix (the restricted game of McMahan et
+            al., 2003); until there is one, the latest. Scripted members are included in all but
+            "latest", in the last two by the mixture.
             Any other name is a user-defined function (pool, payoffs, progress) -> [members].
         window: number of snapshots of "window".
         power: exponent of "pfsp"; larger values prefer stronger opponents.
-        mixture: [members] of "double-oracle" and "psro".
+        mixture: [members] of "nash-mixture" and "psro".
         payoffs: the `Payoffs` for a user-defined function.
         progress: share of the budget used, in [0, 1], for a user-defined function.
 

@@ -34,6 +34,15 @@ DECAY = 10
 the iterations so far. Longer averages are nearer to mixed equilibria, shorter ones to pure ones."""
 
 
+LIKELY = 0.05
+"""The usual `min_probability` with up to 5 moves; with more it is 0.25 / moves."""
+
+
+def usual_least(actions: int) -> float:
+    """The usual `min_probability` in self-play with so many moves."""
+    return min(LIKELY, 0.25 / actions)
+
+
 class Opponents(EpisodeHook):
     """Draws an opponent of each other role from its pool for every episode, and records the scores.
 
@@ -126,6 +135,7 @@ class SideParts:
         scale: of the rewards.
         training: the task of the training games, with short episodes.
         min_probability: of actions of the evaluated policy.
+        average: whether the averaged weights are evaluated, saved and pooled, or the last ones.
     """
 
     seat: Seat | SmallGameSeat
@@ -136,6 +146,7 @@ class SideParts:
     scale: float
     training: Task | GameTask
     min_probability: float
+    average: bool = True
 
     def games(
         self, number: int, others: Sequence[str]
@@ -219,10 +230,16 @@ class Side:
         return not self.parts.algorithm.learns_distribution
 
     def evaluated_policy(self) -> Policy:
-        """The policy with averaged weights, in float32 and without improbable actions."""
+        """The policy with averaged weights (or the last ones, by the settings), in float32 and
+        without improbable actions."""
+        return self.policy_with(self.parts.average, self.parts.min_probability)
+
+    def policy_with(self, average: bool, least: float) -> Policy:
+        """The policy with the averaged or the last weights, which does not play actions of a
+        probability below `least`."""
         seat: Any = self.parts.seat
-        seat = replace(seat, min_probability=self.parts.min_probability)
-        return self._loaded(seat, self.snapshot())
+        seat = replace(seat, min_probability=least)
+        return self._loaded(seat, self.snapshot(average))
 
     def policy(self) -> Policy:
         """The policy of training."""
@@ -249,9 +266,11 @@ class Side:
         with torch.random.fork_rng(devices=[]):
             return self.parts.algorithm.load(self.parts.hyper, seat, state, self.greedy)
 
-    def snapshot(self) -> State:
-        """The averaged weights, as a state for `load`."""
-        return {"network": {name: tensor.clone() for name, tensor in self.average.items()}}
+    def snapshot(self, average: bool | None = None) -> State:
+        """The averaged or the last weights as a state for `load`, by default as in the settings."""
+        chosen = self.parts.average if average is None else average
+        weights = self.average if chosen else self.weights
+        return {"network": {name: tensor.clone() for name, tensor in weights.items()}}
 
     def state_dict(self) -> State:
         """The state of the side with its opponents by game, without the pool."""

@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scripted_agents.games.agents import UNIFORM
-from scripted_agents.games.episodes import play_of
+from scripted_agents.games.episodes import play_of, return_range
+from scripted_agents.games.mixing import mixed_share
 from scripted_agents.games.simulator import GameTask
 from scripted_agents.games.solve import nash_conv, returns_of
 from train.files import Plain
 from train.runs.forms import Objective
 from train.runs.tasks import horizon_of
-from train.self_play.mixtures import value_in
+from train.self_play.mixtures import solved, value_in
 from train.self_play.parts import SelfPlayParts
 from train.self_play.trainee import SelfPlay
 from train.settings.task import GAME
@@ -45,15 +46,22 @@ def exact_row(task: GameTask, tables: Mapping[str, Any], discount: float) -> dic
     return row
 
 
-def described(task: GameTask) -> Plain:
-    """The game of results: its name, size and players."""
+def described(task: GameTask, discount: float) -> Plain:
+    """The game of results: its name, size, players, the range of the returns of the first, and in a
+    zero-sum game of two whose value is computed how much an equilibrium mixes."""
+    game, horizon = task.game, horizon_of(task, discount)
+    low, high = return_range(game, game.players[0], discount, horizon)
+    found = {"payoff_range": high - low}
+    if game.zero_sum and len(game.choices) <= MOST_SOLVED:
+        found["mixed_share"] = mixed_share(game, discount, horizon, solved(task, discount))
     return {
         "task": GAME,
         "game": task.name,
         "maze": None,
-        "states": task.game.num_states,
+        "states": game.num_states,
         "players": list(task.agent_names),
-        "zero_sum": task.game.zero_sum,
+        "zero_sum": game.zero_sum,
+        **found,
     }
 
 
@@ -87,6 +95,14 @@ class SmallGamePlay(SelfPlay):
         """The return of the second player."""
         pair = zip(self.parts.roles, (one, two), strict=True)
         return self._exact({role: policy.table(self.task) for role, policy in pair})[1]
+
+    def nash_conv_of(self, pair: Mapping[str, Any]) -> float:
+        """As of `SelfPlay`."""
+        tables = {role: policy.table(self.task) for role, policy in pair.items()}
+        discount = self.parts.discount
+        return nash_conv(
+            self.task.game, tables, discount, horizon_of(self.task, discount)
+        ).nash_conv
 
     def tables(self) -> Tables:
         """The tables of the policies that are evaluated."""
@@ -124,7 +140,7 @@ class SmallGamePlay(SelfPlay):
         dry = self.limits.is_dry_run
         evaluation = dict(self.last) if dry and self.last else self.evaluate()
         played = {"returns": self.all_returns()}
-        content = self.content(described(self.task), evaluation, played)
+        content = self.content(described(self.task, self.parts.discount), evaluation, played)
         if not interrupted:
             self.add_snapshot_results(content, {role: self.policy(role) for role in self.pools})
         return content

@@ -6,12 +6,12 @@ from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, ClassVar
 
 import numpy as np
 
 from pursuit.simulator.policy import Policy
+from scripted_agents.games.simulator import GameTask
 from scripted_agents.limits import MAX_FINAL_WORK, MAX_SNAPSHOT_CELLS, MAX_WORK
 from scripted_agents.references import is_exact_team
 from train.evaluation.games import other_role
@@ -27,7 +27,7 @@ from train.runs.folder import (
     save_config,
 )
 from train.runs.forms import Objective
-from train.runs.loop import BRIEF_STEPS, build_parts, build_run
+from train.runs.loop import BRIEF_STEPS
 from train.runs.tasks import maze_text_of
 from train.runs.trainee import Clock
 from train.runs.training_state import policy_memories, restore_policy_memories
@@ -35,6 +35,7 @@ from train.self_play.meta_game import PAIR_EPISODES, Payoffs
 from train.self_play.metrics import (
     DRY_RUN,
     ResultLimits,
+    approximate_best_responses,
     exact_best_responses,
     exploited,
     format_row,
@@ -45,17 +46,15 @@ from train.self_play.metrics import (
     team_references,
     whole_game,
 )
-from train.self_play.mixtures import snapshot_results
+from train.self_play.mixtures import nash_convs_of, snapshot_results
 from train.self_play.parts import (
     SelfPlayParts,
-    response_settings,
-    self_play_parts,
     side_settings,
 )
 from train.self_play.pool import Member, OpponentPool, weights
 from train.self_play.side import Side
 from train.settings.checks import evaluation_seed
-from train.settings.self_play import NASH_SAMPLING, ROLES, SelfPlaySettings
+from train.settings.self_play import NASH_SAMPLING, ROLES
 from train.tensors import State
 
 
@@ -76,7 +75,7 @@ class SelfPlay:
     Attributes:
         task, sides, pools: the game, the learning sides, and the opponents in each role.
         payoffs: between members of the pools.
-        mixtures: the Nash mixtures of double oracle.
+        mixtures: the Nash mixtures that the rules of `NASH_SAMPLING` draw from.
         taken, progress: snapshots and progress so far, in [0, 1].
         limits: of the results.
         last: the last evaluation.
@@ -281,7 +280,7 @@ class SelfPlay:
             learned = {role: pair[role] for role in self.sides if solved}
             content["exact_best_response"] = exact_best_responses(self.task, learned, self.tell)
         elif not known and settings.best_response_seconds and not interrupted:
-            content["approximate_best_response"] = self.approximate_best_responses(episodes)
+            content["approximate_best_response"] = approximate_best_responses(self, episodes)
         most = MAX_WORK if interrupted else limits.team_work  # an interrupted run should end soon
         how = (episodes, most, content.get("exact_best_response", {}), self.tell)
         return content | team_references(self.task, pair, [*self.sides], *how)
@@ -317,6 +316,17 @@ class SelfPlay:
         content |= snapshot_results(self.task, sampling, discount, kept, mixtures, least)
         bounds, evaluation = content.get("mixture_nash_conv"), content["evaluation"]
         evaluation["played_nash_conv"] = bounds[0] if bounds else evaluation["nash_conv"]
+        if not isinstance(self.task, GameTask) and not self.task.is_duel:
+            return
+        fixed = {role: policy for role, policy in pair.items() if role not in self.sides}
+        content["nash_conv_of"] = nash_convs_of(
+            self.sides, lambda learned: self.nash_conv_of({**fixed, **learned})
+        )
+
+    def nash_conv_of(self, pair: Mapping[str, Any]) -> float:
+        """Exact NashConv of policies by role, in the unit of `evaluate`."""
+        chaser, evader = (pair[role] for role in ROLES)
+        return exploited(self.task, chaser, evader, self.parts.discount)["nash_conv"]
 
     def brief(self) -> SelfPlay:
         """As `Trainee`."""
@@ -324,27 +334,6 @@ class SelfPlay:
         small.task = replace(self.task, max_steps=min(self.task.max_steps, BRIEF_STEPS))
         small.limits, small.tell = DRY_RUN, lambda what, share: None
         return small
-
-    def approximate_best_responses(self, episodes: int) -> dict[str, float]:
-        """Mean steps (with exits captures minus escapes) of a PPO trained against each learned
-        side, which is fixed.
-
-        A bound on the value of a best response: {"against_evader": steps, ...}.
-        """
-        steps = {}
-        for role in self.sides:
-            assert isinstance(self.settings, SelfPlaySettings)
-            settings = response_settings(self.settings, role, self.folder / role)
-            with TemporaryDirectory() as folder:
-                run = build_run(SelfPlay, build_parts(self_play_parts, settings), Path(folder))
-                what = f"approximate best response against the {role}"
-                if not self.limits.is_dry_run:
-                    run.train(lambda run, row, what=what: self.tell(what, run.progress))  # type: ignore[misc]
-                if run.stopped:
-                    raise KeyboardInterrupt
-                chaser, evader = (run.trainee.policy(side) for side in ROLES)
-                steps[f"against_{role}"] = match(self.task, chaser, evader, episodes).shown
-        return steps
 
     # -- files -----------------------------------------------------------------------------------
 

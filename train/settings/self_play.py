@@ -25,8 +25,8 @@ LEARN = "learn"
 """The name of a side that learns, on the command line and in files."""
 MEMBERS = Rule(lambda _, names: tuple(agent_name(name) for name in names))
 """Agents by name; former names are replaced."""
-SAMPLING = ("latest", "window", "uniform", "pfsp", "double-oracle", "psro")
-NASH_SAMPLING = ("double-oracle", "psro")
+SAMPLING = ("latest", "window", "uniform", "pfsp", "nash-mixture", "psro")
+NASH_SAMPLING = ("nash-mixture", "psro")
 """Sampling rules that draw opponents from a Nash mixture of the payoff matrix."""
 
 
@@ -36,6 +36,7 @@ SAMPLING_PARTS: Registry[Any] = Registry(
     lambda part: accepts(part, None, None, 0.0),
     "sampling",
     SAMPLING,
+    {"double-oracle": "nash-mixture"},
 )
 """User-defined rules for sampling opponents."""
 
@@ -83,10 +84,12 @@ class SelfPlayBase(RunSettings):
 
     Attributes:
         task: the game.
+        ADDED: settings that older versions did not write.
         AGENTS: the names of scripted agents.
         UNDISCOUNTED: whether a discount of 1 is allowed.
     """
 
+    ADDED: ClassVar[tuple[str, ...]] = ("average",)
     AGENTS: ClassVar[tuple[str, ...]] = AGENTS
     UNDISCOUNTED: ClassVar[bool] = False
 
@@ -94,7 +97,7 @@ class SelfPlayBase(RunSettings):
     sampling: Annotated[str, passes(SAMPLING_PARTS.check)] = "latest"
     """Distribution over opponents: latest, window (the latest policy and snapshots, and the
     members), uniform (the whole pool: fictitious self-play), pfsp (prioritised by difficulty),
-    double-oracle (a Nash mixture of snapshots and members; learners continue from their weights),
+    nash-mixture (a Nash mixture of snapshots and members; learners continue from their weights),
     psro (likewise, but learners start from new weights after every snapshot), or
     package.module:Name of a user-defined rule."""
     window: Annotated[int, at_least(1)] = 5
@@ -107,11 +110,14 @@ class SelfPlayBase(RunSettings):
     snapshots: Annotated[int, at_least(1)] = 40
     """Snapshots taken during the run, at equal intervals, at most one per iteration."""
     pool_size: Annotated[int, at_least(1)] = 50
-    """Snapshots kept for each role: a uniform sample of all (window: the latest; double-oracle and
+    """Snapshots kept for each role: a uniform sample of all (window: the latest; nash-mixture and
     psro: all)."""
     members: Annotated[tuple[str, ...], MEMBERS] = ()
     """Scripted agents in the pools from the start: astar, random, uniform, equilibrium,
     searching (or sweeping, belief), or package.module:Name of a user-defined policy."""
+    average: bool = True
+    """Evaluate, save and pool the average of the weights of about the last tenth of training.
+    --no-average: the last weights."""
     observation: str = "index"
     """Observation of the networks: index, one_hot, positions, cells, walls, planes, or
     package.module:Name of a user-defined one; in small games index, one_hot or observe."""

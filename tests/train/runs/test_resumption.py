@@ -306,7 +306,7 @@ def test_every_learner_resumes_in_every_scheme(
     [
         pytest.param({"evader": "astar"}, marks=pytest.mark.slow),
         pytest.param(
-            {"task": {"num_chasers": 2, "num_evaders": 2}, "sampling": "double-oracle",
+            {"task": {"num_chasers": 2, "num_evaders": 2}, "sampling": "nash-mixture",
              "pool_size": 7},
             marks=pytest.mark.slow,
         ),

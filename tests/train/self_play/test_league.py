@@ -79,7 +79,7 @@ def test_sampling_schemes_are_compared_by_a_sweep(
     main(command)
     assert "4 complete" in capsys.readouterr().out
     report = (tmp_path / "out" / "report" / "report.md").read_text()
-    assert "NashConv (discounted steps) [95 %]" in report and "| double-oracle |" in report
+    assert "NashConv (discounted steps) [95 %]" in report and "| nash-mixture |" in report
     assert (tmp_path / "out" / "report" / "learning_curves.png").stat().st_size > 10_000
     done = {path: path.stat().st_mtime_ns for path in tmp_path.glob(f"out/runs/*/{RESULTS}")}
     main(command)
@@ -96,7 +96,7 @@ title = "opponent sampling"
 kind = "self-play"
 seeds = [0, 1]
 settings = {maze = "3x3", frames = 6000, num_games = 64, minibatch_size = 512, snapshots = 5}
-grid = {sampling = ["latest", "double-oracle"]}
+grid = {sampling = ["latest", "nash-mixture"]}
 """
 
 

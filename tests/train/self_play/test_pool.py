@@ -188,14 +188,14 @@ def test_sampling_rules_have_their_documented_weights(tmp_path: Path) -> None:
     assert shares[:4] / shares[2] == pytest.approx(np.array([25, 1, 81, 25]) / 81, abs=2e-3)
     assert shares[4] > 0
     mixture = np.array([0, 0.25, 0, 0.75, 0])
-    assert weights(pool, "double-oracle", mixture=mixture) == pytest.approx(mixture)
-    assert weights(pool, "double-oracle")[0] == 1
+    assert weights(pool, "nash-mixture", mixture=mixture) == pytest.approx(mixture)
+    assert weights(pool, "nash-mixture")[0] == 1
     pool.members.clear()
     with pytest.raises(ValueError, match="the pool is empty"):
         weights(pool, "uniform")
 
 
-def test_the_mixture_of_double_oracle_is_the_equilibrium() -> None:
+def test_the_nash_mixture_is_the_equilibrium() -> None:
     chasers, evaders = nash_mixtures(np.array([[0.0, -1.0, 1.0], [1, 0, -1], [-1, 1, 0]]))
     assert chasers == pytest.approx([1 / 3] * 3) and evaders == pytest.approx([1 / 3] * 3)
     chasers, evaders = nash_mixtures(np.array([[3.0, 2.0], [5.0, 4.0]]))

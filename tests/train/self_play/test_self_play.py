@@ -161,7 +161,7 @@ def test_exploitability_is_zero_at_the_equilibrium_and_exact_elsewhere() -> None
         exploitability(maze, chaser, RandomAgent().action_probabilities(maze, True))
 
 
-def test_payoffs_of_double_oracle_are_those_of_the_discounted_game(tmp_path: Path) -> None:
+def test_payoffs_of_the_nash_mixture_are_those_of_the_discounted_game(tmp_path: Path) -> None:
     """Of the game that is trained in and that NashConv is of, without a cut at 200 steps."""
     run = make_run(tmp_path / "run", sampling="psro", frames=8000, members=("random",))
     run.train()
@@ -411,7 +411,7 @@ def test_a_frozen_side_stays_as_it_is(tmp_path: Path) -> None:
         ({"members": ("astar", "astar")}, "is given twice"),
         ({"pool_size": 0}, "pool_size=0"),
         ({"sampling": "window", "window": 9, "pool_size": 8}, "window=9 is more than pool_size"),
-        ({"sampling": "double-oracle", "pool_size": 4}, "double-oracle keeps all"),
+        ({"sampling": "nash-mixture", "pool_size": 4}, "nash-mixture keeps all"),
         ({"chaser": side_by("q_learning")}, "chaser.algorithm='q_learning'"),
         ({"chaser": side_by("dqn"), "task": {"num_chasers": 2}}, "with 2 chasers"),
         ({"hyper": replace(QUICK, gamma=1.0)}, "gamma=1.0"),
@@ -425,6 +425,29 @@ def test_a_frozen_side_stays_as_it_is(tmp_path: Path) -> None:
 def test_invalid_settings_are_refused(changes: Any, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         self_play_parts(make_settings(**changes))
+
+
+def test_the_former_name_of_a_sampling_rule_is_refused_with_the_new_one(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, study = tmp_path / "run", tmp_path / "study.toml"
+    run = make_run(folder)
+    run.lock.release()
+    config = json.loads((folder / "config.json").read_text())
+    (folder / "config.json").write_text(json.dumps({**config, "sampling": "double-oracle"}))
+    study.write_text('kind = "self-play"\nsettings.frames = 9\ngrid.sampling = ["double-oracle"]')
+    out = ["--out", str(tmp_path / "out")]
+    for command in (
+        ["self-play", "--maze", "2x2", "--frames", "9", "--sampling", "double-oracle", *out],
+        ["self-play", "--resume", str(folder)],
+        ["sweep", str(study), *out],
+    ):
+        with pytest.raises(SystemExit) as exit_:
+            main(command)
+        said = capsys.readouterr().err.strip()
+        assert exit_.value.code == 2 and "\n" not in said
+        assert "unknown sampling 'double-oracle'; it was renamed, give nash-mixture" in said
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize("algorithm", ["ppo", "a2c", "dqn", "mmd", "nfsp"])

@@ -70,7 +70,7 @@ def test_a_mixture_lies_between_its_bounds(role: str, seed: int) -> None:
     assert one == pytest.approx((1.5, 1.5))
 
 
-@pytest.mark.parametrize("sampling", ["uniform", "double-oracle", "psro"])
+@pytest.mark.parametrize("sampling", ["uniform", "nash-mixture", "psro"])
 def test_the_nash_conv_of_a_mixture_in_a_matrix_game(tmp_path: Path, sampling: str) -> None:
     run = make(tmp_path / "run", ONCE, sampling=sampling, algorithm="dqn", learning_starts=64)
     run.train()
@@ -104,7 +104,7 @@ def test_without_a_mixture_the_last_policies_are_what_is_played(tmp_path: Path) 
 
 @pytest.mark.parametrize(
     ("game", "sampling"),
-    [*product((TWICE, THREE), RULES), (TWICE, "double-oracle"), (TWICE, "psro")],
+    [*product((TWICE, THREE), RULES), (TWICE, "nash-mixture"), (TWICE, "psro")],
 )
 def test_every_sampling_rule_resumes_bit_for_bit(tmp_path: Path, game: str, sampling: str) -> None:
     changes: dict[str, Any] = {"sampling": sampling, "window": 2 if sampling == "window" else 5}
@@ -166,7 +166,7 @@ def test_sides_have_their_own_algorithms_or_are_fixed(tmp_path: Path) -> None:
     ("game", "sampling", "message"),
     [
         (THREE, "psro", "'psro' needs two players with opposite rewards"),
-        ("round_games:Clash", "double-oracle", "needs two players with opposite rewards"),
+        ("round_games:Clash", "nash-mixture", "needs two players with opposite rewards"),
         (THREE, "round_games:by_payoff", "payoffs are those of two players, but 3 play"),
     ],
 )
