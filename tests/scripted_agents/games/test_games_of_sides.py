@@ -18,6 +18,7 @@ from pursuit.tasks.rewards import Rewards
 from pursuit.tasks.task import ACTIONS, Task, make_task
 from scripted_agents import AStarEvader, solve_chase, solve_joint, solve_joint_game
 from scripted_agents.games import (
+    GameTask,
     SmallGame,
     enumerate_game,
     equilibrium,
@@ -142,6 +143,8 @@ def test_turns_have_the_values_of_a_value_iteration_over_moves() -> None:
     found = equilibrium(game, gamma)
     assert not found.mixed.any() and game.num_states == 2 * len(pairs)
     assert mixed_share(game, gamma) == 0.0
+    halves = [state[-1] for state in game.states]  # type: ignore[index]
+    assert GameTask(game).waiting.tolist() == [[half != side for half in halves] for side in (0, 1)]
     for (cells, _, half), each in zip(game.states, found.values, strict=True):  # type: ignore[misc]
         assert each == pytest.approx(value[cells, half], abs=1e-7)
         number = game.number[cells, (), half]
