@@ -11,6 +11,7 @@ from scripted_agents.games.env import SmallGameEnv as SmallGameEnv
 from scripted_agents.games.env import SmallGameVectorEnv as SmallGameVectorEnv
 from scripted_agents.games.game import Game as Game
 from scripted_agents.games.game import ParallelGame as ParallelGame
+from scripted_agents.games.mixing import mixed_share as mixed_share
 from scripted_agents.games.named import load_game as load_game
 from scripted_agents.games.simulator import GameSimulator as GameSimulator
 from scripted_agents.games.simulator import GameTask as GameTask
@@ -22,5 +23,6 @@ from scripted_agents.games.solve import equilibrium as equilibrium
 from scripted_agents.games.solve import nash_conv as nash_conv
 from scripted_agents.games.solve import respond as respond
 from scripted_agents.games.solve import returns_of as returns_of
+from scripted_agents.games.tasks import game_of_sides as game_of_sides
 from scripted_agents.games.tasks import game_of_task as game_of_task
 from scripted_agents.games.tasks import states_of_games as states_of_games

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_array, eye_array
 from scipy.sparse.linalg import splu
 
-from scripted_agents.games.episodes import return_range
+from scripted_agents.games.episodes import longest_play, return_range
 from scripted_agents.games.small_game import SmallGame
 from scripted_agents.games.solve import SmallEquilibrium, chain_of, equilibrium, iterate
 
@@ -38,17 +38,22 @@ def mixed_share(
     """
     found = equilibrium(game, discount, horizon) if solution is None else solution
     low, high = return_range(game, game.players[0], discount, horizon)
-    mixed = apart(game, found.values, discount) > LEAST_APART * (high - low)
+    later = found.values
+    if horizon is not None and (longest_play(game) or horizon + 1) > horizon:
+        shorter = horizon > 1  # values of the steps after the first
+        later = equilibrium(game, discount, horizon - 1).values if shorter else 0.0 * later
+    mixed = apart(game, later, discount) > LEAST_APART * (high - low)
     step, _ = chain_of(game, found.policies)
     back = step.T
 
     def visits_after(visits: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.asarray(game.start + discount * (back @ visits))
 
-    if horizon is None:
-        visits = splu(csc_array(eye_array(game.num_states) - discount * back)).solve(game.start)
-    else:
-        visits = iterate(visits_after, game.start, discount, horizon, visits_after)
+    def solved(visits: NDArray[np.float64]) -> NDArray[np.float64]:
+        system = csc_array(eye_array(game.num_states) - discount * back)
+        return np.asarray(splu(system).solve(game.start))
+
+    visits = iterate(visits_after, game.start, discount, horizon, solved)
     return float(visits[mixed].sum() / visits.sum())
 
 

@@ -61,6 +61,7 @@ def arguments_of(text: str, given: str) -> dict[str, Any]:
     return values
 
 
+@lru_cache(maxsize=4)
 def game_named(text: str) -> Game | SmallGame:
     """The game of this name, enumerated only if its function does that; see `load_game`.
 

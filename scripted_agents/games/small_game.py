@@ -14,7 +14,7 @@ from scipy.sparse import csr_array
 
 from pursuit.tasks.task import Task
 from pursuit.validation import as_array, shortened
-from scripted_agents.games.game import Action, Game, State
+from scripted_agents.games.game import Action, State
 
 ZERO_SUM = 1e-9
 """Sums of rewards up to this share of the largest are 0."""
@@ -45,7 +45,8 @@ class SmallGame:
             to less than 1 where the game can end.
         start: [states] float64, the probability of starting in each.
         task: the task of a game of `game_of_task`; None for others.
-        source: the `Game` that was enumerated; None for others.
+        source: the `Game` that was enumerated, or another object with its optional functions
+            `observe` and `draw`; None for others.
     """
 
     players: tuple[str, ...]
@@ -58,7 +59,7 @@ class SmallGame:
     following: csr_array = field(repr=False)
     start: NDArray[np.float64] = field(repr=False)
     task: Task | None = None
-    source: Game | None = field(default=None, repr=False)
+    source: object | None = field(default=None, repr=False)
 
     def __deepcopy__(self, memo: dict[int, object]) -> SmallGame:
         """Itself, as it never changes."""

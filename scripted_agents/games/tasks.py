@@ -6,21 +6,30 @@ In `game_of_task` every agent is a player, in `game_of_sides` each of two sides 
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import compress, product
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from pursuit.memory import check_memory
+from pursuit.rendering.marks import AgentMark
+from pursuit.rendering.rendering import Scene
 from pursuit.rules.layout import Games
-from pursuit.tasks.task import Task, checked_task
+from pursuit.tasks.task import ACTIONS, Task, checked_task
 from scripted_agents.games.game import State
 from scripted_agents.games.small_game import SmallGame
 from scripted_agents.joint.opponents import lay_out_others
 from scripted_agents.joint.states import joint_states_of
 from scripted_agents.joint.sweeps import Problem, Quantity, filled_store
-from scripted_agents.limits import MAX_TASK_STATES, check_joint_states
+from scripted_agents.limits import (
+    MAX_STORE_BYTES,
+    MAX_TASK_STATES,
+    REMEDY,
+    check_joint_states,
+)
 
 CAPTURED = -1
 """The cell of a captured evader in a state."""
@@ -62,6 +71,12 @@ def game_of_task(task: Task, most_states: int = MAX_TASK_STATES) -> SmallGame:
 
 def _enumerated(task: Task) -> SmallGame:
     """The game of a task without slips; in turns the move of one side is a step."""
+    joints, most = task.num_actions**task.num_agents, np.iinfo(np.int16).max
+    if joints > most:  # their numbers in a `Store`
+        raise ValueError(
+            f"task {task.name!r}: {task.num_agents} agents have {joints:,} joint actions; at most "
+            f"{most:,} are possible: give fewer agents"
+        )
     joint = joint_states_of(task)
     agents, nothing = task.num_agents, [0] * task.num_agents
     rewards = [Quantity(row, nothing) for row in np.eye(agents, dtype=np.int64).tolist()]
@@ -134,14 +149,17 @@ def game_of_sides(task: Task, most_states: int = MAX_TASK_STATES) -> SmallGame:
     Of a task with two roles, each role is a player, which chooses the moves of all its agents as
     one tuple. Of a task with two agents of one role, each agent is a player. The payoff of the
     first player is half of: the mean reward of its agents minus the mean reward of the others. In
-    `zero_sum` chases this is minus the number of steps, so NashConv is that of the task.
+    `zero_sum` chases this is minus the number of steps, so NashConv is that of the task (in turns,
+    of the rounds that both sides play).
 
-    Slips are part of the transitions. In a game with turns the move of one side is a step, and is
-    discounted as such; a state ends with 0 if the first side is to move, else 1.
+    Actions of agents are the words of `pursuit.tasks.task.ACTIONS`, in graphs numbers. Slips are
+    part of the transitions. In a game with turns the move of one side is a step, and is discounted
+    as such; a state ends with 0 if the chasers are to move, else 1, and the only action of a side
+    that waits is None.
 
     Raises:
-        ValueError: no two sides, several mazes, user-defined rewards, too many states, or too
-            little memory.
+        ValueError: no two sides, several mazes, limited views, user-defined rewards, too many
+            states, or too little memory.
     """
     task = checked_task(task)
     if task.reward_function is not None:
@@ -151,15 +169,21 @@ def game_of_sides(task: Task, most_states: int = MAX_TASK_STATES) -> SmallGame:
     roles = list(dict.fromkeys(task.seat_roles))
     if len(roles) != 2 and task.num_agents != 2:
         raise ValueError(
-            f"task {task.name!r} has {task.num_agents} agents of {len(roles)} role; give agents of "
-            "two roles, or two agents"
+            f"task {task.name!r} has agents {', '.join(task.agent_names)}; give agents of two "
+            "roles, or two agents"
         )
     check_joint_states(task, most_states, each=1000)
+    hidden = [name for name in task.agent_names if task.hides_from(name)]
+    if hidden:
+        raise ValueError(
+            f"task {task.name!r}: the view of {hidden[0]} is limited, but players of a small game "
+            "see everything; leave out view_radius, line_of_sight and unknown_maze"
+        )
     names = roles if len(roles) == 2 else list(task.agent_names)
     first = task.seat_roles.count(roles[0]) if len(roles) == 2 else 1
     chances = task.slips
     game = with_slips(_enumerated(replace(task, slip=0.0)), chances, task.mazes[0].neighbors)
-    return _merged(game, (names[0], names[1]), first)
+    return _merged(game, (names[0], names[1]), first, task)
 
 
 def with_slips(
@@ -172,8 +196,16 @@ def with_slips(
         game: of every agent as a player, without slips.
         chances: of a slip, by agent.
         neighbors: [cells, actions] of the maze.
+
+    Raises:
+        ValueError: too little memory.
     """
     sizes = np.stack([np.diff(game.offsets(agent)) for agent in range(len(game.players))], axis=1)
+    if not any(chances):
+        return game
+    entries = (sizes.prod(axis=1) * sizes[:, np.array(chances) > 0.0].prod(axis=1)).sum()
+    what = f"a game of {game.num_states:,} states with slips: {entries:,} outcomes"
+    check_memory(what, 40 * int(entries), REMEDY, MAX_STORE_BYTES)
     joints = np.arange(len(game.owners))
     for agent, chance in enumerate(chances):
         if chance == 0.0:
@@ -201,18 +233,23 @@ def with_slips(
     return game
 
 
-def _merged(game: SmallGame, names: tuple[str, str], first: int) -> SmallGame:
+def _merged(game: SmallGame, names: tuple[str, str], first: int, task: Task) -> SmallGame:
     """The zero-sum game of the first agents as one player and of all others as the other."""
+    words: Sequence[Hashable] = ACTIONS if task.mazes[0].is_grid else range(task.num_actions)
+    numbers: Any = game.actions
+    own = [[tuple(words[action] for action in row) for row in rows] for rows in numbers]
     sides = range(first), range(first, len(game.players))
     sizes = np.stack([np.diff(game.offsets(agent)) for agent in range(len(game.players))], axis=1)
     actions: list[list[Sequence[Hashable]]] = []
     choices = np.zeros((len(game.choices), 2), dtype=np.int32)
     for player, side in enumerate(sides):
-        if len(side) == 1:
-            actions.append(game.actions[side[0]])
-        else:
-            rows = zip(*(game.actions[agent] for agent in side), strict=True)
-            actions.append([tuple(product(*row)) for row in rows])
+        rows = [*zip(*(own[agent] for agent in side), strict=True)]
+        actions.append([row[0] if len(side) == 1 else tuple(product(*row)) for row in rows])
+        if task.options.turns:
+            waits = [state[-1] != player for state in game.states]  # type: ignore[index]
+            actions[player] = [
+                (None,) if wait else row for wait, row in zip(waits, actions[player], strict=True)
+            ]
         for agent in side:
             choices[:, player] *= sizes[game.owners, agent]
             choices[:, player] += game.choices[:, agent]
@@ -227,4 +264,47 @@ def _merged(game: SmallGame, names: tuple[str, str], first: int) -> SmallGame:
         np.stack([lead, -lead], axis=1),
         game.following,
         game.start,
+        source=StatesOfSides(task),
     )
+
+
+@dataclass(frozen=True)
+class StatesOfSides:
+    """What networks and readers see of the states of `game_of_sides`.
+
+    Attributes:
+        task: the task.
+    """
+
+    task: Task
+
+    def _parts(self, state: State) -> tuple[tuple[int, ...], tuple[int, ...], tuple[int, ...], int]:
+        """The cells of the agents, the goals and the exits, and which side moves (-1: both)."""
+        cells, goals, *rest = state
+        return (
+            cells,
+            goals,
+            rest[0] if self.task.most_exits else (),
+            rest[-1] if self.task.options.turns else -1,
+        )
+
+    def observe(self, state: State, player: int) -> NDArray[np.float32]:
+        """[agents * cells + ...] float32, 0 or 1: by agent its cell, the cells of goals and exits,
+        and in turns whether the player is to move; equal for both players but for that."""
+        cells, goals, exits, moves = self._parts(state)
+        rows: list[Sequence[int]] = [[cell] for cell in cells]
+        rows += [goals] * (self.task.num_goals > 0) + [exits] * (self.task.most_exits > 0)
+        seen = np.zeros((len(rows), self.task.max_cells), dtype=np.float32)
+        for row, places in zip(seen, rows, strict=True):
+            row[[place for place in places if place >= 0]] = 1.0
+        turn = [moves == player] if self.task.options.turns else []
+        return np.append(seen, np.array(turn, dtype=np.float32))
+
+    def draw(self, state: State) -> str:
+        """The maze as text, without agents that have left the game."""
+        cells, goals, exits, moves = self._parts(state)
+        names = zip(self.task.agent_names, cells, strict=True)
+        agents = tuple(AgentMark(name, cell) for name, cell in names if cell >= 0)
+        moving = ("", "chasers to move", "others to move")[moves + 1]
+        scene = Scene(self.task.mazes[0], agents, goals, 0, 0, moving, exits)
+        return scene.text().replace(f"{scene.footer}  ", "").replace(f"{scene.footer}\n", "")

@@ -11,6 +11,7 @@ import numpy as np
 from pursuit.validation import check
 from scripted_agents.games.agents import DISCOUNT, UNIFORM, uniform_table
 from scripted_agents.games.episodes import longest_play
+from scripted_agents.games.mixing import mixed_share
 from scripted_agents.games.named import load_game
 from scripted_agents.games.small_game import SmallGame
 from scripted_agents.games.solve import (
@@ -94,7 +95,9 @@ def solve_game(given: SolveGameCommand) -> None:
         found = described_response(game, solution, returns)
     elif game.zero_sum:
         solution = equilibrium(game, discount, horizon)
-        found = described_equilibrium(game, solution)
+        found = described_equilibrium(
+            game, solution, mixed_share(game, discount, horizon, solution)
+        )
     else:
         found = described_gains(nash_conv(game, uniform, discount, horizon))
     print(in_lines({**text, **found, "solved in": f"{perf_counter() - began:.2f} s"}, WIDTH))
@@ -104,10 +107,14 @@ def solve_game(given: SolveGameCommand) -> None:
         print(f"values and policies: {out}")
 
 
-def described_equilibrium(game: SmallGame, solution: SmallEquilibrium) -> dict[str, str]:
-    """The value of a zero-sum game of two, and where its equilibria are mixed."""
+def described_equilibrium(
+    game: SmallGame, solution: SmallEquilibrium, visits: float
+) -> dict[str, str]:
+    """The value of a zero-sum game of two, and where its equilibria are mixed: in how many states,
+    and the share `visits` of `mixed_share`."""
     mixed = int(solution.mixed.sum())
     share = f"{mixed:,} of {game.num_states:,} states ({100 * mixed / game.num_states:.1f} %)"
+    share += f", {100 * visits:.1f} % of visits"
     return {
         f"value for {game.players[0]}": f"{solution.mean:z.6f} (mean over starts)",
         "optimal policies are random in": share,

@@ -11,7 +11,7 @@ import numpy as np
 from pursuit.replays.viewer.data import Builder
 from pursuit.validation import shortened
 from scripted_agents.games.episodes import values_along
-from scripted_agents.games.game import Action, State
+from scripted_agents.games.game import Action, Game, State
 from scripted_agents.games.rendering import SVG, drawn_state
 from scripted_agents.games.simulator import GameSimulator, GameTask, StatePolicy
 from scripted_agents.games.solve import respond
@@ -106,7 +106,9 @@ def _drawn(task: GameTask, state: State) -> str:
 def _end(task: GameTask, state: int, actions: tuple[Action, ...]) -> Plain | None:
     """The state after a last step; None if chance chose it, or if the game cannot draw it."""
     source = task.game.source
-    outcomes = source.transitions(task.game.states[state], actions) if source else ()
+    if not isinstance(source, Game):
+        return None
+    outcomes = source.transitions(task.game.states[state], actions)
     ends = {after for chance, after, _, over in outcomes if over and chance > 0.0}
     if len(ends) != 1 or None in ends:
         return None
