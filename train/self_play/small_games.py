@@ -11,20 +11,17 @@ from numpy.typing import NDArray
 
 from scripted_agents.games.agents import UNIFORM
 from scripted_agents.games.episodes import play_of, return_range
-from scripted_agents.games.mixing import mixed_share
 from scripted_agents.games.simulator import GameTask
 from scripted_agents.games.solve import nash_conv, returns_of
 from train.files import Plain
 from train.runs.forms import Objective
 from train.runs.tasks import horizon_of
-from train.self_play.mixtures import solved, value_in
+from train.self_play.mixing import MOST_SOLVED, known_mixed_share
+from train.self_play.mixtures import value_in
 from train.self_play.parts import SelfPlayParts
 from train.self_play.trainee import SelfPlay
 from train.settings.task import GAME
 from train.tensors import State
-
-MOST_SOLVED = 100_000
-"""Joint actions of a zero-sum game up to which its value is computed: seconds."""
 
 Tables = dict[str, NDArray[np.float64]]
 
@@ -51,9 +48,7 @@ def described(task: GameTask, discount: float) -> Plain:
     zero-sum game of two whose value is computed how much an equilibrium mixes."""
     game, horizon = task.game, horizon_of(task, discount)
     low, high = return_range(game, game.players[0], discount, horizon)
-    found = {"payoff_range": high - low}
-    if game.zero_sum and len(game.choices) <= MOST_SOLVED:
-        found["mixed_share"] = mixed_share(game, discount, horizon, solved(task, discount))
+    found = {"payoff_range": high - low, "mixed_share": known_mixed_share(task, discount)}
     return {
         "task": GAME,
         "game": task.name,
