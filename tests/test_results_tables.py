@@ -109,19 +109,6 @@ def libraries() -> Iterable[dict[int, Cell]]:
         }
 
 
-def methods(study: str, second: tuple[str, ...]) -> Iterable[dict[int, Cell]]:
-    rows = data(f"{study}/table")
-    for cells in tables_of("self_play")[3 if second else 4]:
-        row = the(rows, variant=cells[0])
-        yield {
-            1: numbers(row, "nash_conv"),
-            **({2: numbers(row, *second)} if second else {}),
-            3: numbers(row, "ratio", "ratio_low", "ratio_high") if row["lower_in"] else "",
-            4: numbers(row, "p_holm") if row["lower_in"] else "",
-            5: row["lower_in"],
-        }
-
-
 def frames_and_states() -> Iterable[dict[int, Cell]]:
     rows = data("frames_and_states/runs")
     for size in "34567":
@@ -388,8 +375,6 @@ def published() -> Iterable[dict[int, Cell]]:
 
 TABLES: dict[tuple[str, int], Callable[[], Iterable[dict[int, Cell]]]] = {
     ("libraries", 0): libraries,
-    ("self_play", 3): lambda: methods("self-play-methods", ("worst",)),
-    ("self_play", 4): lambda: methods("self-play-methods-frames", ()),
     ("frames_and_states", 0): frames_and_states,
     ("curricula", 0): curricula,
     ("hyperparameters", 3): small_budgets,

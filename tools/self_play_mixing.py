@@ -32,11 +32,11 @@ LEAST = 1e-3
 STRATA = (("0", 0.0), ("below 1 %", 0.01), ("1 to 5 %", 0.05), ("above 5 %", 1.0))
 """By name the largest mixed share of a stratum."""
 PPO, MMD = "ppo", "mmd"
-RIVALS = ("ppo, momentum", "ppo, defaults", MMD, "rnad", "pfsp")
+RIVALS = ("ppo with momentum", "ppo by default", MMD, "rnad", "pfsp")
 """The methods on all games, but for PPO."""
 POPULATIONS = ("psro", "nfsp")
 """The methods on 14 games."""
-COLUMNS = {"ppo, defaults": "nash_conv_average_likely"}
+COLUMNS = {"ppo by default": "nash_conv_average_likely"}
 """The columns of NashConv that is judged, other than `PLAYED`."""
 PLAYED = "played_nash_conv"
 MATRIX = "rock_paper_scissors"

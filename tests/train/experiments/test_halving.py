@@ -19,7 +19,7 @@ title = "Halves"
 kind = "self-play"
 control = "ppo"
 seeds = [0]
-variants = [{ name = "ppo" }, { name = "ppo, momentum", adam_beta1 = 0.9 },
+variants = [{ name = "ppo" }, { name = "ppo with momentum", adam_beta1 = 0.9 },
             { name = "mmd", algorithm = "mmd" }]
 [report]
 x = "game"
@@ -34,7 +34,7 @@ shipped = false
 search_seed = 3
 short = { samples = 7, frames = 1000, rungs = 3 }
 full = { samples = 7, frames = 1000, rungs = 3 }
-like = { "ppo, momentum" = "ppo" }
+like = { "ppo with momentum" = "ppo" }
 [tuning.space.ppo]
 learning_rate = { low = 1e-3, high = 1e-2, scale = "log" }
 [tuning.space.mmd]
@@ -90,7 +90,7 @@ def test_the_better_half_goes_on_with_twice_the_frames(tmp_path: Path) -> None:
     for name, space in found.tuning.space.items():
         drawn = draw_samples({**space, "samples": 7, "seed": 3}, 100)
         assert best["", name] == drawn[ranked[name][0]]
-    assert best["", "ppo, momentum"] == best["", "ppo"]
+    assert best["", "ppo with momentum"] == best["", "ppo"]
 
     file = str(tmp_path / "halves.toml")
     runs = {
@@ -99,8 +99,8 @@ def test_the_better_half_goes_on_with_twice_the_frames(tmp_path: Path) -> None:
     }
     rates = {name: runs[name].side("A").hyper for name in runs}
     assert rates["ppo"].learning_rate == best["", "ppo"]["learning_rate"]
-    assert rates["ppo, momentum"].learning_rate == rates["ppo"].learning_rate
-    assert (rates["ppo"].adam_beta1, rates["ppo, momentum"].adam_beta1) == (0.0, 0.9)
+    assert rates["ppo with momentum"].learning_rate == rates["ppo"].learning_rate
+    assert (rates["ppo"].adam_beta1, rates["ppo with momentum"].adam_beta1) == (0.0, 0.9)
     assert rates["mmd"].magnet_coef == best["", "mmd"]["magnet_coef"]
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from itertools import accumulate
 from pathlib import Path
 
 import pytest
@@ -10,13 +10,14 @@ from test_comparison import TINY as COMPARISON
 from test_sweeps import TINY as SWEEP
 from test_sweeps import write
 
+from scripted_agents.games import load_game, mixed_share
 from train.commands.main import main
 from train.experiments.expansion import load_study
 from train.experiments.identity import fingerprint
 from train.experiments.rows import read_all
 from train.experiments.runs import Study, prepare
 from train.experiments.stages import stages_of
-from train.experiments.study import shipped
+from train.experiments.study import StudyFile, read_file, shipped
 
 TABLE = """
 episodes = 20
@@ -341,25 +342,28 @@ def test_both_versions_of_every_shipped_ablation_are_valid(name: str) -> None:
         assert len({run.settings.task for run in plan.runs}) == 1
 
 
+STRATA = ((7, 0.0, 1e-9), (7, 1e-9, 0.01), (7, 0.01, 0.05), (8, 0.05, 1.0))
+"""Of the judged games of the study by mixed share, in their order: how many have a share above the
+first number and up to the second."""
+
+
 @pytest.mark.slow
-def test_the_shipped_studies_of_methods_are_valid() -> None:
-    for version, mazes, seeds in (("short", 6, 1), ("full", 20, 3)):
-        by_seconds, by_frames = (
-            load_study(f"self-play-methods{ending}", "ablation", version)
-            for ending in ("", "-frames")
-        )
-        for study in (by_seconds, by_frames):
-            assert len(study.runs) == len(study.layout.variants) * mazes * seeds
-            assert len({(run.settings.seconds, run.settings.frames) for run in study.runs}) == 1
-        alike = [
-            [
-                (run.seed, run.settings.task, run.settings.chaser, run.settings.sampling)
-                for run in study.runs
-            ]
-            for study in (by_seconds, by_frames)
-        ]
-        assert alike[0] == alike[1]
-    tuning = load_study("self-play-tuning", "ablation", None)
-    counts = Counter(name.rpartition(" ")[0] for name in tuning.layout.variants)
-    assert counts == dict.fromkeys(by_seconds.layout.variants, 4)
-    assert not any("test" in run.settings.task.maze for run in tuning.runs)
+def test_the_games_of_the_study_by_mixed_share_lie_in_their_strata() -> None:
+    _, file = read_file("self-play-mixing", "ablation", StudyFile)
+    _, populations = read_file("self-play-mixing-populations", "ablation", StudyFile)
+    assert file.full and file.full.grid and file.tuning and populations.full and populations.tuning
+    games = file.full.grid["game"]
+    assert len({*games}) == len(games) and not {*games} & {*file.tuning.games}
+    ends = list(accumulate(count for count, *_ in STRATA))
+    for first, last, (_, low, high) in zip([0, *ends], ends, STRATA, strict=False):
+        for name in games[first:last]:
+            share = mixed_share(load_game(name), 0.95)
+            assert low < share <= high or (high < 1e-6 and share < high), (name, share)
+    matrices = [load_game(name) for name in games[ends[-1] :]]
+    assert {game.num_states for game in matrices} == {1}
+    assert populations.full.grid and {*populations.full.grid["game"]} < {*games[: ends[-1]]}
+    assert len(populations.full.grid["game"]) == 14
+    assert populations.tuning.games == file.tuning.games
+    strata = [range(a, b) for a, b in zip([0, *ends], ends, strict=False)]
+    kept = [sum(games.index(n) in own for n in populations.full.grid["game"]) for own in strata]
+    assert kept == [3, 3, 4, 4]

@@ -251,7 +251,7 @@ def test_a_comparison_of_libraries_says_so_too(seeds: int) -> None:
 
 
 def test_the_dry_run_of_a_shipped_study_says_it(capsys: pytest.CaptureFixture[str]) -> None:
-    main(["ablate", "self-play-methods", "--dry-run"])
-    assert "with 6 mazes the least p is 0.031, corrected for 8 comparisons" in (
+    main(["ablate", "self-play-mixing", "--dry-run"])
+    assert "with 4 games the least p is 0.12, corrected for 5 comparisons" in (
         capsys.readouterr().out
     )
