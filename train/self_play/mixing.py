@@ -43,4 +43,4 @@ def describe_mixing(share: float | None) -> list[str]:
         return []
     if share == 0.0:
         return ["equilibrium: pure play is optimal in every state that it visits"]
-    return [f"equilibrium: optimal play is random in {100.0 * share:.2g} % of its visits"]
+    return [f"equilibrium: optimal play is random in {100.0 * share:.3g} % of its visits"]
