@@ -151,6 +151,10 @@ def score(rows: Iterable[Row]) -> float:
     logs = []
     for row in rows:
         conv, gap = row.get("played_nash_conv"), row.get("optimality_gap")
-        share = abs(gap or 0.0) if conv is None else conv / (row.get("payoff_range") or 1.0)
+        check(
+            conv is not None or gap is not None,
+            f"{row['run']}: neither NashConv nor a gap to the optimum is known; use smaller games",
+        )
+        share = abs(float(gap or 0.0)) if conv is None else conv / (row.get("payoff_range") or 1.0)
         logs.append(math.log(share + LEAST))
     return sum(logs) / len(logs)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from pursuit.simulator.policy import Policy
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task
+from scripted_agents.games.episodes import return_range
 from scripted_agents.games.simulator import GameSimulator, GameTask
 from train.algorithms.learner import Learner
 from train.algorithms.registry import Algorithm, Build, build_learner
@@ -117,11 +119,26 @@ def maze_scores(
 def game_scores(
     simulator: GameSimulator, player: str, games: NDArray[np.bool_]
 ) -> NDArray[np.float64]:
-    """[n] the scores of a player in the games of a mask, which have just ended: 1 for a return
-    above the mean of all players, 0 for one below it, 1/2 for one equal to it."""
-    returns = simulator.returns[games]
-    lead = returns[:, simulator.task.seat(player)] - returns.mean(axis=1)
+    """[n] the scores in [0, 1] of a player in the games of a mask, which have just ended.
+
+    In a zero-sum game of two the return as a share of its range within the time limit, so that they
+    also differ where one player never has a return above 0. In other games 1 for a return above the
+    mean of all players, 0 for one below it, 1/2 for one equal to it.
+    """
+    returns, task = simulator.returns[games], simulator.task
+    own = returns[:, task.seat(player)]
+    if task.game.zero_sum:
+        low, high = range_of_returns(task, player)
+        return np.clip((own - low) / max(high - low, 1e-9), 0.0, 1.0)
+    lead = own - returns.mean(axis=1)
     return np.asarray(0.5 + 0.5 * np.sign(np.where(np.abs(lead) < 1e-9, 0.0, lead)))
+
+
+@lru_cache(maxsize=8)
+def range_of_returns(task: GameTask, player: str) -> tuple[float, float]:
+    """The least and the largest expected return of a player within the time limit, whatever all
+    play, without discount."""
+    return return_range(task.game, player, 1.0, task.max_steps)
 
 
 @dataclass(frozen=True)
