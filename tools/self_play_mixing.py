@@ -1,30 +1,26 @@
 """The analysis of the study of self-play by mixed share: tables and figures of its page.
 
-    python tools/self_play_mixing.py [--tuning] [--cost]
+    python tools/self_play_mixing.py
 
-It reads runs.csv and tuning.csv in docs/results/data/self_play_mixing/, prints the tables of
-docs/results/self_play_mixing.md and draws its figures. A test compares the page with
-these numbers.
+It reads runs.csv and games.csv in docs/results/data/self_play_mixing/, prints the tables of
+docs/results/self_play_mixing.md and draws its figures. A test compares the page with these numbers.
 """
 
 from __future__ import annotations
 
-import argparse
+import csv
 from collections.abc import Iterable, Sequence
-from itertools import product
+from itertools import combinations, product
 from pathlib import Path
 from statistics import fmean, median
 from typing import Any
 
 import numpy as np
-import torch
-from scipy.stats import ttest_1samp
+from numpy.typing import NDArray
+from scipy.stats import spearmanr, t, ttest_1samp
 
-from train.experiments.expansion import NO_SETTINGS
-from train.experiments.halving import score
-from train.experiments.recorded import read_recorded, settings_in
+from train.experiments.recorded import read_recorded
 from train.experiments.statistics import holm, mean_interval
-from train.experiments.study import StudyFile, choose_version, read_file
 
 DATA = Path(__file__).parents[1] / "docs" / "results" / "data" / "self_play_mixing"
 LEAST = 1e-3
@@ -41,10 +37,9 @@ COLUMNS = {"ppo by default": "nash_conv_average_likely"}
 PLAYED = "played_nash_conv"
 MATRIX = "rock_paper_scissors"
 """Matrix games are shown, and are not part of the analysis."""
-FILES = ("self-play-mixing", "self-play-mixing-populations")
-"""The files of the study."""
 RESAMPLES = 10_000
 Row = dict[str, Any]
+Array = NDArray[np.float64]
 Logs = dict[str, float]
 
 
@@ -86,20 +81,87 @@ def ratios(one: Logs, other: Logs) -> Logs:
     return {game: one[game] - other[game] for game in one if game in other}
 
 
-def slope(rows: Sequence[Row]) -> tuple[float, float, float, int]:
-    """The primary endpoint: the slope over games of log(PPO / MMD) on the mixed share, with a 95 %
-    bootstrap interval over games, and the number of games."""
-    own, share = ratios(logs_of(rows, PPO), logs_of(rows, MMD)), shares(rows)
+def fit(x: Array, y: Array) -> tuple[Array, Array]:
+    """Ordinary least squares of y [n] on columns x [n, k]: the coefficients, and their standard
+    errors that are robust to unequal variances (HC3; MacKinnon and White, 1985)."""
+    inverse = np.linalg.inv(x.T @ x)
+    found = inverse @ x.T @ y
+    leverage = ((x @ inverse) * x).sum(axis=1)
+    weights = ((y - x @ found) / (1.0 - leverage)) ** 2
+    return found, np.sqrt(np.diag(inverse @ (x.T * weights) @ x @ inverse))
+
+
+def slope_of(own: Logs, regressor: Logs, *others: Logs) -> Row:
+    """The slope over games of a log-ratio on a regressor, beside others: "slope" with its interval
+    by HC3 and Student's t, and the number of games."""
+    y = np.array([*own.values()])
+    columns = [np.array([column[game] for game in own]) for column in (regressor, *others)]
+    found, error = fit(np.stack([*columns, np.ones(len(y))], axis=1), y)
+    half = t.ppf(0.975, len(y) - len(found)) * error[0]
+    return {"games": len(y), "slope": [float(found[0] + sign * half) for sign in (0, -1, 1)]}
+
+
+def bootstrapped(own: Logs, share: Logs) -> list[float]:
+    """The slope of a log-ratio on the mixed share, with its 95 % percentile interval over
+    `RESAMPLES` samples of games: the primary endpoint."""
     x, y = np.array([share[game] for game in own]), np.array([*own.values()])
-    rng = np.random.default_rng(0)
-    drawn = rng.integers(len(x), size=(RESAMPLES, len(x)))
+    drawn = np.random.default_rng(0).integers(len(x), size=(RESAMPLES, len(x)))
 
-    def fitted(x: Any, y: Any) -> Any:
+    def fitted(x: Array, y: Array) -> Array:
         away = x - x.mean(axis=-1, keepdims=True)
-        return (away * y).sum(axis=-1) / (away**2).sum(axis=-1)
+        return np.asarray((away * y).sum(axis=-1) / (away**2).sum(axis=-1))
 
-    low, high = np.percentile(fitted(x[drawn], y[drawn]), [2.5, 97.5])
-    return float(fitted(x, y)), float(low), float(high), len(x)
+    ends = np.percentile(fitted(x[drawn], y[drawn]), [2.5, 97.5])
+    return [float(value) for value in (fitted(x, y), *ends)]
+
+
+def slopes(rows: Sequence[Row]) -> list[Row]:
+    """The primary endpoint, the slope of log(PPO / MMD) on the mixed share, and how far it depends
+    on games, weights and regressors."""
+    own, share = ratios(logs_of(rows, PPO), logs_of(rows, MMD)), shares(rows)
+    found: list[Row] = [
+        {"what": "primary: bootstrap over games", "games": len(own),
+         "slope": bootstrapped(own, share)},
+        {"what": "primary: HC3", **slope_of(own, share)},
+    ]  # fmt: skip
+    for left in (1, 2):
+        parts = [
+            slope_of({g: v for g, v in own.items() if g not in out}, share)["slope"][0]
+            for out in combinations(own, left)
+        ]
+        ends = [float(np.median(parts)), min(parts), max(parts)]
+        what = f"without any {('one game', 'two games')[left - 1]}: median, least, largest"
+        found.append({"what": what, "games": len(own) - left, "slope": ends})
+    mazes = {game: value for game, value in own.items() if game.startswith("maze_game")}
+    found.append({"what": "mazes only", **slope_of(mazes, share)})
+    for one, other in product(("average", "last"), repeat=2):
+        logs = logs_of(rows, PPO, f"nash_conv_{one}"), logs_of(rows, MMD, f"nash_conv_{other}")
+        what = f"{one} weights of PPO, {other} weights of MMD"
+        found.append({"what": what, **slope_of(ratios(*logs), share)})
+    about = properties()
+    sizes = [
+        {game: float(np.log(row[name])) for game, row in about.items()}
+        for name in ("joint_actions", "most_actions")
+    ]
+    found.append({"what": "beside the logarithms of joint actions and of the most actions",
+                  **slope_of(own, share, *sizes)})  # fmt: skip
+    for name, what in (("weighted_gap", "on the gap of pure play, weighted by visits"),
+                       ("purified", "on log NashConv of the purified equilibrium")):  # fmt: skip
+        values = {game: row[name] for game, row in about.items()}
+        if name == "purified":
+            values = {game: float(np.log(value + LEAST)) for game, value in values.items()}
+        found.append({"what": what, **slope_of(own, values)})
+    rho = spearmanr([share[game] for game in own], [*own.values()]).statistic
+    found.append({"what": "Spearman's rank correlation", "games": len(own), "slope": float(rho)})
+    return found
+
+
+def properties() -> dict[str, Row]:
+    """The rows of games.csv by game; see `measure_games`."""
+    with (DATA / "games.csv").open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    numbers = {n: float for n in rows[0] if n != "game"}
+    return {row["game"]: {n: numbers[n](row[n]) for n in numbers} for row in rows}
 
 
 def comparisons(rows: Sequence[Row]) -> list[Row]:
@@ -115,18 +177,17 @@ def comparisons(rows: Sequence[Row]) -> list[Row]:
         own = ratios(logs_of(rows, PPO, mine), logs_of(rows, PPO, column))
         lines.append((f"ppo: {what}", [*own.values()]))
     own = ratios(ppo, logs_of(rows, RIVALS[0]))
-    lines.append(("ppo: no momentum / momentum", [*own.values()]))
+    lines.append((f"{PPO} / {RIVALS[0]}", [*own.values()]))
     for method in RIVALS[1:]:
         own = ratios(logs_of(rows, method), ppo)
         for name, _ in STRATA:
             part = [value for game, value in own.items() if stratum(share[game]) == name]
             lines.append((f"{method} / ppo, mixed share {name}", part))
     for method in POPULATIONS:
-        lines.append((f"{method} / ppo", [*ratios(logs_of(rows, method), ppo).values()]))
+        if logs := logs_of(rows, method):
+            lines.append((f"{method} / ppo", [*ratios(logs, ppo).values()]))
     found: list[Row] = []
     for what, values in lines:
-        if len(values) < 2:
-            continue
         ends = np.exp([fmean(values), *mean_interval([values])]).tolist()
         p = float(ttest_1samp(values, 0.0).pvalue)
         found.append({"what": what, "games": len(values), "ratio": ends, "p": p})
@@ -164,6 +225,27 @@ def by_game(rows: Sequence[Row]) -> list[Row]:
     return found
 
 
+def improved(rows: Sequence[Row]) -> list[Row]:
+    """Of every method whose curve is that of what is judged, and every stratum, the ratio of
+    NashConv at the end to that at half of the frames; geometric means over games and seeds."""
+    share, found = shares(rows), []
+    for method in (PPO, RIVALS[0], *RIVALS[2:], POPULATIONS[1]):
+        line: Row = {"method": method}
+        for name, _ in STRATA:
+            logs = []
+            for row in rows:
+                if (
+                    row["variant"] == method
+                    and stratum(share[row["game"]]) == name
+                    and row["curve"]
+                ):
+                    curve = [float(v) / row["payoff_range"] + LEAST for v in row["curve"].split()]
+                    logs.append(np.log(curve[-1] / curve[len(curve) // 2]))
+            line[name] = float(np.exp(fmean(logs))) if logs else None
+        found.append(line)
+    return found
+
+
 def markdown(rows: Sequence[Row]) -> str:
     """Rows as a table; numbers with three digits."""
     if not rows:
@@ -180,78 +262,6 @@ def markdown(rows: Sequence[Row]) -> str:
     cells = ([cell(row.get(name)) for name in heads] for row in rows)
     lines = [heads, ["---"] * len(heads), *cells]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
-
-
-# -- tuning and cost -------------------------------------------------------------------------------
-
-
-def trials(rung: int | None = None) -> dict[str, dict[int, list[Row]]]:
-    """The trials of a rung, by default the last one, by variant and number."""
-    rows = rows_of("tuning")
-    wanted = max(row["rung"] for row in rows) if rung is None else rung
-    found: dict[str, dict[int, list[Row]]] = {}
-    for row in rows:
-        if row["rung"] == wanted:
-            found.setdefault(row["variant"], {}).setdefault(row["trial"], []).append(row)
-    return found
-
-
-def chosen() -> dict[str, list[Row]]:
-    """By method the runs of the trial that was chosen."""
-    return {method: min(own.values(), key=score) for method, own in trials().items()}
-
-
-def settings_of(row: Row) -> Row:
-    """The settings of a trial."""
-    names = [name for name in settings_in([*row]) if name not in ("game", "variant", *NO_SETTINGS)]
-    return {name: row[name] for name in names if row[name] is not None}
-
-
-def stopped() -> list[Row]:
-    """Of every method on how many tuning games twice the frames do not lower NashConv + `LEAST` of
-    its chosen setting below 80 %, between the last two rungs."""
-    last = max(row["rung"] for row in rows_of("tuning"))
-    before, found = trials(last - 1), []
-    for method, rows in chosen().items():
-        earlier = {row["game"]: row for row in before[method][rows[0]["trial"]]}
-        ends = [score([row]) - score([earlier[row["game"]]]) for row in rows]
-        still = sum(end < np.log(0.8) for end in ends)
-        found.append({"method": method, "frames": rows[0]["budget_frames"], "games": len(ends),
-                      "stopped": len(ends) - still})  # fmt: skip
-    return found
-
-
-def costs(frames: int = 300_000, turns: int = 3) -> list[Row]:
-    """Processor seconds of a million frames of every method with its chosen settings, on a core:
-    medians over turns and over a game of each stratum of the short version."""
-    from tempfile import TemporaryDirectory
-
-    from train.kinds import start
-    from train.runs.folder import SELF_PLAY
-    from train.self_play.parts import self_play_settings_of
-
-    torch.set_num_threads(1)
-    best, taken = chosen(), dict[str, list[float]]()
-    variants = {}
-    for name in FILES:
-        _, file = read_file(name, "ablation", StudyFile)
-        like = file.tuning.like if file.tuning else {}
-        for variant in file.variants or ():
-            rows = best.get(like.get(variant["name"], variant["name"]))
-            tuned = settings_of(rows[0]) if rows else {}
-            variants[variant["name"]] = {**(file.settings or {}), **tuned, **variant}
-    games = choose_version(file, "short").grid["game"]  # type: ignore[index]
-    for _, game in product(range(turns), games):
-        for name, own in variants.items():
-            given = {n: value for n, value in own.items() if n != "name"}
-            settings = self_play_settings_of(
-                **{**given, "game": game, "frames": frames, "clock": "processor"}
-            )
-            with TemporaryDirectory() as folder:
-                run = start(SELF_PLAY, settings, Path(folder) / "run")
-                run.train(lambda run, row: None)
-                taken.setdefault(name, []).append(run.seconds * 1e6 / run.trainee.frames)
-    return [{"method": name, "seconds": median(values)} for name, values in taken.items()]
 
 
 # -- figures ---------------------------------------------------------------------------------------
@@ -290,7 +300,8 @@ def draw_curves(path: Path, rows: Sequence[Row]) -> None:
     for (name, _), axis in zip(STRATA, axes.ravel(), strict=True):
         games = [game for game, own in share.items() if stratum(own) == name]
         game = next((game for game in games if game in populations), games[0])
-        for number, method in enumerate((PPO, *RIVALS, *POPULATIONS)):
+        # The curve of psro would be that of its latest best response, not of its mixture.
+        for number, method in enumerate((PPO, *RIVALS, POPULATIONS[1])):
             own = [row for row in rows if (row["game"], row["variant"]) == (game, method)]
             own = [row for row in own if row["status"] == "complete"]
             curves = [[float(value) for value in row["curve"].split()] for row in own]
@@ -313,26 +324,11 @@ def draw_curves(path: Path, rows: Sequence[Row]) -> None:
 
 
 def main() -> None:
-    """Print the tables, and draw the figures; or print tuning or costs."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--tuning", action="store_true", help="print what was chosen")
-    parser.add_argument("--cost", action="store_true", help="measure processor seconds, in turns")
-    given = parser.parse_args()
-    if given.tuning:
-        print(markdown([{"method": name, **settings_of(own[0])} for name, own in chosen().items()]))
-        print(markdown(stopped()))
-        return
-    if given.cost:
-        print(markdown(costs()))
-        return
+    """Print the tables, and draw the figures."""
     rows = judged()
-    print(
-        "slope of log(PPO / MMD) on the mixed share: {:.2f} [{:.2f}, {:.2f}], {} games".format(
-            *slope(rows)
-        )
-    )
     matrix = [row for row in rows_of() if row not in rows]
-    for table in (by_stratum(rows), comparisons(rows), by_game(rows), by_game(matrix)):
+    tables = (slopes(rows), by_stratum(rows), comparisons(rows), improved(rows), by_game(rows))
+    for table in (*tables, by_game(matrix)):
         print(f"\n{markdown(table)}")
     draw_ratios(DATA / "ratios.png", rows)
     draw_curves(DATA / "curves.png", rows)

@@ -9,7 +9,13 @@ from scipy.sparse.linalg import splu
 
 from scripted_agents.games.episodes import longest_play, return_range
 from scripted_agents.games.small_game import SmallGame
-from scripted_agents.games.solve import SmallEquilibrium, chain_of, equilibrium, iterate
+from scripted_agents.games.solve import (
+    Policies,
+    SmallEquilibrium,
+    chain_of,
+    equilibrium,
+    iterate,
+)
 
 LEAST_APART = 1e-6
 """Share of the range of returns above which a difference between minimax and maximin counts."""
@@ -43,7 +49,15 @@ def mixed_share(
         shorter = horizon > 1  # values of the steps after the first
         later = equilibrium(game, discount, horizon - 1).values if shorter else 0.0 * later
     mixed = apart(game, later, discount) > LEAST_APART * (high - low)
-    step, _ = chain_of(game, found.policies)
+    return float(visits_of(game, found.policies, discount, horizon)[mixed].sum())
+
+
+def visits_of(
+    game: SmallGame, policies: Policies, discount: float, horizon: int | None = None
+) -> NDArray[np.float64]:
+    """[states] float64 with sum 1: the share of discounted visits from the starts when all play
+    these policies; arguments and errors are those of `returns_of`."""
+    step, _ = chain_of(game, policies)
     back = step.T
 
     def visits_after(visits: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -54,7 +68,7 @@ def mixed_share(
         return np.asarray(splu(system).solve(game.start))
 
     visits = iterate(visits_after, game.start, discount, horizon, solved)
-    return float(visits[mixed].sum() / visits.sum())
+    return np.asarray(visits / visits.sum())
 
 
 def apart(game: SmallGame, values: NDArray[np.float64], discount: float) -> NDArray[np.float64]:

@@ -1,0 +1,112 @@
+"""The analysis of the study of self-play by mixed share, on rows that are made here."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from math import exp, log
+from pathlib import Path
+from statistics import fmean
+from typing import Any
+
+import numpy as np
+import pytest
+
+TOOLS = Path(__file__).parents[1] / "tools"
+Row = dict[str, Any]
+
+
+def loaded(name: str) -> Any:
+    """A module of tools/."""
+    spec = importlib.util.spec_from_file_location(name, TOOLS / f"{name}.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+analysis = loaded("self_play_mixing")
+
+
+def conv(method: str, share: float, game: str, seed: int) -> float:
+    """NashConv in shares of the range of the rows below, so that the logarithm of PPO / MMD, with
+    the constant added, is 0.3 + 2 * share."""
+    base = 0.05 + 0.001 * (len(game) % 7)
+    noise = exp(0.1 * (seed - 1)) * (1.0 if method in ("ppo", "mmd") else 1.0 + len(game) / 1000)
+    if method == "ppo":
+        return float((base + 1e-3) * noise * exp(0.3 + 2.0 * share) - 1e-3)
+    return float((base + 1e-3) * noise - 1e-3)
+
+
+def rows() -> list[Row]:
+    """A row for every judged game, method and seed."""
+    found = []
+    for game, about in analysis.properties().items():
+        scale = 2.0 + len(game) % 3
+        for method in ("ppo", *analysis.RIVALS):
+            for seed in range(3):
+                share = about["mixed_share"]
+                value = scale * conv(method, share, game, seed)
+                row: Row = {"game": game, "variant": method, "status": "complete", "seed": seed}
+                row |= {"payoff_range": scale, "mixed_share": share, "curve": "", "frames": 10}
+                for name in ("last", "average", "last_likely", "average_likely"):
+                    row[f"nash_conv_{name}"] = value
+                found.append(row | {"played_nash_conv": value})
+    return found
+
+
+def test_slopes_are_those_of_the_rows() -> None:
+    found = {row["what"]: row for row in analysis.slopes(rows())}
+    assert len(analysis.properties()) == 29
+    for what in ("primary: bootstrap over games", "primary: HC3", "mazes only"):
+        assert found[what]["slope"] == pytest.approx([2.0] * 3, abs=1e-6), what
+    assert found["primary: HC3"]["games"] == 29
+    assert found["Spearman's rank correlation"]["slope"] > 0.99  # games with share 0 are equal
+
+
+def test_robust_errors_are_those_of_leaving_one_game_out() -> None:
+    rng = np.random.default_rng(0)
+    x = np.stack([rng.random(12), np.ones(12)], axis=1)
+    y = 3.0 * x[:, 0] + rng.normal(size=12) * (1.0 + 4.0 * x[:, 0])
+    found, error = analysis.fit(x, y)
+    assert found == pytest.approx(np.linalg.lstsq(x, y, rcond=None)[0])
+    without = [
+        np.linalg.lstsq(np.delete(x, i, axis=0), np.delete(y, i), rcond=None)[0] for i in range(12)
+    ]
+    # HC3 is the sum of squared changes by leaving one observation out (MacKinnon and White, 1985).
+    assert error == pytest.approx(np.sqrt(((np.array(without) - found) ** 2).sum(axis=0)))
+
+
+def test_a_failed_run_counts_as_the_whole_range() -> None:
+    own = rows()
+    game, share = own[0]["game"], own[0]["mixed_share"]
+    failed = {"game": game, "variant": "ppo", "status": "failed", "seed": 0}
+    own[0] = failed | dict.fromkeys(("played_nash_conv", "payoff_range", "mixed_share", "curve"))
+    rest = [log(conv("ppo", share, game, seed) + 1e-3) for seed in (1, 2)]
+    expected = fmean([log(1.0 + 1e-3), *rest])
+    assert analysis.logs_of(own, "ppo")[game] == pytest.approx(expected)
+    assert analysis.shares(own)[game] == share
+
+
+def test_strata_and_comparisons_hold_all_games_and_methods() -> None:
+    own = rows()
+    share = analysis.shares(own)
+    counts = [
+        sum(analysis.stratum(value) == name for value in share.values())
+        for name, _ in analysis.STRATA
+    ]
+    assert counts == [7, 7, 7, 8]
+    lines = {row["what"]: row for row in analysis.comparisons(own)}
+    # The populations have no rows here.
+    assert len(lines) == 3 + 4 * 4
+    assert sum(row["games"] for what, row in lines.items() if what.startswith("mmd")) == 29
+    ratio = lines["ppo / ppo with momentum"]["ratio"][0]
+    factors = [0.3 + 2.0 * value - log(1.0 + len(game) / 1000) for game, value in share.items()]
+    assert ratio == pytest.approx(exp(fmean(factors)))
+    assert lines["mmd / ppo, mixed share above 5 %"]["ratio"][0] < 0.7
+    assert all(row["p_holm"] >= row["p"] or row["p"] != row["p"] for row in lines.values())
+    table = {row["method"]: row for row in analysis.by_stratum(own)}
+    zero = [game for game, value in share.items() if value == 0.0]
+    logs = [fmean(log(conv("mmd", 0.0, game, s) + 1e-3) for s in range(3)) for game in zero]
+    assert table["mmd"]["0"] == pytest.approx(100.0 * (exp(fmean(logs)) - 1e-3))
