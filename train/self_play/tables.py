@@ -12,6 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from torch import Tensor
 
 from pursuit.simulator.policy import GameView, Policy
 from pursuit.tasks.task import Task
@@ -40,7 +41,8 @@ class CellTables:
         self._members: list[Policy | None] = []  # kept alive, as they are identified by id()
         self._key: tuple[int, ...] = ()
         self._places = np.zeros(0, dtype=np.int64)
-        self._version = -1  # of the weights in the table of the first member
+        self._weights: list[Tensor] = []  # of the first member; listing them takes long
+        self._version = -1  # of the weights in its table
 
     def places(self, policies: Sequence[Policy | None], task: Task | GameTask) -> NDArray[np.int64]:
         """[policies] the index of the table of each policy, updated; -1 for none.
@@ -56,8 +58,8 @@ class CellTables:
         elif len(key) and self._places[0] >= 0:
             first = self._members[0]
             assert isinstance(first, NetworkPolicy)
-            if _version_of(first) != self._version:
-                self._version, self.cumulative[0] = _version_of(first), _table_of(first, task)
+            if (version := _version_of(self._weights)) != self._version:
+                self._version, self.cumulative[0] = version, _table_of(first, task)
         return self._places
 
     def draw(
@@ -100,7 +102,8 @@ class CellTables:
             if isinstance(policy, NetworkPolicy) and _fits(policy, task, most):
                 self._places[number] = len(tables)
                 if number == 0:
-                    self._version = _version_of(policy)
+                    self._weights = [*policy.network.parameters()]
+                    self._version = _version_of(self._weights)
                 table = known.get(id(policy)) if number else None
                 tables.append(_table_of(policy, task) if table is None else table)
         self.cumulative = np.stack(tables) if tables else np.empty((0, 0, 0))
@@ -118,9 +121,9 @@ def _fits(policy: NetworkPolicy, task: Task | GameTask, most: int) -> bool:
     return own.stay_action == task.stay_action and policy.plays_in(task.mazes[0])
 
 
-def _version_of(policy: NetworkPolicy) -> int:
-    """A number that grows with every change of the weights."""
-    return sum(weights._version for weights in policy.network.parameters())
+def _version_of(weights: Sequence[Tensor]) -> int:
+    """A number that grows with every change of weights."""
+    return sum(each._version for each in weights)
 
 
 def _table_of(policy: NetworkPolicy, task: Task | GameTask) -> NDArray[np.float64]:
