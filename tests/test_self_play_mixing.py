@@ -56,6 +56,19 @@ def rows() -> list[Row]:
     return found
 
 
+PAGE = TOOLS.parent / "docs" / "results" / "self_play_mixing.md"
+
+
+def test_the_tables_of_the_page_are_those_of_the_rows() -> None:
+    page = PAGE.read_text(encoding="utf-8")
+    if not (analysis.DATA / "runs.csv").exists():
+        assert "which are not complete yet" in page and "\n|" not in page
+        return
+    for title, table in analysis.tables().items():
+        assert table and table in page, title
+    assert page.count("\n|---") == len(analysis.tables())
+
+
 def test_slopes_are_those_of_the_rows() -> None:
     found = {row["what"]: row for row in analysis.slopes(rows())}
     assert len(analysis.properties()) == 29

@@ -246,20 +246,23 @@ def improved(rows: Sequence[Row]) -> list[Row]:
     return found
 
 
+def shown(value: object) -> str:
+    """A cell of a table: numbers with three digits, an interval behind its centre."""
+    if isinstance(value, list):
+        center, low, high = (shown(number) for number in value)
+        return f"{center} [{low}, {high}]"
+    if isinstance(value, float):
+        digits = 0 if value == 0.0 else max(2 - int(np.floor(np.log10(abs(value)))), 0)
+        return "< 0.0001" if 0.0 < value < 1e-4 else f"{value:.{min(digits, 4)}f}"
+    return "" if value is None else str(value)
+
+
 def markdown(rows: Sequence[Row]) -> str:
-    """Rows as a table; numbers with three digits."""
+    """Rows as a table."""
     if not rows:
         return ""
-
-    def cell(value: object) -> str:
-        if isinstance(value, list):
-            return f"{value[0]:.2f} [{value[1]:.2f}, {value[2]:.2f}]"
-        if isinstance(value, float):
-            return f"{value:.3g}"
-        return "" if value is None else str(value)
-
     heads = [*dict.fromkeys(name for row in rows for name in row)]
-    cells = ([cell(row.get(name)) for name in heads] for row in rows)
+    cells = ([shown(row.get(name)) for name in heads] for row in rows)
     lines = [heads, ["---"] * len(heads), *cells]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
@@ -323,13 +326,26 @@ def draw_curves(path: Path, rows: Sequence[Row]) -> None:
     pyplot.close(figure)
 
 
+def tables() -> dict[str, str]:
+    """The tables of the page as Markdown, by title."""
+    rows = judged()
+    matrix = [row for row in rows_of() if row["game"].startswith(MATRIX)]
+    found = {
+        "Slope of log(PPO / MMD)": slopes(rows),
+        "NashConv by stratum, % of the range": by_stratum(rows),
+        "Comparisons": comparisons(rows),
+        "NashConv at the end / at half of the frames": improved(rows),
+        "NashConv by game, % of the range": by_game(rows),
+        "Matrix games": by_game(matrix),
+    }
+    return {title: markdown(table) for title, table in found.items()}
+
+
 def main() -> None:
     """Print the tables, and draw the figures."""
     rows = judged()
-    matrix = [row for row in rows_of() if row not in rows]
-    tables = (slopes(rows), by_stratum(rows), comparisons(rows), improved(rows), by_game(rows))
-    for table in (*tables, by_game(matrix)):
-        print(f"\n{markdown(table)}")
+    for title, table in tables().items():
+        print(f"\n{title}\n\n{table}")
     draw_ratios(DATA / "ratios.png", rows)
     draw_curves(DATA / "curves.png", rows)
 
