@@ -25,6 +25,7 @@ from scripted_agents.games.mixing import apart, visits_of
 from train.experiments.expansion import NO_SETTINGS
 from train.experiments.halving import score
 from train.experiments.recorded import settings_in
+from train.experiments.search import Range, range_of
 from train.experiments.study import StudyFile, choose_version, read_file
 from train.files import write_csv
 from train.kinds import start
@@ -59,6 +60,23 @@ def settings_of(row: Row) -> Row:
     """The settings of a trial."""
     names = [name for name in settings_in([*row]) if name not in ("game", "variant", *NO_SETTINGS)]
     return {name: row[name] for name in names if row[name] is not None}
+
+
+def near_ends(method: str, row: Row) -> str:
+    """The chosen numbers within a tenth of the end of their range, on its scale."""
+    found = []
+    for file_name in FILES:
+        tuning = read_file(file_name, "ablation", StudyFile)[1].tuning
+        space = {} if tuning is None else tuning.space.get(method, {})
+        for name, given in space.items():
+            form = range_of(name, given)
+            if isinstance(form, Range):
+                low, high, value = form.low, form.high, float(row[name])
+                if form.scale == "log":
+                    low, high, value = (float(np.log(each)) for each in (low, high, value))
+                if not 0.1 <= (value - low) / (high - low) <= 0.9:
+                    found.append(f"{name} {row[name]:g} in {form.low:g} to {form.high:g}")
+    return ", ".join(found)
 
 
 def stopped() -> list[Row]:
@@ -152,7 +170,10 @@ def main() -> None:
     elif given.cost:
         print(markdown(costs()))
     else:
-        print(markdown([{"method": name, **settings_of(own[0])} for name, own in chosen().items()]))
+        best = {name: own[0] for name, own in chosen().items()}
+        print(markdown([{"method": name, **settings_of(row)} for name, row in best.items()]))
+        for name, row in best.items():
+            print(f"{name}, near the end of a range: {near_ends(name, row) or 'none'}")
         print(markdown(stopped()))
 
 
