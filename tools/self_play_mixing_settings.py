@@ -97,6 +97,20 @@ def stopped() -> list[Row]:
     return found
 
 
+def tables() -> str:
+    """The tables of the page: a column for every method, and a row for every setting."""
+    best = {name: settings_of(own[0]) for name, own in chosen().items()}
+    names = dict.fromkeys(name for settings in best.values() for name in settings)
+    rows = [
+        {"setting": name} | {m: f"{own.get(name, '')}" for m, own in best.items()} for name in names
+    ]
+    near = [
+        f"{name}: {found}" for name, own in chosen().items() if (found := near_ends(name, own[0]))
+    ]
+    ends = f"Near the end of a range: {'; '.join(near) or 'none'}."
+    return "\n\n".join([markdown(rows), ends, markdown(stopped())])
+
+
 def costs(frames: int = 300_000, turns: int = 3) -> list[Row]:
     """Processor seconds of a million frames of every method with its chosen settings, on a core:
     medians over turns and over a game of each stratum of the short version."""
@@ -170,11 +184,7 @@ def main() -> None:
     elif given.cost:
         print(markdown(costs()))
     else:
-        best = {name: own[0] for name, own in chosen().items()}
-        print(markdown([{"method": name, **settings_of(row)} for name, row in best.items()]))
-        for name, row in best.items():
-            print(f"{name}, near the end of a range: {near_ends(name, row) or 'none'}")
-        print(markdown(stopped()))
+        print(tables())
 
 
 if __name__ == "__main__":
