@@ -141,12 +141,12 @@ class SelfPlayCommand(RunCommand):
 
 def self_play(arguments: Sequence[str]) -> None:
     """`pursuit self-play`."""
-    from train.self_play.mixing import describe_mixing, known_mixed_share  # torch is slow to import
-
     given, settings = parsed(arguments)
     played = settings.task
     where = Path(played.maze).stem if isinstance(played, TaskSettings) else played.label
     started, final = start_or_resume(SELF_PLAY, settings, given, f"self-play-{where}")
+    from train.self_play.mixing import describe_mixing, known_mixed_share  # torch is slow to import
+
     run = cast("Run[SelfPlay]", started)
     print(f"self-play: {run.trainee.line()}; opponents: {run.trainee.settings.sampling}")
     for line in describe_mixing(known_mixed_share(run.trainee.task, run.trainee.parts.discount)):

@@ -287,7 +287,7 @@ def read_file(name: str, kind: str, form: type[Form]) -> tuple[Path, Form]:
             of another form.
     """
     path, names = Path(name), shipped(kind)
-    if not path.exists() and name in names:
+    if not path.is_file() and name in names:  # a folder of that name may hold an earlier run
         path = FOLDERS[kind] / f"{name}.toml"
     check(path.is_file(), f"{name}: no such {kind} file; shipped are {', '.join(names)}")
     try:

@@ -107,7 +107,7 @@ def test_the_better_half_goes_on_with_twice_the_frames(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("[tuning.space.mmd]", "[tuning.space.nobody]", "'nobody' in .tuning.; give the name"),
+        ("[tuning.space.mmd]", "[tuning.space.other]", "'other' in .tuning.; give the name"),
         ('momentum" = "ppo"', 'momentum" = "rnad"', "like 'rnad'"),
         ("goofspiel(cards=3)", "soccer(rows=2,columns=4)", "are those of the study"),
         ("frames = 1000", "seconds = 1", "rungs are counted in frames"),

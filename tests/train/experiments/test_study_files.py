@@ -147,6 +147,15 @@ def test_no_such_file_or_version(kind: str, version: str | None, message: str) -
         load_study("ppo" if version else "nothing", kind, version)
 
 
+@pytest.mark.parametrize(("kind", "name"), [("ablation", "maze-size"), ("sweep", "encodings")])
+def test_a_folder_of_its_name_does_not_hide_a_shipped_file(
+    kind: str, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / name).mkdir()
+    monkeypatch.chdir(tmp_path)
+    assert load_study(name, kind, "short").runs
+
+
 # -- expansion -------------------------------------------------------------------------------------
 
 

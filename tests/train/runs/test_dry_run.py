@@ -146,7 +146,7 @@ def test_what_cannot_be_evaluated_is_an_error_before_training(
         ("trainee.limited_best_responses", {"view_radius": "1"}),
         ("trainee.exact_best_responses", {"num_chasers": 2}),
         ("trainee.whole_game", {"num_evaders": 2}),
-        ("trainee.build_run", {"num_evaders": 2}),
+        ("metrics.build_run", {"num_evaders": 2}),
     ],
 )
 def test_what_self_play_cannot_evaluate_is_an_error_before_training(
