@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -169,6 +169,21 @@ class StateView:
         return numbers
 
 
+class OpponentTables(NamedTuple):
+    """The opponents of a player in a game of two as tables.
+
+    Attributes:
+        cumulative: [opponents, states, actions] float64, sums of the probabilities over the actions
+            by their numbers.
+        members: [games] int64, the opponent of every game; changed where games restart.
+        shares: [opponents] float64, the probabilities with which new opponents are drawn.
+    """
+
+    cumulative: NDArray[np.float64]
+    members: NDArray[np.int64]
+    shares: NDArray[np.float64]
+
+
 class StatePolicy(Protocol):
     """A policy of a player that depends on the state only."""
 
@@ -269,6 +284,36 @@ class GameSimulator(BatchSimulator[GameTask]):
         if wrong != tables.OK:
             game, seat = divmod(wrong, task.num_agents)
             raise ValueError(self.why_illegal(game, seat, int(chosen[game, seat])))
+
+    def play(
+        self,
+        seats: tuple[int, int],
+        draws: NDArray[np.float64],
+        own: NDArray[np.float64],
+        opponents: OpponentTables,
+    ) -> tables.Played:
+        """Play some steps of a game of two by tables, with restarts; as `tables.play_steps`.
+
+        Args:
+            seats: of the player of `own`, and of its opponent.
+            draws: [2, steps, games] in [0, 1).
+            own: [states, actions], sums of the probabilities over the actions.
+            opponents: the tables of its opponents.
+        """
+        steps, games = draws.shape[1:]
+        shape = steps, games
+        state, final, lengths = np.zeros((3, *shape), dtype=np.int32)
+        action, members = np.zeros((2, *shape), dtype=np.int64)
+        ended = np.zeros((2, *shape), dtype=np.bool_)
+        reward, returns = np.zeros(shape, dtype=np.float32), np.zeros((*shape, 2))
+        flags = ended[0], ended[1]
+        played = tables.Played(state, action, reward, *flags, final, returns, lengths, members)
+        actions = np.zeros((games, 2), dtype=np.int32)
+        sums = np.cumsum(opponents.shares)
+        how = self._joints, actions, self.task.max_steps, np.array(seats), draws, own
+        against = opponents.cumulative, opponents.members, sums
+        tables.play_steps(*how, *against, played, *self.task.tables, *self._arrays)
+        return played
 
     def why_illegal(self, game: int, seat: int, action: int) -> str:
         """The message for an illegal action."""

@@ -217,6 +217,85 @@ def step_games(joints: Longs, actions: Ints, most: int, restart: bool, *arrays: 
     return OK
 
 
+class Played(NamedTuple):
+    """What happened in some steps of all games; rows [steps, games].
+
+    Attributes:
+        state: int32, before the step.
+        action: int64, of the first player of the kernel.
+        reward: float32, of that player.
+        terminated, truncated: bool.
+        final: int32, the state after the step; after the end of the game the one before it.
+        returns: [steps, games, players] float64, of the episodes that ended in the step.
+        lengths: int32, likewise.
+        members: int64, likewise: the opponent.
+    """
+
+    state: Ints
+    action: Longs
+    reward: Floats
+    terminated: Flags
+    truncated: Flags
+    final: Ints
+    returns: NDArray[np.float64]
+    lengths: Ints
+    members: Longs
+
+
+@compiled
+def play_steps(
+    joints: Longs, actions: Ints, most: int, seats: Longs, draws: Reals, own: Reals, theirs: Reals,
+    members: Longs, shares: Reals, played: Played, *arrays: Any,
+) -> None:  # fmt: skip
+    """Play all games for some steps by tables of two players, with restarts.
+
+    Args:
+        joints: [games], working memory.
+        actions: [games, 2], working memory.
+        most: steps of an episode.
+        seats: [2], of the player of `own` and of its opponent.
+        draws: [2, steps, games] in [0, 1), for the actions of `own` and for new opponents.
+        own: [states, actions], sums of probabilities over the actions by their numbers.
+        theirs: [members, states, actions], likewise of every opponent.
+        members: [games], the opponent of each game; those of restarted games are drawn anew.
+        shares: [members], sums of their probabilities.
+        played: written.
+        arrays: as in `named`; the games do not restart by themselves.
+    """
+    tables, copies = named(arrays)
+    seat, other = seats[0], seats[1]
+    for step in range(draws.shape[1]):
+        for game in range(actions.shape[0]):
+            state = copies.state[game]
+            played.state[step, game] = state
+            sums = own[state]
+            last = sums.shape[0] - 1
+            action = place_of(sums, 0, last, draws[0, step, game] * sums[last])
+            played.action[step, game] = action
+            actions[game, seat] = action
+            sums = theirs[members[game], state]
+            last = sums.shape[0] - 1
+            draw = next_uniform(copies.streams[game], FIRST_PLAYER_STREAM + other)
+            actions[game, other] = place_of(sums, 0, last, draw * sums[last])
+        step_games(joints, actions, most, False, *arrays)
+        for game in range(actions.shape[0]):
+            played.reward[step, game] = copies.rewards[game, seat]
+            played.terminated[step, game] = copies.terminated[game]
+            played.truncated[step, game] = copies.truncated[game]
+            played.final[step, game] = copies.state[game]
+            if copies.terminated[game] or copies.truncated[game]:
+                for player in range(2):
+                    played.returns[step, game, player] = copies.returns[game, player]
+                played.lengths[step, game] = copies.steps[game]
+                played.members[step, game] = members[game]
+                _start(game, tables, copies)
+                copies.terminated[game] = copies.truncated[game] = False
+                if shares.shape[0] > 1:
+                    last = shares.shape[0] - 1
+                    draw = draws[1, step, game] * shares[last]
+                    members[game] = place_of(shares, 0, last, draw)
+
+
 @compiled
 def draw_actions(
     offsets: Longs, sums: Reals, numbers: Ints, state: Ints, epsilon: Reals, own: float,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import cast
+from typing import Any, cast
 
 import torch
 
@@ -11,6 +11,7 @@ from pursuit.observations.masks import ACTION_MASK
 from train.algorithms.advantages import advantages
 from train.algorithms.collector import Collector, Columns
 from train.algorithms.learner import Build, HasState, VecEnv, backward
+from train.algorithms.table_rollouts import TableCollector, plays_by_tables
 from train.environments.seat_env import CRITIC
 from train.networks.actor_critic import ActorCritic
 from train.networks.distributions import DISTRIBUTION
@@ -81,7 +82,13 @@ class TorchEngine:
         self.keep_distribution = keep_distribution
         self.edit: Callable[[Columns], Columns] = lambda rollout: rollout
         value = self._value if critic else None
-        self.collector = Collector(env, self._step, steps, sum(network.sizes), device, value)
+        how = (env, self._step, steps, sum(network.sizes), device, value)
+        keep = DISTRIBUTION if keep_distribution else None
+        self.collector = (
+            TableCollector(self._evaluate, keep, *how)
+            if plays_by_tables(env, network, steps, device)
+            else Collector(*how)
+        )
 
     def start(self) -> None:
         """Called before the first `act` of a rollout."""
@@ -104,6 +111,13 @@ class TorchEngine:
         if self.keep_distribution:
             columns[DISTRIBUTION] = distribution.parameters
         return columns, state
+
+    def _evaluate(
+        self, observation: torch.Tensor, allowed: torch.Tensor | None
+    ) -> tuple[Any, torch.Tensor]:
+        """The action distribution and the value of every observation."""
+        output, value = self.network(observation)
+        return self.network.distribution(output, allowed), value.squeeze(-1)
 
     def _value(self, seen: Columns, state: torch.Tensor) -> torch.Tensor:
         return self.network.step(seen["observation"], state, seen.get(CRITIC))[1].squeeze(-1)

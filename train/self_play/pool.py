@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from pursuit.rules.arrays import Array
 from pursuit.simulator.policy import GameView, Policy, play
 from pursuit.validation import check, raised
+from scripted_agents.games.simulator import GameTask
 from train.files import Plain
 from train.networks.features import observed
 from train.networks.policy import NetworkPolicy
@@ -328,6 +329,12 @@ class PoolPolicy:
         latest = hasattr(self.pool.members[0].policy, "memory")
         policies = {m.name: m.policy for m in self.pool.members if m.scripted or latest}
         return {name: policy for name, policy in policies.items() if hasattr(policy, "memory")}
+
+    def all_tables(self, task: GameTask) -> NDArray[np.float64] | None:
+        """[members, states, actions] the tables of all members; None if one has none."""
+        policies: list[Any] = self.pool.policies(np.arange(len(self.pool.members)))
+        places = self.tables.places(policies, task)
+        return self.tables.cumulative[places] if (places >= 0).all() else None
 
     def act(self, view: GameView) -> NDArray[np.int32]:
         """[num_games] int32 actions: drawn from tables if available (see `CellTables`), otherwise

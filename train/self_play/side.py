@@ -15,7 +15,7 @@ from pursuit.simulator.policy import Policy
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task
 from scripted_agents.games.episodes import return_range
-from scripted_agents.games.simulator import GameSimulator, GameTask
+from scripted_agents.games.simulator import GameSimulator, GameTask, OpponentTables
 from train.algorithms.learner import Learner
 from train.algorithms.registry import Algorithm, Build, build_learner
 from train.environments.hooks import EpisodeHook
@@ -27,7 +27,7 @@ from train.networks.policy import Seat
 from train.networks.small_game_policy import SmallGameSeat
 from train.runs.folder import check_learned, game_digest
 from train.runs.training_state import restore_simulator, simulator_tensors
-from train.self_play.pool import PoolPolicy
+from train.self_play.pool import OpponentPool, PoolPolicy
 from train.settings.algorithms import Hyperparameters
 from train.tensors import State
 
@@ -88,14 +88,35 @@ class Opponents(EpisodeHook):
     def episode_ended(self, games: NDArray[np.bool_]) -> None:
         """Record the learner's scores against the opponents of these games."""
         if isinstance(self.simulator, GameSimulator):
-            scores = game_scores(self.simulator, self.role, games)
+            returns = self.simulator.returns[games]
+            scores = game_scores(self.simulator.task, self.role, returns)
         else:
             assert isinstance(self.simulator, Simulator)
             scores = maze_scores(self.simulator, self.role, games, self.discount)
         for policy in self.policies.values():
-            opponents = policy.opponents[games]
-            for member in np.unique(opponents).tolist():
-                policy.pool.note(member, scores[opponents == member])
+            note(policy.pool, policy.opponents[games], scores)
+
+    def opponent_tables(self) -> OpponentTables | None:
+        """As of `EpisodeHook`, where there is one opponent and all of its pool have tables."""
+        if len(self.policies) > 1 or not isinstance(self.simulator, GameSimulator):
+            return None
+        ((other, policy),) = self.policies.items()
+        cumulative = policy.all_tables(self.simulator.task)
+        if cumulative is None:
+            return None
+        return OpponentTables(cumulative, policy.opponents, self.shares[other])
+
+    def note_episodes(self, members: NDArray[np.int64], returns: NDArray[np.float64]) -> None:
+        """Record the learner's scores in these episodes."""
+        assert isinstance(self.simulator, GameSimulator)
+        (policy,) = self.policies.values()
+        note(policy.pool, members, game_scores(self.simulator.task, self.role, returns))
+
+
+def note(pool: OpponentPool, members: NDArray[np.int64], scores: NDArray[np.float64]) -> None:
+    """Record scores [n] against members [n] of a pool."""
+    for member in np.unique(members).tolist():
+        pool.note(member, scores[members == member])
 
 
 def maze_scores(
@@ -116,16 +137,13 @@ def maze_scores(
     return np.asarray(left if role == "chaser" else 1.0 - left)
 
 
-def game_scores(
-    simulator: GameSimulator, player: str, games: NDArray[np.bool_]
-) -> NDArray[np.float64]:
-    """[n] the scores in [0, 1] of a player in the games of a mask, which have just ended.
+def game_scores(task: GameTask, player: str, returns: NDArray[np.float64]) -> NDArray[np.float64]:
+    """[n] the scores in [0, 1] of a player in episodes with these returns [n, players].
 
     In a zero-sum game of two the return as a share of its range within the time limit, so that they
     also differ where one player never has a return above 0. In other games 1 for a return above the
     mean of all players, 0 for one below it, 1/2 for one equal to it.
     """
-    returns, task = simulator.returns[games], simulator.task
     own = returns[:, task.seat(player)]
     if task.game.zero_sum:
         low, high = range_of_returns(task, player)
