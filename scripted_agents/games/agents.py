@@ -13,7 +13,7 @@ from scripted_agents.games import tables
 from scripted_agents.games.encoding import mended
 from scripted_agents.games.episodes import longest_play
 from scripted_agents.games.simulator import GameTask, StateView
-from scripted_agents.games.small_game import Behaviour, SmallGame
+from scripted_agents.games.small_game import KEPT, Behaviour, SmallGame
 from scripted_agents.games.solve import SmallEquilibrium, equilibrium
 
 UNIFORM, EQUILIBRIUM = "uniform", "equilibrium"
@@ -83,7 +83,7 @@ def uniform_table(game: SmallGame, player: str) -> NDArray[np.float64]:
     return 1.0 / np.repeat(sizes, sizes)
 
 
-@lru_cache(maxsize=1)
+@lru_cache(maxsize=KEPT)
 def solved(game: SmallGame) -> SmallEquilibrium:
     """The equilibrium that `equilibrium` agents play, computed once.
 

@@ -14,7 +14,7 @@ from scripted_agents.games.enumeration import enumerate_game
 from scripted_agents.games.game import Game
 from scripted_agents.games.library import SHIPPED
 from scripted_agents.games.openspiel_optional import openspiel_game
-from scripted_agents.games.small_game import SmallGame
+from scripted_agents.games.small_game import KEPT, SmallGame
 
 GAMES: Registry[Any] = Registry(
     "game",
@@ -61,7 +61,7 @@ def arguments_of(text: str, given: str) -> dict[str, Any]:
     return values
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=KEPT)
 def game_named(text: str) -> Game | SmallGame:
     """The game of this name, enumerated only if its function does that; see `load_game`.
 
@@ -87,7 +87,7 @@ def game_named(text: str) -> Game | SmallGame:
     return game
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=KEPT)
 def load_game(text: str) -> SmallGame:
     """A game by name, enumerated; one object for equal names.
 

@@ -19,6 +19,9 @@ from scripted_agents.games.game import Action, State
 ZERO_SUM = 1e-9
 """Sums of rewards up to this share of the largest are 0."""
 
+KEPT = 16
+"""Games and their solutions that stay in memory: studies have many runs of several games."""
+
 ENDED, DRAWN = -1, -2
 """In place of the state after a joint action: the game has ended; it is drawn."""
 

@@ -17,6 +17,7 @@ from scripted_agents.games.agents import DISCOUNT as GAME_DISCOUNT
 from scripted_agents.games.episodes import longest_play, return_range
 from scripted_agents.games.named import load_game
 from scripted_agents.games.simulator import GameTask
+from scripted_agents.games.small_game import KEPT
 from train.files import Plain
 from train.settings.presets import (
     TUNED,
@@ -68,7 +69,7 @@ def game_of(settings: SmallGameSettings) -> GameTask:
     return _game_with(settings.game, settings.max_steps)
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=KEPT)
 def _game_with(name: str, max_steps: int) -> GameTask:
     return GameTask(load_game(name), name, max_steps)
 
@@ -80,7 +81,7 @@ def discount_of(settings: SmallGameSettings) -> float:
     return 1.0 if ends else GAME_DISCOUNT
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=KEPT)
 def _longest_play(task: GameTask) -> int | None:
     return longest_play(task.game)
 
@@ -90,7 +91,7 @@ def horizon_of(task: GameTask, discount: float) -> int | None:
     return task.max_steps if discount == 1.0 else None
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=2 * KEPT)
 def reward_scale(task: GameTask, player: str, discount: float) -> float:
     """The factor of a player's rewards in training with which all its returns lie in [-1, 1].
 

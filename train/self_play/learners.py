@@ -12,6 +12,7 @@ from pursuit.validation import check
 from scripted_agents.environments import agent_name
 from scripted_agents.games.enumeration import names_of_players
 from scripted_agents.games.named import game_named
+from scripted_agents.games.small_game import KEPT
 from train.files import Plain
 from train.runs.tasks import discount_of, profile_of
 from train.settings.algorithms import TUNED_AS, Hyperparameters, hyperparameter_form
@@ -130,7 +131,7 @@ def unchecked_self_play(**flat: Any) -> SelfPlayBase:
     return made
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=KEPT)
 def _players_named(game: str) -> tuple[str, ...]:
     return names_of_players(game_named(game))
 

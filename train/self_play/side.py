@@ -16,6 +16,7 @@ from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task
 from scripted_agents.games.episodes import return_range
 from scripted_agents.games.simulator import GameSimulator, GameTask, OpponentTables
+from scripted_agents.games.small_game import KEPT
 from train.algorithms.learner import Learner
 from train.algorithms.registry import Algorithm, Build, build_learner
 from train.environments.hooks import EpisodeHook
@@ -152,7 +153,7 @@ def game_scores(task: GameTask, player: str, returns: NDArray[np.float64]) -> ND
     return np.asarray(0.5 + 0.5 * np.sign(np.where(np.abs(lead) < 1e-9, 0.0, lead)))
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=2 * KEPT)
 def range_of_returns(task: GameTask, player: str) -> tuple[float, float]:
     """The least and the largest expected return of a player within the time limit, whatever all
     play, without discount."""

@@ -37,12 +37,11 @@ def names_of(*forms: type[Any]) -> list[str]:
 def check_names(given: Iterable[str], known: Iterable[str], where: str = "") -> None:
     """ValueError for an unknown name, with the closest known one, or else with all of them."""
     names = sorted(known)
-    for name in given:
+    for name in (each for each in given if each not in names):
         new = RENAMED.get(name)
         near = f"; it was renamed, give {new}" if new in names else did_you_mean(name, names)
-        check(
-            name in names,
-            f"unknown setting {name!r}{where}" + (near or f"; one of {', '.join(names)}"),
+        raise ValueError(
+            f"unknown setting {name!r}{where}" + (near or f"; one of {', '.join(names)}")
         )
 
 
