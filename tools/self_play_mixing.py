@@ -9,6 +9,7 @@ docs/results/self_play_mixing.md and draws its figures. A test compares the page
 from __future__ import annotations
 
 import csv
+import sys
 from collections.abc import Iterable, Sequence
 from itertools import combinations, product
 from pathlib import Path
@@ -37,6 +38,8 @@ COLUMNS = {"ppo by default": "nash_conv_average_likely"}
 PLAYED = "played_nash_conv"
 MATRIX = "rock_paper_scissors"
 """Matrix games are shown, and are not part of the analysis."""
+RUNS = 558 + 84
+"""Of both files."""
 RESAMPLES = 10_000
 Row = dict[str, Any]
 Array = NDArray[np.float64]
@@ -343,6 +346,8 @@ def tables() -> dict[str, str]:
 
 def main() -> None:
     """Print the tables, and draw the figures."""
+    if len(rows_of()) < RUNS:
+        sys.exit(f"{len(rows_of())} of {RUNS} runs: results are read once all of them have ended")
     rows = judged()
     for title, table in tables().items():
         print(f"\n{title}\n\n{table}")
