@@ -101,6 +101,18 @@ def mask_fleeing(
     return mask
 
 
+@inlined
+def first_steps(world: World, maze: Any, own: Any, target: Any) -> Any:
+    """The bit mask of the first steps of shortest paths to another cell; 0 if there is no path."""
+    distance: Any = table_distance(world, maze, own, target)
+    mask: Any = 0
+    for action in moves_of(world):
+        after = world.neighbors[world.first_cell[maze] + own, action]
+        if table_distance(world, maze, after, target) == distance - 1:
+            mask |= 1 << action
+    return mask
+
+
 @compiled
 def fill_greedy_table(
     kind: int,
@@ -120,16 +132,13 @@ def fill_greedy_table(
             continue
         for own in range(world.num_cells[maze]):
             for other in range(world.num_cells[maze]):
-                mask, distance = 0, table_distance(world, maze, own, other)
+                mask: Any = 0
                 if kind == EVADER and 0 < table_distance(world, maze, other, own) < alert:
                     mask = mask_fleeing(
                         world, scratch, maze, own, other, alert + look, look, stay_action
                     )
                 elif kind != EVADER:
-                    for action in moves_of(world):
-                        after = world.neighbors[world.first_cell[maze] + own, action]
-                        if table_distance(world, maze, after, other) == distance - 1:
-                            mask |= 1 << action
+                    mask = first_steps(world, maze, own, other)
                 if mask == 0:
                     mask = legal_moves(world, maze, own)
                 greedy[pair_index(world, maze, own, other)] = mask
@@ -150,13 +159,20 @@ def list_targets(kind: int, games: Games, game: int, teams: Teams, cells: Any) -
     """Fill `cells` with those of the remaining targets by index; return their number."""
     count = 0
     for number in targets_of(kind, teams):
-        target = np.uint64(number)
-        if kind == RUNNER:
-            cells[np.uint64(count)] = games.goal[game, target]
-            count += games.goal[game, target] >= 0
-        else:
-            cells[np.uint64(count)] = games.position[game, target]
-            count += games.active[game, target] != 0
+        count = add_target(kind, games, game, np.uint64(number), cells, count)
+    return count
+
+
+@inlined
+def add_target(kind: int, games: Games, game: Any, target: Any, cells: Any, count: Any) -> Any:
+    """Write the cell of a target to `cells[count]`; return the number of cells, with this one if it
+    remains."""
+    if kind == RUNNER:
+        cells[np.uint64(count)] = games.goal[game, target]
+        count += games.goal[game, target] >= 0
+    else:
+        cells[np.uint64(count)] = games.position[game, target]
+        count += games.active[game, target] != 0
     return count
 
 

@@ -216,12 +216,8 @@ def draw_actions(view: GameView, masks: NDArray[Any], epsilon: float) -> NDArray
 
 def num_targets(kind: int, task: Task) -> int:
     """The number of targets of an agent of a kind: agents or goals that it approaches or avoids."""
-    counts = {
-        kernels.CHASER: task.num_evaders,
-        kernels.EVADER: task.num_chasers,
-        kernels.RUNNER: task.num_goals,
-    }
-    return counts.get(kind, 0)
+    targets_of_kinds = task.num_evaders, task.num_chasers, task.num_goals, 0
+    return targets_of_kinds[kind]
 
 
 def is_known_team(kind: int, view: GameView, seats: tuple[int, ...]) -> bool:
@@ -233,19 +229,15 @@ def is_known_team(kind: int, view: GameView, seats: tuple[int, ...]) -> bool:
     first, targets = seats[0], num_targets(kind, view.task)
     if len(seats) * targets <= 1 or seats != tuple(range(first, first + len(seats))):
         return False
-    if max(len(seats), targets) > known_kernels.MOST_KNOWN or not all_have_tables(view.mazes):
+    if max(len(seats), targets) > known_kernels.MOST_KNOWN:
         return False
-    if view.mazes.neighbors.shape[1] > PACKED_BITS:
+    mazes = view.mazes
+    if mazes.mazes[layout.TABLE].min() < 0 or mazes.neighbors.shape[1] > PACKED_BITS:
         return False
     in_rows = layout.named_views(
         known_kernels.in_rows, view.games.position, view.games.active, view.epsilon
     )
     return bool(in_rows)
-
-
-def all_have_tables(mazes: MazeArrays) -> bool:
-    """Whether all mazes have a table of distances."""
-    return bool(mazes.mazes[layout.TABLE].min() >= 0)
 
 
 MOST_NUMBERED = 5

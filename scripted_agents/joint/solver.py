@@ -137,13 +137,13 @@ def evaluate_joint(
     states, values = quantities_of(task, policies, wanted, horizon, discount, most_states)
     means = dict(zip(wanted, states.mean_over_starts(values).tolist(), strict=True))
     names = [task.agent_names[seat] for seat in seats]
-    return_names = {f"return of {name}": name for name in names if f"return of {name}" in means}
+    paid = names if task.reward_function is None else []
     return JointValues(
         states,
         means["length"],
         means["ended"],
         {name: means[f"steps of {name}"] for name in names},
-        {name: means[key] for key, name in return_names.items()},
+        {name: means[f"return of {name}"] for name in paid},
         {key: values[:, at] for at, key in enumerate(wanted)},
     )
 
