@@ -17,12 +17,7 @@ from pursuit.simulator.policy import Policy
 from pursuit.tasks.task import ROLES, Task, make_task
 from pursuit.validation import one_of, unknown
 from scripted_agents.agents.runner import NearestGoalRunner, TourRunner
-from scripted_agents.agents.scripted import (
-    AStarChaser,
-    AStarEvader,
-    RandomAgent,
-    Scripted,
-)
+from scripted_agents.agents.scripted import AStarChaser, AStarEvader, RandomAgent, Scripted
 from scripted_agents.agents.searchers import (
     SearchingChaser,
     SearchingRunner,
@@ -60,11 +55,7 @@ AGENTS = (*SCRIPTED, UNIFORM, *SEARCHERS)
 """All names of scripted agents."""
 
 POLICIES: Registry[Callable[[Task, str], Policy]] = Registry(
-    "policy",
-    "a class or function (task, role) -> Policy",
-    callable,
-    plural="policies",
-    ours=AGENTS,
+    "policy", "a class or function (task, role) -> Policy", callable, plural="policies", ours=AGENTS
 )
 """User-defined policies. The attribute `roles` of a class restricts it to these roles."""
 

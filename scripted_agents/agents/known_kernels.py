@@ -44,27 +44,11 @@ def team_entry_for(kind: int, num_seats: int, num_targets: int) -> Any:
 
     @compiled
     def choose_actions(
-        position: Any,
-        active: Any,
-        event: Any,
-        goal: Any,
-        steps: Any,
-        maze_of: Any,
-        exit_of: Any,
-        streams: Any,
-        epsilon_of: Any,
-        seats: Any,
-        columns: Any,
-        counts: Any,
-        mazes: Any,
-        neighbors: Any,
-        facts: Any,
-        tables: Any,
-        greedy: Any,
-        scratch: Any,
-        settings: Any,
+        position: Any, active: Any, event: Any, goal: Any, steps: Any, maze_of: Any, exit_of: Any,
+        streams: Any, epsilon_of: Any, seats: Any, columns: Any, counts: Any, mazes: Any,
+        neighbors: Any, facts: Any, tables: Any, greedy: Any, scratch: Any, settings: Any,
         actions: Any,
-    ) -> None:
+    ) -> None:  # fmt: skip
         """Fill the columns of these agents in `actions` [games, any]."""
         if not in_rows(position, active, epsilon_of):
             return  # never happens; the check gives the compiler the memory layout

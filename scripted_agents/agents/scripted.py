@@ -91,18 +91,11 @@ class Scripted:
                 self.kind, len(seats), num_targets(self.kind, task)
             )
         entry(
-            *view.games,
-            view.streams,
-            view.epsilon,
-            _numbers(seats),
-            _numbers(columns),
-            (task.num_chasers, task.num_evaders, task.num_runners, task.num_goals),
-            *view.mazes,
-            self._greedy_table(view.mazes, task.stay_action),
-            self._scratch,
-            self._settings(task.stay_action),
-            actions,
-        )
+            *view.games, view.streams, view.epsilon, _numbers(seats), _numbers(columns),
+            (task.num_chasers, task.num_evaders, task.num_runners, task.num_goals), *view.mazes,
+            self._greedy_table(view.mazes, task.stay_action), self._scratch,
+            self._settings(task.stay_action), actions,
+        )  # fmt: skip
 
     def action_probabilities(self, maze: Maze, stay_action: bool = False) -> NDArray[np.float64]:
         """[self cell, other cell, action] float64: the exact distribution with one target.
@@ -144,16 +137,8 @@ class Scripted:
         moves = np.zeros((len(games.steps), 2), dtype=np.int64)
         most = max(task.num_agents, task.num_goals)
         targets, counts = np.empty(most, dtype=np.int32), tuple(task.teams)
-        kernels.list_moves(
-            self.kind,
-            games,
-            seat,
-            counts,
-            mazes,
-            self._greedy_table(mazes, task.stay_action),
-            targets,
-            moves,
-        )
+        table = self._greedy_table(mazes, task.stay_action)
+        kernels.list_moves(self.kind, games, seat, counts, mazes, table, targets, moves)
         if self._heeds_options(task):
             greedy, every = moves[:, 0], moves[:, 1]
             if self.kind == kernels.EVADER:
@@ -202,15 +187,9 @@ def draw_actions(view: GameView, masks: NDArray[Any], epsilon: float) -> NDArray
     probability `epsilon` (that of the game has priority); from the random stream of the agent."""
     actions = np.empty(view.num_games, dtype=np.int32)
     kernels.draw_moves(
-        view.games,
-        view.streams,
-        view.epsilon,
-        view.seat,
-        view.mazes,
-        masks,
-        (epsilon, view.task.stay_action),
-        actions,
-    )
+        view.games, view.streams, view.epsilon, view.seat, view.mazes, masks,
+        (epsilon, view.task.stay_action), actions,
+    )  # fmt: skip
     return actions
 
 

@@ -25,12 +25,7 @@ from scripted_agents.joint.layout import places_within
 from scripted_agents.joint.opponents import lay_out_others
 from scripted_agents.joint.states import joint_states_of
 from scripted_agents.joint.sweeps import Problem, Quantity, filled_store
-from scripted_agents.limits import (
-    MAX_STORE_BYTES,
-    MAX_TASK_STATES,
-    REMEDY,
-    check_joint_states,
-)
+from scripted_agents.limits import MAX_STORE_BYTES, MAX_TASK_STATES, REMEDY, check_joint_states
 
 CAPTURED = -1
 """The cell of a captured evader in a state."""

@@ -13,16 +13,7 @@ from pursuit.memory import check_memory
 from pursuit.rules import captured
 from pursuit.tasks.task import MOVE_ORDERS
 from pursuit.tasks.visibility import visible_cells
-from pursuit.validation import (
-    Flag,
-    Rule,
-    Whole,
-    as_array,
-    check_fields,
-    choice,
-    number,
-    whole,
-)
+from pursuit.validation import Flag, Rule, Whole, as_array, check_fields, choice, number, whole
 from scripted_agents.duel.best_response import MoveOrder, random_starts
 from scripted_agents.hidden.layout import MIXED, NONE, Model, Roots
 from scripted_agents.tolerances import SUM_TOLERANCE

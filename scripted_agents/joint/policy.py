@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -214,9 +215,8 @@ def _part_of(
 def check_game(policy: JointPlan | JointTable, task: Task, seat: int) -> None:
     """ValueError unless a policy has the states of this task, and is for this agent."""
     own = policy.states.task
-    fits = (task.mazes, task.teams, task.num_actions, task.move_order, task.fixed_exits)
-    its = (own.mazes, own.teams, own.num_actions, own.move_order, own.fixed_exits)
-    if fits != its or task.num_exits != own.num_exits:
+    rules_of = attrgetter("mazes", "teams", "num_actions", "move_order", "fixed_exits")
+    if rules_of(task) != rules_of(own) or task.num_exits != own.num_exits:
         raise ValueError(
             f"{policy!r} is a plan for task {own.name!r} on {own.mazes[0].name}; task "
             f"{task.name!r} has another maze, other agents, goals, actions or order of moves"

@@ -15,12 +15,7 @@ from numpy.typing import NDArray
 
 from pursuit.tasks.task import Task, checked_task
 from pursuit.validation import check_discount, one_of, whole
-from scripted_agents.joint.opponents import (
-    Policies,
-    bytes_of_others,
-    lay_out_others,
-    policies_of,
-)
+from scripted_agents.joint.opponents import Policies, bytes_of_others, lay_out_others, policies_of
 from scripted_agents.joint.policy import JointPlan
 from scripted_agents.joint.results import JointResponse, JointValues
 from scripted_agents.joint.states import JointStates, joint_states_of
