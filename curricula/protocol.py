@@ -121,16 +121,14 @@ class Resumable:
                 f"{sorted(state)}, and {sorted(self.STATE)} are needed; resume with the curriculum "
                 "of the checkpoint"
             )
-        loaded = {
-            name: np.array(value) if isinstance(getattr(self, name), np.ndarray) else copy(value)
-            for name, value in state.items()
-        }
-        for name, value in loaded.items():
+        loaded: Saved = {}
+        for name, value in state.items():
             own = getattr(self, name)
+            loaded[name] = np.array(value) if isinstance(own, np.ndarray) else copy(value)
             fixed = isinstance(own, np.ndarray) and name not in self.GROWING
-            if fixed and value.shape != own.shape:
+            if fixed and loaded[name].shape != own.shape:
                 raise ValueError(
-                    f"the checkpoint has {name} of {value.size} levels, and {self.KIND} has "
+                    f"the checkpoint has {name} of {loaded[name].size} levels, and {self.KIND} has "
                     f"{own.size}; resume with the settings of the checkpoint"
                 )
         self._check_loaded(loaded)

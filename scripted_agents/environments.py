@@ -17,12 +17,7 @@ from pursuit.simulator.policy import Policy
 from pursuit.tasks.task import ROLES, Task, make_task
 from pursuit.validation import one_of, unknown
 from scripted_agents.agents.runner import NearestGoalRunner, TourRunner
-from scripted_agents.agents.scripted import (
-    AStarChaser,
-    AStarEvader,
-    RandomAgent,
-    Scripted,
-)
+from scripted_agents.agents.scripted import AStarChaser, AStarEvader, RandomAgent, Scripted
 from scripted_agents.agents.searchers import (
     SearchingChaser,
     SearchingRunner,
@@ -60,11 +55,7 @@ AGENTS = (*SCRIPTED, UNIFORM, *SEARCHERS)
 """All names of scripted agents."""
 
 POLICIES: Registry[Callable[[Task, str], Policy]] = Registry(
-    "policy",
-    "a class or function (task, role) -> Policy",
-    callable,
-    plural="policies",
-    ours=AGENTS,
+    "policy", "a class or function (task, role) -> Policy", callable, plural="policies", ours=AGENTS
 )
 """User-defined policies. The attribute `roles` of a class restricts it to these roles."""
 
@@ -146,7 +137,7 @@ def scripted_policy(
 
 def check_plays(name: str, role: str) -> None:
     """ValueError unless a scripted agent plays a role."""
-    roles = SEARCHERS.get(name, dict.fromkeys(ROLES))
+    roles = SEARCHERS.get(name, ROLES)
     if role not in roles:
         raise ValueError(
             f"{name} plays {', '.join(roles)}; {role!r} is needed. Use "
@@ -177,9 +168,7 @@ def is_agent(name: str) -> bool:
     return agent_name(name) in AGENTS or is_custom_policy(name)
 
 
-def named_policy(
-    name: str, task: Task, role: str, epsilon: float = 0.0, discount: float = 0.95
-) -> Policy:
+def named_policy(name: str, task: Task, role: str, epsilon: float = 0.0) -> Policy:
     """A scripted agent or a user-defined policy in one role of a task.
 
     Raises:
@@ -190,7 +179,7 @@ def named_policy(
         return custom_policy(name, task, role)
     check_agent(name, task, role)
     order: Any = task.move_order
-    return scripted_policy(name, role, epsilon, order, discount)
+    return scripted_policy(name, role, epsilon, order)
 
 
 def default_policies(task: Task, epsilon: float = 0.0) -> dict[str, Policy]:

@@ -221,8 +221,8 @@ def why_not_joint(
 def is_known(policy: Any) -> bool:
     """Whether `train.evaluation.suite_tables.tables_of` supports a policy: scripted agents, and
     networks without memory that observe only cells and goals."""
-    scripted = isinstance(policy, (NearestGoalRunner, TourRunner, TabularPolicy))
-    return scripted or isinstance(policy, DistributionPolicy)
+    known = NearestGoalRunner, TourRunner, TabularPolicy, DistributionPolicy
+    return isinstance(policy, known)
 
 
 def is_solvable(task: Task, *opponents: Policy | None) -> bool:

@@ -45,36 +45,24 @@ from pursuit.rules.turn import legal_moves
 
 CHASER, EVADER, RUNNER, RANDOM = range(4)
 (
-    LOOK_DISTANCE,
-    LOOK_QUEUE,
-    PATH_DISTANCE,
-    PATH_QUEUE,
-    FIELD_DISTANCE,
-    FIELD_QUEUE,
-    FIELD_OWNER,
-    TARGETS,
-    NUM_SCRATCH,
-) = range(9)
+    LOOK_DISTANCE, LOOK_QUEUE, PATH_DISTANCE, PATH_QUEUE, FIELD_DISTANCE, FIELD_QUEUE, FIELD_OWNER,
+    TARGETS, NUM_SCRATCH,
+) = range(9)  # fmt: skip
 PAIRS_A_CELL = 8
 """The time of a search per cell, in lookups of pairs."""
 
 
 @subroutine
 def mask_fleeing(
-    world: World,
-    scratch: Any,
-    maze: int,
-    own: int,
-    threat: int,
-    reach: int,
-    look_radius: int,
-    stay_action: bool,
+    world: World, scratch: Any, maze: int, own: int, threat: int, settings: Any
 ) -> int:
-    """First steps of shortest paths to the cells within `look_radius` farthest from `threat`.
+    """First steps of shortest paths to the cells within the look radius farthest from `threat`.
 
     If no cell is farther than the own cell: staying if that is an action, else every move.
-    `reach` is at least the distance between `threat` and any of these cells.
+    `threat` is nearer than the alert distance; `settings` as of `fill_greedy_table`.
     """
+    _, alert, look_radius, stay_action = settings
+    reach = alert + look_radius  # at least the distance between `threat` and any of these cells
     look = Search(scratch[LOOK_DISTANCE], scratch[LOOK_QUEUE])  # around the agent
     path = Search(scratch[PATH_DISTANCE], scratch[PATH_QUEUE])
     seen = search_within(world, maze, own, look_radius, -1, look)
@@ -101,35 +89,36 @@ def mask_fleeing(
     return mask
 
 
+@inlined
+def first_steps(world: World, maze: Any, own: Any, target: Any) -> Any:
+    """The bit mask of the first steps of shortest paths to another cell; 0 if there is no path."""
+    distance: Any = table_distance(world, maze, own, target)
+    mask: Any = 0
+    for action in moves_of(world):
+        after = world.neighbors[world.first_cell[maze] + own, action]
+        if table_distance(world, maze, after, target) == distance - 1:
+            mask |= 1 << action
+    return mask
+
+
 @compiled
-def fill_greedy_table(
-    kind: int,
-    mazes: Any,
-    scratch: Any,
-    settings: Any,
-    greedy: Any,
-) -> None:
+def fill_greedy_table(kind: int, mazes: Any, scratch: Any, settings: Any, greedy: Any) -> None:
     """Fill `greedy` with the mask at [own, other], in the layout of `tables`; by default all moves.
 
     `settings` is (epsilon, alert distance, look radius, stay action).
     """
     world = world_of(*mazes)
-    _, alert, look, stay_action = settings
+    alert = settings[1]
     for maze in range(world.num_cells.shape[0]):
         if not has_table(world, maze):
             continue
         for own in range(world.num_cells[maze]):
             for other in range(world.num_cells[maze]):
-                mask, distance = 0, table_distance(world, maze, own, other)
+                mask: Any = 0
                 if kind == EVADER and 0 < table_distance(world, maze, other, own) < alert:
-                    mask = mask_fleeing(
-                        world, scratch, maze, own, other, alert + look, look, stay_action
-                    )
+                    mask = mask_fleeing(world, scratch, maze, own, other, settings)
                 elif kind != EVADER:
-                    for action in moves_of(world):
-                        after = world.neighbors[world.first_cell[maze] + own, action]
-                        if table_distance(world, maze, after, other) == distance - 1:
-                            mask |= 1 << action
+                    mask = first_steps(world, maze, own, other)
                 if mask == 0:
                     mask = legal_moves(world, maze, own)
                 greedy[pair_index(world, maze, own, other)] = mask
@@ -150,13 +139,20 @@ def list_targets(kind: int, games: Games, game: int, teams: Teams, cells: Any) -
     """Fill `cells` with those of the remaining targets by index; return their number."""
     count = 0
     for number in targets_of(kind, teams):
-        target = np.uint64(number)
-        if kind == RUNNER:
-            cells[np.uint64(count)] = games.goal[game, target]
-            count += games.goal[game, target] >= 0
-        else:
-            cells[np.uint64(count)] = games.position[game, target]
-            count += games.active[game, target] != 0
+        count = add_target(kind, games, game, np.uint64(number), cells, count)
+    return count
+
+
+@inlined
+def add_target(kind: int, games: Games, game: Any, target: Any, cells: Any, count: Any) -> Any:
+    """Write the cell of a target to `cells[count]`; return the number of cells, with this one if it
+    remains."""
+    if kind == RUNNER:
+        cells[np.uint64(count)] = games.goal[game, target]
+        count += games.goal[game, target] >= 0
+    else:
+        cells[np.uint64(count)] = games.position[game, target]
+        count += games.active[game, target] != 0
     return count
 
 
@@ -165,10 +161,9 @@ def moves_away(
     world: World, maze: int, own: int, threat: int, greedy: Any, scratch: Any, settings: Any
 ) -> int:
     """The moves of an evader; `threat` is the cell of its nearest chaser."""
-    _, alert, look, stay = settings
     if has_table(world, maze):
         return np.int64(greedy[pair_index(world, maze, own, threat)])
-    return mask_fleeing(world, scratch, maze, own, threat, alert + look, look, stay)
+    return mask_fleeing(world, scratch, maze, own, threat, settings)
 
 
 @inlined
@@ -183,15 +178,9 @@ def use_table(world: World, maze: int, pairs: int) -> bool:
 
 @compiled
 def list_moves(
-    kind: int,
-    games: Games,
-    seat: int,
-    counts: Any,
-    mazes: Any,
-    greedy: Any,
-    targets: Any,
+    kind: int, games: Games, seat: int, counts: Any, mazes: Any, greedy: Any, targets: Any,
     moves: Any,
-) -> None:
+) -> None:  # fmt: skip
     """Fill `moves` [games, 2] with the masks that actions are drawn from: greedy, and every move.
 
     Arguments as of the kernels of `entry_for`; `targets` is scratch memory for all agents or goals.
@@ -213,15 +202,9 @@ def list_moves(
 
 @compiled
 def draw_moves(
-    games: Games,
-    streams: Any,
-    epsilon_of: Any,
-    seat: int,
-    mazes: Any,
-    masks: Any,
-    settings: Any,
+    games: Games, streams: Any, epsilon_of: Any, seat: int, mazes: Any, masks: Any, settings: Any,
     actions: Any,
-) -> None:
+) -> None:  # fmt: skip
     """Fill `actions` [games] with draws from `masks` [games]; a mask of 0 stands for every move.
 
     `settings` is (epsilon, stay action). Its epsilon applies where that of the game is NaN.
@@ -232,15 +215,9 @@ def draw_moves(
     for game in range(actions.shape[0]):
         every = legal_moves(world, np.int64(games.maze[game]), np.int64(games.position[game, seat]))
         mask, epsilon = np.int64(masks[game]), epsilon_of[game, seat]
-        actions[game] = draw_action(
-            every if mask == 0 else mask,
-            every,
-            default if np.isnan(epsilon) else epsilon,
-            empty,
-            False,
-            streams[game],
-            stream_of(seat),
-        )
+        greedy, stream = every if mask == 0 else mask, stream_of(seat)
+        share = default if np.isnan(epsilon) else epsilon
+        actions[game] = draw_action(greedy, every, share, empty, False, streams[game], stream)
 
 
 def entry_for(kind: int) -> Any:
@@ -248,27 +225,11 @@ def entry_for(kind: int) -> Any:
 
     @compiled
     def choose_actions(
-        position: Any,
-        active: Any,
-        event: Any,
-        goal: Any,
-        steps: Any,
-        maze_of: Any,
-        exit_of: Any,
-        streams: Any,
-        epsilon_of: Any,
-        seats: Any,
-        columns: Any,
-        counts: Any,
-        mazes: Any,
-        neighbors: Any,
-        facts: Any,
-        tables: Any,
-        greedy: Any,
-        scratch: Any,
-        settings: Any,
+        position: Any, active: Any, event: Any, goal: Any, steps: Any, maze_of: Any, exit_of: Any,
+        streams: Any, epsilon_of: Any, seats: Any, columns: Any, counts: Any, mazes: Any,
+        neighbors: Any, facts: Any, tables: Any, greedy: Any, scratch: Any, settings: Any,
         actions: Any,
-    ) -> None:
+    ) -> None:  # fmt: skip
         """Fill `columns` of `actions` [games, any] for the agents in `seats`, both [agents] int64.
 
         `counts` is (chasers, evaders, runners, goals); `settings` is (epsilon, alert distance, look

@@ -13,9 +13,10 @@ import numpy as np
 
 from pursuit.compilation.compiled import compiled, inlined
 from pursuit.rules.batches import MOST_KNOWN
-from pursuit.rules.layout import CHASER, EVADER, RUNNER, Games, stay_of, world_of
+from pursuit.rules.layout import CHASER, EVADER, Games, stay_of, world_of
 from pursuit.rules.lookups import away_from_nearest, towards_nearest, write_action
 from pursuit.rules.turn import legal_moves
+from scripted_agents.agents.kernels import add_target
 
 __all__ = ["MOST_KNOWN", "in_rows", "team_entry_for"]
 
@@ -43,27 +44,11 @@ def team_entry_for(kind: int, num_seats: int, num_targets: int) -> Any:
 
     @compiled
     def choose_actions(
-        position: Any,
-        active: Any,
-        event: Any,
-        goal: Any,
-        steps: Any,
-        maze_of: Any,
-        exit_of: Any,
-        streams: Any,
-        epsilon_of: Any,
-        seats: Any,
-        columns: Any,
-        counts: Any,
-        mazes: Any,
-        neighbors: Any,
-        facts: Any,
-        tables: Any,
-        greedy: Any,
-        scratch: Any,
-        settings: Any,
+        position: Any, active: Any, event: Any, goal: Any, steps: Any, maze_of: Any, exit_of: Any,
+        streams: Any, epsilon_of: Any, seats: Any, columns: Any, counts: Any, mazes: Any,
+        neighbors: Any, facts: Any, tables: Any, greedy: Any, scratch: Any, settings: Any,
         actions: Any,
-    ) -> None:
+    ) -> None:  # fmt: skip
         """Fill the columns of these agents in `actions` [games, any]."""
         if not in_rows(position, active, epsilon_of):
             return  # never happens; the check gives the compiler the memory layout
@@ -78,13 +63,8 @@ def team_entry_for(kind: int, num_seats: int, num_targets: int) -> Any:
             row, count = np.uint64(game), 0
             maze: Any = np.int64(games.maze[row])
             for i in range(num_targets):
-                number = first_target + np.uint64(i)
-                if kind == RUNNER:
-                    targets[np.uint64(count)] = games.goal[row, number]
-                    count += games.goal[row, number] >= 0
-                else:
-                    targets[np.uint64(count)] = games.position[row, number]
-                    count += games.active[row, number] != 0
+                target = first_target + np.uint64(i)
+                count = add_target(kind, games, row, target, targets, count)
             num_listed = count
             if padded:  # repeat the first target for a constant length, which changes no decision
                 num_listed = num_targets

@@ -11,18 +11,7 @@ import numpy as np
 from pursuit.compilation.compiled import compiled, inlined
 from pursuit.rules.distances import FAR, moves_of, table_distance
 from pursuit.rules.layout import Games, Teams, World, chasers_of, evaders_of, stay_of, world_of
-
-
-@inlined
-def first_steps(world: World, maze: Any, own: Any, target: Any) -> Any:
-    """The bit mask of the first steps of shortest paths to another cell; 0 if there is no path."""
-    distance: Any = table_distance(world, maze, own, target)
-    mask: Any = 0
-    for action in moves_of(world):
-        after = world.neighbors[world.first_cell[maze] + own, action]
-        if table_distance(world, maze, after, target) == distance - 1:
-            mask |= 1 << action
-    return mask
+from scripted_agents.agents.kernels import first_steps
 
 
 @inlined

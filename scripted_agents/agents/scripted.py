@@ -91,18 +91,11 @@ class Scripted:
                 self.kind, len(seats), num_targets(self.kind, task)
             )
         entry(
-            *view.games,
-            view.streams,
-            view.epsilon,
-            _numbers(seats),
-            _numbers(columns),
-            (task.num_chasers, task.num_evaders, task.num_runners, task.num_goals),
-            *view.mazes,
-            self._greedy_table(view.mazes, task.stay_action),
-            self._scratch,
-            self._settings(task.stay_action),
-            actions,
-        )
+            *view.games, view.streams, view.epsilon, _numbers(seats), _numbers(columns),
+            (task.num_chasers, task.num_evaders, task.num_runners, task.num_goals), *view.mazes,
+            self._greedy_table(view.mazes, task.stay_action), self._scratch,
+            self._settings(task.stay_action), actions,
+        )  # fmt: skip
 
     def action_probabilities(self, maze: Maze, stay_action: bool = False) -> NDArray[np.float64]:
         """[self cell, other cell, action] float64: the exact distribution with one target.
@@ -144,16 +137,8 @@ class Scripted:
         moves = np.zeros((len(games.steps), 2), dtype=np.int64)
         most = max(task.num_agents, task.num_goals)
         targets, counts = np.empty(most, dtype=np.int32), tuple(task.teams)
-        kernels.list_moves(
-            self.kind,
-            games,
-            seat,
-            counts,
-            mazes,
-            self._greedy_table(mazes, task.stay_action),
-            targets,
-            moves,
-        )
+        table = self._greedy_table(mazes, task.stay_action)
+        kernels.list_moves(self.kind, games, seat, counts, mazes, table, targets, moves)
         if self._heeds_options(task):
             greedy, every = moves[:, 0], moves[:, 1]
             if self.kind == kernels.EVADER:
@@ -202,26 +187,16 @@ def draw_actions(view: GameView, masks: NDArray[Any], epsilon: float) -> NDArray
     probability `epsilon` (that of the game has priority); from the random stream of the agent."""
     actions = np.empty(view.num_games, dtype=np.int32)
     kernels.draw_moves(
-        view.games,
-        view.streams,
-        view.epsilon,
-        view.seat,
-        view.mazes,
-        masks,
-        (epsilon, view.task.stay_action),
-        actions,
-    )
+        view.games, view.streams, view.epsilon, view.seat, view.mazes, masks,
+        (epsilon, view.task.stay_action), actions,
+    )  # fmt: skip
     return actions
 
 
 def num_targets(kind: int, task: Task) -> int:
     """The number of targets of an agent of a kind: agents or goals that it approaches or avoids."""
-    counts = {
-        kernels.CHASER: task.num_evaders,
-        kernels.EVADER: task.num_chasers,
-        kernels.RUNNER: task.num_goals,
-    }
-    return counts.get(kind, 0)
+    targets_of_kinds = task.num_evaders, task.num_chasers, task.num_goals, 0
+    return targets_of_kinds[kind]
 
 
 def is_known_team(kind: int, view: GameView, seats: tuple[int, ...]) -> bool:
@@ -233,19 +208,15 @@ def is_known_team(kind: int, view: GameView, seats: tuple[int, ...]) -> bool:
     first, targets = seats[0], num_targets(kind, view.task)
     if len(seats) * targets <= 1 or seats != tuple(range(first, first + len(seats))):
         return False
-    if max(len(seats), targets) > known_kernels.MOST_KNOWN or not all_have_tables(view.mazes):
+    if max(len(seats), targets) > known_kernels.MOST_KNOWN:
         return False
-    if view.mazes.neighbors.shape[1] > PACKED_BITS:
+    mazes = view.mazes
+    if mazes.mazes[layout.TABLE].min() < 0 or mazes.neighbors.shape[1] > PACKED_BITS:
         return False
     in_rows = layout.named_views(
         known_kernels.in_rows, view.games.position, view.games.active, view.epsilon
     )
     return bool(in_rows)
-
-
-def all_have_tables(mazes: MazeArrays) -> bool:
-    """Whether all mazes have a table of distances."""
-    return bool(mazes.mazes[layout.TABLE].min() >= 0)
 
 
 MOST_NUMBERED = 5

@@ -156,18 +156,9 @@ def flee(
 
 @compiled
 def list_moves_in_view(
-    role: int,
-    games: Games,
-    seat: int,
-    counts: Any,
-    mazes: Any,
-    visible: Any,
-    moves: Any,
-    rows: Any,
-    kept: SearchMemory,
-    remembered: int,
-    masks: Any,
-) -> None:
+    role: int, games: Games, seat: int, counts: Any, mazes: Any, visible: Any, moves: Any,
+    rows: Any, kept: SearchMemory, remembered: int, masks: Any,
+) -> None:  # fmt: skip
     """Fill `masks` [games] with the moves of an agent of this role; 0 for any move.
 
     `moves` are `towards`, or `away` for an evader. `kept` is the memory of all games, and `rows`

@@ -61,19 +61,11 @@ class LimitedAgent:
         check_plays(self, view.task, view.seat)
         masks = np.zeros(view.num_games, dtype=np.uint8)
         kept = search_kernels.SearchMemory(**self.memory.of(view))
+        visible, moves = self.view_tables.table(view), self._moves.of(view)["moves"]
         search_kernels.list_moves_in_view(
-            ROLES.index(self.role),
-            view.games,
-            view.seat,
-            tuple(view.task.teams),
-            view.mazes,
-            self.view_tables.table(view),
-            self._moves.of(view)["moves"],
-            view.rows,
-            kept,
-            int(self.remembered),
-            masks,
-        )
+            ROLES.index(self.role), view.games, view.seat, tuple(view.task.teams), view.mazes,
+            visible, moves, view.rows, kept, int(self.remembered), masks,
+        )  # fmt: skip
         return draw_actions(view, masks, self.epsilon)
 
     def _moves_of(self, view: GameView) -> dict[str, NDArray[Any]]:

@@ -14,17 +14,9 @@ from pursuit.rules.turn import legal_moves
 
 @compiled
 def sample_table(
-    games: Games,
-    streams: Any,
-    epsilon_of: Any,
-    seat: int,
-    opponents: Any,
-    mazes: Any,
-    cumulative: Any,
-    table_offsets: Any,
-    default: float,
-    actions: Any,
-) -> None:
+    games: Games, streams: Any, epsilon_of: Any, seat: int, opponents: Any, mazes: Any,
+    cumulative: Any, table_offsets: Any, default: float, actions: Any,
+) -> None:  # fmt: skip
     """Fill `actions` [games] from a policy table, given as cumulative sums over the actions.
 
     The other cell is that of the first active opponent. `cumulative` is [all pairs, actions]; the
@@ -56,9 +48,7 @@ def sample_table(
 
 
 @compiled
-def draw_together(
-    streams: Any, num_agents: int, steps: Any, first: int, numbers: Any
-) -> None:  # fmt: skip
+def draw_together(streams: Any, num_agents: int, steps: Any, first: int, numbers: Any) -> None:
     """Fill `numbers` [games] with uniform float64 in [0, 1), the same for all calls of a team in a
     step, and independent of those of other teams.
 

@@ -48,17 +48,9 @@ class TablePolicy:
         self._check(task.mazes, task.stay_action)
         actions = np.empty(view.num_games, dtype=np.int32)
         table_kernels.sample_table(
-            view.games,
-            view.streams,
-            view.epsilon,
-            view.seat,
-            opponents_of(task, view.seat),
-            view.mazes,
-            self._cumulative,
-            self._offsets,
-            self.epsilon,
-            actions,
-        )
+            view.games, view.streams, view.epsilon, view.seat, opponents_of(task, view.seat),
+            view.mazes, self._cumulative, self._offsets, self.epsilon, actions,
+        )  # fmt: skip
         return actions
 
     def _check(self, mazes: tuple[Maze, ...], stay_action: bool) -> None:

@@ -69,15 +69,9 @@ class InverseKinematics:
         """[num_games, joints] float64 in [-1, 1]."""
         actions = np.empty(view.angles.shape)
         arm_kernels.turn_arms(
-            IK_METHODS.index(self.method),
-            view.angles,
-            view.targets,
-            view.tolerance,
-            view.free_joints,
-            view.task.max_turn,
-            self.damping,
-            actions,
-        )
+            IK_METHODS.index(self.method), view.angles, view.targets, view.tolerance,
+            view.free_joints, view.task.max_turn, self.damping, actions,
+        )  # fmt: skip
         return actions
 
 

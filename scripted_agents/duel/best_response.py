@@ -8,7 +8,7 @@ for equal cells are ignored, as no game continues with both agents in one cell.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, Literal
 
 import numpy as np
@@ -24,7 +24,6 @@ from scripted_agents.duel.pair_kernels import (
     Pairs,
     choose,
     evaluate,
-    first_bad_row,
     lay_out,
     respond,
     spread_capture,
@@ -138,22 +137,15 @@ def best_response(
     _check_settings(maze, horizon, discount, move_order)
     table = checked_table(maze, opponent_table, "opponent_table")
     num_actions = table.shape[2] if stay_action is None else maze.num_moves + bool(stay_action)
-    allowed = np.ones((maze.num_cells, num_actions), dtype=bool)
-    if mask_bumps:
-        allowed = bump_masks(maze, num_actions)
+    every = np.ones((maze.num_cells, num_actions), dtype=bool)
+    allowed = bump_masks(maze, num_actions) if mask_bumps else every
     neighbors, instead = _own_moves(maze, allowed)
     stays = num_actions > maze.num_moves
     pairs, shape = _pairs(maze, table, neighbors, role == "chaser", move_order, stays)
     if horizon is None and discount == 1.0:
         _check_capture(maze, _any_move(maze, allowed), pairs, role == "evader")
     sign = -1.0 if role == "evader" else 1.0
-
-    def sweep(
-        values: NDArray[np.float64], target: NDArray[np.float64], first: int, last: int
-    ) -> float:
-        """One step of backward induction for the own cells from `first` to `last` - 1."""
-        return float(respond(values, target, pairs, sign, discount, first, last))
-
+    sweep = partial(respond, pairs, sign, discount)
     last_values, next_values, sweeps = iterate(sweep, shape, horizon, discount)
     actions = np.empty((maze.num_cells, maze.num_cells), dtype=np.int8)
     choose(next_values, pairs, actions)
@@ -186,14 +178,7 @@ def evaluate_exactly(
     pairs, shape = _pairs(maze, evader, maze.neighbors, True, move_order, stays)
     if horizon is None and discount == 1.0:
         _check_capture(maze, weights, pairs, False)
-
-    def sweep(
-        values: NDArray[np.float64], target: NDArray[np.float64], first: int, last: int
-    ) -> float:
-        """One step of backward induction for the chaser's cells from `first` to `last` - 1."""
-        return float(evaluate(values, target, weights, pairs, discount, first, last))
-
-    values, _, _ = iterate(sweep, shape, horizon, discount)
+    values, _, _ = iterate(partial(evaluate, weights, pairs, discount), shape, horizon, discount)
     pair_values: PairValues = values.take(pairs.width + pairs.spots, axis=1).view(PairValues)
     return pair_values
 
@@ -214,13 +199,18 @@ def mean_over_starts(values: ArrayLike, maze: Maze, min_start_distance: int = 1)
             f"values has shape {array.shape}; {maze.name} with {maze.num_cells} cells needs "
             f"{(maze.num_cells, maze.num_cells)}"
         )
-    starts = maze.distances >= max(min_start_distance, 1)
+    return float(array[random_starts(maze, min_start_distance)].mean())
+
+
+def random_starts(maze: Maze, min_start_distance: int) -> NDArray[np.bool_]:
+    """[chaser cell, evader cell] bool, the starts of `mean_over_starts`; ValueError for none."""
+    starts: NDArray[np.bool_] = maze.distances >= max(min_start_distance, 1)
     if not starts.any():
         raise ValueError(
             f"min_start_distance={min_start_distance} is more than the largest distance in "
             f"{maze.name}; give at most {maze.longest_distance}"
         )
-    return float(array[starts].mean())
+    return starts
 
 
 # -- checks ----------------------------------------------------------------------------------------
@@ -266,11 +256,13 @@ def checked_table(maze: Maze, table: ArrayLike, name: str) -> NDArray[np.float64
             f"{name} has shape {array.shape}; {maze.name} with {size} cells needs "
             f"[self cell, other cell, action]: {shapes[0]}, or {shapes[1]} with stay"
         )
-    bad = first_bad_row(array, 1e-6)
-    if bad >= 0:
-        row = array[bad // size, bad % size]
+    wrong = ~(np.abs(array.sum(axis=2) - 1.0) <= 1e-6) | (array < 0.0).any(axis=2)
+    np.fill_diagonal(wrong, False)
+    if wrong.any():
+        own, other = divmod(int(wrong.argmax()), size)
+        row = array[own, other]
         raise ValueError(
-            f"{name}: the probabilities for self cell {bad // size} and other cell {bad % size} "
+            f"{name}: the probabilities for self cell {own} and other cell {other} "
             f"are {row.tolist()}, with sum {row.sum():.6g}; give non-negative ones with sum 1"
         )
     return array
@@ -337,9 +329,9 @@ def _around(maze: Maze) -> NDArray[np.int32]:
 
 def _lay_out(maze: Maze, table: NDArray[np.float64], turned: bool = False) -> NDArray[np.float64]:
     """The table as [own cell, slot, grid]; of the own player, or of the other if `turned`."""
-    _, width, (_, room) = _grid(maze)
+    spots, width, (_, room) = _grid(maze)
     laid = np.empty((maze.num_cells, maze.num_moves + 1, room - 2 * width))
-    lay_out(table, maze.neighbors, _grid(maze)[0], turned, laid)
+    lay_out(table, maze.neighbors, spots, turned, laid)
     return laid
 
 

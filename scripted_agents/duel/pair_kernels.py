@@ -50,22 +50,6 @@ class Pairs(NamedTuple):
 
 
 @compiled
-def first_bad_row(table: Any, tolerance: float) -> Any:
-    """The first row (self * cells + other) that is no distribution, or -1; ignores the diagonal."""
-    size = table.shape[0]
-    for self_cell in range(size):
-        for other_cell in range(size):
-            total = 0.0
-            fine = True
-            for action in range(table.shape[2]):
-                fine &= table[self_cell, other_cell, action] >= 0.0
-                total += table[self_cell, other_cell, action]
-            if self_cell != other_cell and not (fine and abs(total - 1.0) <= tolerance):
-                return self_cell * size + other_cell
-    return -1
-
-
-@compiled
 def lay_out(table: Any, neighbors: Any, spots: Any, turned: bool, laid: Any) -> None:
     """Fill `laid` with a table as `weights`, or as `chances` if `turned`; sums are scaled to 1."""
     size, still = table.shape[0], laid.shape[1] - 1
@@ -167,18 +151,9 @@ def finish(values: Any, own: int, pairs: Pairs, line: Any, target: Any, change: 
         new[spot] = line[spot]
 
 
-@subroutine
-def largest_of(change: Any) -> Any:
-    """The largest of these numbers, none of which is negative."""
-    largest = 0.0
-    for step in change:
-        largest = max(largest, step)
-    return largest
-
-
 @allocating
 def respond(
-    values: Any, target: Any, pairs: Pairs, step_cost: float, discount: float, first: int, last: int
+    pairs: Pairs, step_cost: float, discount: float, values: Any, target: Any, first: int, last: int
 ) -> Any:
     """One step of backward induction (Bellman, 1957) for the own cells from `first` to `last` - 1.
 
@@ -197,12 +172,12 @@ def respond(
         for spot in range(least.shape[0]):
             least[spot] = step_cost + discount * least[spot]
         finish(values, own, pairs, least, target, change)
-    return largest_of(change)
+    return change.max()
 
 
 @allocating
 def evaluate(
-    values: Any, target: Any, weights: Any, pairs: Pairs, discount: float, first: int, last: int
+    weights: Any, pairs: Pairs, discount: float, values: Any, target: Any, first: int, last: int
 ) -> Any:
     """As `respond`, for an own player with the slot probabilities `weights`, at step cost 1."""
     after = np.empty(pairs.chances.shape[1:])
@@ -216,7 +191,7 @@ def evaluate(
                 for spot in range(mean.shape[0]):
                     mean[spot] += discount * weight[spot] * line[spot]
         finish(values, own, pairs, mean, target, change)
-    return largest_of(change)
+    return change.max()
 
 
 @allocating

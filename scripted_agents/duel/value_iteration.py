@@ -77,12 +77,11 @@ def iterate(
             rates = [after / before for before, after in pairwise(changes[-WINDOW:])]
             rate = max(*rates, slowest)
             largest = float(np.abs(values).max())
-            if change <= 4 * np.spacing(largest):
-                return values, target, sweeps
-            if change * discount <= 0.1 * (1.0 - discount) * DUEL_TOLERANCE * max(largest, 1.0):
-                return values, target, sweeps
-            if rate < 1.0 and change * rate / (1.0 - rate) <= 0.1 * DUEL_TOLERANCE * max(
-                largest, 1.0
+            rest = change * rate / (1.0 - rate) if rate < 1.0 else np.inf
+            if (
+                change <= 4 * np.spacing(largest)
+                or change * discount <= 0.1 * (1.0 - discount) * DUEL_TOLERANCE * max(largest, 1.0)
+                or rest <= 0.1 * DUEL_TOLERANCE * max(largest, 1.0)
             ):
                 return values, target, sweeps
             if jumps < MAX_JUMPS and len(changes) >= 4 * WINDOW and _is_steady(rates):

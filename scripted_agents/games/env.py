@@ -151,7 +151,6 @@ class SmallGameEnv(SeatOfSmallGame, SingleEnv, Single):
     """
 
     simulator: GameSimulator
-    task: GameTask
 
     def __init__(
         self,
@@ -234,7 +233,6 @@ class SmallGameVectorEnv(SeatOfSmallGame, LockstepVectorEnv, Vector):
     """
 
     simulator: GameSimulator
-    task: GameTask
 
     def __init__(
         self,

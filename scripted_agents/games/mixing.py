@@ -9,13 +9,7 @@ from scipy.sparse.linalg import splu
 
 from scripted_agents.games.episodes import longest_play, return_range
 from scripted_agents.games.small_game import SmallGame
-from scripted_agents.games.solve import (
-    Policies,
-    SmallEquilibrium,
-    chain_of,
-    equilibrium,
-    iterate,
-)
+from scripted_agents.games.solve import Policies, SmallEquilibrium, chain_of, equilibrium, iterate
 
 LEAST_APART = 1e-6
 """Share of the range of returns above which a difference between minimax and maximin counts."""

@@ -300,16 +300,13 @@ class GameSimulator(BatchSimulator[GameTask]):
             own: [states, actions], sums of the probabilities over the actions.
             opponents: the tables of its opponents.
         """
-        steps, games = draws.shape[1:]
-        shape = steps, games
+        shape = draws.shape[1:]
         state, final, lengths = np.zeros((3, *shape), dtype=np.int32)
         action, members = np.zeros((2, *shape), dtype=np.int64)
-        ended = np.zeros((2, *shape), dtype=np.bool_)
+        over, cut = np.zeros((2, *shape), dtype=np.bool_)
         reward, returns = np.zeros(shape, dtype=np.float32), np.zeros((*shape, 2))
-        flags = ended[0], ended[1]
-        played = tables.Played(state, action, reward, *flags, final, returns, lengths, members)
-        actions = np.zeros((games, 2), dtype=np.int32)
-        sums = np.cumsum(opponents.shares)
+        played = tables.Played(state, action, reward, over, cut, final, returns, lengths, members)
+        actions, sums = np.zeros((shape[1], 2), dtype=np.int32), np.cumsum(opponents.shares)
         how = self._joints, actions, self.task.max_steps, np.array(seats), draws, own
         against = opponents.cumulative, opponents.members, sums
         tables.play_steps(*how, *against, played, *self.task.tables, *self._arrays)

@@ -14,10 +14,7 @@ from pursuit.validation import number, shortened, whole
 from scripted_agents.games.small_game import DRAWN, Behaviour, SmallGame
 from scripted_agents.joint.layout import NO_SLIPS, Store
 from scripted_agents.joint.results import Equilibrium, JointNashConv, Solution
-from scripted_agents.joint.shapley_iteration import (
-    StochasticGame,
-    solve_game,
-)
+from scripted_agents.joint.shapley_iteration import StochasticGame, solve_game
 from scripted_agents.tolerances import SMALL_GAME_TOLERANCE, TIE
 
 MOST_SWEEPS = 3000

@@ -21,15 +21,11 @@ from pursuit.rules.layout import Games
 from pursuit.tasks.task import ACTIONS, Task, checked_task
 from scripted_agents.games.game import State
 from scripted_agents.games.small_game import SmallGame
+from scripted_agents.joint.layout import places_within
 from scripted_agents.joint.opponents import lay_out_others
 from scripted_agents.joint.states import joint_states_of
 from scripted_agents.joint.sweeps import Problem, Quantity, filled_store
-from scripted_agents.limits import (
-    MAX_STORE_BYTES,
-    MAX_TASK_STATES,
-    REMEDY,
-    check_joint_states,
-)
+from scripted_agents.limits import MAX_STORE_BYTES, MAX_TASK_STATES, REMEDY, check_joint_states
 
 CAPTURED = -1
 """The cell of a captured evader in a state."""
@@ -55,11 +51,7 @@ def game_of_task(task: Task, most_states: int = MAX_TASK_STATES) -> SmallGame:
         ValueError: several mazes, user-defined rewards, slips, turns, too many states, or too
             little memory.
     """
-    task = checked_task(task)
-    if task.reward_function is not None:
-        raise ValueError(
-            f"task {task.name!r} has a custom reward function; give rewards by coefficients"
-        )
+    task = _with_coefficients(task)
     if task.options.slips or task.options.turns:
         raise ValueError(
             f"task {task.name!r} with slip={task.slip!r}, move_order={task.move_order!r}: here a "
@@ -67,6 +59,15 @@ def game_of_task(task: Task, most_states: int = MAX_TASK_STATES) -> SmallGame:
         )
     check_joint_states(task, most_states, each=1000)
     return _enumerated(task)
+
+
+def _with_coefficients(task: Task) -> Task:
+    """The task; ValueError unless its rewards are coefficients."""
+    if checked_task(task).reward_function is not None:
+        raise ValueError(
+            f"task {task.name!r} has a custom reward function; give rewards by coefficients"
+        )
+    return task
 
 
 def _enumerated(task: Task) -> SmallGame:
@@ -88,7 +89,7 @@ def _enumerated(task: Task) -> SmallGame:
     kept = np.flatnonzero(counts)
     state = np.repeat(kept, counts[kept])
     begins = np.concatenate([[0], np.cumsum(counts[kept])])
-    within = np.arange(begins[-1]) - np.repeat(begins[:-1], counts[kept])
+    within = places_within(counts[kept])
     played = store.joints[store.edges[state] + within].astype(np.int64)
     given = store.edges[state] + within * agents
     after = store.following[store.pairs[state] + within]
@@ -161,11 +162,7 @@ def game_of_sides(task: Task, most_states: int = MAX_TASK_STATES) -> SmallGame:
         ValueError: no two sides, several mazes, limited views, user-defined rewards, too many
             states, or too little memory.
     """
-    task = checked_task(task)
-    if task.reward_function is not None:
-        raise ValueError(
-            f"task {task.name!r} has a custom reward function; give rewards by coefficients"
-        )
+    task = _with_coefficients(task)
     roles = list(dict.fromkeys(task.seat_roles))
     if len(roles) != 2 and task.num_agents != 2:
         raise ValueError(
@@ -217,12 +214,9 @@ def with_slips(
         moves = (neighbors[cells[owner], actions] != cells[owner]) & (cells[owner] >= 0)
         many = np.add.reduceat(moves, offsets[:-1])
         slips = many[game.owners] > 0  # agents that have left, or wait, have no moves
-        options = np.repeat(joints[slips], sizes[game.owners[slips], agent])
-        state = game.owners[options]
-        place = np.arange(len(options)) - np.repeat(
-            np.cumsum(sizes[game.owners[slips], agent]) - sizes[game.owners[slips], agent],
-            sizes[game.owners[slips], agent],
-        )
+        repeated = sizes[game.owners[slips], agent]
+        options = np.repeat(joints[slips], repeated)
+        state, place = game.owners[options], places_within(repeated)
         stride = sizes[state, agent + 1 :].prod(axis=1)
         target = options + (place - game.choices[options, agent]) * stride
         weight = chance * moves[offsets[state] + place] / many[state]

@@ -54,19 +54,9 @@ def remove_visible(world: World, maze: int, own: int, visible: Any, belief: Any)
 
 @compiled
 def update_beliefs(
-    games: Games,
-    seat: int,
-    other: int,
-    mazes: Any,
-    visible: Any,
-    chances: Any,
-    settings: Any,
-    rows: Any,
-    belief: Any,
-    known_at: Any,
-    before: Any,
-    work: Any,
-) -> None:
+    games: Games, seat: int, other: int, mazes: Any, visible: Any, chances: Any, settings: Any,
+    rows: Any, belief: Any, known_at: Any, before: Any, work: Any,
+) -> None:  # fmt: skip
     """Update the beliefs of all games by the current observation.
 
     `settings` is (own role chases, chasers first, minimum start distance). `rows` [games] are the

@@ -76,21 +76,13 @@ class BeliefFilter:
         """
         task, kept, rows = view.task, self.memory.of(view), view.rows
         check_duel(task, "beliefs")
-        role = task.seat_roles[view.seat]
+        chases, laid = task.seat_roles[view.seat] == "chaser", self._laid.of(view)
+        settings = chases, task.move_order == "chasers_first", task.min_start_distance
         belief_kernels.update_beliefs(
-            view.games,
-            view.seat,
-            1 - view.seat,
-            view.mazes,
-            self.view_tables.table(view),
-            self._laid.of(view)["chances"],
-            (role == "chaser", task.move_order == "chasers_first", task.min_start_distance),
-            rows,
-            kept["belief"],
-            kept["known_at"],
-            kept["before"],
-            self._laid.of(view)["scratch"],
-        )
+            view.games, view.seat, 1 - view.seat, view.mazes, self.view_tables.table(view),
+            laid["chances"], settings, rows, kept["belief"], kept["known_at"], kept["before"],
+            laid["scratch"],
+        )  # fmt: skip
         return kept["belief"], rows
 
     def _lay_out(self, view: GameView) -> dict[str, Array]:

@@ -13,17 +13,8 @@ from pursuit.memory import check_memory
 from pursuit.rules import captured
 from pursuit.tasks.task import MOVE_ORDERS
 from pursuit.tasks.visibility import visible_cells
-from pursuit.validation import (
-    Flag,
-    Rule,
-    Whole,
-    as_array,
-    check_fields,
-    choice,
-    number,
-    whole,
-)
-from scripted_agents.duel.best_response import MoveOrder
+from pursuit.validation import Flag, Rule, Whole, as_array, check_fields, choice, number, whole
+from scripted_agents.duel.best_response import MoveOrder, random_starts
 from scripted_agents.hidden.layout import MIXED, NONE, Model, Roots
 from scripted_agents.tolerances import SUM_TOLERANCE
 
@@ -254,13 +245,8 @@ def _starts(
     maze: Maze, role: str, visible: NDArray[np.bool_], min_start_distance: int
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
     size = maze.num_cells
-    apart = maze.distances >= max(min_start_distance, 1)
+    apart = random_starts(maze, min_start_distance)
     pairs = apart if role == "chaser" else apart.T
-    if not pairs.any():
-        raise ValueError(
-            f"min_start_distance={min_start_distance} is more than the largest distance in "
-            f"{maze.name}; give at most {maze.longest_distance}"
-        )
     own, cell = np.nonzero(pairs & visible)
     hidden = pairs & ~visible
     unseen = np.flatnonzero(hidden.any(axis=1))

@@ -324,12 +324,10 @@ def first_bounds(model: Model) -> tuple[NDArray[np.float64], NDArray[np.float64]
     informed = np.full((own, hidden, actions), min(float(model.costs.min()), 0.0) * most)
     walk = np.full((own, hidden), max(float(model.costs.max()), 0.0) * most)
     enough = STEADY * max(float(np.abs(model.costs).max()), 1e-300) * most
-    for _ in range(FIRST_SWEEPS):
-        if inform(model, informed) <= enough:
-            break
-    for _ in range(FIRST_SWEEPS):
-        if wander(model, walk) <= enough:
-            break
+    for sweep, values in ((inform, informed), (wander, walk)):
+        for _ in range(FIRST_SWEEPS):
+            if sweep(model, values) <= enough:
+                break
     first = model.useful.argmax(axis=1)  # in place of actions with the effect of an earlier one
     instead = np.where(model.useful, np.arange(actions), first[:, None])
     informed = np.take_along_axis(informed, instead[:, None], axis=2)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 
 class Numbering(NamedTuple):
@@ -103,6 +104,12 @@ class Store(NamedTuple):
 
 NO_SLIPS = np.zeros(0), np.zeros((0, 0, 2), dtype=np.int16)
 """The last two fields of a `Store` where no moves slip."""
+
+
+def places_within(sizes: NDArray[np.integer]) -> NDArray[np.int64]:
+    """[sum of sizes] int64: 0, 1, ... for the entries of each of several groups of these sizes."""
+    begins = np.cumsum(sizes) - sizes
+    return np.asarray(np.arange(sizes.sum()) - np.repeat(begins, sizes), dtype=np.int64)
 
 
 class Workspace(NamedTuple):

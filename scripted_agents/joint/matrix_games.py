@@ -187,16 +187,9 @@ def guarantees(payoff: Any, row: Any, column: Any) -> tuple[float, float]:
 
 @allocating
 def sweep_games(
-    values: Any,
-    target: Any,
-    store: Store,
-    discount: float,
-    least_mixed: float,
-    chances: Any,
-    mixed: Any,
-    first: int,
-    last: int,
-) -> Any:
+    values: Any, target: Any, store: Store, discount: float, least_mixed: float, chances: Any,
+    mixed: Any, first: int, last: int,
+) -> Any:  # fmt: skip
     """One sweep of Shapley's iteration (1953) over the states from `first` to `last` - 1.
 
     target = the value of the matrix game over the immediate rewards and `discount` * the values of

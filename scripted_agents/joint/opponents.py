@@ -14,7 +14,7 @@ from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task
 from scripted_agents.agents.scripted import MoveSets, Scripted
 from scripted_agents.agents.table_policy import TablePolicy
-from scripted_agents.joint.policy import JointPlan, random_moves
+from scripted_agents.joint.policy import JointPlan, marginal, mixed_with_random_moves
 from scripted_agents.joint.states import JointStates
 from scripted_agents.tolerances import NETWORK_SUM_TOLERANCE
 
@@ -136,7 +136,9 @@ def lay_out_others(
                 continue
             playing = real & (games.active[:, seats] != 0).any(axis=1)
             found = _checked(_drawn_by(policy, task, games, seats), playing, task, seats, policy)
-            rows.append(slipped_rows(task, seats, games.position, found).ravel())
+            slips = [task.slips[seat] for seat in seats]
+            moved = mixed_with_random_moves(task, seats, slips, games.position, found)
+            rows.append(moved.ravel())
             codes[number, part] = begins + width * np.arange(first, first + len(real))
         if isinstance(policy, Scripted):
             rows.append(known.rows(policy.epsilon, task.slips[seats[0]]).ravel())
@@ -150,9 +152,7 @@ def _drawn_by(policy: Any, task: Task, games: Games, seats: tuple[int, ...]) -> 
         return np.asarray(policy.distribution(task, games, seats[0]), dtype=np.float64)
     role = task.seat_roles[seats[0]]
     team = [seat for seat, other in enumerate(task.seat_roles) if other == role]
-    joint = policy.joint_distribution(task, games).reshape(-1, *(task.num_actions,) * len(team))
-    others = tuple(axis for axis, seat in enumerate(team, start=1) if seat not in seats)
-    return np.asarray(joint.sum(axis=others).reshape(len(joint), -1), dtype=np.float64)
+    return marginal(policy.joint_distribution(task, games), task, team, seats)
 
 
 def _checked(
@@ -176,20 +176,3 @@ def _checked(
             f"the {task.num_actions} actions in some state; rows are non-negative and sum to 1"
         )
     return np.asarray(found / np.where(total > 0.0, total, 1.0))
-
-
-def slipped_rows(
-    task: Task, seats: tuple[int, ...], cells: NDArray[Any], rows: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """[games, joint actions] float64: distributions of the joint moves of these agents, given those
-    of their choices; `cells` [games, agents] are the positions of all agents."""
-    slips = [task.slips[seat] for seat in seats]
-    if not any(slips):
-        return rows
-    uniform = random_moves(task.mazes[0], task.num_actions)
-    rows = rows.reshape(-1, *(task.num_actions,) * len(seats))
-    for axis, (seat, slip) in enumerate(zip(seats, slips, strict=True), start=1):
-        shape = [-1] + [task.num_actions if a == axis else 1 for a in range(1, rows.ndim)]
-        moves = uniform[cells[:, seat]].reshape(shape)
-        rows = (1.0 - slip) * rows + slip * rows.sum(axis=axis, keepdims=True) * moves
-    return rows.reshape(len(rows), -1)

@@ -144,10 +144,7 @@ class _Equilibrium(ExactAgent):
     side: Role
 
     def __init__(
-        self,
-        epsilon: float = 0.0,
-        discount: float = 0.95,
-        move_order: MoveOrder = "simultaneous",
+        self, epsilon: float = 0.0, discount: float = 0.95, move_order: MoveOrder = "simultaneous"
     ) -> None:
         super().__init__(self.side, epsilon, discount, move_order)
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
+from operator import attrgetter
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -120,19 +123,11 @@ class JointTable:
             ValueError: as `act`.
         """
         check_game(self, task, self.seats[0])
-        numbers, actions = self.states.numbers(games), task.num_actions
+        numbers = self.states.numbers(games)
         over = np.eye(self.table.shape[1])[0]
         joint = np.where((numbers < 0)[:, None], over, self.table[np.maximum(numbers, 0)])
-        if self.epsilon == 0.0:
-            return joint
-        joint = joint.reshape(-1, *(actions,) * len(self.seats))
-        moves = random_moves(task.mazes[0], actions)
-        for axis, seat in enumerate(self.seats, start=1):
-            shape = [-1] + [actions if a == axis else 1 for a in range(1, joint.ndim)]
-            random = moves[games.position[:, seat]].reshape(shape)
-            others = joint.sum(axis=axis, keepdims=True)
-            joint = (1.0 - self.epsilon) * joint + self.epsilon * others * random
-        return joint.reshape(len(joint), -1)
+        epsilons = [self.epsilon] * len(self.seats)
+        return mixed_with_random_moves(task, self.seats, epsilons, games.position, joint)
 
     def distribution(self, task: Task, games: Games, seat: int) -> NDArray[np.float64]:
         """[games, actions] float64, the marginal distribution of one agent.
@@ -141,11 +136,7 @@ class JointTable:
             ValueError: as `act`.
         """
         check_game(self, task, seat)
-        joint = self.joint_distribution(task, games)
-        parts = joint.reshape(len(joint), *(task.num_actions,) * len(self.seats))
-        own = self.seats.index(seat) + 1
-        others = tuple(axis for axis in range(1, parts.ndim) if axis != own)
-        return np.asarray(parts.sum(axis=others))
+        return marginal(self.joint_distribution(task, games), task, self.seats, (seat,))
 
 
 def drawn(draws: NDArray[np.float64], cumulative: NDArray[np.float64]) -> NDArray[np.int64]:
@@ -163,6 +154,38 @@ def random_moves(maze: Maze, num_actions: int) -> NDArray[np.float64]:
     moves = (maze.neighbors[:, :num_actions] != np.arange(maze.num_cells)[:, None]).astype(float)
     moves[moves.sum(axis=1) == 0.0, -1 if num_actions > maze.num_moves else 0] = 1.0
     return np.asarray(moves / moves.sum(axis=1, keepdims=True))
+
+
+def mixed_with_random_moves(
+    task: Task,
+    seats: tuple[int, ...],
+    chances: Sequence[float],
+    cells: NDArray[Any],
+    rows: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """[games, joint actions] float64: distributions over the joint actions of these agents, each of
+    which is replaced by a random move with the chance of its agent, independent of the others.
+
+    `cells` [games, agents] are the positions of all agents.
+    """
+    if not any(chances):
+        return rows
+    uniform = random_moves(task.mazes[0], task.num_actions)
+    rows = rows.reshape(-1, *(task.num_actions,) * len(seats))
+    for axis, (seat, chance) in enumerate(zip(seats, chances, strict=True), start=1):
+        shape = [-1] + [task.num_actions if a == axis else 1 for a in range(1, rows.ndim)]
+        moves = uniform[cells[:, seat]].reshape(shape)
+        rows = (1.0 - chance) * rows + chance * rows.sum(axis=axis, keepdims=True) * moves
+    return rows.reshape(len(rows), -1)
+
+
+def marginal(
+    joint: NDArray[np.float64], task: Task, team: Sequence[int], seats: Sequence[int]
+) -> NDArray[np.float64]:
+    """[games, joint actions of `seats`] float64, given the distributions of a whole team."""
+    parts = joint.reshape(-1, *(task.num_actions,) * len(team))
+    others = tuple(axis for axis, seat in enumerate(team, start=1) if seat not in seats)
+    return np.asarray(parts.sum(axis=others).reshape(len(joint), -1), dtype=np.float64)
 
 
 def with_random_moves(
@@ -192,9 +215,8 @@ def _part_of(
 def check_game(policy: JointPlan | JointTable, task: Task, seat: int) -> None:
     """ValueError unless a policy has the states of this task, and is for this agent."""
     own = policy.states.task
-    fits = (task.mazes, task.teams, task.num_actions, task.move_order, task.fixed_exits)
-    its = (own.mazes, own.teams, own.num_actions, own.move_order, own.fixed_exits)
-    if fits != its or task.num_exits != own.num_exits:
+    rules_of = attrgetter("mazes", "teams", "num_actions", "move_order", "fixed_exits")
+    if rules_of(task) != rules_of(own) or task.num_exits != own.num_exits:
         raise ValueError(
             f"{policy!r} is a plan for task {own.name!r} on {own.mazes[0].name}; task "
             f"{task.name!r} has another maze, other agents, goals, actions or order of moves"

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from scripted_agents.joint.layout import NO_SLIPS, Store
+from scripted_agents.joint.layout import NO_SLIPS, Store, places_within
 from scripted_agents.joint.matrix_games import fill_strategies, sweep_games
 from scripted_agents.joint.opponents import lay_out_others
 from scripted_agents.joint.slips import fill_move_chances
@@ -47,9 +47,7 @@ def restricted(store: Store, rows: Mask, columns: Mask) -> Store:
             option of each in every state. No moves may slip.
     """
     state = np.repeat(np.arange(len(store.shape)), store.shape[:, 0])
-    within = np.arange(len(state)) - np.repeat(
-        np.cumsum(store.shape[:, 0]) - store.shape[:, 0], store.shape[:, 0]
-    )
+    within = places_within(store.shape[:, 0])
     pair, edge = store.pairs[state] + within, store.edges[state] + within
     row, column = np.divmod(store.joints[edge], columns.shape[1])
     may = rows[state, row]

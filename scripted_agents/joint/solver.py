@@ -15,12 +15,7 @@ from numpy.typing import NDArray
 
 from pursuit.tasks.task import Task, checked_task
 from pursuit.validation import check_discount, one_of, whole
-from scripted_agents.joint.opponents import (
-    Policies,
-    bytes_of_others,
-    lay_out_others,
-    policies_of,
-)
+from scripted_agents.joint.opponents import Policies, bytes_of_others, lay_out_others, policies_of
 from scripted_agents.joint.policy import JointPlan
 from scripted_agents.joint.results import JointResponse, JointValues
 from scripted_agents.joint.states import JointStates, joint_states_of
@@ -137,13 +132,13 @@ def evaluate_joint(
     states, values = quantities_of(task, policies, wanted, horizon, discount, most_states)
     means = dict(zip(wanted, states.mean_over_starts(values).tolist(), strict=True))
     names = [task.agent_names[seat] for seat in seats]
-    return_names = {f"return of {name}": name for name in names if f"return of {name}" in means}
+    paid = names if task.reward_function is None else []
     return JointValues(
         states,
         means["length"],
         means["ended"],
         {name: means[f"steps of {name}"] for name in names},
-        {name: means[key] for key, name in return_names.items()},
+        {name: means[f"return of {name}"] for name in paid},
         {key: values[:, at] for at, key in enumerate(wanted)},
     )
 

@@ -17,14 +17,7 @@ from pursuit.mazes.maze_arrays import lay_out
 from pursuit.memory import check_memory
 from pursuit.rules import layout
 from scripted_agents.joint.kernels import FILL_STORE
-from scripted_agents.joint.layout import (
-    NO_SLIPS,
-    Backup,
-    Players,
-    Quantities,
-    Store,
-    Workspace,
-)
+from scripted_agents.joint.layout import NO_SLIPS, Backup, Players, Quantities, Store, Workspace
 from scripted_agents.joint.opponents import OtherPolicies
 from scripted_agents.joint.states import JointStates
 from scripted_agents.joint.sweep_kernels import sweep
@@ -171,10 +164,7 @@ class Sweeper:
     """
 
     def __init__(
-        self,
-        problem: Problem,
-        values: NDArray[np.float64],
-        choice: NDArray[np.int16],
+        self, problem: Problem, values: NDArray[np.float64], choice: NDArray[np.int16]
     ) -> None:
         self.problem, self.values, self.choice = problem, values, choice
         self.store = filled_store(problem)

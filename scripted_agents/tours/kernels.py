@@ -147,13 +147,7 @@ def first_of_tour(between: Any, num_goals: int, best: Any) -> int:
 
 
 @compiled
-def plan_next_goals(
-    games: Games,
-    seat: int,
-    mazes: Any,
-    plans: Any,
-    scratch: Any,
-) -> None:
+def plan_next_goals(games: Games, seat: int, mazes: Any, plans: Any, scratch: Any) -> None:
     """Find the next goal of a shortest tour in every game, from the cached plan while it is valid.
 
     `plans` are `scripted_agents.agents.runner.Plans`. `scratch` is scratch memory: [1 << goals,
