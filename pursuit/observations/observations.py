@@ -211,7 +211,8 @@ class Encoder:
             if hidden.any():
                 mazes = self._background.reshape(len(self._background), -1)
                 grids = (self._places, mazes, self.shape[1], int(self.encoding == "walls"))
-                encodings.hide_grid(*seen_from, hidden, *grids, flat)
+                # With hidden mazes there is a table of views.
+                encodings.hide_grid(*seen_from, hidden, *grids, flat)  # type: ignore[arg-type]
             encodings.draw_codes(seen, games.maze, self._draws[seats], self._places, flat)
 
 

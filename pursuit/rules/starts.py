@@ -190,13 +190,6 @@ def starts_apart(start: Start) -> bool:
     return True
 
 
-@inlined
-def first_collector(rules: Rules) -> int:
-    """The centre of the goal radius: the first runner or, without runners, the first evader."""
-    teams = rules.teams
-    return teams.chasers + teams.evaders if teams.runners > 0 else teams.chasers
-
-
 @subroutine
 def place_goals(start: Start) -> None:
     """Place the goals on the marks, or on random free cells within the goal radius.
@@ -232,7 +225,9 @@ def list_free_cells(start: Start, num_goals: int, radius: int) -> int:
     world, search, maze = start.world, start.search, start.games.maze[start.game]
     around_marks = start.pending.goals_around_marks[start.game] > 0
     first, size = world.first_cell[maze], world.num_cells[maze]
-    center = np.int64(start.games.position[start.game, first_collector(start.rules)])
+    teams = start.rules.teams  # the centre is the first runner or, without runners, first evader
+    collector = teams.chasers + teams.evaders if teams.runners > 0 else teams.chasers
+    center = np.int64(start.games.position[start.game, collector])
     if not around_marks and not has_table(world, maze):
         size = search_within(world, maze, center, radius, -1, search)
         forget(search, size)
@@ -244,7 +239,7 @@ def list_free_cells(start: Start, num_goals: int, radius: int) -> int:
             cell, away = i, table_distance(world, maze, center, i)
         else:
             cell, away = np.int64(search.queue[i]), radius
-        exits, agents = start.rules.options.exits, agents_of(start.rules.teams)
+        exits, agents = start.rules.options.exits, agents_of(teams)
         if away <= radius and not is_taken(start, agents, cell, num_goals, exits):
             search.queue[count] = cell
             count += 1
