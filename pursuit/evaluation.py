@@ -80,7 +80,6 @@ def evaluate(
         ImportError: a required package is not installed, for example torch.
     """
     chosen = {"opponent": opponent, "opponent_epsilon": opponent_epsilon, **settings}
-    found: Evaluation = from_train("train.evaluation.functions:evaluate")(
+    return from_train("train.evaluation.functions:evaluate")(
         policy, task, agent, observation, episodes, seed, chosen
     )
-    return found

@@ -7,10 +7,7 @@ import os
 from pathlib import Path
 
 MEMINFO = Path("/proc/meminfo")
-LIMITS = (
-    Path("/sys/fs/cgroup/memory.max"),
-    Path("/sys/fs/cgroup/memory/memory.limit_in_bytes"),
-)
+LIMITS = (Path("/sys/fs/cgroup/memory.max"), Path("/sys/fs/cgroup/memory/memory.limit_in_bytes"))
 """Files with the memory limit of a container: cgroup v2 and v1."""
 USED = ("memory.current", "memory.usage_in_bytes")
 """Files in the same folders with the memory in use, in bytes."""

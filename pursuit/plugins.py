@@ -332,8 +332,7 @@ class Registry(Generic[Part]):
                 if label != repr(part)
                 else f"{self.kind}={shortened(part)}; it must be {self.needs}, or a name"
             )
-        kept: Part = part
-        return kept
+        return part
 
     def _import(self, name: str, reference: str) -> Any:
         """Import the object of a reference; ValueError (one line) if that fails."""

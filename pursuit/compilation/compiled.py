@@ -82,7 +82,7 @@ def _entry(function: Function, **options: Any) -> Function:
 
 
 def _part(function: Function, **options: Any) -> Function:
-    dispatcher: Any = numba.njit(
+    return numba.njit(
         nogil=True,
         error_model="numpy",
         _nrt=False,
@@ -91,7 +91,6 @@ def _part(function: Function, **options: Any) -> Function:
         pipeline_class=_PartCompiler if TRIED else Compiler,
         **options,
     )(function)
-    return dispatcher
 
 
 class _Part(JITCodeLibrary):

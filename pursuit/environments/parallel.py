@@ -17,11 +17,11 @@ from pursuit.environments.types import (
     Actions,
     GamesSimulator,
     Info,
-    MakesTurnBased,
     Observations,
     Options,
     Parallel,
     Space,
+    TurnBased,
 )
 from pursuit.mazes.maze_arrays import lay_out
 from pursuit.observations.masks import (
@@ -137,13 +137,7 @@ class SimulatorParallelEnv(Rendered, Parallel):
 
     def step(
         self, actions: Actions
-    ) -> tuple[
-        Info,
-        dict[str, float],
-        dict[str, bool],
-        dict[str, bool],
-        dict[str, Info],
-    ]:
+    ) -> tuple[Info, dict[str, float], dict[str, bool], dict[str, bool], dict[str, Info]]:
         """Move all agents at once; actions of agents that have been captured are ignored.
 
         Raises:
@@ -379,7 +373,7 @@ def scene_of(simulator: Simulator, game: int = 0, caption: str = "") -> Scene:
 
 def environment_makers(
     name: str,
-) -> tuple[Callable[..., PursuitParallelEnv], MakesTurnBased, MakesTurnBased]:
+) -> tuple[Callable[..., PursuitParallelEnv], Callable[..., TurnBased], Callable[..., TurnBased]]:
     """The functions `parallel_env`, `raw_env` and `env` of the PettingZoo module of a task."""
 
     def parallel_env(

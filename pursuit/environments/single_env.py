@@ -17,14 +17,7 @@ import numpy as np
 from gymnasium.envs.registration import EnvSpec
 from numpy.typing import ArrayLike, NDArray
 
-from pursuit.environments.types import (
-    GamesSimulator,
-    Info,
-    Observations,
-    Options,
-    Single,
-    Space,
-)
+from pursuit.environments.types import GamesSimulator, Info, Observations, Options, Single, Space
 from pursuit.rendering.rendering import Drawable
 from pursuit.rendering.windows import Rendered
 from pursuit.rules.arrays import Array

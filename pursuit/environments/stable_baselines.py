@@ -147,8 +147,7 @@ class StableBaselinesVecEnv(VecEnv):
         """[num_envs, actions] bool: the allowed actions; ValueError for an arm."""
         if not hasattr(self.env, "action_masks"):
             raise ValueError("an arm has no action masks: every action is legal")
-        masks: NDArray[np.bool_] = self.env.action_masks()
-        return masks
+        return self.env.action_masks()
 
     def env_is_wrapped(self, wrapper_class: Any, indices: Indices = None) -> list[bool]:
         """Whether the infos are those of this wrapper: True for `Monitor` only."""

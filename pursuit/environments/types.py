@@ -1,6 +1,6 @@
 """Names of the types that environments share."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any, Protocol, TypeAlias
 
 import gymnasium
@@ -22,7 +22,6 @@ Single: TypeAlias = gymnasium.Env[Any, Any]
 Vector: TypeAlias = gymnasium.vector.VectorEnv[Any, Any, Any]
 Parallel: TypeAlias = ParallelEnv[str, Any, Any]
 TurnBased: TypeAlias = AECEnv[str, Any, Any]
-MakesTurnBased: TypeAlias = Callable[..., TurnBased]
 
 
 class GamesSimulator(Protocol):

@@ -112,10 +112,7 @@ class LockstepVectorEnv(GamesOfWorld, Vector):
         return min(super()._max_steps(), self._limit or super()._max_steps())
 
     def reset(
-        self,
-        *,
-        seed: int | Sequence[int | None] | None = None,
-        options: Options = None,
+        self, *, seed: int | Sequence[int | None] | None = None, options: Options = None
     ) -> tuple[Observations, Info]:
         """Start new episodes in all games, or in those of `options["reset_mask"]` [num_envs] bool.
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 import ast
 import json
 import re
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pursuit.mazes.formats import fail
 from pursuit.mazes.graphs import (
     MAX_MOVES,
     GraphDrawing,
@@ -70,33 +71,28 @@ def read_graph_text(text: str, name: str) -> GraphDrawing:
         found = _LINE.fullmatch(line.strip())
         if not found or found[1] != str(cell):
             form = f'line {cell + 2} is: {cell} "name" x y: neighbors'
-            _fail(name, cell, f"{shortened(line)}; {form}")
+            fail(name, cell + 2, f"{shortened(line)}; {form}")
         try:
             places.append((float(found[3]), float(found[4])))
             names.append(json.loads(found[2]))
             row = [int(word) for word in found[6].split()]
         except ValueError:
-            _fail(name, cell, f"{shortened(line)}; a name is in quotes, x and y are numbers")
+            fail(name, cell + 2, f"{shortened(line)}; a name is in quotes, x and y are numbers")
         if not np.isfinite(places[-1]).all():
-            _fail(name, cell, f"the position {found[3]} {found[4]}; x and y are finite numbers")
+            fail(name, cell + 2, f"the position {found[3]} {found[4]}; x and y are finite numbers")
         if len(row) != most or any(there >= cells for there in row):
-            _fail(name, cell, f"neighbors {shortened(row)}; give {most}, each below {cells}")
+            fail(name, cell + 2, f"neighbors {shortened(row)}; give {most}, each below {cells}")
         rows.append([*row, cell])
         starts += [cell] if found[5] == " S" else []
         goals += [cell] if found[5] == " G" else []
         if len(starts) > 1:
-            _fail(
-                name, cell, f"a second start mark S, after that of line {starts[0] + 2}; keep one"
-            )
+            problem = f"a second start mark S, after that of line {starts[0] + 2}; keep one"
+            fail(name, cell + 2, problem)
     neighbors = np.array(rows, dtype=np.int32)
     check_names(names, name)
     check_connected(neighbors, names, name)
     start = starts[0] if starts else None
     return GraphDrawing(tuple(names), np.array(places), neighbors, start, tuple(goals))
-
-
-def _fail(name: str, cell: int, problem: str) -> NoReturn:
-    raise ValueError(f"{name}: line {cell + 2}: {problem}")
 
 
 def read_graph_file(text: str, suffix: str, name: str) -> GraphDrawing:

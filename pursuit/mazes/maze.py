@@ -316,9 +316,8 @@ class Maze:
         cells[self.cell_numbers < 0] = "#"
         grid[2:-1:2, 1::2][self.open_south] = " "
         grid[1::2, 2:-1:2][self.open_east] = " "
-        if self.start_mark is not None:
-            cells[self.rows[self.start_mark], self.columns[self.start_mark]] = "S"
-        for mark, marked in (("G", self.goal_marks), ("E", self.exit_marks)):
+        start = () if self.start_mark is None else (self.start_mark,)
+        for mark, marked in (("S", start), ("G", self.goal_marks), ("E", self.exit_marks)):
             for cell in marked:
                 cells[self.rows[cell], self.columns[cell]] = mark
         return "\n".join("".join(line) for line in grid) + "\n"

@@ -12,6 +12,8 @@ from pursuit.mazes.maze import MAX_TABLE_CELLS, Maze, table_of_distances
 from pursuit.rules import layout
 from pursuit.rules.distances import NO_PATH
 
+NO_CELL = -1
+
 
 class MazeArrays(NamedTuple):
     """The arrays of mazes that kernels use; `layout.world_of` gives names to their parts.
@@ -33,6 +35,25 @@ class MazeArrays(NamedTuple):
     def world(self) -> layout.World:
         """The same arrays under the names that kernels use."""
         return layout.named_views(layout.world_of, *self)
+
+
+@lru_cache(maxsize=4)
+def grids_of(mazes: tuple[Maze, ...]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Two arrays of the largest height, width and number of cells of `mazes`, none a graph.
+
+    [mazes, height, width] int32, the number of each cell, NO_CELL if there is none; and
+    [mazes, cells, 3] int32, row, column, and walls of each cell: bit 1 << action is set if the move
+    does not change the cell.
+    """
+    sides = [max(getattr(maze, side) for maze in mazes) for side in ("height", "width")]
+    cells = np.full((len(mazes), *sides), NO_CELL, dtype=np.int32)
+    places = np.zeros((len(mazes), max(maze.num_cells for maze in mazes), 3), dtype=np.int32)
+    for number, maze in enumerate(mazes):
+        own = np.arange(maze.num_cells)
+        cells[number, maze.rows, maze.columns] = own
+        closed = (maze.neighbors[:, :4] == own[:, None]) @ (1 << np.arange(4))
+        places[number, : len(own)] = np.stack([maze.rows, maze.columns, closed], axis=1)
+    return cells, places
 
 
 @lru_cache(maxsize=64)

@@ -13,7 +13,7 @@ from pursuit.observations.pursuit_v5 import PursuitV5Observation
 from pursuit.plugins import Registry
 from pursuit.rules.arrays import Array
 from pursuit.rules.layout import Games
-from pursuit.tasks.moments import Before, distances_of, moment_of, roles_of
+from pursuit.tasks.moments import Before, distances_of, roles_of
 from pursuit.tasks.task import Task
 
 ENCODINGS = ("one_hot", "positions", "cells", "walls", "planes", "index", "window")
@@ -142,8 +142,8 @@ class CustomEncoding:
 
     def _encode(self, games: Games, chosen: NDArray[np.intp]) -> Array:
         task = self.task
-        moment = moment_of(games, roles_of(task.seat_roles), distances_of(task.mazes))
-        shown = Before(*(array.view() for array in moment))
+        arrays = (*games, roles_of(task.seat_roles), distances_of(task.mazes))
+        shown = Before(*(array.view() for array in arrays))
         for view in shown:
             view.flags.writeable = False
         seen = np.asarray(self.part.encode(task, shown, chosen))

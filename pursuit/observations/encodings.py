@@ -6,7 +6,7 @@ cell if it collected a goal in the last step, else -1. `pursuit.observations.pla
 of planes and windows.
 
 `table` and `begin` describe limited views (`pursuit.rules.visibility`); both are None if no view is
-limited. `view` [games, agents] int64 is the index in the table of the row of an agent's cell.
+limited.
 """
 
 from __future__ import annotations
@@ -79,18 +79,6 @@ def list_entities(
 
 
 @compiled
-def list_views(
-    position: Ints, active: Ints, event: Ints, goal: Ints, steps: Ints, maze: Ints, exit_: Ints,
-    begin: Longs | None, order: Longs, view: Longs,
-) -> None:  # fmt: skip
-    """Fill `view`."""
-    games = Games(position, active, event, goal, steps, maze, exit_)
-    for game in range(view.shape[0]):
-        for seat in range(view.shape[1]):
-            view[game, seat] = view_of(begin, games, game, order[seat, 0])
-
-
-@compiled
 def draw_codes(seen: Ints, maze: Ints, codes: Longs, places: Longs, out: Codes) -> None:
     """Write the code of every entity into `out` [games, seats, flattened grid].
 
@@ -108,24 +96,27 @@ def draw_codes(seen: Ints, maze: Ints, codes: Longs, places: Longs, out: Codes) 
 
 @compiled
 def hide_grid(
-    maze: Ints, table: Flags | None, view: Longs, num_cells: Longs, hidden: Flags, places: Longs,
-    background: Codes, columns: int, reach: int, out: Codes,
+    position: Ints, active: Ints, event: Ints, goal: Ints, steps: Ints, maze: Ints, exit_: Ints,
+    table: Flags, begin: Longs, order: Longs, hidden: Flags, places: Longs, background: Codes,
+    columns: int, reach: int, out: Codes,
 ) -> None:  # fmt: skip
     """Leave in `out` [games, seats, flattened grid] of the maze only what is within view.
 
-    `num_cells` is [mazes], `hidden` [seats] bool (the agents with a hidden maze), `background`
-    [mazes, flattened grid], `columns` the width of a row of it, and `reach` is 1 if the grid has
-    walls between cells, which are visible with the cells beside them.
+    `hidden` is [seats] bool (the agents with a hidden maze), `background` [mazes, flattened grid],
+    `columns` the width of a row of it, and `reach` is 1 if the grid has walls between cells, which
+    are visible with the cells beside them.
     """
+    games = Games(position, active, event, goal, steps, maze, exit_)
     for game in range(out.shape[0]):
         number = maze[game]
         for seat in range(out.shape[1]):
             if not hidden[seat]:
                 continue
+            view = view_of(begin, games, game, order[seat, 0])
             for place in range(out.shape[2]):
                 out[game, seat, place] = UNSEEN
-            for cell in range(num_cells[number]):
-                if in_view(table, view[game, seat], cell):
+            for cell in range(begin[begin.shape[0] - 1, number]):
+                if in_view(table, view, cell):
                     for down in range(-reach, reach + 1):
                         for right in range(-reach, reach + 1):
                             place = places[number, cell] + down * columns + right

@@ -113,17 +113,9 @@ def masked_space(observed: gymnasium.Space[Any], num_actions: int) -> gymnasium.
     return gymnasium.spaces.Dict({"observation": observed, ACTION_MASK: mask})
 
 
-def forbids_waiting(task: Task) -> bool:
-    """Whether masks forbid chasers or evaders to wait.
-
-    Waiting is never optimal for a runner.
-    """
-    return not task.stay_action and bool(task.num_chasers or task.num_evaders)
-
-
 def warn_of_masks(task: Task) -> None:
     """Warn if `mask_bumps` changes optimal play; Python shows the warning once for each task."""
-    if forbids_waiting(task):
+    if not task.stay_action and (task.num_chasers or task.num_evaders):  # no runner has to wait
         warnings.warn(
             f"mask_bumps=True in task {task.name!r} without stay_action forbids waiting (a move "
             "into a wall), which is part of optimal play: the optimality gap can become large. "

@@ -146,7 +146,6 @@ class Encoder:
         if self.encoding in ("cells", "walls"):
             self._places, self._background = _drawn_mazes(task, self.encoding == "walls")
             self._draws = _draws(self._codes, task.num_goals, task.most_exits)
-            self._num_cells = np.array([maze.num_cells for maze in task.mazes])
             most = UNSEEN if self._sight.hidden_maze.any() else WALL
             most = EXIT if task.most_exits else most
             return box(FLOOR, most, self._background.shape[1:], np.uint8)
@@ -196,30 +195,25 @@ class Encoder:
         seen_from = (*games, sight.table, sight.begin, order)
         if self.encoding == "index":
             encodings.list_entities(*seen_from, 0, size, out.shape[2] * size, out)
-            return
-        if self.encoding == "positions":
+        elif self.encoding == "positions":
             encodings.list_entities(*seen_from, 1, 0, 0, out)
             np.minimum(out[:, :, -1], 1, out=out[:, :, -1])
-            return
-        if self.encoding == "one_hot":
+        elif self.encoding == "one_hot":
             encodings.list_entities(*seen_from, 0, size, None, out)
-            return
-        if self.encoding not in ("cells", "walls"):
+        elif self.encoding not in ("cells", "walls"):
             self._planes.draw(games, seats, out)
-            return
-        seen = np.empty((*out.shape[:2], self.num_entities + 1), dtype=np.int32)
-        encodings.list_entities(*seen_from, 0, 0, -1, seen)
-        view = np.empty(out.shape[:2], dtype=np.int64)
-        encodings.list_views(*games, sight.begin, order, view)
-        hidden = sight.hidden_maze[seats]
-        out[:] = self._background[games.maze][:, None]
-        flat = out.reshape(*out.shape[:2], math.prod(self.shape))
-        if hidden.any():
-            mazes = self._background.reshape(len(self._background), -1)
-            maze = (self._num_cells, hidden, self._places, mazes, self.shape[1])
-            reach = int(self.encoding == "walls")
-            encodings.hide_grid(games.maze, sight.table, view, *maze, reach, flat)
-        encodings.draw_codes(seen, games.maze, self._draws[seats], self._places, flat)
+        else:
+            seen = np.empty((*out.shape[:2], self.num_entities + 1), dtype=np.int32)
+            encodings.list_entities(*seen_from, 0, 0, -1, seen)
+            hidden = sight.hidden_maze[seats]
+            out[:] = self._background[games.maze][:, None]
+            flat = out.reshape(*out.shape[:2], math.prod(self.shape))
+            if hidden.any():
+                mazes = self._background.reshape(len(self._background), -1)
+                grids = (self._places, mazes, self.shape[1], int(self.encoding == "walls"))
+                # With hidden mazes there is a table of views.
+                encodings.hide_grid(*seen_from, hidden, *grids, flat)  # type: ignore[arg-type]
+            encodings.draw_codes(seen, games.maze, self._draws[seats], self._places, flat)
 
 
 def _check_dtype(encoding: object, dtype: object, own: str) -> None:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.compilation.compiled import compiled, inlined
+from pursuit.mazes.maze_arrays import grids_of
 from pursuit.observations.custom import WINDOW, given_radius
 from pursuit.rules.arrays import Array, Flags, Ints, Longs
 from pursuit.rules.layout import Games
@@ -34,7 +35,6 @@ from pursuit.rules.visibility import (
 from pursuit.tasks.task import Task
 
 Codes = NDArray[np.uint8]
-NO_CELL = -1
 MOST_KEPT = 2**27
 """Largest size in bytes of the kept planes of all cells of a task; memory is used as they are
 drawn."""
@@ -212,9 +212,7 @@ class Planes:
 
     Arrays of the kernel:
 
-        cells       [mazes, height, width] int32, the number of each cell, NO_CELL if there is none
-        places      [mazes, cells, 3] int32, row and column, and walls: bit 1 << action is set if
-                    the move does not change the cell
+        cells, places   as of `grids_of`
         layers      [agents, entities] uint8, the plane of each agent, goal and exit
         kinds       [agents], the number of the limit of each agent's view among all limits
         templates   [kinds * mazes * cells, any] uint8, the planes from MAZE_PLANES on; without
@@ -231,7 +229,7 @@ class Planes:
     """
 
     def __init__(self, task: Task, radius: int | None) -> None:
-        cells, places = _grids_of(task)
+        cells, places = grids_of(task.mazes)
         sight, names = task.sight, planes_of(task)
         sides = cells.shape[1:] if radius is None else (2 * radius + 1,) * 2
         self.shape = (len(names), *sides)
@@ -263,16 +261,3 @@ class Planes:
         found, flat = np.empty(self._found, dtype=np.int32), out.reshape(-1, math.prod(self.shape))
         rest = (*self._after, ends, found, flat)
         draw_planes(*games, *self._before, chosen, *rest)
-
-
-def _grids_of(task: Task) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """The `cells` and `places` of `Planes`."""
-    sides = [max(getattr(maze, side) for maze in task.mazes) for side in ("height", "width")]
-    cells = np.full((len(task.mazes), *sides), NO_CELL, dtype=np.int32)
-    places = np.zeros((len(task.mazes), task.max_cells, 3), dtype=np.int32)
-    for number, maze in enumerate(task.mazes):
-        own = np.arange(maze.num_cells)
-        cells[number, maze.rows, maze.columns] = own
-        closed = (maze.neighbors[:, :4] == own[:, None]) @ (1 << np.arange(4))
-        places[number, : len(own)] = np.stack([maze.rows, maze.columns, closed], axis=1)
-    return cells, places

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.compilation.compiled import compiled
-from pursuit.mazes.maze import Maze
+from pursuit.mazes.maze_arrays import grids_of
 from pursuit.rules.arrays import Array, Ints
 from pursuit.rules.layout import CHASER, EAST, EVADER, NORTH, SOUTH, STAY, WEST
 from pursuit.tasks.moments import Before
@@ -60,52 +58,35 @@ class PursuitV5Observation:
 
     def encode(self, task: Task, games: Before, seats: NDArray[np.intp]) -> Array:
         """[games, seats, *shape] float32."""
-        edge = self.obs_range // 2
-        rows, columns, blocked = _maps_of(task.mazes, edge)
         shape = (len(games.steps), len(seats), self.obs_range, self.obs_range, 3)
         seen = np.empty(shape, dtype=np.float32)
         state = (games.maze_index, games.positions, games.active, games.roles)
-        _draw_windows(*state, seats, rows, columns, blocked, edge, seen)
+        _draw_windows(*state, seats, *grids_of(task.mazes), self.obs_range // 2, seen)
         return np.moveaxis(seen, -1, 2) if self.channels_first else seen
-
-
-@lru_cache(maxsize=4)
-def _maps_of(
-    mazes: tuple[Maze, ...], edge: int
-) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float32]]:
-    """The row and column of each cell, [mazes, cells]; and [mazes, height, width], 1 for blocked
-    cells, with `edge` blocked rows and columns on all sides."""
-    height = max(maze.height for maze in mazes) + 2 * edge
-    width = max(maze.width for maze in mazes) + 2 * edge
-    cells = max(maze.num_cells for maze in mazes)
-    rows, columns = (np.zeros((len(mazes), cells), dtype=np.intp) for _ in "rc")
-    blocked = np.ones((len(mazes), height, width), dtype=np.float32)
-    for number, maze in enumerate(mazes):
-        rows[number, : maze.num_cells] = maze.rows
-        columns[number, : maze.num_cells] = maze.columns
-        blocked[number, maze.rows + edge, maze.columns + edge] = 0.0
-    return rows, columns, blocked
 
 
 @compiled
 def _draw_windows(
-    maze: Ints, position: Ints, active: Ints, role: Ints, seats: Array,
-    rows: Array, columns: Array, blocked: Array, edge: int, out: Array,
+    maze: Ints, position: Ints, active: Ints, role: Ints, seats: Array, cells: Ints, places: Ints,
+    edge: int, out: Array,
 ) -> None:  # fmt: skip
-    """Fill `out` [games, seats, rows, columns, 3]."""
+    """Fill `out` [games, seats, rows, columns, 3]; `cells` and `places` are of `grids_of`."""
     side = 2 * edge + 1
     for game in range(out.shape[0]):
         own = maze[game]
         for place in range(out.shape[1]):
             cell = position[game, seats[place]]
-            row, column = rows[own, cell], columns[own, cell]  # of the corner, with the edge
+            top, left = places[own, cell, 0] - edge, places[own, cell, 1] - edge
             for i in range(side):
                 for j in range(side):
-                    out[game, place, i, j, 0] = blocked[own, row + i, column + j]
+                    row, column = top + i, left + j
+                    inside = 0 <= row < cells.shape[1] and 0 <= column < cells.shape[2]
+                    is_cell = inside and cells[own, row, column] >= 0
+                    out[game, place, i, j, 0] = 0.0 if is_cell else 1.0
                     out[game, place, i, j, 1] = out[game, place, i, j, 2] = 0.0
             for agent in range(position.shape[1]):
                 if active[game, agent] != 0 and (role[agent] == CHASER or role[agent] == EVADER):
                     other = position[game, agent]
-                    i, j = rows[own, other] - row + edge, columns[own, other] - column + edge
+                    i, j = places[own, other, 0] - top, places[own, other, 1] - left
                     if 0 <= i < side and 0 <= j < side:
                         out[game, place, i, j, 1 + (role[agent] == EVADER)] += 1.0

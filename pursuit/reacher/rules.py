@@ -194,15 +194,12 @@ def begin(
                 direction += most * (2.0 * next_uniform(stream, STARTS_STREAM) - 1.0)
             x += math.cos(direction)
             y += math.sin(direction)
-        arms.target[arm, 0], arms.target[arm, 1] = x, y
     else:
         inner = least_radius(joints, free)
         radius = inner + (joints - inner) * next_uniform(stream, STARTS_STREAM)
         angle = 2.0 * math.pi * next_uniform(stream, STARTS_STREAM)
-        arms.target[arm, 0], arms.target[arm, 1] = (
-            radius * math.cos(angle),
-            radius * math.sin(angle),
-        )
+        x, y = radius * math.cos(angle), radius * math.sin(angle)
+    arms.target[arm, 0], arms.target[arm, 1] = x, y
     find_ends(arms.angles[arm], arms.ends[arm])
     arms.held[arm] = arms.steps[arm] = 0
     outcome.returns[arm] = outcome.rewards[arm] = 0.0

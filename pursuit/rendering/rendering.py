@@ -189,11 +189,6 @@ class _Layout:
         """The side of a cell without its walls."""
         return self.cell - self.wall
 
-    @property
-    def smallest_token(self) -> int:
-        """The smallest visible diameter of a token in a picture of this size."""
-        return max(MIN_TOKEN_PIXELS, max(self.width, self.height) // 40)
-
 
 def _wall_pixels(cell: int) -> int:
     return max(1, round(0.4 * math.sqrt(cell)))
@@ -278,6 +273,7 @@ def _maze_pixels(maze: Maze, cell: int, wall: int) -> NDArray[np.uint8]:
 
 def _placed_tokens(scene: Scene, layout: _Layout) -> Iterator[tuple[Image.Image, int, int]]:
     """The tokens of the scene and the pixels of their upper left corners, captured agents first."""
+    visible = max(MIN_TOKEN_PIXELS, max(layout.width, layout.height) // 40)
     roles = [agent.role for agent in scene.agents]
     inside = defaultdict(list)
     for goal in scene.goals:
@@ -289,7 +285,7 @@ def _placed_tokens(scene: Scene, layout: _Layout) -> Iterator[tuple[Image.Image,
         columns = math.ceil(math.sqrt(len(tokens)))
         rows = math.ceil(len(tokens) / columns)
         share = layout.inside / columns
-        diameter = max(layout.smallest_token, round((0.7 if columns == 1 else 0.9) * share))
+        diameter = max(visible, round((0.7 if columns == 1 else 0.9) * share))
         diameter += (layout.inside - diameter) % 2  # a single token is centred exactly
         pitch = max(0.94 * share, diameter)
         middle_x, middle_y = layout.middle(scene.maze, cell)

@@ -60,11 +60,9 @@ class TaskAdapter:
         return np.atleast_1d(simulator.rewards[game]).copy()
 
 
-OPTIONS = {
-    each.name: "0" if each.name == "slip" else each.default
-    for each in fields(Task)
-    if each.name
-    in ("capture", "n_catch", "capture_check", "exits", "num_exits", "collisions", "slip")
+OPTIONS = {"slip": "0"} | {
+    name: getattr(Task, name)
+    for name in ("capture", "n_catch", "capture_check", "exits", "num_exits", "collisions")
 }
 """The defaults of the options of the rules, as in the settings of a replay."""
 
@@ -82,14 +80,8 @@ class MazeAdapter(TaskAdapter):
         """
         own: Plain = {**vars(task), "slip": slip_text(task.slip)}
         seen = ("maze", "rewards", "view_radius", "line_of_sight", "unknown_maze")
-        unused = {
-            each.name for each in fields(task) if own[each.name] == OPTIONS.get(each.name, ())
-        }
-        plain = {
-            each.name: own[each.name]
-            for each in fields(task)
-            if each.name not in seen and each.name not in unused
-        }
+        names = [each.name for each in fields(task) if each.name not in seen]
+        plain = {name: own[name] for name in names if own[name] != OPTIONS.get(name, ())}
         visibility: Plain = {
             "view_radius": view_radius_text(own["view_radius"]),
             "line_of_sight": agent_choice_text(own["line_of_sight"]),

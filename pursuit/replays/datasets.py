@@ -82,11 +82,7 @@ def export_minari(
         )
     try:
         return minari.create_dataset_from_buffers(
-            dataset,
-            buffers,
-            env=env,
-            algorithm_name=algorithm or repr(policy),
-            data_format="arrow",
+            dataset, buffers, env=env, algorithm_name=algorithm or repr(policy), data_format="arrow"
         )
     except BaseException:  # half a dataset would break the list of all of them
         shutil.rmtree(path, ignore_errors=True)

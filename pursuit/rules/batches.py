@@ -50,7 +50,7 @@ from pursuit.rules.layout import (
     world_of,
 )
 from pursuit.rules.option_step import step_with_options
-from pursuit.rules.starts import start
+from pursuit.rules.starts import Start, start
 from pursuit.rules.step import step
 
 MOST_KNOWN = 8
@@ -85,7 +85,8 @@ def start_game(memory: Memory, game: int, rules: Rules, world: World, scratch: I
         if rules.options.slips and memory.reals[game, NEXT_SLIP, agent] != UNCHANGED:
             memory.reals[game, SLIP, agent] = memory.reals[game, NEXT_SLIP, agent]
             memory.reals[game, NEXT_SLIP, agent] = UNCHANGED
-    start(games_of(memory), game, memory.streams, pending, rules, world, search_of(scratch))
+    streams, search = memory.streams[game], search_of(scratch)
+    start(Start(games_of(memory), game, streams, pending, rules, world, search))
 
 
 @subroutine
@@ -158,14 +159,9 @@ def all_allowed(actions: Ints, num_actions: int) -> bool:
 
 @inlined
 def step_each(
-    memory: Memory,
-    actions: Ints,
-    rules: Rules,
-    world: World,
-    scratch: Ints,
-    skip_ended: bool,
+    memory: Memory, actions: Ints, rules: Rules, world: World, scratch: Ints, skip_ended: bool,
     plain: bool,
-) -> None:
+) -> None:  # fmt: skip
     """Step every game, or every game that has not ended if `skip_ended`.
 
     `plain`, a constant, promises that the rules have no options.
@@ -193,24 +189,11 @@ def entry_for(chasers: int, evaders: int, runners: int, goals: int, plain: bool)
 
     @compiled
     def step_games(
-        agents: Ints,
-        goals_: Ints,
-        clocks: Ints,
-        pending: Ints,
-        reals: Reals,
-        flags: Flags,
-        rewards: NDArray[np.float32],
-        streams: Words,
-        numbers: Longs,
-        coefficients: Reals,
-        mazes: Longs,
-        neighbors: Ints,
-        facts: Ints,
-        tables: NDArray[np.uint16],
-        scratch: Ints,
-        actions: Ints,
-        auto_restart: bool,
-    ) -> int:
+        agents: Ints, goals_: Ints, clocks: Ints, pending: Ints, reals: Reals, flags: Flags,
+        rewards: NDArray[np.float32], streams: Words, numbers: Longs, coefficients: Reals,
+        mazes: Longs, neighbors: Ints, facts: Ints, tables: NDArray[np.uint16], scratch: Ints,
+        actions: Ints, auto_restart: bool,
+    ) -> int:  # fmt: skip
         """Step every game in place; return OK, or BAD_ACTION without a step.
 
         The last state of a game that ends is copied. With `auto_restart` the game restarts in the
@@ -258,23 +241,11 @@ def step_games_of(teams: Teams, options: Options) -> Any:
 
 @compiled
 def start_games(
-    agents: Ints,
-    goals: Ints,
-    clocks: Ints,
-    pending: Ints,
-    reals: Reals,
-    flags: Flags,
-    rewards: NDArray[np.float32],
-    streams: Words,
-    numbers: Longs,
-    coefficients: Reals,
-    mazes: Longs,
-    neighbors: Ints,
-    facts: Ints,
-    tables: NDArray[np.uint16],
-    scratch: Ints,
+    agents: Ints, goals: Ints, clocks: Ints, pending: Ints, reals: Reals, flags: Flags,
+    rewards: NDArray[np.float32], streams: Words, numbers: Longs, coefficients: Reals,
+    mazes: Longs, neighbors: Ints, facts: Ints, tables: NDArray[np.uint16], scratch: Ints,
     chosen: Flags,
-) -> None:
+) -> None:  # fmt: skip
     """Start a new episode in every game of the mask `chosen`."""
     memory = Memory(agents, goals, clocks, pending, reals, flags, rewards, streams)
     rules = rules_of(teams_of(numbers), numbers, coefficients, options_of(numbers))

@@ -53,18 +53,9 @@ def away_from_nearest(
 
 @inlined
 def write_action(
-    actions: Ints,
-    game: Index,
-    column: Index,
-    mask: int,
-    every: int,
-    epsilon: float,
-    default: float,
-    empty: int,
-    few: bool,
-    streams: Words,
-    seat: Index,
-) -> None:
+    actions: Ints, game: Index, column: Index, mask: int, every: int, epsilon: float,
+    default: float, empty: int, few: bool, streams: Words, seat: Index,
+) -> None:  # fmt: skip
     """Write the action of an agent: a greedy move or, with probability epsilon, any move."""
     share = default if np.isnan(epsilon) else epsilon
     greedy = every if mask == 0 else mask

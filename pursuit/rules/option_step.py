@@ -35,15 +35,9 @@ from pursuit.rules.turn import Turn, destination, is_free, legal_moves, meets_ev
 
 @inlined
 def step_with_options(
-    games: Games,
-    game: int,
-    actions: Ints,
-    rules: Rules,
-    world: World,
-    plan: StepScratch,
-    outcome: Outcome,
-    memory: Memory,
-) -> int:
+    games: Games, game: int, actions: Ints, rules: Rules, world: World, plan: StepScratch,
+    outcome: Outcome, memory: Memory,
+) -> int:  # fmt: skip
     """Step one game; return as `step.step`. `memory` holds the chances and the stream of slips."""
     turn = Turn(games, game, rules, world, world.first_cell[games.maze[game]], plan, outcome)
     options, chasers = rules.options, rules.teams.chasers

@@ -29,7 +29,6 @@ from pursuit.rules.layout import (
     Search,
     World,
     agents_of,
-    bit_of,
     chasers_of,
     evaders_of,
     goals_of,
@@ -51,28 +50,19 @@ class Start(NamedTuple):
 
 
 @inlined
-def start(
-    games: Games,
-    game: int,
-    streams: Words,
-    pending: NextEpisode,
-    rules: Rules,
-    world: World,
-    search: Search,
-) -> None:
+def start(own: Start) -> None:
     """Start an episode: choose the maze, place agents and goals."""
-    own = Start(games, game, streams[game], pending, rules, world, search)
-    teams = rules.teams
+    games, game, teams = own.games, own.game, own.rules.teams
     next_word(own.streams, team_stream(teams.chasers + teams.evaders + teams.runners))
-    games.maze[game] = choose_maze(pending.maze[game], own.streams, world)
+    games.maze[game] = choose_maze(own.pending.maze[game], own.streams, own.world)
     games.steps[game] = 0
-    for agent in agents_of(rules.teams):
+    for agent in agents_of(teams):
         games.active[game, agent] = 1
         games.event[game, agent] = 0
     place_agents(own)
     while not starts_apart(own) or starts_on_exit(own):
         place_agents(own)
-    if rules.teams.goals > 0:
+    if teams.goals > 0:
         place_goals(own)
 
 
@@ -116,50 +106,24 @@ def is_exit(games: Games, game: int, cell: int, num_exits: int) -> bool:
 
 
 @inlined
-def draw_free_cell(start: Start, num_goals: int, num_exits: int, taken: np.uint64) -> int:
-    """A uniformly random cell without an agent and without one of the first goals and exits.
-
-    `taken` has the bits of occupied cells. Exact checks are needed only if a bit is set and there
-    are more cells than bits.
-    """
+def draw_free_cell(start: Start, agents: range, num_goals: int, num_exits: int) -> int:
+    """A uniformly random cell without one of these agents and of the first goals and exits."""
     size = start.world.num_cells[start.games.maze[start.game]]
     cell = next_below(start.streams, STARTS_STREAM, size)
-    agents = agents_of(start.rules.teams)
-    while taken & bit_of(cell) != 0 and (
-        size <= 64 or is_taken(start, agents, cell, num_goals, num_exits)
-    ):
+    while is_taken(start, agents, cell, num_goals, num_exits):
         cell = next_below(start.streams, STARTS_STREAM, size)
     return cell
-
-
-@inlined
-def cells_taken(start: Start, num_goals: int, num_exits: int) -> np.uint64:
-    """The bits of the cells of placed agents and of the first goals and exits."""
-    taken = np.uint64(0)
-    for agent in agents_of(start.rules.teams):
-        cell = start.games.position[start.game, agent]
-        taken |= bit_of(cell) if cell >= 0 else np.uint64(0)
-    for goal in range(num_goals):
-        cell = start.games.goal[start.game, goal]
-        taken |= bit_of(cell) if cell >= 0 else np.uint64(0)
-    for number in range(num_exits):
-        cell = start.games.exit[start.game, number]
-        taken |= bit_of(cell) if cell >= 0 else np.uint64(0)
-    return taken
 
 
 @inlined
 def place_exits(start: Start, num_goals: int) -> None:
     """Place the exits of the maze, or draw different cells without an evader or a marked goal."""
     count, fixed = start.rules.options.exits, start.rules.fixed_exits
-    size = start.world.num_cells[start.games.maze[start.game]]
     for number in range(count):
         if fixed.shape[0] > 0:
             cell = fixed[start.games.maze[start.game] * count + number]
         else:
-            cell = next_below(start.streams, STARTS_STREAM, size)
-            while is_taken(start, evaders_of(start.rules.teams), cell, num_goals, number):
-                cell = next_below(start.streams, STARTS_STREAM, size)
+            cell = draw_free_cell(start, evaders_of(start.rules.teams), num_goals, number)
         start.games.exit[start.game, number] = cell
 
 
@@ -203,12 +167,9 @@ def place_agents(start: Start) -> None:
                 if mark < world.num_goal_marks[maze]:
                     position[game, evader] = world.goal_marks[mark, maze]
                     mark += 1
-    taken = cells_taken(start, marked_goals, 0)
     for agent in agents_of(teams):
         if position[game, agent] < 0:
-            cell = draw_free_cell(start, marked_goals, 0, taken)
-            position[game, agent] = cell
-            taken |= bit_of(cell)
+            position[game, agent] = draw_free_cell(start, agents_of(teams), marked_goals, 0)
     place_exits(start, marked_goals)
 
 
@@ -229,13 +190,6 @@ def starts_apart(start: Start) -> bool:
     return True
 
 
-@inlined
-def first_collector(rules: Rules) -> int:
-    """The centre of the goal radius: the first runner or, without runners, the first evader."""
-    teams = rules.teams
-    return teams.chasers + teams.evaders if teams.runners > 0 else teams.chasers
-
-
 @subroutine
 def place_goals(start: Start) -> None:
     """Place the goals on the marks, or on random free cells within the goal radius.
@@ -251,7 +205,7 @@ def place_goals(start: Start) -> None:
     radius = np.int64(start.pending.goal_radius[game])
     while placed < goals_wanted(start):
         if radius < 0:
-            cell = draw_free_cell(start, placed, exits, cells_taken(start, placed, exits))
+            cell = draw_free_cell(start, agents_of(start.rules.teams), placed, exits)
         else:
             count = list_free_cells(start, placed, radius)
             while count == 0:
@@ -271,7 +225,9 @@ def list_free_cells(start: Start, num_goals: int, radius: int) -> int:
     world, search, maze = start.world, start.search, start.games.maze[start.game]
     around_marks = start.pending.goals_around_marks[start.game] > 0
     first, size = world.first_cell[maze], world.num_cells[maze]
-    center = np.int64(start.games.position[start.game, first_collector(start.rules)])
+    teams = start.rules.teams  # the centre is the first runner or, without runners, first evader
+    collector = teams.chasers + teams.evaders if teams.runners > 0 else teams.chasers
+    center = np.int64(start.games.position[start.game, collector])
     if not around_marks and not has_table(world, maze):
         size = search_within(world, maze, center, radius, -1, search)
         forget(search, size)
@@ -283,7 +239,7 @@ def list_free_cells(start: Start, num_goals: int, radius: int) -> int:
             cell, away = i, table_distance(world, maze, center, i)
         else:
             cell, away = np.int64(search.queue[i]), radius
-        exits, agents = start.rules.options.exits, agents_of(start.rules.teams)
+        exits, agents = start.rules.options.exits, agents_of(teams)
         if away <= radius and not is_taken(start, agents, cell, num_goals, exits):
             search.queue[count] = cell
             count += 1

@@ -57,14 +57,9 @@ from pursuit.rules.turn import (
 
 @inlined
 def step(
-    games: Games,
-    game: int,
-    actions: Ints,
-    rules: Rules,
-    world: World,
-    plan: StepScratch,
+    games: Games, game: int, actions: Ints, rules: Rules, world: World, plan: StepScratch,
     outcome: Outcome,
-) -> int:
+) -> int:  # fmt: skip
     """Step one game; return GOING_ON, TERMINATED or TRUNCATED."""
     turn = Turn(games, game, rules, world, world.first_cell[games.maze[game]], plan, outcome)
     teams, stay = rules.teams, stay_of(world)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from pursuit.compilation.compiled import inlined
@@ -24,29 +26,28 @@ from pursuit.rules.turn import Turn, is_free, leads_to, meets_evader
 @inlined
 def add_step_rewards(turn: Turn, pays: bool) -> None:
     """Write the step reward of every agent; 0 for captured evaders, and of all unless `pays`."""
-    rules, events, rewards = turn.rules, turn.games.event, turn.outcome.rewards
-    real, game = rewards.dtype.type, turn.game  # float32; float64 in exact solvers
+    rules = turn.rules
     for chaser in chasers_of(rules.teams):
-        earned = real(rules.chaser.step)
-        if rules.chaser.distance != 0.0:
-            away = nearest_evader(turn, chaser)
-            earned = real(rules.chaser.step + rules.chaser.distance * away)
-        events[game, chaser] = 0
-        rewards[game, chaser] = earned if pays else real(0.0)
+        add_step_reward(turn, chaser, rules.chaser, nearest_evader, pays)
     for evader in evaders_of(rules.teams):
-        earned = real(rules.evader.step)
-        if rules.evader.distance != 0.0:
-            away = nearest_chaser(turn, evader)
-            earned = real(rules.evader.step + rules.evader.distance * away)
-        events[game, evader] = 0
-        rewards[game, evader] = earned if pays and is_free(turn, evader) != 0 else real(0.0)
+        earns = pays and is_free(turn, evader) != 0
+        add_step_reward(turn, evader, rules.evader, nearest_chaser, earns)
     for runner in runners_of(rules.teams):
-        earned = real(rules.runner.step)
-        if rules.runner.distance != 0.0:
-            away = nearest_goal(turn, runner)
-            earned = real(rules.runner.step + rules.runner.distance * away)
-        events[game, runner] = 0
-        rewards[game, runner] = earned if pays else real(0.0)
+        add_step_reward(turn, runner, rules.runner, nearest_goal, pays)
+
+
+@inlined
+def add_step_reward(
+    turn: Turn, agent: int, coefficients: RewardCoefficients, nearest: Any, earns: bool
+) -> None:
+    """`add_step_rewards` for one agent; `nearest` is one of the functions at the end."""
+    rewards = turn.outcome.rewards
+    real = rewards.dtype.type  # float32; float64 in exact solvers
+    earned = real(coefficients.step)
+    if coefficients.distance != 0.0:
+        earned = real(coefficients.step + coefficients.distance * nearest(turn, agent))
+    turn.games.event[turn.game, agent] = 0
+    rewards[turn.game, agent] = earned if earns else real(0.0)
 
 
 @inlined

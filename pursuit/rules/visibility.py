@@ -52,8 +52,7 @@ def view_of(begin: Longs | None, games: Games, game: int, agent: int | np.uintp)
     if first < 0:
         return SEES_ALL
     cells = begin[begin.shape[0] - 1, maze]
-    row: int = first + games.position[game, agent] * cells
-    return row
+    return first + games.position[game, agent] * cells
 
 
 @inlined

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from typing import Any
 
-from pursuit.mazes.maze import Maze
 from pursuit.tasks.placements import check_placeable
 from pursuit.validation import check
 
@@ -18,24 +17,8 @@ def check_consistent(task: Any) -> None:
     Raises:
         ValueError: a game that cannot end or start, or mazes that do not fit to each other.
     """
-    _check_that_it_can_end(task)
-    _check_collectors(task)
-    _check_start_distance(task)
-    for maze in task.mazes:
-        _check_maze(task, maze)
-    _check_graphs(task)
-
-
-def check_starts(task: Any) -> None:
-    """ValueError unless an episode can start in every maze."""
-    for number in range(len(task.mazes)):
-        check_placeable(task.apart(number, -1, task.min_start_distance, -1))
-
-
-def _check_that_it_can_end(task: Any) -> None:
     check(
-        task.num_agents > 0,
-        "a task without agents; give num_chasers, num_evaders or num_runners",
+        task.num_agents > 0, "a task without agents; give num_chasers, num_evaders or num_runners"
     )
     for role, other in (("chaser", "evader"), ("evader", "chaser")):
         check(
@@ -43,9 +26,6 @@ def _check_that_it_can_end(task: Any) -> None:
             f"num_{role}s={task.count(role)}, num_{other}s=0 and no goals: the game cannot "
             f"terminate; give num_{other}s or num_goals",
         )
-
-
-def _check_collectors(task: Any) -> None:
     check(
         task.num_runners == 0 or task.num_goals > 0,
         f"num_runners={task.num_runners} and num_goals=0; runners collect goals: give "
@@ -56,32 +36,24 @@ def _check_collectors(task: Any) -> None:
         f"num_goals={task.num_goals}, but only runners and evaders collect goals; give "
         "num_runners or num_evaders",
     )
-
-
-def _check_start_distance(task: Any) -> None:
     check(
         task.min_start_distance <= 1 or (task.num_chasers > 0 and task.num_evaders > 0),
         f"min_start_distance={task.min_start_distance}: a path distance between chasers and "
         f"evaders, but num_chasers={task.num_chasers} and num_evaders={task.num_evaders}; "
         "leave it out",
     )
-
-
-def _check_maze(task: Any, maze: Maze) -> None:
-    needed = task.num_agents + task.num_goals
-    check(
-        needed <= maze.num_cells,
-        f"{task.num_agents} agents and {task.num_goals} goals need {needed} different cells; "
-        f"maze {maze.name} has {maze.num_cells}. Use fewer, or a larger maze",
-    )
-    if task.num_goals and not maze.is_connected:
-        raise ValueError(
-            f"maze {maze.name} has {maze.num_components} unconnected parts, so a goal could be "
-            "unreachable; open a wall, or block the smaller parts with '#'"
+    for maze in task.mazes:
+        needed = task.num_agents + task.num_goals
+        check(
+            needed <= maze.num_cells,
+            f"{task.num_agents} agents and {task.num_goals} goals need {needed} different cells; "
+            f"maze {maze.name} has {maze.num_cells}. Use fewer, or a larger maze",
         )
-
-
-def _check_graphs(task: Any) -> None:
+        if task.num_goals and not maze.is_connected:
+            raise ValueError(
+                f"maze {maze.name} has {maze.num_components} unconnected parts, so a goal could be "
+                "unreachable; open a wall, or block the smaller parts with '#'"
+            )
     odd = next((maze for maze in task.mazes if maze.num_moves != task.num_moves), None)
     if odd is not None:
         raise ValueError(
@@ -95,3 +67,9 @@ def _check_graphs(task: Any) -> None:
             f"rewards={task.rewards!r}: a reward by the Manhattan distance needs rows and "
             f"columns, and {graph.name} is a graph; use 'goal' or a reward function"
         )
+
+
+def check_starts(task: Any) -> None:
+    """ValueError unless an episode can start in every maze."""
+    for number in range(len(task.mazes)):
+        check_placeable(task.apart(number, -1, task.min_start_distance, -1))

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pursuit import rules
 from pursuit.rules import layout
-from pursuit.tasks.moments import After, Before, distances_of, moment_of, roles_of
+from pursuit.tasks.moments import After, Before, distances_of, roles_of
 from pursuit.tasks.rewards import RewardFunction
 from pursuit.tasks.task import Task
 
@@ -66,7 +66,8 @@ def _copied(
     memory = memory._replace(
         agents=memory.agents.copy(), goals=memory.goals.copy(), clocks=memory.clocks.copy()
     )
-    return moment_of(layout.named_views(layout.games_of, memory), roles, distances)
+    games: layout.Games = layout.named_views(layout.games_of, memory)
+    return Before(*games, roles, distances)
 
 
 def _checked(rewards: Any, function: RewardFunction, shape: tuple[int, int]) -> NDArray[np.float32]:

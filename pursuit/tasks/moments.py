@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from pursuit.mazes.maze import MAX_TABLE_CELLS, Maze
 from pursuit.rules import layout
-from pursuit.rules.layout import Games
 
 ROLES = ("chaser", "evader", "runner")
 """The role names in the order of the constants CHASER, EVADER and RUNNER."""
@@ -70,11 +69,6 @@ class After(NamedTuple):
     terminated: NDArray[np.bool_]
     truncated: NDArray[np.bool_]
     rewards: NDArray[np.float32]
-
-
-def moment_of(games: Games, roles: NDArray[np.int32], distances: NDArray[np.int32]) -> Before:
-    """The current state of the games, as views of their arrays."""
-    return Before(*games, roles, distances)
 
 
 def roles_of(seat_roles: Sequence[str]) -> NDArray[np.int32]:

@@ -89,14 +89,6 @@ def check_exits(name: str, given: Any) -> tuple[int, ...]:
     return tuple(map(int, cells))
 
 
-def fixed_exits_of(task: Any) -> tuple[tuple[int, ...], ...]:
-    """The fixed exits of every maze of a task: those given, or the marks `E` of the maze."""
-    if task.num_exits or not task.num_evaders:
-        return ((),) * len(task.mazes)
-    given: Any = task.exits  # checked, no text
-    return tuple(maze.exit_marks if given is None else given for maze in task.mazes)
-
-
 def options_of(task: Any) -> layout.Options:
     """The options of the rules of a task, as used by `pursuit.rules`."""
     return layout.Options(
@@ -150,8 +142,7 @@ def check_options(task: Any) -> None:
     )
     if task.move_order == "turns":
         check(
-            both,
-            f"move_order='turns': chasers and evaders take turns, but {teams}; leave it out",
+            both, f"move_order='turns': chasers and evaders take turns, but {teams}; leave it out"
         )
         check(
             task.stay_action,
@@ -162,10 +153,6 @@ def check_options(task: Any) -> None:
         not task.num_runners or task.move_order != "turns",
         f"move_order='turns' with num_runners={task.num_runners}; take 'chasers_first'",
     )
-    _check_exits(task)
-
-
-def _check_exits(task: Any) -> None:
     given = task.exits is not None or task.num_exits > 0
     check(
         not given or task.num_evaders > 0,

@@ -240,14 +240,10 @@ def check_rewards(name: str, given: Any) -> Any:
                     f"{name} of the {role}: {rewards!r}; give pursuit.Rewards(...) (a "
                     "reward function replaces the whole dict)"
                 )
-            if rewards.per_evader and role != "chaser":
+            if (rewards.per_evader or rewards.touch) and role != "chaser":
+                own = "per_evader=True" if rewards.per_evader else f"touch={rewards.touch:g}"
                 raise ValueError(
-                    f"{name} of the {role}: per_evader=True; only chasers can have it: leave it out"
-                )
-            if rewards.touch and role != "chaser":
-                raise ValueError(
-                    f"{name} of the {role}: touch={rewards.touch:g}; only chasers can have it: "
-                    "leave it out"
+                    f"{name} of the {role}: {own}; only chasers can have it: leave it out"
                 )
         return FrozenDict(given)
     if not is_rewards(given):

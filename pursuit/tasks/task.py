@@ -23,7 +23,6 @@ from pursuit.tasks.options import (
     check_exits,
     check_options,
     check_slip,
-    fixed_exits_of,
     options_of,
     slips_of,
 )
@@ -173,9 +172,6 @@ class Task:
         check_consistent(self)
         check_options(self)
         check_starts(self)
-        self._check_visibility()
-
-    def _check_visibility(self) -> None:
         if not all(limit.sees_all for limit in self._limits):
             for maze in self.mazes:
                 check_visible(maze, any(limit.line_of_sight for limit in self._limits))
@@ -219,7 +215,10 @@ class Task:
     @cached_property
     def fixed_exits(self) -> tuple[tuple[int, ...], ...]:
         """The fixed exits of each maze; empty if there are none, or if they are drawn."""
-        return fixed_exits_of(self)
+        if self.num_exits or not self.num_evaders:
+            return ((),) * len(self.mazes)
+        given: Any = self.exits  # checked, no text
+        return tuple(maze.exit_marks if given is None else given for maze in self.mazes)
 
     @cached_property
     def options(self) -> layout.Options:

@@ -274,8 +274,7 @@ def _first(found: NDArray[np.bool_]) -> int | None:
 def _held(path: Array) -> Array:
     """The path with -1 replaced by the last cell before it."""
     steps = np.where(path >= 0, np.arange(len(path)), 0)
-    held: Array = path[np.maximum.accumulate(steps)]
-    return held
+    return path[np.maximum.accumulate(steps)]
 
 
 def _bytes(array: Array) -> str:
