@@ -109,10 +109,7 @@ def start(kind: str, settings: WholeSettings, path: Path | str, final: Final | N
     """
     one_of("kind of run", kind, (RUN, SELF_PLAY))
     own = KINDS[kind]
-    check(
-        isinstance(settings, own.settings),
-        f"settings={shortened(settings)}; give {NAMES[kind]}",
-    )
+    check(isinstance(settings, own.settings), f"settings={shortened(settings)}; give {NAMES[kind]}")
     path = as_path("path", path)
     check_new(path)
     parts = own.parts_of(settings)
@@ -153,10 +150,7 @@ def read_settings(folder: Path | str) -> tuple[str, WholeSettings]:
     folder = Path(folder)
     kind, plain = read_config(folder)
     check_trusted(folder / CONFIG, plain)
-    check(
-        kind in KINDS,
-        f"{folder}: one side of self-play, not a whole run; give {folder.parent}",
-    )
+    check(kind in KINDS, f"{folder}: one side of self-play, not a whole run; give {folder.parent}")
     return kind, KINDS[kind].from_plain(plain, str(folder / CONFIG))
 
 

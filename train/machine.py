@@ -80,8 +80,4 @@ def versions() -> dict[str, str | None]:
 
 def machine() -> dict[str, str | int | None]:
     """The machine and its threads."""
-    return {
-        "processor": processor(),
-        "cores": os.cpu_count(),
-        "threads": torch.get_num_threads(),
-    }
+    return {"processor": processor(), "cores": os.cpu_count(), "threads": torch.get_num_threads()}

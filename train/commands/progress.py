@@ -14,13 +14,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from train.commands.parse import print_warnings
 from train.files import Plain, check_folder
-from train.runs.folder import (
-    CONFIG,
-    check_new,
-    is_complete,
-    load_final,
-    load_results,
-)
+from train.runs.folder import CONFIG, check_new, is_complete, load_final, load_results
 from train.runs.forms import Final
 from train.runs.provenance import allow_options
 

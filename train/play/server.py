@@ -61,10 +61,7 @@ class PlayServer:
     """
 
     def __init__(
-        self,
-        session: Session,
-        port: int = 0,
-        after: Callable[[Session], None] | None = None,
+        self, session: Session, port: int = 0, after: Callable[[Session], None] | None = None
     ) -> None:
         self.session, self.after = session, after
         self.token = secrets.token_urlsafe(32)

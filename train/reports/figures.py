@@ -200,10 +200,7 @@ class Estimate(NamedTuple):
 
 
 def draw_intervals(
-    path: Path,
-    panels: Mapping[str, tuple[str, Sequence[Estimate]]],
-    title: str,
-    ylabel: str = "",
+    path: Path, panels: Mapping[str, tuple[str, Sequence[Estimate]]], title: str, ylabel: str = ""
 ) -> None:
     """Draw an interval plot: values with their intervals, one per line.
 
@@ -281,15 +278,7 @@ def draw_matrix(
     image = axis.imshow(values, cmap="viridis", aspect="auto", norm=norm)
     for (i, j), value in np.ndenumerate(values):
         color = "white" if image.norm(value) < 0.6 else "black"
-        axis.text(
-            j,
-            i,
-            f"{value:.{digits}f}",
-            ha="center",
-            va="center",
-            fontsize=9,
-            color=color,
-        )
+        axis.text(j, i, f"{value:.{digits}f}", ha="center", va="center", fontsize=9, color=color)
     names = [[fill(name, LABEL_WIDTH) for name in each] for _, each in (rows, columns)]
     axis.set_yticks(range(down), names[0])
     axis.set_xticks(range(across), names[1], rotation=30, ha="right")

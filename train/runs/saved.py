@@ -18,14 +18,7 @@ from train.networks.small_game_policy import AnySeat, SmallGameSeat
 from train.runs.folder import CONFIG, RUN, SIDE, read_config
 from train.runs.forms import RESTORE
 from train.runs.provenance import check_sources
-from train.runs.tasks import (
-    DEFAULTS_BY,
-    agent_of,
-    default_settings,
-    game_of,
-    player_in,
-    task_of,
-)
+from train.runs.tasks import DEFAULTS_BY, agent_of, default_settings, game_of, player_in, task_of
 from train.settings.algorithms import JOINT, SHARED
 from train.settings.common import with_memory
 from train.settings.curricula import curriculum_form

@@ -17,14 +17,7 @@ from train.evaluation.contest import GameContest
 from train.evaluation.contests import AnyContest
 from train.evaluation.maze_contest import MazeContest
 from train.evaluation.objective_gap import UNKNOWN, ObjectiveGap, objective_gap
-from train.evaluation.scores import (
-    BEST_RETURN,
-    BY_GOALS,
-    BY_RETURN,
-    Measure,
-    Score,
-    optimality_gap,
-)
+from train.evaluation.scores import BEST_RETURN, BY_GOALS, BY_RETURN, Measure, Score, optimality_gap
 from train.evaluation.small_game_contest import SmallGameContest
 from train.evaluation.team_contest import TeamContest, team_results
 from train.files import Plain, write_csv

@@ -375,10 +375,7 @@ def is_algorithm(part: object) -> bool:
 
 
 LEARNERS: Registry[Any] = Registry(
-    "algorithm",
-    "a train.algorithms.registry.Algorithm",
-    is_algorithm,
-    ours=tuple(HYPERPARAMETERS),
+    "algorithm", "a train.algorithms.registry.Algorithm", is_algorithm, ours=tuple(HYPERPARAMETERS)
 )
 """User-defined algorithms."""
 

@@ -41,8 +41,7 @@ def check_default(settings: object, default: object, names: Iterable[str], why: 
     for name in names:
         value = getattr(settings, name)
         check(
-            value == getattr(default, name),
-            f"{name}={value!r} has no effect: {why}; leave it out",
+            value == getattr(default, name), f"{name}={value!r} has no effect: {why}; leave it out"
         )
 
 
