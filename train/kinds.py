@@ -127,10 +127,9 @@ def write_config(
     kind: str, settings: WholeSettings, folder: Path, final: Final | None = None
 ) -> None:
     """Write `config.json`, with maze files replaced by their text."""
-    plain: Any = with_mazes(settings)
-    save_config(
-        folder, kind, replace(plain, task=settings.task), maze_text_of(settings.task), final
-    )
+    own: Any = with_mazes(settings)
+    plain = replace(own, task=settings.task)
+    save_config(folder, kind, plain, maze_text_of(settings.task), final)
 
 
 def with_mazes(settings: WholeSettings) -> WholeSettings:

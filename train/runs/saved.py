@@ -164,13 +164,8 @@ def team_seat(seat: Seat, settings: AgentSettings) -> Seat:
     encoding = without_id(seat.encoding)
     if getattr(hyper, "with_id", False) and seat.members > 1:
         encoding += AGENT_ID
-    return replace(
-        seat,
-        encoding=encoding,
-        team=True,
-        joint=joint,
-        critic=getattr(hyper, "critic_observation", ""),
-    )
+    critic = getattr(hyper, "critic_observation", "")
+    return replace(seat, encoding=encoding, team=True, joint=joint, critic=critic)
 
 
 def check_team_as_one(seat: Seat, settings: AgentSettings) -> None:

@@ -384,5 +384,4 @@ def hyperparameter_form(algorithm: str) -> type[Hyperparameters]:
     """The hyperparameter class of an algorithm; ValueError for an unknown name."""
     if isinstance(algorithm, str) and algorithm in HYPERPARAMETERS:
         return HYPERPARAMETERS[algorithm]
-    form: type[Hyperparameters] = LEARNERS.get(algorithm).settings
-    return form
+    return LEARNERS.get(algorithm).settings

@@ -47,10 +47,8 @@ def check_default(settings: object, default: object, names: Iterable[str], why: 
 
 def threads_from(least: int) -> Rule:
     """Allowed numbers of torch threads."""
-    return rule(
-        lambda value: least <= value <= MOST_THREADS,
-        f"give {least} to {MOST_THREADS} threads, no more than there are cores",
-    )
+    text = f"give {least} to {MOST_THREADS} threads, no more than there are cores"
+    return rule(lambda value: least <= value <= MOST_THREADS, text)
 
 
 def check_seed(seed: int) -> None:
