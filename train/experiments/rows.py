@@ -273,7 +273,8 @@ def settings_row(folder: Path) -> Row:
     row |= {name: value for name, value in flat_plain(plain).items() if name not in row}
     row["variant"] = label.get("variant")
     if "maze" in task:
-        row["maze"] = getattr(maze_of(task["maze"]), "name", task["maze"])  # a suite is its own name
+        found = maze_of(task["maze"])  # or the name of a suite
+        row["maze"] = found if isinstance(found, str) else found.name
         one = kind != SELF_PLAY
         row["role"] = learning_agent(task["task"], task["role"]) if one else "both"
     if "members" in row:
