@@ -93,9 +93,7 @@ def begins_with(path: Path, text: str) -> bool:
 def is_leftover(path: Path) -> bool:
     """Whether `path` is a temporary file of a process that has ended."""
     named = _PART.match(path.name)
-    if named is None:
-        return False
-    return not is_running(int(named["process"]))
+    return named is not None and not is_running(int(named["process"]))
 
 
 def is_running(process: int) -> bool:

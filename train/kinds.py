@@ -109,10 +109,7 @@ def start(kind: str, settings: WholeSettings, path: Path | str, final: Final | N
     """
     one_of("kind of run", kind, (RUN, SELF_PLAY))
     own = KINDS[kind]
-    check(
-        isinstance(settings, own.settings),
-        f"settings={shortened(settings)}; give {NAMES[kind]}",
-    )
+    check(isinstance(settings, own.settings), f"settings={shortened(settings)}; give {NAMES[kind]}")
     path = as_path("path", path)
     check_new(path)
     parts = own.parts_of(settings)
@@ -130,10 +127,9 @@ def write_config(
     kind: str, settings: WholeSettings, folder: Path, final: Final | None = None
 ) -> None:
     """Write `config.json`, with maze files replaced by their text."""
-    plain: Any = with_mazes(settings)
-    save_config(
-        folder, kind, replace(plain, task=settings.task), maze_text_of(settings.task), final
-    )
+    own: Any = with_mazes(settings)
+    plain = replace(own, task=settings.task)
+    save_config(folder, kind, plain, maze_text_of(settings.task), final)
 
 
 def with_mazes(settings: WholeSettings) -> WholeSettings:
@@ -153,10 +149,7 @@ def read_settings(folder: Path | str) -> tuple[str, WholeSettings]:
     folder = Path(folder)
     kind, plain = read_config(folder)
     check_trusted(folder / CONFIG, plain)
-    check(
-        kind in KINDS,
-        f"{folder}: one side of self-play, not a whole run; give {folder.parent}",
-    )
+    check(kind in KINDS, f"{folder}: one side of self-play, not a whole run; give {folder.parent}")
     return kind, KINDS[kind].from_plain(plain, str(folder / CONFIG))
 
 

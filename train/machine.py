@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import platform
 import subprocess
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import torch
@@ -53,13 +53,10 @@ def commit() -> str | None:
     """The commit of the running source, with "+" if it has been changed; None if unknown."""
     here = Path(__file__).parent
     git = ["git", "-C", str(here)]
+    run = partial(subprocess.run, capture_output=True, text=True)
     try:
-        found = subprocess.run([*git, "rev-parse", "HEAD"], capture_output=True, text=True)
-        changed = subprocess.run(
-            [*git, "status", "--porcelain", "--", ":/", ":(top,exclude)runs"],
-            capture_output=True,
-            text=True,
-        )
+        found = run([*git, "rev-parse", "HEAD"])
+        changed = run([*git, "status", "--porcelain", "--", ":/", ":(top,exclude)runs"])
     except OSError:
         return None
     name = found.stdout.strip()
@@ -80,8 +77,4 @@ def versions() -> dict[str, str | None]:
 
 def machine() -> dict[str, str | int | None]:
     """The machine and its threads."""
-    return {
-        "processor": processor(),
-        "cores": os.cpu_count(),
-        "threads": torch.get_num_threads(),
-    }
+    return {"processor": processor(), "cores": os.cpu_count(), "threads": torch.get_num_threads()}

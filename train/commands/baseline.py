@@ -11,11 +11,7 @@ from scripted_agents import why_not_team_chase
 from scripted_agents.limits import MAX_EVALUATED_WORK, is_single_runner, why_no_tour
 from scripted_agents.tours.tour import expected_tour_length, num_states
 from train.commands.parse import default_task, options_in, parse
-from train.commands.scores import (
-    print_bounds,
-    print_scores,
-    print_whole_game,
-)
+from train.commands.scores import print_bounds, print_scores, print_whole_game
 from train.evaluation.arm_contest import ArmContest
 from train.evaluation.contest import GameContest
 from train.evaluation.suite_contest import SuiteContest

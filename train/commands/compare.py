@@ -12,12 +12,7 @@ import tyro
 
 from pursuit.validation import at_least, check
 from train.commands.parse import parse
-from train.commands.sweep import (
-    check_own,
-    exit_if_failed,
-    list_stages,
-    run_stages,
-)
+from train.commands.sweep import check_own, exit_if_failed, list_stages, run_stages
 from train.settings.checks import Settings
 
 if TYPE_CHECKING:

@@ -32,7 +32,7 @@ from train.evaluation.recordings import recorded
 from train.evaluation.small_game_contest import SmallGameContest
 from train.evaluation.suite_contest import SuiteContest
 from train.evaluation.suite_report import summary_of
-from train.files import Plain, check_folder, check_new_files, reserved, write_json
+from train.files import Plain, check_folder, reserved, write_json
 from train.reports.tables import ResultTable, numeric, print_table, words
 from train.runs.folder import CONFIG, SELF_PLAY, SIDE, read_config
 from train.runs.tasks import agent_of, game_of, task_of
@@ -111,13 +111,11 @@ class EvaluateModelCommand(Evaluated):
 def evaluate(arguments: Sequence[str]) -> None:
     """`pursuit evaluate`."""
     is_model = any(argument.endswith(".zip") for argument in arguments)
-    form: type[EvaluateCommand | EvaluateModelCommand]
-    form = EvaluateModelCommand if is_model else EvaluateCommand
-    given = parse(form, arguments, "evaluate")
+    form: Any = EvaluateModelCommand if is_model else EvaluateCommand
+    given: EvaluateCommand | EvaluateModelCommand = parse(form, arguments, "evaluate")
     if isinstance(given, EvaluateCommand):
         check_folder(given.run)
     replays = None if given.replays is None else with_suffix(given.replays)
-    check_new_files([given.out, replays, given.table], given.overwrite)
     with reserved(given.out, replays, given.table, overwrite=given.overwrite):
         if isinstance(given, EvaluateCommand) and is_small_self_play(given.run):
             content = evaluate_players(given)

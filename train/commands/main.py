@@ -165,10 +165,7 @@ def command(name: str) -> Callable[[Sequence[str]], None]:
     if name not in COMMANDS:
         return COMMAND_PARTS.get(name)
     module = name.replace("-", "_")
-    function: Callable[[Sequence[str]], None] = getattr(
-        import_module(f"{__package__}.{module}"), module
-    )
-    return function
+    return getattr(import_module(f"{__package__}.{module}"), module)
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ from pursuit.rendering.rendering import Scene
 from pursuit.validation import check
 from scripted_agents.tours.tour import expected_tour_length
 from train.commands.parse import parse
-from train.files import check_new_files, write_text
+from train.files import Plain, check_new_files, write_text
 from train.reports.figures import BLUE, FORMATS, GREEN, ORANGE, draw_walls, pyplot, save
 from train.reports.tables import in_lines
 from train.settings.checks import check_default
@@ -74,14 +74,8 @@ def maze(arguments: Sequence[str]) -> None:
         check_default(given, MazeCommand, names, "it is an option of --generate")
         made = load_maze(str(given.maze))
     else:
-        made = generate_maze(
-            given.generate,
-            given.height,
-            given.width,
-            loops=given.loops,
-            no_dead_ends=not given.dead_ends,
-            seed=given.seed,
-        )
+        more: Plain = {"no_dead_ends": not given.dead_ends, "seed": given.seed}
+        made = generate_maze(given.generate, given.height, given.width, loops=given.loops, **more)
     picture = given.picture
     check(picture is None or picture.suffix[1:] in FORMATS, f"{picture}: give a .png or .svg file")
     check(

@@ -187,9 +187,8 @@ def parse_known(default: Form, arguments: Sequence[str]) -> Form:
     """
     args = [argument for argument in arguments if argument not in ("-h", "--help")]
     with contextlib.suppress(SystemExit, ValueError), contextlib.redirect_stderr(io.StringIO()):
-        form = type(default)
         found, _ = tyro.cli(
-            form, args=args, default=default, config=CONFIG, return_unknown_args=True
+            type(default), args=args, default=default, config=CONFIG, return_unknown_args=True
         )
         return found
     return default
@@ -199,18 +198,12 @@ def tyro_message(boxed: str) -> str:
     """tyro's error box as one line, without Python types."""
     text = re.sub(r"\x1b\[[0-9;]*m|[─╭╮╰╯│]+|-{5,}", " ", boxed)
     text = " ".join(text.split("For full helptext")[0].split())
-    text = re.sub(
-        r"^(Value error|Parsing error|Unrecognized options|Required options|Missing argument)\s*",
-        "",
-        text,
-    )
+    kinds = "Value error|Parsing error|Unrecognized options|Required options|Missing argument"
+    text = re.sub(rf"^({kinds})\s*", "", text)
     text = re.sub(r"Error parsing \S+: ", "", text)
     text = re.sub(r" Perhaps you meant:? (--\S+).*", r"; perhaps you meant \1", text)
-    number = re.search(
-        r"(invalid literal for int\(\) with base 10|could not convert string to float): (?P<value>"
-        r"'[^']*')",
-        text,
-    )
+    wrong = r"(invalid literal for int\(\) with base 10|could not convert string to float)"
+    number = re.search(rf"{wrong}: (?P<value>'[^']*')", text)
     option = re.search(r"Argument helptext: (?P<name>\S+)", text)
     if number and option:
         kind = "a whole number" if number[1].startswith("invalid") else "a number"

@@ -80,8 +80,7 @@ def play(arguments: Sequence[str]) -> None:
     on_page(session, given.port, given.browser, keeper)
     if keeper is not None and keeper.added:
         print(f"replays: {keeper.folder}")
-    line = total_line(session.outcomes)
-    if line:
+    if line := total_line(session.outcomes):
         print(line)
     if keeper is not None and keeper.added < len(session.outcomes):
         lost = len(session.outcomes) - keeper.added

@@ -14,13 +14,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from train.commands.parse import print_warnings
 from train.files import Plain, check_folder
-from train.runs.folder import (
-    CONFIG,
-    check_new,
-    is_complete,
-    load_final,
-    load_results,
-)
+from train.runs.folder import CONFIG, check_new, is_complete, load_final, load_results
 from train.runs.forms import Final
 from train.runs.provenance import allow_options
 
@@ -52,10 +46,9 @@ class ProgressLine:
             self.what, self.began, self.reported = what, now, now
         elif now - self.reported >= (0.5 if live else 10.0) and now - self.began >= QUIET:
             self.reported, self.open = now, live
-            line = f"{what}: {100 * share:3.0f} %, {now - self.began:.0f} s"
-            print(
-                f"\r{line}" if live else line, end="" if live else "\n", file=sys.stderr, flush=True
-            )
+            begin, end = ("\r", "") if live else ("", "\n")
+            line = f"{begin}{what}: {100 * share:3.0f} %, {now - self.began:.0f} s"
+            print(line, end=end, file=sys.stderr, flush=True)
         if share >= 1.0 and self.open:
             self.open = False
             print(file=sys.stderr)

@@ -11,11 +11,7 @@ from train.evaluation.arm_contest import ArmContest
 from train.evaluation.contest import GameContest
 from train.evaluation.contests import AnyContest
 from train.evaluation.score_table import score_table
-from train.evaluation.scores import (
-    OUTCOME,
-    Reference,
-    Score,
-)
+from train.evaluation.scores import OUTCOME, Reference, Score
 from train.evaluation.team_contest import TeamContest, describe_team
 from train.files import Plain
 from train.reports.tables import print_table

@@ -10,12 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast, get_type_hints
 import tyro
 
 from pursuit.validation import check
-from train.commands.parse import (
-    default_budget,
-    options_in,
-    parse,
-    parse_known,
-)
+from train.commands.parse import default_budget, options_in, parse, parse_known
 from train.commands.progress import (
     ProgressLine,
     RunCommand,
@@ -27,12 +22,7 @@ from train.evaluation.scores import OUTCOME
 from train.files import Plain
 from train.reports.tables import print_table
 from train.runs.folder import CURVE, REPORT, SELF_PLAY
-from train.self_play.learners import (
-    checked_names,
-    learning_side,
-    players_of,
-    unchecked_self_play,
-)
+from train.self_play.learners import checked_names, learning_side, players_of, unchecked_self_play
 from train.settings.algorithms import Hyperparameters
 from train.settings.self_play import (
     LEARN,

@@ -28,7 +28,7 @@ from scripted_agents import (
 )
 from train.commands.parse import options_in, parse
 from train.commands.progress import ProgressLine
-from train.commands.solve_game import SolveGameCommand, solve_game
+from train.commands.solve_game import WIDTH, SolveGameCommand, solve_game
 from train.files import Plain, check_new_files
 from train.reports.figures import BLUE, FORMATS, ORANGE, draw_cells, pyplot, save
 from train.reports.tables import in_lines
@@ -43,8 +43,6 @@ PLAYS = 1000
 SHOWN = (1, 3, 10, 30, 100, 300, PLAYS)
 """Those that are printed."""
 
-WIDTH = 32
-"""Of the names of results."""
 SECONDS = rule(lambda value: 0.0 < value < inf, "give a finite number above 0")
 
 
@@ -128,15 +126,8 @@ def solve(arguments: Sequence[str]) -> None:
     began = perf_counter()
     order: Any = given.move_order
     alive, solving = ProgressLine(), f"solving {maze.name}"
-    solution = solve_chase(
-        maze,
-        given.discount,
-        given.stay_action,
-        given.horizon,
-        order,
-        given.num_chasers,
-        lambda share: alive(solving, share),
-    )
+    how = (given.discount, given.stay_action, given.horizon, order, given.num_chasers)
+    solution = solve_chase(maze, *how, lambda share: alive(solving, share))
     alive(solving, 1.0)
     print(describe(solution, perf_counter() - began))
     try:
@@ -183,12 +174,8 @@ def describe_limited_view(maze: Maze, given: SolveCommand) -> str:
     opponent = form(given.opponent_epsilon)
     table = opponent.action_probabilities(maze, given.stay_action)
     alive, name = ProgressLine(), f"radius {given.view_radius}"
-    how: Plain = {
-        "discount": given.discount,
-        "seconds": given.seconds,
-        "role": own,
-        "move_order": given.move_order,
-    }
+    names = ("discount", "seconds", "role", "move_order")
+    how: Plain = {option: getattr(given, option) for option in names}
 
     def report(now: float, lower: float, upper: float) -> None:
         alive(name, min(now / given.seconds, 1.0))
@@ -215,8 +202,9 @@ def describe_population(maze: Maze, given: SolveCommand) -> str:
     """The iterations of double oracle or of fictitious play, and the result, one per line."""
     order: Any = given.move_order
     began, lines = perf_counter(), {}
+    how = (given.discount, given.stay_action, order)
     if given.method == "double-oracle":
-        solved = double_oracle(maze, given.discount, given.stay_action, order)
+        solved = double_oracle(maze, *how)
         for number, one in enumerate(solved.iterations, 1):
             lines[f"iteration {number}"] = (
                 f"NashConv {one.nash_conv:.6f}; actions per state: chaser "
@@ -225,14 +213,7 @@ def describe_population(maze: Maze, given: SolveCommand) -> str:
         value, nash_conv = mean_over_starts(solved.solution.values, maze), one.nash_conv
     else:
         alive, solving = ProgressLine(), f"solving {maze.name}"
-        played = fictitious_play(
-            maze,
-            PLAYS,
-            given.discount,
-            given.stay_action,
-            order,
-            lambda number, nash_conv: alive(solving, number / PLAYS),
-        )
+        played = fictitious_play(maze, PLAYS, *how, lambda n, _: alive(solving, n / PLAYS))
         for number in SHOWN:
             lines[f"iteration {number}"] = f"NashConv {played.nash_convs[number - 1]:.6f}"
         tables = played.chaser_policy, played.evader_policy
@@ -319,6 +300,7 @@ def draw_solution(path: Path, solution: ChaseSolution, chaser: int, evader: int)
 def _draw_arrows(axis: Axes, maze: Maze, policy: NDArray[np.float64], other: int) -> None:
     """Arrows for actions, with lengths by their probability; a square for staying."""
     color = "white" if maze.is_grid else "black"  # on coloured squares, or on paper
+    arrow = {"arrowstyle": "-|>", "color": color, "lw": 1.4}
     for cell in range(maze.num_cells):
         if cell == other:
             continue
@@ -331,11 +313,6 @@ def _draw_arrows(axis: Axes, maze: Maze, policy: NDArray[np.float64], other: int
                 x, y = maze.picture[cell, ::-1].tolist()
                 dx, dy = (maze.picture[following, ::-1] - (x, y)).tolist()
                 length = 0.12 + 0.3 * chance
-                axis.annotate(
-                    "",
-                    (x + dx * length, y + dy * length),
-                    (x, y),
-                    arrowprops={"arrowstyle": "-|>", "color": color, "lw": 1.4},
-                )
+                axis.annotate("", (x + dx * length, y + dy * length), (x, y), arrowprops=arrow)
         if still > 0.02:
             axis.plot(*maze.picture[cell, ::-1], "s", ms=2 + 4 * still, color=color)

@@ -95,9 +95,8 @@ def solve_game(given: SolveGameCommand) -> None:
         found = described_response(game, solution, returns)
     elif game.zero_sum:
         solution = equilibrium(game, discount, horizon)
-        found = described_equilibrium(
-            game, solution, mixed_share(game, discount, horizon, solution)
-        )
+        visits = mixed_share(game, discount, horizon, solution)
+        found = described_equilibrium(game, solution, visits)
     else:
         found = described_gains(nash_conv(game, uniform, discount, horizon))
     print(in_lines({**text, **found, "solved in": f"{perf_counter() - began:.2f} s"}, WIDTH))

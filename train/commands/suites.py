@@ -8,12 +8,7 @@ from pathlib import Path
 from pursuit.simulator.policy import Policy
 from train.commands.scores import print_scores
 from train.evaluation.suite_contest import InMazes, SuiteContest
-from train.evaluation.suite_report import (
-    generalisation,
-    kind_table,
-    maze_rows,
-    summary_of,
-)
+from train.evaluation.suite_report import generalisation, kind_table, maze_rows, summary_of
 from train.files import Plain, write_csv
 from train.reports.tables import print_table
 

@@ -134,12 +134,11 @@ def run_stages(
     from train.experiments.runs import statuses_of
     from train.experiments.stages import carry_out
 
-    watch = SweepWatch()
     running: list[tuple[Study, Path]] = []
 
     def execute(study: Study, folder: Path) -> dict[str, str]:
         running[:] = [(study, folder)]
-        watch.restart()
+        watch = SweepWatch()
         if executor == "local":
             statuses = run_locally(study, folder, workers or os.cpu_count() or 1, watch)
         else:
@@ -221,13 +220,9 @@ def list_stages(stages: Iterable[Stage], out: Path, workers: int) -> None:
 
 
 class SweepWatch:
-    """Prints the progress of a sweep, when a run starts or ends and every 30 seconds."""
+    """Prints the progress of a study, when a run starts or ends and every 30 seconds."""
 
     def __init__(self) -> None:
-        self.restart()
-
-    def restart(self) -> None:
-        """Begin with another study."""
         self.began, self.printed = time.monotonic(), 0.0
         self.before: dict[str, str] = {}
         self.done_before: set[str] | None = None
@@ -259,10 +254,7 @@ class SweepWatch:
 
     def seconds_left(self, statuses: dict[str, str], progress: dict[str, float]) -> float | None:
         """The expected remaining time, from the time so far; None until that is long enough."""
-        left = sum(
-            1.0 - progress.get(name, 0.0)
-            for name, status in statuses.items()
-            if status not in ENDED
-        )
+        ahead = [name for name, status in statuses.items() if status not in ENDED]
+        left = sum(1.0 - progress.get(name, 0.0) for name in ahead)
         done = len(statuses) - len(self.done_before or ()) - left
         return None if done < 0.05 else (time.monotonic() - self.began) / done * left

@@ -7,13 +7,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
 
 from pursuit.rendering.animation import save_animation
-from train.commands.parse import (
-    default_budget,
-    default_task,
-    options_in,
-    parse,
-    parse_known,
-)
+from train.commands.parse import default_budget, default_task, options_in, parse, parse_known
 from train.commands.progress import RunCommand, exit_after_signal, finish_run, start_or_resume
 from train.commands.scores import (
     announce_solution,

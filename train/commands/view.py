@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +12,7 @@ import tyro
 from pursuit.replays.replay import Replay
 from pursuit.replays.viewer.data import Builder, Extras
 from pursuit.validation import at_least, check
-from train.commands.parse import parse, print_warnings
+from train.commands.parse import parse, print_warnings, warn
 from train.evaluation.recordings import add_episodes
 from train.files import check_new_files
 from train.play.browser import open_page
@@ -80,8 +79,7 @@ def report_again(folder: Path, out: Path | None) -> Path:
         trainee: Any = open_run(folder).trainee
         small = isinstance(trainee, SmallGamePlay)
         write: Any = write_small_game_report if small else write_self_play_report
-        page: Path = write(folder, trainee, load_results(folder), out)
-        return page
+        return write(folder, trainee, load_results(folder), out)
     settings, results = load_settings(folder), load_results(folder)
     policy = load_policy(folder, greedy=settings.evaluate == "greedy")
     episodes = results["evaluation"]["episodes"]
@@ -99,7 +97,7 @@ def together(given: ViewCommand) -> Path:
     check(bool(builder.items), "these replays contain no episodes; give others")
     title = ", ".join(path.name for path in given.paths)
     for warning in builder.warnings:
-        print(f"pursuit: warning: {warning}", file=sys.stderr)
+        warn(warning)
     text = [f"Warning: {in_markdown(warning)}" for warning in builder.warnings]
     write_page(page, title, [*text, PLAYER_ELEMENT], builder.data(title))
     return page

@@ -17,14 +17,7 @@ from scipy.stats import binomtest
 from pursuit.mazes.suite_files import is_suite
 from pursuit.validation import check
 from train.experiments.rows import longer_is_better
-from train.experiments.statistics import (
-    LEVEL,
-    NAN,
-    holm,
-    improvement,
-    least_p,
-    permutation_p,
-)
+from train.experiments.statistics import LEVEL, NAN, holm, improvement, least_p, permutation_p
 from train.experiments.study import REFERENCES, Claim, Table
 from train.reports.tables import Row
 

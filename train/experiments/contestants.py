@@ -73,14 +73,7 @@ class Ours:
         name, own = curriculum_for("ppo", profile_of(world.settings))
         # Frames are given so that threads are not chosen by time.
         whole = TrainSettings(
-            world.settings,
-            settings,
-            own,
-            "ppo",
-            name,
-            frames=10**12,
-            seed=seed,
-            threads=1,
+            world.settings, settings, own, "ppo", name, frames=10**12, seed=seed, threads=1
         )
         self.learner = SingleAgent(parts_of(whole), "greedy")
         self.progress = self.seconds = 0.0

@@ -57,11 +57,7 @@ class Job(Protocol):
 
 
 def run_study(
-    study: Study,
-    out: Path,
-    slots: int,
-    start: Callable[[Path, int], Job],
-    watch: Watch,
+    study: Study, out: Path, slots: int, start: Callable[[Path, int], Job], watch: Watch
 ) -> dict[str, str]:
     """Execute all runs that are not complete, and return the status of every run by name.
 

@@ -254,15 +254,14 @@ def layout_of(
     x, group = hints.x, hints.group
     if group is None:
         group = ["variant"] if variants else [name for name in varying if name != x]
-    layout = Layout(
+    same = ("control", "primary", "margin", "threshold")
+    return Layout(
         stem if file.title is None else file.title,
         x=None if x is None else column(x),
         group=[column(name) for name in group],
         variants=[variant["name"] for variant in variants],
+        **{name: getattr(file, name) for name in same},
     )
-    for name in ("control", "primary", "margin", "threshold"):
-        setattr(layout, name, getattr(file, name))
-    return layout
 
 
 # -- ablations -------------------------------------------------------------------------------------

@@ -20,8 +20,8 @@ from train.reports.tables import Row
 COLUMNS = 4
 """Maximum number of panels per row."""
 LINES = (
-    f"{SINGLE_RUNS.format('mean')}, or a band, their interval. Grey: the control. Dotted: the "
-    "optimum (horizontal), and for each run the start of its last stage (vertical)"
+    f"{SINGLE_RUNS}. Grey: the control. Dotted: the optimum (horizontal), and for each run the "
+    "start of its last stage (vertical)"
 )
 COLORS = tuple(color for color in PALETTE if color != GREY)
 POLICIES = [
@@ -67,8 +67,8 @@ def draw_curves(
             first = measure.label if not len(panels) % COLUMNS else ""
             panels.append(Panel(series, first, title, measure.scale))
     grid = [panels[first : first + COLUMNS] for first in range(0, len(panels), COLUMNS)]
-    note = f"{SINGLE_RUNS.format('mean')}, or a band, their interval"
-    draw_panels(path, grid, unit, study.layout.title, beside=True, log=log, note=note)
+    title = study.layout.title
+    draw_panels(path, grid, unit, title, beside=True, log=log, note=SINGLE_RUNS)
 
 
 def draw_final(
@@ -139,9 +139,8 @@ def variant_panels(study: StudyRows, task: str, unit: str) -> list[list[Panel]]:
     places = list(variants)
 
     def gaps(row: Row) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        return curve_of(
-            study, row, "optimality_gap", -100.0 if longer_is_better(row) else 100.0, unit
-        )
+        factor = -100.0 if longer_is_better(row) else 100.0
+        return curve_of(study, row, "optimality_gap", factor, unit)
 
     grid: list[list[Panel]] = []
     for first in range(0, len(names), COLUMNS):

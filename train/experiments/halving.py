@@ -18,7 +18,7 @@ from pursuit.validation import check
 from train.experiments.expansion import Tuned, alternating, runs_of
 from train.experiments.rows import read_all
 from train.experiments.runs import LAYOUT, Study, TrainingRun
-from train.experiments.study import Layout, StudyFile, Table, Tuning
+from train.experiments.study import Layout, StudyFile, Table, Trials, Tuning
 from train.experiments.tuning import FIRST_TRIAL_SEED, draws_of, mazes_of
 from train.reports.tables import Row
 
@@ -57,19 +57,20 @@ class Halving:
                 other in self.tuning.space,
                 f"like {other!r} of {name!r} in [tuning]; give a variant of [tuning.space]",
             )
-        trials = self.tuning.full if self.version == "full" else self.tuning.short
-        check(
-            trials.frames is not None,
-            "seconds in [tuning]; rungs are counted in frames: give frames",
-        )
+        frames = self.trials.frames
+        check(frames is not None, "seconds in [tuning]; rungs are counted in frames: give frames")
         used = {*(self.file.grid or {}).get("game", [])} & {*self.tuning.games}
         check(not used, f"games {sorted(used)} of [tuning] are those of the study; give others")
 
     @property
+    def trials(self) -> Trials:
+        """The trials of the version."""
+        return self.tuning.trials(self.version)
+
+    @property
     def rungs(self) -> range:
         """The numbers of the rungs."""
-        trials = self.tuning.full if self.version == "full" else self.tuning.short
-        return range(trials.rungs)
+        return range(self.trials.rungs)
 
     def folder(self, rung: int) -> Path:
         """The folder of a rung."""
@@ -77,12 +78,10 @@ class Halving:
 
     def study(self, rung: int) -> Study:
         """The trials of a rung; of those before it the results must be known."""
-        trials = self.tuning.full if self.version == "full" else self.tuning.short
-        frames = int(trials.frames or 0) * 2**rung
+        trials = self.trials
         common = {**(self.file.settings or {}), **self.tuning.settings}
-        for name in ("seconds", "frames"):
-            common.pop(name, None)
-        common["frames"] = frames
+        common.pop("seconds", None)
+        common["frames"] = int(trials.frames or 0) * 2**rung
         of = "game" if self.tuning.games else "maze"
         units = self.tuning.games[: trials.mazes] or mazes_of(self.tuning, trials, common)
         runs: list[TrainingRun] = []
@@ -103,9 +102,8 @@ class Halving:
 
     def left(self, variant: str, rung: int) -> list[int]:
         """The numbers of the trials of a variant in a rung."""
-        trials = self.tuning.full if self.version == "full" else self.tuning.short
         if rung == 0:
-            return list(range(trials.samples))
+            return list(range(self.trials.samples))
         before = self.left(variant, rung - 1)
         scores = self.scores(variant, rung - 1)
         ranked = sorted(before, key=lambda number: (scores.get(number, math.inf), number))
@@ -126,19 +124,18 @@ class Halving:
 
     def chosen(self) -> Tuned:
         """The settings of the best trial of each variant; nothing before the last rung ended."""
-        trials = self.tuning.full if self.version == "full" else self.tuning.short
         best: dict[tuple[str, str], Table] = {}
+        last = self.folder(self.rungs[-1])
         for name in self.tuning.space:
             scores = self.scores(name, self.rungs[-1])
-            ended = (self.folder(self.rungs[-1]) / LAYOUT).exists()
             check(
-                bool(scores) or not ended,
+                bool(scores) or not (last / LAYOUT).exists(),
                 f"{name!r}: no trial of the last rung is complete; see the error.txt files in "
-                f"{self.folder(self.rungs[-1])}",
+                f"{last}",
             )
             if scores:
                 number = min(scores, key=lambda number: (scores[number], number))
-                best["", name] = draws_of(self.tuning, trials, name)[number]
+                best["", name] = draws_of(self.tuning, self.trials, name)[number]
         for name, other in self.tuning.like.items():
             if ("", other) in best:
                 best["", name] = best["", other]

@@ -57,9 +57,9 @@ def typed(name: str, values: list[str]) -> list[object]:
     return [value or None for value in values]
 
 
-def is_recorded(row: Row | None) -> bool:
-    """Whether a row is that of a complete run."""
-    return row is not None and row["status"] == "complete"
+def complete_in(path: Path | None) -> set[str]:
+    """The names of the runs that are complete by their rows, as `read_recorded`."""
+    return {name for name, row in read_recorded(path).items() if row["status"] == "complete"}
 
 
 def record(path: Path, row: Row) -> None:

@@ -144,13 +144,9 @@ def runs_of_study(study: ClaimedStudy, plan: Replication, out: Path) -> Study:
         ValueError: an invalid study file, or a claim about runs that it does not have.
     """
     kind, name = ("ablation", study.ablation) if study.ablation else ("sweep", study.sweep)
-    found = load_study(
-        str(name),
-        kind,
-        plan.version,
-        lambda file: with_own_mazes(file, plan.mazes),
-        best_trials(out)[1] if study.tuned else None,
-    )
+    change = partial(with_own_mazes, mazes=plan.mazes)
+    tuned = best_trials(out)[1] if study.tuned else None
+    found = load_study(str(name), kind, plan.version, change, tuned)
     names, rows = {path: name for name, path in plan.mazes.items()}, []
     for run in found.runs:
         row = {**flat_plain(asdict(run.settings)), **run.files, **run.label}
@@ -169,16 +165,15 @@ def with_own_mazes(file: StudyFile, mazes: Mapping[str, str]) -> StudyFile:
     """The same study file with user-defined mazes in place of shipped ones."""
 
     def other(table: Table | None) -> Table | None:
-        if table is None or "maze" not in table:
+        if not mazes or table is None or "maze" not in table:
             return table
         value = table["maze"]
         names = value if isinstance(value, list) else [value]
-        if mazes:
-            lacking = [n for n in names if BY_SIZE.fullmatch(n) and n not in mazes]
-            check(
-                not lacking,
-                f"--mazes has {', '.join(mazes)}, but not {', '.join(lacking)}; add these sizes",
-            )
+        lacking = [n for n in names if BY_SIZE.fullmatch(n) and n not in mazes]
+        check(
+            not lacking,
+            f"--mazes has {', '.join(mazes)}, but not {', '.join(lacking)}; add these sizes",
+        )
         found = [mazes.get(name, name) for name in names]
         return {**table, "maze": found if isinstance(value, list) else found[0]}
 

@@ -9,12 +9,7 @@ from train.experiments import figures, summary
 from train.experiments.contestant_runs import CONTESTANT
 from train.experiments.rows import StudyRows, read_several, read_study
 from train.experiments.tuning import best_trials
-from train.experiments.variants import (
-    against_control,
-    contestant_rows,
-    distance_of,
-    first_to_gaps,
-)
+from train.experiments.variants import against_control, contestant_rows, distance_of, first_to_gaps
 from train.files import begins_with, only_one, write_csv
 from train.reports.pages import write_markdown
 from train.reports.tables import ResultTable, Row, in_markdown, plain_table, short

@@ -37,7 +37,7 @@ from train.runs.folder import (
     read_metrics,
 )
 from train.runs.provenance import check_sources
-from train.runs.tasks import maze_called
+from train.runs.tasks import maze_of
 from train.self_play.names import entry_names
 from train.settings.self_play import ROLES
 from train.settings.task import learning_agent
@@ -223,10 +223,8 @@ def read_run(folder: Path) -> tuple[Row, list[str], list[Row]]:
         results |= {name: content[name] for name in OF_GAMES if name in content}
         convs = content.get("nash_conv_of", {})
         results |= {f"nash_conv_{name}": value for name, value in convs.items()}
-        ends = zip(
-            ("mixture_low", "mixture_high"), content.get("mixture_nash_conv", ()), strict=False
-        )
-        results |= dict(ends)
+        for end, value in zip(("low", "high"), content.get("mixture_nash_conv", ()), strict=False):
+            results[f"mixture_{end}"] = value
         for score in content["scores"]:
             if score["name"] in SCORES:
                 results[SCORES[score["name"]]] = score["mean_steps"]
@@ -275,7 +273,8 @@ def settings_row(folder: Path) -> Row:
     row |= {name: value for name, value in flat_plain(plain).items() if name not in row}
     row["variant"] = label.get("variant")
     if "maze" in task:
-        row["maze"] = maze_called(task["maze"])
+        found = maze_of(task["maze"])  # or the name of a suite
+        row["maze"] = found if isinstance(found, str) else found.name
         one = kind != SELF_PLAY
         row["role"] = learning_agent(task["task"], task["role"]) if one else "both"
     if "members" in row:
@@ -302,9 +301,8 @@ def curve_measures(row: Row, evaluations: Sequence[Row]) -> Row:
     evader = longer_is_better(row)
     sign = -100.0 if evader else 100.0
     seconds, frames = column_of(evaluations, "seconds"), column_of(evaluations, "frames")
-    found: Row = dict.fromkeys(
-        ("shortfall", "mean_optimality", "hardest_share", "last_fall", "last_share")
-    )
+    names = ("shortfall", "mean_optimality", "hardest_share", "last_fall", "last_share")
+    found: Row = dict.fromkeys(names)
     gap, known = column_of(evaluations, "optimality_gap"), row.get("optimality_gap") is not None
     if known and len(evaluations):
         found["shortfall"] = sign * float(row["optimality_gap"])

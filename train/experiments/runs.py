@@ -18,7 +18,7 @@ import msgspec
 from pursuit.validation import check
 from train.experiments import contestant_runs  # noqa: F401 (adds its kind of run)
 from train.experiments.identity import INPUTS, Input, copied_input, fingerprint, with_policies
-from train.experiments.recorded import is_recorded, read_recorded
+from train.experiments.recorded import complete_in
 from train.experiments.study import Layout, Table
 from train.files import LOCK, read_json, write_json
 from train.kinds import read_settings, write_config
@@ -148,12 +148,8 @@ def prepare(study: Study, out: Path | str) -> list[tuple[TrainingRun, Path]]:
     rows = None if study.rows is None else str(study.rows)
     layout = msgspec.structs.replace(study.layout, format=FORMAT, runs=names, rows=rows)
     write_json(out / LAYOUT, msgspec.to_builtins(layout))
-    known = read_recorded(study.rows)
-    folders = [
-        (run, folder_of(out, run.name))
-        for run in study.runs
-        if not is_recorded(known.get(run.name))
-    ]
+    done = complete_in(study.rows)
+    folders = [(run, folder_of(out, run.name)) for run in study.runs if run.name not in done]
     for run, folder in folders:
         run.write(folder, out)
     return folders
@@ -192,10 +188,8 @@ def status_of(folder: Path) -> str:
 
 def statuses_of(study: Study, out: Path) -> dict[str, str]:
     """The status of every run by name."""
-    known = read_recorded(study.rows)
+    done = complete_in(study.rows)
     return {
-        run.name: "complete"
-        if is_recorded(known.get(run.name))
-        else status_of(folder_of(out, run.name))
+        run.name: "complete" if run.name in done else status_of(folder_of(out, run.name))
         for run in study.runs
     }

@@ -73,8 +73,13 @@ def stages_of(
         )
         if kind == "ablation":
             halving = Halving(tuning, version, file, out / TUNING, known[TUNING])
+            stages = [
+                Stage(f"rung {n}", partial(halving.study, n), halving.folder(n))
+                for n in halving.rungs
+            ]
         else:
             search = search_of(tuning, version, file)
+            stages = [Stage("search", lambda: search, out / TUNING)]
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
 
@@ -82,15 +87,7 @@ def stages_of(
         found = halving.chosen() if kind == "ablation" else best_trials(out)[1]
         return replace(load_study(name, kind, version, change, found), rows=known[RUN_ROWS])
 
-    if kind == "ablation":
-        return [
-            *(
-                Stage(f"rung {n}", partial(halving.study, n), halving.folder(n))
-                for n in halving.rungs
-            ),
-            Stage(path.stem, tuned, out),
-        ]
-    return [Stage("search", lambda: search, out / TUNING), Stage(path.stem, tuned, out)]
+    return [*stages, Stage(path.stem, tuned, out)]
 
 
 def carry_out(

@@ -172,11 +172,9 @@ def permutation_p(ours: Sequence[Sequence[float]], theirs: Sequence[Sequence[flo
     options: Plain = {"n_resamples": PERMUTATIONS, "vectorized": True, "alternative": "greater"}
     exact = len(pools) == 1 and comb(len(pools[0]), sizes[0]) <= PERMUTATIONS
     if exact and min(sizes[0], len(theirs[0])) > 1:
-        return float(
-            permutation_test(
-                (ours[0], theirs[0]), lambda a, b, axis: apart([a], [b]), **options
-            ).pvalue
-        )
+        both = (ours[0], theirs[0])
+        test = permutation_test(both, lambda a, b, axis: apart([a], [b]), **options)
+        return float(test.pvalue)
     anew: Any = [  # one per sample, which SciPy's stubs do not allow
         lambda size, pool=pool: rng.permuted(np.broadcast_to(pool, size), axis=-1) for pool in pools
     ]

@@ -20,11 +20,9 @@ from pursuit.validation import check, one_of
 from train.schemas import read_as
 from train.settings.self_play import ROLES, unnested_sides
 
-FOLDERS = {
-    "sweep": Path(__file__).with_name("files"),
-    "ablation": Path(__file__).with_name("files") / "ablations",
-    "comparison": Path(__file__).with_name("files") / "comparisons",
-    "replication": Path(__file__).with_name("files") / "replications",
+FILES = Path(__file__).with_name("files")
+FOLDERS = {"sweep": FILES} | {
+    kind: FILES / f"{kind}s" for kind in ("ablation", "comparison", "replication")
 }
 """The folders of shipped files, by kind of study."""
 VERSIONS = ("short", "full")
@@ -126,6 +124,10 @@ class Tuning(msgspec.Struct, forbid_unknown_fields=True):
     settings: Table = {}
     shipped: bool = True
     search_seed: int = 0
+
+    def trials(self, version: str | None) -> Trials:
+        """The trials of a version, "short" or "full"; short by default."""
+        return self.full if version == "full" else self.short
 
 
 class StudyFile(Version, forbid_unknown_fields=True, omit_defaults=True):

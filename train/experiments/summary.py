@@ -21,14 +21,7 @@ from train.experiments.statistics import (
     mean_interval,
 )
 from train.experiments.study import THRESHOLDS, Layout
-from train.experiments.variants import (
-    GAME_REGRET,
-    LEAST,
-    TARGETS,
-    Distance,
-    equal_results,
-    p_text,
-)
+from train.experiments.variants import GAME_REGRET, LEAST, TARGETS, Distance, equal_results, p_text
 from train.reports.tables import Column, ResultTable, Row, in_markdown, numeric, short, words
 from train.runs.folder import RUN
 

@@ -42,7 +42,7 @@ def search_of(tuning: Tuning, version: str | None, file: StudyFile | None = None
     Raises:
         ValueError: a maze of the search that is also one of the study, or settings that cannot run.
     """
-    trials = tuning.full if version == "full" else tuning.short
+    trials = tuning.trials(version)
     common, tasks, names, episodes = tuning.settings, [Table()], list(tuning.space), 1000
     kind, of = RUN, "algorithm"
     if file is not None:
@@ -54,8 +54,7 @@ def search_of(tuning: Tuning, version: str | None, file: StudyFile | None = None
             f"seeds={file.seeds}; give seeds below {FIRST_TRIAL_SEED}, the first seed of trials",
         )
     check_once(f"{of} in [tuning]" if file is None else f"{of} in [grid]", names)
-    budget = {"seconds": trials.seconds, "frames": trials.frames}
-    common = {**common, **budget}
+    common = {**common, "seconds": trials.seconds, "frames": trials.frames}
     drawn = {name: draws_of(tuning, trials, name) for name in names}
     runs: list[TrainingRun] = []
     for number, task in itertools.product(range(trials.samples), tasks):
@@ -148,12 +147,10 @@ def best_trials(out: Path) -> tuple[list[Row], Tuned]:
         # Absolute, as evaders have negative gaps.
         logs = [math.log(max(abs(gap), LEAST_GAP)) for gap in row["gaps"] if gap is not None]
         row["score"] = sum(logs) / len(logs) if len(logs) == len(row["gaps"]) else None
+    scored = [key for key, row in trials.items() if row["score"] is not None]
     best: dict[tuple[str, str], tuple[str, str, int]] = {}
-    for key, row in trials.items():
-        if row["score"] is not None:
-            lowest = best.setdefault(key[:2], key)
-            if row["score"] < trials[lowest]["score"]:
-                best[key[:2]] = key
+    for key in sorted(scored, key=lambda key: trials[key]["score"]):
+        best.setdefault(key[:2], key)
     for key, row in trials.items():
         row["chosen"] = best.get(key[:2]) == key
     return list(trials.values()), {group: settings[key] for group, key in best.items()}

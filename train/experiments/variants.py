@@ -155,13 +155,14 @@ def gap_row(name: str, own: list[Row], control: list[Row]) -> Row:
     row |= bounded("area", mean_of(areas), distance_interval(areas))
     shares = [row["hardest_share"] for row in own]
     row["settled"] = NAN if None in shares else float(np.mean(shares))
-    comparable = {str(r["_x"]) for r in own} == {str(r["_x"]) for r in control}
-    theirs = by_task(control, "shortfall") if comparable else finals
-    better, ends = probability_of_improvement(finals, theirs) if comparable else (NAN, (NAN, NAN))
+    better, p, ends, apart = NAN, NAN, (NAN, NAN), (NAN, NAN)
+    if {str(r["_x"]) for r in own} == {str(r["_x"]) for r in control}:
+        theirs = by_task(control, "shortfall")
+        better, ends = probability_of_improvement(finals, theirs)
+        p = permutation_p(finals, theirs)
+        apart = difference_interval(finals, theirs, 1.0 - 2.0 * LEVEL)
     row |= bounded("improvement", better, ends)
-    row["p"] = permutation_p(finals, theirs) if comparable else NAN
-    apart = difference_interval(finals, theirs, 1.0 - 2.0 * LEVEL) if comparable else (NAN, NAN)
-    row |= {"apart_low": apart[0], "apart_high": apart[1]}
+    row |= {"p": p, "apart_low": apart[0], "apart_high": apart[1]}
     tasks = {str(r["_x"]) for r in [*own, *control]}
     ended = by_task(own, "frames", tasks), by_task(control, "frames", tasks)
     for gap in THRESHOLDS:

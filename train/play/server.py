@@ -14,7 +14,6 @@ import sys
 from collections.abc import Callable
 from dataclasses import asdict
 from threading import Lock
-from types import TracebackType
 from typing import Any
 from wsgiref.simple_server import WSGIRequestHandler, WSGIServer, make_server
 
@@ -61,10 +60,7 @@ class PlayServer:
     """
 
     def __init__(
-        self,
-        session: Session,
-        port: int = 0,
-        after: Callable[[Session], None] | None = None,
+        self, session: Session, port: int = 0, after: Callable[[Session], None] | None = None
     ) -> None:
         self.session, self.after = session, after
         self.token = secrets.token_urlsafe(32)
@@ -82,12 +78,7 @@ class PlayServer:
     def __enter__(self) -> PlayServer:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def serve(self) -> None:
@@ -172,14 +163,12 @@ class PlayServer:
 
     def state(self, whole: bool) -> Plain:
         """The state of the session for the page; with title and board if `whole`."""
-        session = self.session
-        over = session.over
-        outcome = session.outcome if over else None
+        session, outcome = self.session, self.session.outcome
         state: Plain = {
             "game": session.game,
             "step": session.step,
             "frame": session.frame(),
-            "over": over,
+            "over": session.over,
             "outcome": None if outcome is None else asdict(outcome),
             "rows": [] if outcome is None else outcome.rows(),
             "total": total_line(session.outcomes),

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from pursuit.environments.single_agent import fill_seats
 from pursuit.replays.adapters import MazeAdapter, State
+from pursuit.replays.viewer.data import maze_data
 from pursuit.rules.layout import COLLECTED
 from pursuit.simulator.policy import Policy
 from pursuit.simulator.simulator import Simulator
@@ -199,19 +200,11 @@ class Session:
         """The constants of a game for the viewer's `Board`; "you" is the user's agent index."""
         task = self.task
         maze = task.mazes[int(self.simulator.maze_index[0])]
-        agents = zip(task.agent_names, task.seat_roles, strict=True)
-        return {
-            "kind": "maze",
-            "height": maze.height,
-            "width": maze.width,
-            "walls": maze.to_text(),
-            "cells": np.stack([maze.rows, maze.columns], axis=1).tolist(),
-            "agents": [{"name": name, "role": role} for name, role in agents],
-            "num_goals": task.num_goals,
+        exits = [cell for cell in self.simulator.exits[0].tolist() if cell >= 0]
+        return maze_data(maze, task.agent_names, task.num_goals, exits) | {
             "you": self.seat,
             "actions": list(ACTIONS[: task.num_actions]),
             "max_steps": task.max_steps,
-            "exits": [cell for cell in self.simulator.exits[0].tolist() if cell >= 0],
         }
 
     def frame(self) -> Plain:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from textwrap import fill
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -33,7 +33,7 @@ Curve = tuple[Array, Array]
 LineStyle = str | tuple[int, tuple[int, ...]]
 """As Matplotlib takes it: a name, or an offset and the lengths of strokes and gaps."""
 
-SINGLE_RUNS = "Thick: {} of the runs; thin: single runs"
+SINGLE_RUNS = "Thick: mean of the runs; thin: single runs, or a band, their interval"
 """What the lines of several runs are, for `draw_panels`."""
 
 GRID = 60
@@ -64,7 +64,6 @@ class Series:
         label: in the legend; None for none.
         color, style, width: of the line.
         interval: computes the band of many runs from values; None for thin lines.
-        middle: computes the thick curve, such as the mean.
     """
 
     curves: Sequence[Curve]
@@ -73,7 +72,6 @@ class Series:
     style: LineStyle = "-"
     width: float = 1.7
     interval: Callable[[Sequence[float]], tuple[float, float]] | None = None
-    middle: Callable[..., Any] = np.mean
 
 
 @dataclass(frozen=True)
@@ -139,15 +137,10 @@ def draw_panels(
     lines, columns = len(grid), max(map(len, grid))
     heights = [line[0].height for line in grid]
     width = 9.0 if columns == 1 else 3.4 * columns + 1.2
-    figure, axes = pyplot().subplots(
-        lines,
-        columns,
-        figsize=(width, 0.7 + 1.1 * sum(heights)),
-        sharex="col" if len(grid[-1]) == columns else False,
-        squeeze=False,
-        height_ratios=heights,
-        layout="constrained",
-    )
+    size = (width, 0.7 + 1.1 * sum(heights))
+    shared = "col" if len(grid[-1]) == columns else False
+    how: Plain = {"squeeze": False, "height_ratios": heights, "layout": "constrained"}
+    figure, axes = pyplot().subplots(lines, columns, figsize=size, sharex=shared, **how)
     gaps = [y for line in grid for panel in line if panel.scale == "gap"
             for series in panel.series for _, y in series.curves]  # fmt: skip
     for line, below in zip(grid, axes, strict=True):
@@ -194,7 +187,7 @@ def _draw_panel(axis: Axes, panel: Panel, log: bool, gaps: Sequence[Array]) -> N
 
 
 def _draw_series(axis: Axes, series: Series, log: bool) -> None:
-    """Draw the middle of the runs, and every run, or a band for at least `BAND_FROM` runs."""
+    """Draw the mean of the runs, and every run, or a band for at least `BAND_FROM` runs."""
     style: Plain = {"ls": series.style, "color": series.color}
     thick = {**style, "lw": series.width, "label": in_legend(series.label)}
     if len(series.curves) == 1:
@@ -202,7 +195,7 @@ def _draw_series(axis: Axes, series: Series, log: bool) -> None:
         axis.plot(*series.curves[0], marker="o" if few else None, ms=3, **thick)
     elif series.curves:
         points, values = on_one_axis(series.curves, log)
-        axis.plot(points, series.middle(values, axis=0), **thick)
+        axis.plot(points, np.mean(values, axis=0), **thick)
         if series.interval is None or len(values) < BAND_FROM:
             for curve in series.curves:
                 axis.plot(*curve, lw=0.7, alpha=0.45, **style)

@@ -93,9 +93,8 @@ def draw_walls(axis: Axes, maze: Maze) -> None:
         x, y = maze.columns[cell], maze.rows[cell]
         for action, (dx, dy) in steps.items():
             if maze.neighbors[cell, action] == cell:
-                ends = (
-                    ([x - 0.5, x + 0.5], [y + dy] * 2) if dy else ([x + dx] * 2, [y - 0.5, y + 0.5])
-                )
+                across, down = [x - 0.5, x + 0.5], [y - 0.5, y + 0.5]
+                ends = (across, [y + dy] * 2) if dy else ([x + dx] * 2, down)
                 axis.plot(*ends, color="#222222", lw=2.2, solid_capstyle="round")
 
 
@@ -200,10 +199,7 @@ class Estimate(NamedTuple):
 
 
 def draw_intervals(
-    path: Path,
-    panels: Mapping[str, tuple[str, Sequence[Estimate]]],
-    title: str,
-    ylabel: str = "",
+    path: Path, panels: Mapping[str, tuple[str, Sequence[Estimate]]], title: str, ylabel: str = ""
 ) -> None:
     """Draw an interval plot: values with their intervals, one per line.
 
@@ -218,13 +214,9 @@ def draw_intervals(
     lines = list(dict.fromkeys(each.line for each in everything))
     groups = list(dict.fromkeys(each.group for each in everything))
     height = 1.3 + (0.3 + 0.12 * len(groups)) * len(lines)
+    size = (2.8 + 3.6 * len(panels), max(height, 2.6))
     figure, axes = pyplot().subplots(
-        1,
-        len(panels),
-        figsize=(2.8 + 3.6 * len(panels), max(height, 2.6)),
-        sharey=True,
-        squeeze=False,
-        layout="constrained",
+        1, len(panels), figsize=size, sharey=True, squeeze=False, layout="constrained"
     )
     for axis, (label, (scale, estimates)) in zip(axes[0], panels.items(), strict=True):
         for each in estimates:
@@ -281,15 +273,7 @@ def draw_matrix(
     image = axis.imshow(values, cmap="viridis", aspect="auto", norm=norm)
     for (i, j), value in np.ndenumerate(values):
         color = "white" if image.norm(value) < 0.6 else "black"
-        axis.text(
-            j,
-            i,
-            f"{value:.{digits}f}",
-            ha="center",
-            va="center",
-            fontsize=9,
-            color=color,
-        )
+        axis.text(j, i, f"{value:.{digits}f}", ha="center", va="center", fontsize=9, color=color)
     names = [[fill(name, LABEL_WIDTH) for name in each] for _, each in (rows, columns)]
     axis.set_yticks(range(down), names[0])
     axis.set_xticks(range(across), names[1], rotation=30, ha="right")

@@ -137,11 +137,7 @@ class OtherProcesses(Replica):
     """
 
     def __init__(
-        self,
-        settings: AgentSettings,
-        learner: PPO,
-        folder: Path,
-        state: Plain | None = None,
+        self, settings: AgentSettings, learner: PPO, folder: Path, state: Plain | None = None
     ) -> None:
         count = settings.processes
         context: Any = get_context("fork" if can_fork() else "spawn")

@@ -32,12 +32,8 @@ from train.schemas import read_as
 from train.settings.self_play import WholeSettings
 from train.teaching.mazes import titled
 
-CONFIG, METRICS, RESULTS, CHECKPOINT = (
-    "config.json",
-    "metrics.csv",
-    "results.json",
-    "checkpoint.pt",
-)
+CONFIG, METRICS = "config.json", "metrics.csv"
+RESULTS, CHECKPOINT = "results.json", "checkpoint.pt"
 CURVE, REPLAY = "learning_curve.png", "replay.gif"
 FINAL = "final"
 REPORT, REPLAYS = "report.html", "replays.json"

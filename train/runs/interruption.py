@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Callable
 from threading import current_thread, main_thread
 from types import FrameType
-from typing import Self
-
-SignalHandler = Callable[[int, FrameType | None], object] | int | None
+from typing import Any, Self
 
 
 class Stopped(KeyboardInterrupt):
@@ -40,7 +37,7 @@ class Signals:
 
     def __init__(self, patient: bool = False) -> None:
         self.status, self.asked, self.patient = 0, False, patient
-        self._previous: dict[int, SignalHandler] = {}
+        self._previous: dict[int, Any] = {}
 
     def __enter__(self) -> Self:
         if current_thread() is main_thread():  # Python handles signals in this thread only

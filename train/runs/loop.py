@@ -189,7 +189,9 @@ class Run(Generic[T]):
                 self.seconds += spent
                 if choice is not None:
                     choice.learn(spent)
-                self._check_figures(figures)
+                for name, value in figures.items():
+                    if not abs(value) < float("inf"):
+                        raise self._diverged(f"{name} is {value:g}")
                 self.stopped, self.exit_status = signals.asked, signals.status
                 report(self, {})
                 # Counted by progress, so that a resumed run has the same evaluations.
@@ -287,11 +289,6 @@ class Run(Generic[T]):
         where = first_not_finite(self.trainee.learned())
         if where is not None:
             raise self._diverged(f"{where} is not finite")
-
-    def _check_figures(self, figures: dict[str, float]) -> None:
-        for name, value in figures.items():
-            if not abs(value) < float("inf"):
-                raise self._diverged(f"{name} is {value:g}")
 
     def _diverged(self, how: str) -> Diverged:
         kept = f"its checkpoint at {self._saved_frames:,} frames is kept"

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, TypedDict
 
 from pursuit.observations.custom import OBSERVATIONS
-from pursuit.plugins import OPENSPIEL, Registry, is_reference, sha256_of
+from pursuit.plugins import OPENSPIEL, Registry, is_reference, module_of, sha256_of
 from pursuit.tasks.rewards import REWARDS
 from scripted_agents.environments import POLICIES
 from scripted_agents.games.named import GAMES, split_name
@@ -30,10 +30,7 @@ KINDS: dict[str, Registry[Any]] = {
     "game": GAMES,
     "rewards": REWARDS,
     "observation": OBSERVATIONS,
-    "opponent": POLICIES,
-    "chaser": POLICIES,
-    "evader": POLICIES,
-    "members": POLICIES,
+    **dict.fromkeys(("opponent", "chaser", "evader", "members"), POLICIES),
     "axis": AXIS_PARTS,
     "curriculum": CURRICULUM_PARTS,
     "algorithm": LEARNERS,
@@ -124,7 +121,7 @@ def check_sources(config: Path, settings: WholeSettings | Plain, resuming: bool 
         before, name = recorded.get(setting), now["name"]
         if before is None or before["name"] != name or before["sha256"] == now["sha256"]:
             continue
-        module = name.partition(":")[0] if is_reference(name) else name
+        module = module_of(name) if is_reference(name) else name
         changed = f"{config.parent}: the source of {module} has changed since this run started"
         if resuming:
             raise ValueError(f"{changed}; restore it, or start a new run")
@@ -135,7 +132,5 @@ def check_sources(config: Path, settings: WholeSettings | Plain, resuming: bool 
 def allow_options(config: Path) -> str:
     """The options that resuming a run needs: " --allow my_parts", or an empty string."""
     names = [record["name"] for record in recorded_parts(config).values()]
-    tops = dict.fromkeys(
-        name.partition(":")[0].split(".")[0] for name in filter(is_reference, names)
-    )
+    tops = dict.fromkeys(module_of(name).split(".")[0] for name in filter(is_reference, names))
     return "".join(f" --allow {top}" for top in tops)

@@ -18,14 +18,7 @@ from train.networks.small_game_policy import AnySeat, SmallGameSeat
 from train.runs.folder import CONFIG, RUN, SIDE, read_config
 from train.runs.forms import RESTORE
 from train.runs.provenance import check_sources
-from train.runs.tasks import (
-    DEFAULTS_BY,
-    agent_of,
-    default_settings,
-    game_of,
-    player_in,
-    task_of,
-)
+from train.runs.tasks import DEFAULTS_BY, agent_of, default_settings, game_of, player_in, task_of
 from train.settings.algorithms import JOINT, SHARED
 from train.settings.common import with_memory
 from train.settings.curricula import curriculum_form
@@ -171,13 +164,8 @@ def team_seat(seat: Seat, settings: AgentSettings) -> Seat:
     encoding = without_id(seat.encoding)
     if getattr(hyper, "with_id", False) and seat.members > 1:
         encoding += AGENT_ID
-    return replace(
-        seat,
-        encoding=encoding,
-        team=True,
-        joint=joint,
-        critic=getattr(hyper, "critic_observation", ""),
-    )
+    critic = getattr(hyper, "critic_observation", "")
+    return replace(seat, encoding=encoding, team=True, joint=joint, critic=critic)
 
 
 def check_team_as_one(seat: Seat, settings: AgentSettings) -> None:

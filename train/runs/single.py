@@ -17,14 +17,7 @@ from train.evaluation.contest import GameContest
 from train.evaluation.contests import AnyContest
 from train.evaluation.maze_contest import MazeContest
 from train.evaluation.objective_gap import UNKNOWN, ObjectiveGap, objective_gap
-from train.evaluation.scores import (
-    BEST_RETURN,
-    BY_GOALS,
-    BY_RETURN,
-    Measure,
-    Score,
-    optimality_gap,
-)
+from train.evaluation.scores import BEST_RETURN, BY_GOALS, BY_RETURN, Measure, Score, optimality_gap
 from train.evaluation.small_game_contest import SmallGameContest
 from train.evaluation.team_contest import TeamContest, team_results
 from train.files import Plain, write_csv
@@ -88,8 +81,7 @@ class SingleAgent:
     @property
     def update_form(self) -> str | None:
         """The form of the gradient steps; None for a learner without any."""
-        form: str | None = getattr(self.learner, "update_form", None)
-        return form
+        return getattr(self.learner, "update_form", None)
 
     def iterate(self, clock: Clock) -> dict[str, float]:
         """One iteration of the learner, after an update of the curriculum."""
@@ -191,11 +183,9 @@ class SingleAgent:
             settings = self.parts.world.settings
             assert isinstance(settings, TaskSettings)
             scripted = settings.opponent in (None, *AGENTS)
-            contest = replace(
-                contest,
-                task=replace(contest.task, max_steps=min(contest.task.max_steps, BRIEF_STEPS)),
-                opponents=contest.opponents if scripted else GridWorld(settings).opponents,
-            )
+            others = contest.opponents if scripted else GridWorld(settings).opponents
+            task = replace(contest.task, max_steps=min(contest.task.max_steps, BRIEF_STEPS))
+            contest = replace(contest, task=task, opponents=others)
         if isinstance(contest, GameContest):
             contest = replace(contest, most_work=0, search_seconds=0.0)
         if isinstance(contest, SmallGameContest):

@@ -72,14 +72,9 @@ def save_stable_baselines(
     path = path if path.suffix else path.with_suffix(".zip")
     write_bytes(path, content.getvalue())
     maze = task_of(task).mazes[0]
-    write_json(
-        description_of(path),
-        {
-            "algorithm": algorithm,
-            "task": {**vars(task), "maze": titled(maze.name, maze.to_text())},
-            "observation": encoding,
-        },
-    )
+    played = {**vars(task), "maze": titled(maze.name, maze.to_text())}
+    described = {"algorithm": algorithm, "task": played, "observation": encoding}
+    write_json(description_of(path), described)
 
 
 def load_stable_baselines(
@@ -246,5 +241,4 @@ def _activation_in(path: Path) -> type[torch.nn.Module] | None:
         f"{path}: activation_fn={text}; only those of torch.nn, such as ReLU, are supported",
     )
     assert name is not None
-    found: type[torch.nn.Module] = getattr(torch.nn, name[1])
-    return found
+    return getattr(torch.nn, name[1])

@@ -42,8 +42,7 @@ def task_of(settings: TaskSettings) -> Task:
     Raises:
         ValueError: no such maze, or settings that the task does not allow.
     """
-    names = [field.name for field in fields(Task) if hasattr(settings, field.name)]
-    given = {name: getattr(settings, name) for name in names}
+    given = {field.name: getattr(settings, field.name, None) for field in fields(Task)}
     # None, and the rewards "default", are those of the named task.
     changed = {name: value for name, value in given.items() if value is not None}
     if settings.rewards == "default":
@@ -123,15 +122,7 @@ def maze_of(maze: str) -> Maze | str:
 
     The name of a suite is returned as it is.
     """
-    if is_suite(maze):
-        return maze
-    return named_maze(maze)
-
-
-def maze_called(maze: str) -> str:
-    """The name of the maze or suite of settings."""
-    found = maze_of(maze)
-    return found if isinstance(found, str) else found.name
+    return maze if is_suite(maze) else named_maze(maze)
 
 
 def maze_text_of(settings: AnyTask) -> str | None:

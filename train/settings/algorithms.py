@@ -375,10 +375,7 @@ def is_algorithm(part: object) -> bool:
 
 
 LEARNERS: Registry[Any] = Registry(
-    "algorithm",
-    "a train.algorithms.registry.Algorithm",
-    is_algorithm,
-    ours=tuple(HYPERPARAMETERS),
+    "algorithm", "a train.algorithms.registry.Algorithm", is_algorithm, ours=tuple(HYPERPARAMETERS)
 )
 """User-defined algorithms."""
 
@@ -387,5 +384,4 @@ def hyperparameter_form(algorithm: str) -> type[Hyperparameters]:
     """The hyperparameter class of an algorithm; ValueError for an unknown name."""
     if isinstance(algorithm, str) and algorithm in HYPERPARAMETERS:
         return HYPERPARAMETERS[algorithm]
-    form: type[Hyperparameters] = LEARNERS.get(algorithm).settings
-    return form
+    return LEARNERS.get(algorithm).settings

@@ -13,18 +13,9 @@ from pursuit.mazes.maze import Maze
 from pursuit.plugins import Registry
 
 AXES = (
-    "opponent-epsilon",
-    "slip",
-    "goal-spread-fixed",
-    "goal-spread-start",
-    "start-distance",
-    "num-goals",
-    "maze-size",
-    "loops",
-    "target-distance",
-    "free-joints",
-    "hold",
-    "tolerance",
+    *("opponent-epsilon", "slip", "goal-spread-fixed", "goal-spread-start", "start-distance"),
+    *("num-goals", "maze-size", "loops"),
+    *("target-distance", "free-joints", "hold", "tolerance"),
 )
 """The built-in axes; the last four are of the arm."""
 

@@ -41,17 +41,14 @@ def check_default(settings: object, default: object, names: Iterable[str], why: 
     for name in names:
         value = getattr(settings, name)
         check(
-            value == getattr(default, name),
-            f"{name}={value!r} has no effect: {why}; leave it out",
+            value == getattr(default, name), f"{name}={value!r} has no effect: {why}; leave it out"
         )
 
 
 def threads_from(least: int) -> Rule:
     """Allowed numbers of torch threads."""
-    return rule(
-        lambda value: least <= value <= MOST_THREADS,
-        f"give {least} to {MOST_THREADS} threads, no more than there are cores",
-    )
+    text = f"give {least} to {MOST_THREADS} threads, no more than there are cores"
+    return rule(lambda value: least <= value <= MOST_THREADS, text)
 
 
 def check_seed(seed: int) -> None:

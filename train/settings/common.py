@@ -41,8 +41,7 @@ def check_min_probability(given: float | None, moves: int) -> float:
 
 
 FrameStack = Annotated[
-    int,
-    rule(lambda value: 1 <= value <= MOST_FRAMES, f"give 1 (no stacking) to {MOST_FRAMES}"),
+    int, rule(lambda value: 1 <= value <= MOST_FRAMES, f"give 1 (no stacking) to {MOST_FRAMES}")
 ]
 
 

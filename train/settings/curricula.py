@@ -67,13 +67,11 @@ class AxisSettings(CurriculumSettings):
 
 Length = Annotated[float, rule(lambda value: 0 <= value < inf, "must be finite and at least 0")]
 Unit = Annotated[str, choice(*UNITS)]
-SolvedWithin = Annotated[
-    float,
-    rule(
-        lambda value: value == 0 or 1 <= value < inf,
-        "give 0, or a finite number of at least 1 (the optimum)",
-    ),
-]
+_WITHIN = rule(
+    lambda value: value == 0 or 1 <= value < inf,
+    "give 0, or a finite number of at least 1 (the optimum)",
+)
+SolvedWithin = Annotated[float, _WITHIN]
 
 
 def check_unit(name: str, value: float, unit: str) -> None:
@@ -128,16 +126,9 @@ class ScheduleSettings(AxisSettings):
 
     def schedule_between(self, easiest: float, hardest: float) -> Schedule:
         """The schedule between these two values."""
-        return Schedule(
-            self.schedule,
-            easiest,
-            hardest,
-            self.schedule_unit,
-            self.schedule_length,
-            self.schedule_every,
-            self.schedule_factor,
-            self.points(),
-        )
+        lasts = (self.schedule_unit, self.schedule_length)
+        steps = (self.schedule_every, self.schedule_factor)
+        return Schedule(self.schedule, easiest, hardest, *lasts, *steps, self.points())
 
     def build(self, axis: Axis, seed: int) -> Curriculum:
         """As in `CurriculumSettings`; ValueError for a schedule that does not match the ends."""
@@ -271,13 +262,8 @@ class LevelReplaySettings(CurriculumSettings):
 
     def build(self, axis: None, seed: int) -> Curriculum:
         """As in `CurriculumSettings`."""
-        return LevelReplay(
-            self.level_score,
-            self.level_buffer,
-            self.replay_share,
-            self.level_temperature,
-            self.staleness,
-        )
+        how_replayed = (self.replay_share, self.level_temperature, self.staleness)
+        return LevelReplay(self.level_score, self.level_buffer, *how_replayed)
 
 
 @dataclass(frozen=True)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar
 
 from pursuit.mazes.suite_files import PREFIX, is_suite
 from pursuit.observations.custom import check_observation
@@ -39,14 +39,12 @@ REACHER, GAME = "reacher", "game"
 AGENT = Rule(lambda _, name: agent_name(name))
 """An agent by name; former names are replaced."""
 MOST_STEPS = 100_000
-Steps = Annotated[
-    int,
-    rule(
-        lambda value: value <= MOST_STEPS,
-        f"give at most {MOST_STEPS}, as evaluations play every episode to this limit if no agent "
-        "is caught",
-    ),
-]
+_STEPS = rule(
+    lambda value: value <= MOST_STEPS,
+    f"give at most {MOST_STEPS}, as evaluations play every episode to this limit if no agent is "
+    "caught",
+)
+Steps = Annotated[int, _STEPS]
 
 
 def _text_of_rewards(name: str, given: object) -> str:
@@ -56,26 +54,16 @@ def _text_of_rewards(name: str, given: object) -> str:
     return text
 
 
-# They are stored as text, so that equal settings are equal.
+def _as_text(checked: Callable[[str, Any], Any], text: Callable[[Any], str | None]) -> Rule:
+    """The rule of a field that is stored as text, so that equal settings are equal."""
+    return Rule(lambda name, given: text(checked(name, given)), other_types=True)
+
+
 RewardsText = Annotated[str, Rule(_text_of_rewards, other_types=True)]
-RadiusText = Annotated[
-    str | None,
-    Rule(lambda name, given: view_radius_text(check_view_radius(name, given)), other_types=True),
-]
-SlipText = Annotated[
-    str, Rule(lambda name, given: slip_text(check_slip(name, given)), other_types=True)
-]
-ExitsText = Annotated[
-    str | None,
-    Rule(
-        lambda name, given: None if given is None else ",".join(map(str, check_exits(name, given))),
-        other_types=True,
-    ),
-]
-AgentsText = Annotated[
-    str,
-    Rule(lambda name, given: agent_choice_text(check_agent_choice(name, given)), other_types=True),
-]
+RadiusText = Annotated[str | None, _as_text(check_view_radius, view_radius_text)]
+SlipText = Annotated[str, _as_text(check_slip, slip_text)]
+ExitsText = Annotated[str | None, _as_text(check_exits, lambda cells: ",".join(map(str, cells)))]
+AgentsText = Annotated[str, _as_text(check_agent_choice, agent_choice_text)]
 
 
 @dataclass(frozen=True)
