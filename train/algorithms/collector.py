@@ -19,8 +19,6 @@ from train.environments.seat_env import CRITIC
 Columns = dict[str, torch.Tensor]
 Seen: TypeAlias = "Columns | TensorDictBase"
 """Observations and, after a step, its results, by name."""
-Cut = tuple[int, torch.Tensor, Columns, torch.Tensor]
-"""A step, and of the games whose value after it is needed: numbers, observations, states."""
 Act = Callable[[Columns, torch.Tensor], tuple[Columns, torch.Tensor]]
 """(observations, states) -> ("action" and other columns to keep, next states)."""
 
@@ -82,7 +80,7 @@ class Collector:
             self._now = self.env.reset()
         self.states = []
         rows: list[Columns] = []
-        cuts: list[Cut] = []
+        cuts: list[Columns] = []  # of the games whose value after a step is needed
         for step in range(self.steps):
             row, after = self._step(self._now)
             rows.append(row)
@@ -94,16 +92,14 @@ class Collector:
                 if len(games):
                     names = [name for name in ("observation", CRITIC) if name in row]
                     seen = {name: after[name][games.cpu()].to(self.device) for name in names}
-                    cuts.append((step, games, seen, self.state[games]))
+                    place = {"game": games, "step": torch.full_like(games, step)}
+                    cuts.append({**seen, **place, "state": self.state[games]})
         columns = {name: torch.stack([row[name] for row in rows], dim=1) for name in rows[0]}
         if self.value is not None:
             after_cuts = columns["value_after"] = torch.zeros_like(columns["reward"])
             if cuts:
-                seen = {name: torch.cat([cut[2][name] for cut in cuts]) for name in cuts[0][2]}
-                values = self.value(seen, torch.cat([cut[3] for cut in cuts]))
-                parts = torch.split(values, [len(cut[1]) for cut in cuts])
-                for (number, games, *_), part in zip(cuts, parts, strict=True):
-                    after_cuts[games, number] = part
+                seen = {name: torch.cat([each[name] for each in cuts]) for name in cuts[0]}
+                after_cuts[seen["game"], seen["step"]] = self.value(seen, seen["state"])
         return columns
 
     def _step(self, now: Seen) -> tuple[Columns, Seen]:
@@ -118,11 +114,8 @@ class Collector:
         row |= {name: after[name].squeeze(-1).to(self.device) for name in AFTER}
         self.episode_start = row["done"]
         if self.keep_next:
-            row["next_observation"] = after["observation"].to(self.device)
-            if CRITIC in row:
-                row[NEXT_CRITIC] = after[CRITIC].to(self.device)
-            if ACTION_MASK in row:
-                row[NEXT_MASK] = after[ACTION_MASK].to(self.device)
+            names = [name for name in ("observation", CRITIC, ACTION_MASK) if name in row]
+            row |= {f"next_{name}": after[name].to(self.device) for name in names}
         if self.ended is not None:
             self.ended(row["done"])
         return row, after

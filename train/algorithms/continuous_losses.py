@@ -52,10 +52,7 @@ def critic_loss(
 
 
 def deterministic_actor_loss(
-    actor: DeterministicActor,
-    critics: Critics,
-    prepared: torch.Tensor,
-    batch: Batch,
+    actor: DeterministicActor, critics: Critics, prepared: torch.Tensor, batch: Batch
 ) -> torch.Tensor:
     """Minus the value of the actor's action, by the first critic (Silver et al., 2014)."""
     return -weighted_mean(critics.frozen(prepared, actor(prepared), 1)[0], batch)
@@ -79,10 +76,7 @@ def soft_actor_loss(
 
 
 def temperature_loss(
-    log_alpha: torch.Tensor,
-    log_prob: torch.Tensor,
-    target: float,
-    batch: Batch,
+    log_alpha: torch.Tensor, log_prob: torch.Tensor, target: float, batch: Batch
 ) -> torch.Tensor:
     """Lowers the temperature where the entropy is above its target, and raises it below."""
     return weighted_mean(-log_alpha * (log_prob + target), batch)

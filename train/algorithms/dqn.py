@@ -89,11 +89,7 @@ class DQN(OffPolicyLearner):
 
 
 def dqn_loss(
-    network: QNetwork,
-    target: QNetwork,
-    batch: Batch,
-    gamma: float,
-    double: bool,
+    network: QNetwork, target: QNetwork, batch: Batch, gamma: float, double: bool
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """The squared temporal-difference error, and |error| of every transition.
 

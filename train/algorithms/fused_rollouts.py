@@ -10,11 +10,7 @@ from train.algorithms.learner import HasState, VecEnv, has_masks
 from train.algorithms.rollouts import Figures, Frames, select
 from train.environments.lockstep import LockstepEnv
 from train.networks.actor_critic import ActorCritic
-from train.networks.fused_actor_critic import (
-    FusedActorCritic,
-    LossCoefficients,
-    fused_actor_critic,
-)
+from train.networks.fused_actor_critic import FusedActorCritic, LossCoefficients, fused_actor_critic
 
 
 class FusedEngine:

@@ -140,14 +140,8 @@ class Build:
 
     def hidden(self, settings: NetworkSettings) -> Hidden:
         """The configuration of the hidden layers."""
-        return Hidden(
-            settings.width,
-            settings.activation,
-            settings.first_std,
-            self.first_layer,
-            self.bfloat16,
-            settings.recurrent,
-        )
+        rest = (self.first_layer, self.bfloat16, settings.recurrent)
+        return Hidden(settings.width, settings.activation, settings.first_std, *rest)
 
 
 def network_loader(
@@ -161,8 +155,7 @@ def network_loader(
     def load(settings: Any, player: Player, state: State, greedy: bool = True) -> Policy:
         network = network_of(settings, player, Build())
         network.load_state_dict(state["network"])
-        policy: Policy = player.policy(network.eval(), greedy)
-        return policy
+        return player.policy(network.eval(), greedy)
 
     return load
 
@@ -299,8 +292,7 @@ class NetworkLearner:
         """The policy of the player with this network."""
         if not greedy and self.NO_DISTRIBUTION:
             raise ValueError(f"{self.NO_DISTRIBUTION}; use the greedy policy")
-        policy: Policy = self.env.player.policy(self.network, greedy)
-        return policy
+        return self.env.player.policy(self.network, greedy)
 
     def parts(self) -> dict[str, HasState]:
         """What has a state of its own, by the names in checkpoints."""

@@ -87,8 +87,6 @@ class OffPolicyLearner(NetworkLearner, ABC):
     def sample(self) -> Columns:
         """A minibatch from the buffer, on the device of the networks."""
         batch = self.replay.draw(self.settings.batch_size, self.beta)
-        if self.device == "cpu":
-            return batch
         return {name: column.to(self.device) for name, column in batch.items()}
 
     def store(self, rollout: Columns) -> None:

@@ -273,8 +273,6 @@ class QLearning:
         # Small games as the kernels take them; see `StateNumbers`.
         self._as_games = empty_games(simulator.num_games, agents, 0)
         self._as_games.active[:] = 1
-        self._states = np.zeros(simulator.num_games, dtype=np.int64)
-        self._done = np.zeros(simulator.num_games, dtype=bool)
         self._begun = False
 
     @property
@@ -296,9 +294,8 @@ class QLearning:
             self._begun = True
         explored = min(progress / max(settings.exploration_share, 1e-9), 1.0)
         epsilon = linear(settings.epsilon_start, settings.epsilon_end, explored)
-        error, states, done = 0.0, self._states, self._done
-        done[:] = True
-        self.numbers.renumber(self._games, done, states)
+        error, states = 0.0, self.numbers(self._games)
+        done = np.zeros(len(states), dtype=bool)
         bounded = isinstance(env, SmallGameTrainingEnv) and env.bounded
         for _ in range(STEPS_PER_ITERATION):
             simulator.act(env.policies, actions)

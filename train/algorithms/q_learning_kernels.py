@@ -39,18 +39,9 @@ def number_state(games: Games, game: int, cells: int, binomials: Any) -> Any:
 
 @compiled
 def number_states(
-    position: Any,
-    active: Any,
-    event: Any,
-    goal: Any,
-    steps: Any,
-    maze: Any,
-    exit_of: Any,
-    cells: int,
-    binomials: Any,
-    chosen: Any,
-    states: Any,
-) -> None:
+    position: Any, active: Any, event: Any, goal: Any, steps: Any, maze: Any, exit_of: Any,
+    cells: int, binomials: Any, chosen: Any, states: Any,
+) -> None:  # fmt: skip
     """The state number of every game that is `chosen`.
 
     Agents are digits of base `cells` (+ 1 for a captured one, where there are several evaders). The

@@ -194,10 +194,7 @@ def entry(name: str) -> Algorithm:
     if name in ALGORITHMS:
         return ALGORITHMS[name]
     custom = LEARNERS.get(name)
-    check(
-        isinstance(custom, Algorithm),
-        f"algorithm {name!r} is {custom!r}; give {LEARNERS.needs}",
-    )
+    check(isinstance(custom, Algorithm), f"algorithm {name!r} is {custom!r}; give {LEARNERS.needs}")
     return replace(custom, name=name)
 
 

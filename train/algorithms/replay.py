@@ -48,15 +48,12 @@ class Replay:
     """
 
     def __init__(
-        self,
-        capacity: int,
-        generator: torch.Generator,
-        priorities: Priorities | None = None,
+        self, capacity: int, generator: torch.Generator, priorities: Priorities | None = None
     ) -> None:
         self.capacity, self.generator, self.priorities = capacity, generator, priorities
         self.cursor = self._filled = 0
         self._memory = torch.empty(0, dtype=torch.uint8)
-        self._places: dict[str, tuple[int, torch.dtype, tuple[int, ...]]] = {}
+        self._places: dict[str, tuple[int, torch.dtype, torch.Size, tuple[int, ...]]] = {}
 
     def __len__(self) -> int:
         return self._filled
@@ -112,7 +109,8 @@ class Replay:
     def state_dict(self) -> State:
         """Every row, the cursor, the generator and the priorities; on the CPU."""
         state: State = {
-            "replay": {name: _copied(rows) for name, rows in self.columns().items()},
+            # Copies, as torch cannot save views of one memory with several types.
+            "replay": {name: rows.clone() for name, rows in self.columns().items()},
             "cursor": self.cursor,
             "generator": self.generator.get_state(),
         }
@@ -142,8 +140,8 @@ class Replay:
         """Choose the position of every column in a row: widest types first, for alignment."""
         end = 0
         for name, column in sorted(rows.items(), key=lambda item: -item[1].element_size()):
-            shape = tuple(column.shape[1:])
-            self._places[name] = (end, column.dtype, shape)
+            shape = column.shape[1:]
+            self._places[name] = (end, column.dtype, shape, torch.empty(shape).stride())
             end += column[0].numel() * column.element_size()
         size = -(-end // ALIGNED) * ALIGNED
         self._memory = torch.empty(self.capacity, size, dtype=torch.uint8)
@@ -151,21 +149,11 @@ class Replay:
     def _split(self, memory: torch.Tensor) -> Columns:
         """The columns [n, ...] of rows [n, bytes]; views."""
         columns: Columns = {}
-        for name, (place, dtype, shape) in self._places.items():
-            whole, count = memory.view(dtype), 1
+        for name, (place, dtype, shape, strides) in self._places.items():
+            whole, row = memory.view(dtype), memory.shape[1] // dtype.itemsize
             begin = whole.storage_offset() + place // dtype.itemsize
-            strides: list[int] = []
-            for size in reversed(shape):
-                strides.insert(0, count)
-                count *= size
-            row = memory.shape[1] // dtype.itemsize
             columns[name] = whole.as_strided((len(memory), *shape), (row, *strides), begin)
         return columns
-
-
-def _copied(column: torch.Tensor) -> torch.Tensor:
-    """A copy on the CPU: torch cannot save views of one memory with several types."""
-    return torch.empty(column.shape, dtype=column.dtype).copy_(column)
 
 
 def n_step_rows(rollout: Columns, gamma: float, n_steps: int) -> Columns:

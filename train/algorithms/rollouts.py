@@ -37,14 +37,10 @@ def actor_critic_of(settings: ActorCriticSettings, player: Player, build: Build)
     """A new actor-critic network for the player; with separate networks of its agents all."""
 
     def new() -> ActorCritic:
-        return ActorCritic(
-            player.features,
-            player.num_actions,
-            build.hidden(settings),
-            settings.shared,
-            settings.action_std if player.continuous else None,
-            getattr(player, "critic_features", None),
-        )
+        sizes = (player.features, player.num_actions, build.hidden(settings))
+        action_std = settings.action_std if player.continuous else None
+        critic = getattr(player, "critic_features", None)
+        return ActorCritic(*sizes, settings.shared, action_std, critic)
 
     return cast(ActorCritic, network_with_sharing(new, settings, player).to(build.device))
 
@@ -84,11 +80,8 @@ class TorchEngine:
         value = self._value if critic else None
         how = (env, self._step, steps, sum(network.sizes), device, value)
         keep = DISTRIBUTION if keep_distribution else None
-        self.collector = (
-            TableCollector(self._evaluate, keep, *how)
-            if plays_by_tables(env, network, steps, device)
-            else Collector(*how)
-        )
+        tables = plays_by_tables(env, network, steps, device)
+        self.collector = TableCollector(self._evaluate, keep, *how) if tables else Collector(*how)
 
     def start(self) -> None:
         """Called before the first `act` of a rollout."""

@@ -36,6 +36,7 @@ class SeatEnv(LockstepEnv):
 
     Attributes:
         seat, seats: the learner's first agent index, and all of them.
+        moved: the indices of the agents that the learner moves.
         idle: [num_games, k] bool.
     """
 
@@ -54,7 +55,7 @@ class SeatEnv(LockstepEnv):
         super().__init__(simulator, hook, members)
         self.player, self.policies, self.scale = player, list(policies), scale
         self.encoding, self.seat = player.encoding, player.number
-        self.seats = slice(self.seat, self.seat + members)
+        self.seats = self.moved = slice(self.seat, self.seat + members)
         self.idle = np.zeros((self.num_games, members), dtype=bool)
         self._actions = np.zeros((self.num_games, simulator.task.num_agents), dtype=np.int32)
         batch, actions = self.batch_size[0], player.num_actions
@@ -78,20 +79,17 @@ class SeatEnv(LockstepEnv):
         return {}
 
     def _returns(self, games: NDArray[np.bool_]) -> NDArray[np.float64]:
-        returns: NDArray[np.float64] = self.simulator.returns[games, self.seats]
-        return returns.mean(axis=1) if self.members > 1 else returns[:, 0]
+        return self.simulator.returns[games, self.moved].mean(axis=1)
 
     def _masked(self, found: dict[str, torch.Tensor], allowed: NDArray[np.bool_]) -> None:
         """Add the mask [batch, actions] to observations, and set it in the action spec."""
         found[ACTION_MASK] = torch.from_numpy(allowed)
         self.action_spec.update_mask(found[ACTION_MASK])
 
-    def _move(self, actions: torch.Tensor) -> NDArray[np.float32]:
-        """One step of all games with the learner's actions [batch] int64: its rewards
-        [num_games, k]."""
-        simulator = self.simulator
-        simulator.act(self.policies, self._actions)
-        self._actions[:, self.seats] = actions.numpy().reshape(-1, self.members)
-        simulator.step(self._actions)
-        rewards: NDArray[np.float32] = simulator.rewards[:, self.seats] * np.float32(self.scale)
-        return rewards
+    def _move(self, actions: NDArray[Any]) -> NDArray[np.float32]:
+        """One step of all games with the actions [num_games, agents] of the agents `moved`: their
+        rewards [num_games, agents]."""
+        self.simulator.act(self.policies, self._actions)
+        self._actions[:, self.moved] = actions
+        self.simulator.step(self._actions)
+        return self.simulator.rewards[:, self.moved]

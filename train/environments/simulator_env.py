@@ -33,7 +33,6 @@ class SimulatorEnv(SeatEnv):
     Arguments are those of `SeatEnv`.
 
     Attributes:
-        moved: the indices of the agents that the learner moves.
         frames: [batch, frame_stack, ...], the stacked observations, with frame stacking.
     """
 
@@ -96,31 +95,20 @@ class SimulatorEnv(SeatEnv):
             self._masked(found, allowed.reshape(-1, allowed.shape[-1]))
         return found
 
-    def _move(self, actions: torch.Tensor) -> NDArray[np.float32]:
-        if not self.player.joint:
-            return super()._move(actions)
-        task, role = self.simulator.task, self.player.agent
-        self.simulator.act(self.policies, self._actions)
-        self._actions[:, self.moved] = parts_of(actions.numpy(), task, role)
-        self.simulator.step(self._actions)
-        rewards: NDArray[np.float32] = self.simulator.rewards[:, self.moved]
-        return rewards.mean(axis=1, keepdims=True) * np.float32(self.scale)
-
-    def _returns(self, games: NDArray[np.bool_]) -> NDArray[np.float64]:
-        returns: NDArray[np.float64] = self.simulator.returns[games, self.moved].mean(axis=1)
-        return returns
-
     def _play(self, actions: torch.Tensor) -> StepOutcome:
         """One step with the learner's actions [batch] int64."""
-        simulator, rewards = self.simulator, self._move(actions)
+        simulator, joint, moves = self.simulator, self.player.joint, actions.numpy()
+        if joint:
+            moves = parts_of(moves, simulator.task, self.player.agent)
+        rewards = self._move(moves.reshape(self.num_games, -1))
         if self.stack is not None:
             shift(self.frames)
         caught = simulator.active[:, self.moved] == 0
-        if self.player.joint:
-            caught = caught.all(axis=1, keepdims=True)
+        if joint:
+            rewards, caught = rewards.mean(axis=1, keepdims=True), caught.all(axis=1, keepdims=True)
         terminated = simulator.terminated[:, None] | caught
         truncated = simulator.truncated[:, None] & ~caught
         over = (terminated | truncated).all(axis=1)
         if self.members > 1:
             self.idle[:] = caught & ~over[:, None]
-        return StepOutcome(rewards, terminated, truncated, over)
+        return StepOutcome(rewards * np.float32(self.scale), terminated, truncated, over)

@@ -35,8 +35,8 @@ class SmallGameTrainingEnv(SeatEnv):
         return found
 
     def _play(self, actions: torch.Tensor) -> StepOutcome:
-        rewards, games = self._move(actions), self.simulator
+        games, rewards = self.simulator, self._move(actions.numpy()[:, None])
         terminated, truncated = games.terminated.copy(), games.truncated.copy()
         if self.bounded:
             terminated, truncated = terminated | truncated, np.zeros_like(truncated)
-        return StepOutcome(rewards, terminated, truncated, games.ended)
+        return StepOutcome(rewards * np.float32(self.scale), terminated, truncated, games.ended)

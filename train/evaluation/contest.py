@@ -38,17 +38,8 @@ from scripted_agents.references import (
     reference_of,
 )
 from train.evaluation.departures import rates_of
-from train.evaluation.games import (
-    Lengths,
-    best_reply,
-    half_width,
-    table_in,
-)
-from train.evaluation.hidden_contest import (
-    Certificate,
-    discounted,
-    solution_of,
-)
+from train.evaluation.games import Lengths, best_reply, half_width, table_in
+from train.evaluation.hidden_contest import Certificate, discounted, solution_of
 from train.evaluation.matchups import Matchup, exact_match
 from train.evaluation.maze_contest import SCRIPTED, MazeContest
 from train.evaluation.scores import (

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from math import lcm
-from typing import TypeVar, cast
+from typing import Any, TypeVar, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pursuit.mazes.maze import Maze
 from pursuit.reacher.simulator import ReacherSimulator
+from pursuit.rules.arrays import Flags, Longs, Reals
 from pursuit.rules.layout import ESCAPED
 from pursuit.simulator.policy import Policy, TabularPolicy
 from pursuit.simulator.simulator import Simulator
@@ -26,8 +26,7 @@ from scripted_agents import (
 from scripted_agents.duel.best_response import MoveOrder
 from scripted_agents.hidden.game import Role
 
-Mask = NDArray[np.bool_]
-Lengths = NDArray[np.int64] | NDArray[np.float64]
+Lengths = Longs | Reals
 """[episodes], played or expected."""
 GamesT = TypeVar("GamesT", Simulator, ReacherSimulator)
 
@@ -35,9 +34,9 @@ GamesT = TypeVar("GamesT", Simulator, ReacherSimulator)
 def play_out(
     games: GamesT,
     step: Callable[[], None],
-    over: Callable[[GamesT], Mask],
-    won: Callable[[GamesT], Mask],
-) -> tuple[NDArray[np.int64], Mask]:
+    over: Callable[[GamesT], Flags],
+    won: Callable[[GamesT], Flags],
+) -> tuple[Longs, Flags]:
     """Play every game until it is over: lengths [games], and whether it was won [games].
 
     Lengths count rounds, which in turns are two steps.
@@ -63,8 +62,8 @@ def play_out(
     return lengths, victories
 
 
-def stepper(simulator: Simulator, policies: Sequence[Policy | None]) -> Callable[[], None]:
-    """A function that plays one step of all games with the policy of each agent."""
+def stepper(simulator: Any, policies: Sequence[Any]) -> Callable[[], None]:
+    """A function that plays one step of all games, in a maze or small, by the agents' policies."""
     actions = np.zeros((simulator.num_games, simulator.task.num_agents), dtype=np.int32)
 
     def step() -> None:
@@ -79,7 +78,7 @@ def evaders_of(task: Task) -> slice:
     return slice(task.num_chasers, task.num_chasers + task.num_evaders)
 
 
-def escapes_now(simulator: Simulator) -> Mask:
+def escapes_now(simulator: Simulator) -> Flags:
     """[games, evaders] bool: the evaders that escaped in the last step."""
     return np.asarray((simulator.events[:, evaders_of(simulator.task)] & ESCAPED) != 0)
 
@@ -107,13 +106,13 @@ class Escapes:
         return noted
 
     @property
-    def captured(self) -> Mask:
+    def captured(self) -> Flags:
         """[games, evaders] bool: the evaders that have been captured."""
         gone = self.simulator.active[:, evaders_of(self.simulator.task)] == 0
         return np.asarray(gone & ~self.seen)
 
 
-def all_caught(simulator: Simulator, escaped: Mask | None = None) -> Mask:
+def all_caught(simulator: Simulator, escaped: Flags | None = None) -> Flags:
     """[games] bool: no evader is left, and none has escaped (None: in the last step)."""
     task = simulator.task
     gone = np.asarray((simulator.active[:, evaders_of(task)] == 0).all(axis=1))
@@ -123,7 +122,7 @@ def all_caught(simulator: Simulator, escaped: Mask | None = None) -> Mask:
     return np.asarray(gone & ~escaped.any(axis=1))
 
 
-def won_by(simulator: Simulator, seat: int, escaped: Mask | None = None) -> Mask:
+def won_by(simulator: Simulator, seat: int, escaped: Flags | None = None) -> Flags:
     """[num_games] bool: whether the agent with index `seat` has won, in games that have just ended.
 
     Chasers win if all evaders are captured. Evaders win if they are not captured (they escape, or
@@ -170,7 +169,7 @@ def duel_role(role: str) -> Role:
     return "evader" if role == "evader" else "chaser"
 
 
-def table_in(task: Task, policy: Policy) -> NDArray[np.float64]:
+def table_in(task: Task, policy: Policy) -> Reals:
     """[self cell, other cell, action] of a policy; requires `is_table_duel`."""
     assert isinstance(policy, TabularPolicy)
     return table_of(policy, task.mazes[0], task.stay_action, task.move_order)
@@ -179,7 +178,7 @@ def table_in(task: Task, policy: Policy) -> NDArray[np.float64]:
 def best_reply(
     task: Task,
     role: str,
-    table: NDArray[np.float64],
+    table: Reals,
     horizon: int | None,
     discount: float = 1.0,
     maze: Maze | None = None,
@@ -195,22 +194,14 @@ def best_reply(
         maze: the first of the task if left out.
         mask_bumps: whether moves into walls are forbidden.
     """
-    return best_response(
-        duel_role(role),
-        maze or task.mazes[0],
-        table,
-        horizon,
-        discount,
-        task.stay_action,
-        order_of(task),
-        mask_bumps,
-    )
+    rules = (horizon, discount, task.stay_action, order_of(task), mask_bumps)
+    return best_response(duel_role(role), maze or task.mazes[0], table, *rules)
 
 
 def values_between(
     task: Task,
     role: str,
-    tables: tuple[NDArray[np.float64], NDArray[np.float64]],
+    tables: tuple[Reals, Reals],
     horizon: int | None,
     discount: float = 1.0,
     maze: Maze | None = None,
@@ -225,11 +216,8 @@ def values_between(
 
 
 def steps_and_ended(
-    task: Task,
-    role: str,
-    tables: tuple[NDArray[np.float64], NDArray[np.float64]],
-    maze: Maze | None = None,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    task: Task, role: str, tables: tuple[Reals, Reals], maze: Maze | None = None
+) -> tuple[Reals, Reals]:
     """Expected steps, and probability of a capture within the time limit, from every pair of cells.
 
     Both are [chaser cell, evader cell]. Arguments are those of `best_reply`.
@@ -243,11 +231,7 @@ def steps_and_ended(
 
 
 def mean_steps(
-    task: Task,
-    role: str,
-    tables: tuple[NDArray[np.float64], NDArray[np.float64]],
-    horizon: int | None,
-    discount: float = 1.0,
+    task: Task, role: str, tables: tuple[Reals, Reals], horizon: int | None, discount: float = 1.0
 ) -> float:
     """The mean of `values_between` over the starts of a task."""
     values = values_between(task, role, tables, horizon, discount)

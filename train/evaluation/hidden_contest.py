@@ -12,26 +12,15 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pursuit.mazes.maze import Maze
+from pursuit.rules.arrays import Longs, Reals
 from pursuit.simulator.policy import Policy
 from pursuit.tasks.task import Task
-from scripted_agents import (
-    HiddenChaseSolution,
-    mean_over_starts,
-    solve_hidden_chase,
-)
+from scripted_agents import HiddenChaseSolution, mean_over_starts, solve_hidden_chase
 from scripted_agents.limits import MAX_BOUNDED_CELLS, SEARCH_SECONDS, SEARCH_WIDTH
 from scripted_agents.references import is_table_in
-from train.evaluation.games import (
-    best_reply,
-    duel_role,
-    half_width,
-    mean_steps,
-    order_of,
-    table_in,
-)
+from train.evaluation.games import best_reply, duel_role, half_width, mean_steps, order_of, table_in
 
 DISCOUNT = 0.95
 
@@ -72,7 +61,7 @@ class Certificate:
 
 
 def solution_of(
-    task: Task, agent: str, table: NDArray[np.float64], seconds: float = SEARCH_SECONDS
+    task: Task, agent: str, table: Reals, seconds: float = SEARCH_SECONDS
 ) -> HiddenChaseSolution | None:
     """The bounds of a duel in one maze against a table, cached; None if the maze is too large."""
     if task.max_cells > MAX_BOUNDED_CELLS:
@@ -101,7 +90,7 @@ def _solution(
 
 
 def best_response_interval(
-    task: Task, role: str, table: NDArray[np.float64], seconds: float = SEARCH_SECONDS
+    task: Task, role: str, table: Reals, seconds: float = SEARCH_SECONDS
 ) -> tuple[float, float] | None:
     """Bounds of the best response of a role, with its view, to the table of its opponent.
 
@@ -125,11 +114,7 @@ def best_response_interval(
 
 
 def discounted(
-    task: Task,
-    role: str,
-    policy: Policy,
-    table: NDArray[np.float64],
-    lengths: NDArray[np.int64] | None = None,
+    task: Task, role: str, policy: Policy, table: Reals, lengths: Longs | None = None
 ) -> tuple[float, float]:
     """The mean discounted steps of a policy, and half the width of its 95 % confidence interval.
 

@@ -83,8 +83,7 @@ def play_pair(
     task: Task, chaser: Policy, evader: Policy, episodes: int, seed: int = EVALUATION_SEED
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
     """Play episodes: lengths [episodes], and whether all evaders were caught [episodes]."""
-    lengths, caught, _ = _played(task, chaser, evader, episodes, seed)
-    return lengths, caught
+    return _played(task, chaser, evader, episodes, seed)[:2]
 
 
 def pair_payoffs(
@@ -193,24 +192,12 @@ def exact_joint_match(task: Task, policies: Mapping[str, Policy]) -> Matchup:
     agents = ("chaser_0", *task.agent_names[evaders_of(task)])
     found = evaluate_joint(replace(task, rewards=COUNTS), policies, task.max_steps, agents=agents)
     caught, *escaped = (found.returns[name] / task.num_evaders for name in agents)
-    return _matchup(task, found.length, 0.0, caught, 0, sum(escaped))
-
-
-def _matchup(
-    task: Task, steps: float, ci95: float, caught: float, games: int, escaped: float
-) -> Matchup:
-    """The result with these shares of the evaders."""
-    if not task.most_exits:
-        return Matchup(steps, ci95, caught, games)
-    return Matchup(steps, ci95, caught, games, escaped, task.num_evaders * (caught - escaped))
+    left = sum(escaped)
+    return Matchup(found.length, 0.0, caught, 0, left, task.num_evaders * (caught - left))
 
 
 def match(
-    task: Task,
-    chaser: Policy,
-    evader: Policy,
-    episodes: int = 1000,
-    most: int = MAX_FINAL_WORK,
+    task: Task, chaser: Policy, evader: Policy, episodes: int = 1000, most: int = MAX_FINAL_WORK
 ) -> Matchup:
     """The result of a match: exact if it can be solved, otherwise the mean over `episodes` games.
 
@@ -224,7 +211,9 @@ def match(
     if found is not None:
         return found
     lengths, caught, escapes = _played(task, chaser, evader, episodes, EVALUATION_SEED)
-    share = float((escapes.captured if task.most_exits else caught).mean())
-    escaped = float(escapes.seen.mean()) if task.most_exits else 0.0
     mean, ci95 = float(lengths.mean()), half_width(lengths)
-    return _matchup(task, mean, ci95, share, episodes, escaped)
+    if not task.most_exits:
+        return Matchup(mean, ci95, float(caught.mean()), episodes)
+    share, escaped = float(escapes.captured.mean()), float(escapes.seen.mean())
+    outcome = task.num_evaders * (share - escaped)
+    return Matchup(mean, ci95, share, episodes, escaped, outcome)

@@ -143,18 +143,13 @@ class MazeContest(Contest[Policy, Simulator]):
 
     def play(self, policy: Policy) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
         """Play all episodes: lengths [episodes], and whether they were won [episodes]."""
-        return self.play_from(self.starts(), policy)
-
-    def play_from(
-        self, simulator: Simulator, policy: Policy
-    ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-        """Play all episodes of a simulator at its starts; returns as `play`."""
-        return self.played_out(simulator, policy)[:2]
+        return self.played_out(self.starts(), policy)[:2]
 
     def played_out(
         self, simulator: Simulator, policy: Policy
     ) -> tuple[NDArray[np.int64], NDArray[np.bool_], Departures | None]:
-        """As `play_from`; and with exits how evaders left: all for a chaser, else this one."""
+        """As `play`, of a simulator at its starts; and with exits how evaders left: all for a
+        chaser, else this one."""
         seats, escapes = [*self.seats], Escapes(simulator)
         lengths, won = play_out(
             simulator,

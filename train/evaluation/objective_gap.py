@@ -57,9 +57,8 @@ def objective_gap(contest: AnyContest, discount: float) -> ObjectiveGap:
     favour short episodes (evader: long ones), a limited view, a whole game without discount,
     discount 0, and the arm.
     """
-    if isinstance(contest, SmallGameContest):
-        known = discount > 0.0
-        return ObjectiveGap(missing_return=contest.missing_return(discount)) if known else UNKNOWN
+    if isinstance(contest, SmallGameContest) and discount > 0.0:
+        return ObjectiveGap(missing_return=contest.missing_return(discount))
     if not isinstance(contest, GameContest) or contest.is_limited or discount == 0.0:
         return UNKNOWN
     if len(contest.seats) > 1:

@@ -98,8 +98,7 @@ def sides_of(contest: AnyContest, policy: Any, most_both: int = MOST_BOTH_CELLS)
         return []
     maze, seat = task.mazes[0], task.seat(contest.agent)
     theirs = contest.opponent_table()
-    tabular = is_table_duel(task, policy)
-    learned = table_in(task, policy) if tabular else None
+    learned = table_in(task, policy) if is_table_duel(task, policy) else None
     rules = (task.max_steps, task.stay_action, order_of(task))
     names, other = task.agent_names, 1 - seat
     found = action_values(duel_role(task.seat_roles[seat]), maze, theirs, *rules)

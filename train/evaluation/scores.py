@@ -30,9 +30,6 @@ FULL_VIEW = ", full view"
 """Suffix of an optimum with full view, which is a bound for an agent with a limited view."""
 
 
-MeasureName = Literal["steps", "goals", "return", "outcome"]
-
-
 @dataclass(frozen=True)
 class Measure:
     """The measure by which policies of a contest are compared, and its direction.
@@ -43,7 +40,7 @@ class Measure:
         less_is_better: whether smaller values are better.
     """
 
-    name: MeasureName = "steps"
+    name: Literal["steps", "goals", "return", "outcome"] = "steps"
     less_is_better: bool = True
 
     @property
@@ -63,8 +60,7 @@ class Measure:
 
     def of(self, score: Score) -> float | None:
         """The value of a score in this measure; None if it is unknown."""
-        value: float | None = getattr(score, self.column)
-        return value
+        return getattr(score, self.column)
 
     def best(self, scores: Sequence[Score]) -> Score | None:
         """The best score with a value; None if there is none."""
@@ -317,13 +313,11 @@ class Contest(ABC, Generic[PolicyT, GamesT]):
 
     def starts(self) -> GamesT:
         """The games of the evaluation at their starts."""
-        games: GamesT = self.simulator(self.task, self.episodes, self.seed, auto_restart=False)
-        return games
+        return self.simulator(self.task, self.episodes, self.seed, auto_restart=False)
 
     def start(self, number: int) -> GamesT:
         """One of the games of the evaluation at its start."""
-        games: GamesT = self.simulator(self.task, 1, self.seed, number, auto_restart=False)
-        return games
+        return self.simulator(self.task, 1, self.seed, number, auto_restart=False)
 
     @abstractmethod
     def stepper(self, games: GamesT, policy: PolicyT) -> Callable[[], None]:

@@ -17,6 +17,7 @@ from scripted_agents.games.rendering import scene_of
 from scripted_agents.games.simulator import GameSimulator, GameTask, StatePolicy
 from scripted_agents.games.solve import SmallResponse, nash_conv, respond
 from scripted_agents.references import ExactReference
+from train.evaluation.games import stepper
 from train.evaluation.scores import (
     BEST_RETURN,
     BY_RETURN,
@@ -85,9 +86,7 @@ class SmallGameContest(Contest[StatePolicy, GameSimulator]):
         task = self.task
         found = play_of(task.game, {**self.tables, self.agent: table}, task.max_steps)
         mean = float(found.returns[task.seat(self.agent)])
-        return Score(
-            name, found.steps, 0.0, found.ended, self.episodes, exact=True, mean_return=mean
-        )
+        return Score(name, found.steps, 0.0, found.ended, self.episodes, True, mean_return=mean)
 
     @cached_property
     def best(self) -> SmallResponse:
@@ -124,14 +123,7 @@ class SmallGameContest(Contest[StatePolicy, GameSimulator]):
     def stepper(self, games: GameSimulator, policy: StatePolicy) -> Callable[[], None]:
         """As `Contest`."""
         by_name = {**self.opponents, self.agent: policy}
-        policies = [by_name[name] for name in self.task.agent_names]
-        actions = np.zeros((games.num_games, self.task.num_agents), dtype=np.int32)
-
-        def step() -> None:
-            games.act(policies, actions)
-            games.step(actions)
-
-        return step
+        return stepper(games, [by_name[name] for name in self.task.agent_names])
 
     def scene(self, games: GameSimulator, caption: str) -> Drawable:
         """As `Contest`: the state as text."""

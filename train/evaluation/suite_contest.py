@@ -21,11 +21,7 @@ from train.evaluation.departures import Departures
 from train.evaluation.games import Lengths, best_reply, half_width
 from train.evaluation.maze_contest import SCRIPTED, MazeContest
 from train.evaluation.scores import Measure, Score
-from train.evaluation.suite_tables import (
-    opponent_tables,
-    pairs_of_values,
-    tables_of,
-)
+from train.evaluation.suite_tables import opponent_tables, pairs_of_values, tables_of
 from train.files import Plain
 
 
@@ -130,8 +126,8 @@ class SuiteContest(MazeContest):
 
     def starts(self) -> Simulator:
         """As `MazeContest`, equally many in each maze."""
-        return self._in(Simulator(self.task, len(self.numbers), self.seed, auto_restart=False),
-                        self.numbers)  # fmt: skip
+        games = Simulator(self.task, len(self.numbers), self.seed, auto_restart=False)
+        return self._in(games, self.numbers)
 
     def start(self, number: int) -> Simulator:
         """As `MazeContest`."""

@@ -16,12 +16,7 @@ from pursuit.rules import layout
 from pursuit.rules.layout import Games
 from pursuit.simulator.policy import DistributionPolicy, Policy, TabularPolicy
 from pursuit.tasks.task import Task
-from scripted_agents import (
-    AStarChaser,
-    NearestGoalRunner,
-    TourRunner,
-    table_of,
-)
+from scripted_agents import AStarChaser, NearestGoalRunner, TourRunner, table_of
 from train.evaluation.games import steps_and_ended
 
 PAIRS_AT_ONCE = 200_000

@@ -91,8 +91,7 @@ class ActorCritic(nn.Module):
     def logits(self, observation: torch.Tensor) -> torch.Tensor:
         """[..., actions], or means [..., numbers] before tanh; without the value."""
         trunk = self.policy_trunk
-        logits: torch.Tensor = self.policy_head(trunk(trunk.prepare(observation)))
-        return logits
+        return self.policy_head(trunk(trunk.prepare(observation)))
 
     def distribution(
         self, output: torch.Tensor, allowed: torch.Tensor | None = None

@@ -36,8 +36,7 @@ class DeterministicActor(SquashedActor):
 
     def forward(self, prepared: torch.Tensor) -> torch.Tensor:
         """[..., actions] in [-1, 1], from `trunk.prepare(observation)`."""
-        action: torch.Tensor = self.head(self.trunk(prepared)).tanh()
-        return action
+        return self.head(self.trunk(prepared)).tanh()
 
     def act(self, observation: torch.Tensor, noise: torch.Tensor | None = None) -> torch.Tensor:
         """[..., actions] in [-1, 1]; `noise` is ignored, as the policy is deterministic."""
@@ -111,9 +110,7 @@ class Critics(nn.Module):
         # Initialised as the layers of `Trunk`.
         layers: list[list[nn.Linear]] = []
         for _ in range(count):
-            second = nn.Linear(hidden.width, hidden.width)
-            nn.init.orthogonal_(second.weight, 2.0**0.5)
-            nn.init.zeros_(second.bias)
+            second = head(hidden.width, hidden.width, 2.0**0.5)
             inputs = Flat(features, hidden.width).linear.in_features + num_actions
             first, last = nn.Linear(inputs, hidden.width), head(hidden.width, 1, 1.0)
             layers.append([first, second, last])
@@ -135,9 +132,8 @@ class Critics(nn.Module):
 
     def frozen(self, prepared: torch.Tensor, action: torch.Tensor, count: int) -> torch.Tensor:
         """[count, batch]: values of the first `count` networks, without gradients of weights."""
-        weights, biases = ([part.detach()[:count] for part in kind] for kind in
-                           (self.weights, self.biases))  # fmt: skip
-        return self._values(prepared, action, weights, biases)
+        kinds = ([part.detach()[:count] for part in kind] for kind in (self.weights, self.biases))
+        return self._values(prepared, action, *kinds)
 
     def _values(
         self,
@@ -148,8 +144,7 @@ class Critics(nn.Module):
     ) -> torch.Tensor:
         activate = torch.tanh_ if self.tanh else torch.relu_
         hidden = torch.cat([prepared, action], dim=-1).expand(len(weights[0]), -1, -1)
-        bfloat16 = self.autocast_bfloat16
-        with torch.autocast(prepared.device.type, torch.bfloat16, enabled=bfloat16):
+        with torch.autocast(prepared.device.type, torch.bfloat16, enabled=self.autocast_bfloat16):
             for weight, bias in zip(weights[:2], biases[:2], strict=True):
                 hidden = activate(torch.bmm(hidden, weight).add_(bias))
         # One output: a batched matrix-vector product is several times slower.

@@ -52,10 +52,6 @@ class Categorical:
         logarithms = self.parameters
         return (logarithms - torch.empty_like(logarithms).exponential_().log()).argmax(dim=-1)
 
-    def greedy(self) -> torch.Tensor:
-        """[...] int64: the most probable action."""
-        return self.parameters.argmax(dim=-1)
-
     @staticmethod
     def action(drawn: torch.Tensor) -> torch.Tensor:
         """The drawn value is the action."""
@@ -103,10 +99,6 @@ class SquashedNormal:
     def draw(self) -> torch.Tensor:
         """[..., numbers] float32, before tanh."""
         return self.mean + self.log_std.exp() * torch.randn_like(self.mean)
-
-    def greedy(self) -> torch.Tensor:
-        """[..., numbers], before tanh: the mean; its tanh is the median of each number."""
-        return self.mean
 
     @staticmethod
     def action(drawn: torch.Tensor) -> torch.Tensor:

@@ -55,8 +55,7 @@ def dtype_of(encoding: str) -> str | None:
 def observed(view: Any, encoding: str) -> NDArray[Any]:
     """[games, *shape]: what the agent of a `GameView` observes, in `dtype_of` the encoding."""
     dtype = dtype_of(encoding)
-    seen: NDArray[Any] = view.observe(encoding, *([] if dtype is None else [dtype]))
-    return seen
+    return view.observe(encoding, *([] if dtype is None else [dtype]))
 
 
 def features_of(encoder: Encoder, num_agents: int) -> Features:

@@ -25,13 +25,9 @@ def stacked(features: Features, count: int) -> Features:
     high = np.concatenate([features.high] * count)
     if features.kind != "index":
         return replace(features, shape=shape, high=high)
-    total = count * features.num_rows
-    rows = [
-        np.where(
-            features.rows == features.num_rows, total, features.rows + number * features.num_rows
-        )
-        for number in range(count)
-    ]
+    own, each = features.rows, features.num_rows
+    total = count * each
+    rows = [np.where(own == each, total, own + number * each) for number in range(count)]
     high = high + np.repeat(_offsets(features, count), features.shape[0])
     return replace(features, shape=shape, high=high, rows=np.concatenate(rows), num_rows=total)
 
@@ -65,18 +61,13 @@ class FrameStack:
         """Empty those of the given games, at the start of an episode."""
         frames[games] = self._empty
 
-    def concatenate(self, frames: Observations) -> Observations:
-        """[games, *shape], a new array, from [games, count, ...] with the newest first."""
-        if self._offsets is not None:
-            added = frames + self._offsets.astype(frames.dtype)[:, None]
-            return added.reshape(len(frames), *self.shape)
-        return frames.reshape(len(frames), *self.shape).copy()
-
     def with_newest(self, frames: Observations, observed: Observations) -> Observations:
-        """Writes the current observation [games, *shape of one] into `frames`, and returns
-        `concatenate(frames)`."""
+        """Writes the current observation [games, *shape of one] into `frames` [games, count, ...],
+        and returns the stacked observations [games, *shape], a new array."""
         frames[:, 0] = observed
-        return self.concatenate(frames)
+        offsets = self._offsets
+        one = frames.copy() if offsets is None else frames + offsets.astype(frames.dtype)[:, None]
+        return one.reshape(len(frames), *self.shape)
 
 
 def shift(frames: Observations) -> None:

@@ -99,9 +99,8 @@ class FusedActorCritic:
     def value(self, observation: torch.Tensor) -> torch.Tensor:
         """[batch]: values of observations [batch, numbers]."""
         hidden = hidden_layers(self.layers, observation, self._second).second.float()
-        return torch.addmv(
-            self.value_head.bias.expand(len(hidden)), hidden, self.value_head.weight[0]
-        )
+        head = self.value_head
+        return torch.addmv(head.bias.expand(len(hidden)), hidden, head.weight[0])
 
     @torch.no_grad()
     def set_gradients(

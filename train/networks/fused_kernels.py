@@ -108,15 +108,9 @@ def powers(logits: Any, place: Any, room: Any) -> tuple[Any, Any]:
 
 @summing
 def draw_actions(
-    hidden: Any,
-    weight: Any,
-    bias: Any,
-    chance: Any,
-    logits: Any,
-    action: Any,
-    log_prob: Any,
+    hidden: Any, weight: Any, bias: Any, chance: Any, logits: Any, action: Any, log_prob: Any,
     room: Any,
-) -> None:
+) -> None:  # fmt: skip
     """An action for every row, drawn from the softmax of the logits; and the value.
 
     Args:
@@ -145,18 +139,9 @@ def draw_actions(
 
 @summing
 def clipped_loss(
-    hidden: Any,
-    weight: Any,
-    bias: Any,
-    action: Any,
-    before: Any,
-    advantage: Any,
-    target: Any,
-    coefficients: Any,
-    slopes: Any,
-    sums: Any,
-    room: Any,
-) -> None:
+    hidden: Any, weight: Any, bias: Any, action: Any, before: Any, advantage: Any, target: Any,
+    coefficients: Any, slopes: Any, sums: Any, room: Any,
+) -> None:  # fmt: skip
     """The loss of `train.algorithms.ppo.ppo_loss`, and its gradients for logits and value.
 
     Args:

@@ -33,16 +33,14 @@ class JointPolicy:
 
     def joint_distribution(self, task: Task, games: Games) -> NDArray[np.float64]:
         """[games, joint actions] float64; ValueError as `LearnedPolicy.distribution`."""
-        found: NDArray[np.float64] = self.joint.distribution(task, games, task.seat(self.agent))
-        return found
+        return self.joint.distribution(task, games, task.seat(self.agent))
 
     def distribution(self, task: Task, games: Games, seat: int) -> NDArray[np.float64]:
         """[games, actions] float64: what one agent plays; ValueError as `joint_distribution`."""
         count = task.count(self.agent)
         whole = self.joint_distribution(task, games).reshape(-1, *(task.num_actions,) * count)
         own = 1 + seat - task.seat(self.agent)
-        marginal: Any = whole.sum(axis=tuple(axis for axis in range(1, count + 1) if axis != own))
-        return np.asarray(marginal)
+        return whole.sum(axis=tuple(axis for axis in range(1, count + 1) if axis != own))
 
     def act(self, view: GameView) -> NDArray[np.int32]:
         """[num_games] int32: the part of the agent of the view in the joint actions."""

@@ -120,8 +120,7 @@ class Flat(nn.Module):
 
     def forward(self, prepared: torch.Tensor) -> torch.Tensor:
         """[..., width]."""
-        hidden: torch.Tensor = self.linear(prepared)
-        return hidden
+        return self.linear(prepared)
 
 
 class Convolutions(nn.Module):
@@ -246,9 +245,7 @@ class Trunk(nn.Module):
             self.first = IndexLayer(features, width, form, hidden.std)
         else:
             self.first = FIRST_LAYERS[features.kind](features, width)
-        second = nn.Linear(width, width)
-        nn.init.orthogonal_(second.weight, 2.0**0.5)
-        nn.init.zeros_(second.bias)
+        second = head(width, width, 2.0**0.5)
         between = nn.Tanh if hidden.activation == "tanh" else nn.ReLU
         self.rest = nn.Sequential(between(), second, between())
         self.dense = isinstance(self.first, IndexLayer) and self.first.form == "dense"

@@ -63,8 +63,7 @@ def paths(
     planes: torch.Tensor, sources: torch.Tensor, costs: torch.Tensor
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """`Paths.forward` with autograd for sources and costs."""
-    found: tuple[torch.Tensor, torch.Tensor] = Paths.apply(planes, sources, costs)  # type: ignore[no-untyped-call]
-    return found
+    return Paths.apply(planes, sources, costs)  # type: ignore[no-untyped-call]
 
 
 class Planning(nn.Module):

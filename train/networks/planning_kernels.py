@@ -22,16 +22,9 @@ NOWHERE = np.float32(-100.0)
 
 @allocating
 def plan(
-    planes: Any,
-    sources: Any,
-    costs: Any,
-    columns: int,
-    traced: bool,
-    ways: Any,
-    at: Any,
-    out: Any,
+    planes: Any, sources: Any, costs: Any, columns: int, traced: bool, ways: Any, at: Any, out: Any,
     around: Any,
-) -> None:
+) -> None:  # fmt: skip
     """Value iteration in each game; see `train.networks.planning` for the weights.
 
     Gauss-Seidel sweeps in alternating directions, until convergence or for at most twice as many
@@ -160,15 +153,9 @@ def plan(
 
 @allocating
 def trace(
-    planes: Any,
-    columns: int,
-    ways: Any,
-    at: Any,
-    out: Any,
-    gradient: Any,
-    of_sources: Any,
+    planes: Any, columns: int, ways: Any, at: Any, out: Any, gradient: Any, of_sources: Any,
     of_costs: Any,
-) -> None:
+) -> None:  # fmt: skip
     """Add to the gradients of `plan`'s weights, from the gradient of its `out`.
 
     The gradient of a direction flows along its best path to the source that its value comes from.

@@ -20,10 +20,7 @@ class DuelingHead(nn.Module):
     def forward(self, hidden: torch.Tensor) -> torch.Tensor:
         """[..., actions] from [..., width]."""
         advantage = self.advantage(hidden)
-        q_values: torch.Tensor = (
-            self.value(hidden) + advantage - advantage.mean(dim=-1, keepdim=True)
-        )
-        return q_values
+        return self.value(hidden) + advantage - advantage.mean(dim=-1, keepdim=True)
 
 
 class Mixer(nn.Module):
@@ -49,8 +46,7 @@ class Mixer(nn.Module):
         first, bias, second = torch.split(self.weights(seen), self.sizes, dim=-1)
         layer = first.abs().view(*values.shape, -1)
         hidden = nn.functional.elu((values[..., None] * layer).sum(dim=1) + bias)
-        mixed: torch.Tensor = (hidden * second.abs()).sum(dim=1) + self.offset(seen).squeeze(-1)
-        return mixed
+        return (hidden * second.abs()).sum(dim=1) + self.offset(seen).squeeze(-1)
 
 
 class QNetwork(nn.Module):
@@ -81,18 +77,13 @@ class QNetwork(nn.Module):
         self.mixer: Mixer | None = None
         self.policy_trunk = Trunk(features, hidden)
         self._fused = fused_layers(self.policy_trunk) if fused else None
-        self.policy_head = (
-            DuelingHead(hidden.width, num_actions)
-            if dueling
-            else head(hidden.width, num_actions, 0.1)
-        )
+        sizes = hidden.width, num_actions
+        self.policy_head = DuelingHead(*sizes) if dueling else head(*sizes, 0.1)
 
     def forward(self, observation: torch.Tensor) -> torch.Tensor:
         """[..., actions] float32: the expected discounted return of each action."""
-        q_values: torch.Tensor = self.policy_head(
-            self.policy_trunk(self.policy_trunk.prepare(observation))
-        )
-        return q_values
+        trunk = self.policy_trunk
+        return self.policy_head(trunk(trunk.prepare(observation)))
 
     @property
     def update_form(self) -> str:
@@ -104,11 +95,9 @@ class QNetwork(nn.Module):
         """As `forward` for observations [batch, *shape], faster, and equal up to rounding."""
         trunk, layers = self.policy_trunk, self._fused
         if layers is not None and observation.is_cpu:
-            q_values: torch.Tensor = self.policy_head(fused_hidden(layers, observation))
-            return q_values
+            return self.policy_head(fused_hidden(layers, observation))
         prepare = trunk.prepare if torch.is_grad_enabled() else trunk.prepare_inference
-        q_values = self.policy_head(trunk(prepare(observation)))
-        return q_values
+        return self.policy_head(trunk(prepare(observation)))
 
     def logits(self, observation: torch.Tensor) -> torch.Tensor:
         """The action values: the greedy action has the largest."""

@@ -125,9 +125,8 @@ class RecurrentPolicy:
         if self._recurrent:
             empty["state"] = np.zeros((view.num_games, self.network.sizes[0]), dtype=np.float32)
         if self._stack is not None:
-            empty["frames"] = self._stack.empty_frames(
-                view.num_games, observed(view, self.encoding).dtype
-            )
+            dtype = observed(view, self.encoding).dtype
+            empty["frames"] = self._stack.empty_frames(view.num_games, dtype)
         return empty
 
     def begin(self, view: GameView, games: NDArray[np.intp]) -> None:

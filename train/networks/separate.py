@@ -68,10 +68,8 @@ class SeparateNetworks(nn.Module):
             parts = found if isinstance(found, tuple) else (found,)
             if not whole:
                 whole = [part.new_zeros(len(owner), *part.shape[1:]) for part in parts]
-            whole = [
-                results.index_copy(0, rows, part)
-                for results, part in zip(whole, parts, strict=True)
-            ]
+            pairs = zip(whole, parts, strict=True)
+            whole = [results.index_copy(0, rows, part) for results, part in pairs]
         return tuple(whole) if isinstance(found, tuple) else whole[0]
 
     def forward(self, observation: torch.Tensor, critic: torch.Tensor | None = None) -> Any:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from itertools import combinations
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +14,7 @@ from scripted_agents import evaluate_exactly, mean_over_starts, solve_matrix_gam
 from scripted_agents.duel.action_values import outcomes
 from scripted_agents.duel.best_response import MoveOrder
 from scripted_agents.references import is_table_duel
-from train.evaluation.games import table_in
+from train.evaluation.games import order_of, table_in
 from train.self_play.pool import Member
 from train.self_play.ratings import pairwise_wins
 from train.settings.self_play import ROLES
@@ -106,9 +105,8 @@ def visited_states(
         chances.append(weight[possible])
     entries = np.concatenate(chances), (np.concatenate(after), np.concatenate(before))
     following = csc_array(entries, (cells**2, cells**2))
-    visits = splu(csc_array(eye_array(cells**2) - discount * following)).solve(
-        apart.ravel().astype(np.float64)
-    )
+    factors = splu(csc_array(eye_array(cells**2) - discount * following))
+    visits = factors.solve(apart.ravel().astype(np.float64))
     return np.asarray(visits / visits.sum()).reshape(cells, cells)
 
 
@@ -183,8 +181,7 @@ def diversity_of(
     if len(kept) < 2 or min(map(len, chosen.values())) < 2 or not is_table_duel(task, *policies):
         return {}
     tables = [np.stack([table_in(task, one.policy) for one in chosen[role]]) for role in ROLES]
-    order: Any = task.move_order
-    return diversity(task.mazes[0], tables[0], tables[1], discount, order)
+    return diversity(task.mazes[0], tables[0], tables[1], discount, order_of(task))
 
 
 def describe_diversity(found: Mapping[str, Measures]) -> str:

@@ -13,6 +13,7 @@ from scripted_agents.environments import is_custom_policy
 from scripted_agents.games.agents import AGENTS
 from scripted_agents.games.episodes import play_of
 from scripted_agents.games.simulator import GameSimulator, GameTask, StatePolicy
+from train.evaluation.games import stepper
 from train.runs.opponents import player_policy
 from train.runs.saved import load_settings
 from train.runs.tasks import game_of, player_in
@@ -115,8 +116,7 @@ def sampled_returns(
 ) -> NDArray[np.float64]:
     """[games] the returns of the second player in sampled games, rounded so that equal ones are."""
     played = GameSimulator(task, games, seed, auto_restart=False)
-    actions = np.zeros((games, 2), dtype=np.int32)
+    step = stepper(played, pair)
     while not played.ended.all():
-        played.act(pair, actions)
-        played.step(actions)
+        step()
     return played.returns[:, 1].round(9)

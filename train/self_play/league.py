@@ -16,13 +16,7 @@ from numpy.typing import NDArray
 
 from pursuit.tasks.task import Task
 from pursuit.validation import check, shortened
-from scripted_agents.environments import (
-    AGENTS,
-    agent_name,
-    is_agent,
-    named_policy,
-    roles_of_agent,
-)
+from scripted_agents.environments import AGENTS, agent_name, is_agent, named_policy, roles_of_agent
 from scripted_agents.limits import MAX_EVALUATED_WORK, MAX_FINAL_WORK
 from train.evaluation.games import half_width, other_role
 from train.evaluation.matchups import can_solve, match, pair_payoffs

@@ -127,8 +127,7 @@ def unchecked_self_play(**flat: Any) -> SelfPlayBase:
     check_names(common, known, " of self-play")
     given_sides: Plain = {"players": sides} if small else sides
     make: Any = form
-    made: SelfPlayBase = make(task=task, **given_sides, **typed(form, flat))
-    return made
+    return make(task=task, **given_sides, **typed(form, flat))
 
 
 @lru_cache(maxsize=KEPT)

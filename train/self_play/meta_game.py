@@ -74,15 +74,6 @@ class Payoffs:
 
     def mixtures(self) -> dict[str, dict[str, float]]:
         """The Nash mixture of each role: shares by name."""
-        found = zip(self.pools, nash_mixtures(self.matrix()), strict=True)
+        game = solve_matrix_game(self.matrix().T)  # the second role maximises
+        found = zip(self.pools, (game.column, game.row), strict=True)
         return {r: dict(zip(self.names(r), mix.tolist(), strict=True)) for r, mix in found}
-
-
-def nash_mixtures(payoff: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The equilibrium of a payoff matrix [chasers, evaders] that the evaders maximise.
-
-    Returns:
-        The mixtures of the chasers and of the evaders.
-    """
-    game = solve_matrix_game(payoff.T)
-    return game.column, game.row

@@ -31,7 +31,7 @@ from scripted_agents.limits import (
 from scripted_agents.references import is_exact_team, is_table_duel, why_not_joint
 from train.evaluation.contest import OUTCOMES
 from train.evaluation.exploitability import exploitability, nash_conv, team_exploitability
-from train.evaluation.games import other_role, table_in
+from train.evaluation.games import order_of, other_role, table_in
 from train.evaluation.hidden_contest import best_response_interval
 from train.evaluation.matchups import match
 from train.evaluation.scores import OUTCOME
@@ -73,12 +73,11 @@ def exploited(task: Task, chaser: Policy, evader: Policy, discount: float) -> di
     In mazes above `MAX_GAME_CELLS` cells only "nash_conv", which does not need the game's value.
     """
     if is_table_duel(task, chaser, evader):
-        maze = task.mazes[0]
-        tables = [table_in(task, policy) for policy in (chaser, evader)]
-        order: Any = task.move_order
-        if maze.num_cells > MAX_GAME_CELLS:
-            return {"nash_conv": nash_conv(maze, tables[0], tables[1], discount, order)}
-        exploited_by = exploitability(maze, tables[0], tables[1], discount, order)
+        tables = table_in(task, chaser), table_in(task, evader)
+        game = (task.mazes[0], *tables, discount, order_of(task))
+        if task.mazes[0].num_cells > MAX_GAME_CELLS:
+            return {"nash_conv": nash_conv(*game)}
+        exploited_by = exploitability(*game)
     elif not has_nash_conv(task, chaser, evader):
         return {}
     elif task.options != PLAIN:

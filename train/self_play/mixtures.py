@@ -20,7 +20,7 @@ from scripted_agents import PairValues, mean_over_starts, solve_chase
 from scripted_agents.games.simulator import GameTask
 from scripted_agents.games.solve import SmallEquilibrium, equilibrium, respond, returns_of
 from scripted_agents.references import is_table_duel
-from train.evaluation.games import best_reply, other_role, table_in, values_between
+from train.evaluation.games import best_reply, order_of, other_role, table_in, values_between
 from train.files import Plain
 from train.networks.recurrent_policy import without_improbable
 from train.runs.tasks import horizon_of
@@ -82,8 +82,7 @@ Gain = Callable[[Table, Table], float]
 
 def _replies_in_duel(task: Task, role: str, discount: float) -> tuple[Reply, Gain]:
     maze, sign, other = task.mazes[0], 1.0 if role == "chaser" else -1.0, other_role(role)
-    order: Any = task.move_order
-    game = solve_chase(maze, discount, task.stay_action, None, order)
+    game = solve_chase(maze, discount, task.stay_action, None, order_of(task))
     value = mean_over_starts(game.values, maze)
 
     def gained(values: Table | PairValues) -> float:
@@ -188,14 +187,11 @@ def nash_convs_of(
     found = {}
     for name, average in (("last", False), ("average", True)):
         for suffix, share in (("", 0.0), ("_likely", 1.0)):
-            found[name + suffix] = nash_conv(
-                {
-                    role: side.policy_with(
-                        average, share * usual_least(side.parts.seat.num_actions)
-                    )
-                    for role, side in sides.items()
-                }
-            )
+            policies = {}
+            for role, side in sides.items():
+                least = share * usual_least(side.parts.seat.num_actions)
+                policies[role] = side.policy_with(average, least)
+            found[name + suffix] = nash_conv(policies)
     return found
 
 

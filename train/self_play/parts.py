@@ -22,7 +22,7 @@ from scripted_agents.environments import (
 from scripted_agents.games.agents import AGENTS as GAME_AGENTS
 from scripted_agents.games.agents import EQUILIBRIUM
 from train.algorithms.registry import entry
-from train.evaluation.games import other_role
+from train.evaluation.games import order_of, other_role
 from train.files import Plain
 from train.networks.policy import Seat
 from train.networks.small_game_policy import SmallGameSeat
@@ -96,8 +96,7 @@ def self_play_parts(settings: SelfPlayBase) -> SelfPlayParts:
     check_one_maze(task, "self-play")
     check_sides(settings, task)
     discount, played = settings.discount, settings.task
-    scripted: dict[tuple[str, str], Policy] = {}
-    order: Any = task.move_order
+    scripted, order = dict[tuple[str, str], Policy](), order_of(task)
     for name in AGENTS:
         epsilon = played.opponent_epsilon if name == "astar" else 0.0  # it is a setting
         for role in ROLES:

@@ -28,8 +28,7 @@ def pairwise_wins(results: Array) -> NDArray[np.float64]:
         In [0, 1]; ties count half. wins[i, k] + wins[k, i] = 1.
     """
     own, other = results[:, None], results[None]
-    won: NDArray[np.float64] = ((own > other) + 0.5 * (own == other)).mean(axis=2)
-    return won
+    return ((own > other) + 0.5 * (own == other)).mean(axis=2)
 
 
 def elo_ratings(wins: NDArray[np.float64], seed: int = 0) -> list[tuple[float, float, float]]:

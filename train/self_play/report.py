@@ -149,9 +149,8 @@ def describe_exploitability(results: Plain) -> list[str]:
     """The results as sentences: exact NashConv and value, and best responses."""
     found, start = results["evaluation"], results.get("at_start", {})
     limited = bool(results.get("limited_view"))
-    fixed = [
-        each for each in ROLES if any(row[each] == "frozen" for row in results.get("matches", ()))
-    ]
+    met = results.get("matches", ())
+    fixed = [each for each in ROLES if any(row[each] == "frozen" for row in met)]
     meaning = "exact; 0 is an equilibrium"
     if fixed:
         part = found.get(f"{fixed[0]}_exploitability")

@@ -94,10 +94,8 @@ class SmallGamePlay(SelfPlay):
     def nash_conv_of(self, pair: Mapping[str, Any]) -> float:
         """As of `SelfPlay`."""
         tables = {role: policy.table(self.task) for role, policy in pair.items()}
-        discount = self.parts.discount
-        return nash_conv(
-            self.task.game, tables, discount, horizon_of(self.task, discount)
-        ).nash_conv
+        discount, horizon = self.parts.discount, horizon_of(self.task, self.parts.discount)
+        return nash_conv(self.task.game, tables, discount, horizon).nash_conv
 
     def tables(self) -> Tables:
         """The tables of the policies that are evaluated."""

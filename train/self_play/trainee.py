@@ -18,14 +18,7 @@ from train.evaluation.games import other_role
 from train.evaluation.matchups import discounted_steps, match
 from train.evaluation.scores import OUTCOME
 from train.files import Plain
-from train.runs.folder import (
-    CONFIG,
-    SELF_PLAY,
-    SIDE,
-    game_digest,
-    save_checkpoint,
-    save_config,
-)
+from train.runs.folder import CONFIG, SELF_PLAY, SIDE, game_digest, save_checkpoint, save_config
 from train.runs.forms import Objective
 from train.runs.loop import BRIEF_STEPS
 from train.runs.tasks import maze_text_of
@@ -47,10 +40,7 @@ from train.self_play.metrics import (
     whole_game,
 )
 from train.self_play.mixtures import nash_convs_of, snapshot_results
-from train.self_play.parts import (
-    SelfPlayParts,
-    side_settings,
-)
+from train.self_play.parts import SelfPlayParts, side_settings
 from train.self_play.pool import Member, OpponentPool, weights
 from train.self_play.side import Side
 from train.settings.checks import evaluation_seed
@@ -89,15 +79,11 @@ class SelfPlay:
     def __init__(self, parts: SelfPlayParts, folder: Path, state: State | None = None) -> None:
         self.settings, self.task = parts.settings, parts.task
         self.parts, self.folder = parts, folder
-        self.sides = {
-            role: Side(
-                own,
-                parts.roles.index(role),
-                [other for other in parts.roles if other != role],
-                None if state is None else state["sides"][role],
-            )
-            for role, own in parts.sides.items()
-        }
+        self.sides: dict[str, Side] = {}
+        for role, own in parts.sides.items():
+            others = [other for other in parts.roles if other != role]
+            saved = None if state is None else state["sides"][role]
+            self.sides[role] = Side(own, parts.roles.index(role), others, saved)
         self.pools = {role: self._pool(role) for role in parts.roles}
         for side in self.sides.values():
             for other, policy in side.opponents.policies.items():

@@ -24,12 +24,7 @@ from pursuit.validation import check
 from train.settings.axes import AXIS_PARTS, Apply
 from train.settings.axes import Axis as Axis
 from train.settings.curricula import AxisSettings
-from train.teaching.context import (
-    AnyContext,
-    ArmContext,
-    CurriculumContext,
-    SmallGameContext,
-)
+from train.teaching.context import AnyContext, ArmContext, CurriculumContext, SmallGameContext
 from train.teaching.mazes import training_mazes
 
 
@@ -106,8 +101,7 @@ def axis_of(name: str, context: AnyContext, ends: AxisSettings) -> Axis:
 
 def maker_of(name: str) -> Maker:
     """The maker of an axis, built-in or user-defined; ValueError for an unknown name."""
-    maker: Maker = AXIS_MAKERS.get(name) or AXIS_PARTS.get(name)
-    return maker
+    return AXIS_MAKERS.get(name) or AXIS_PARTS.get(name)
 
 
 def ends_within(

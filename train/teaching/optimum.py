@@ -97,11 +97,7 @@ def arm_optimum(task: ReacherTask) -> Optimum | None:
         return None
 
     def steps(
-        angles: Array,
-        target: Array,
-        tolerance: Array,
-        free_joints: Array,
-        hold: Array,
+        angles: Array, target: Array, tolerance: Array, free_joints: Array, hold: Array
     ) -> NDArray[np.float64]:
         least, _, _ = least_steps_of(angles, target, task.max_turn, tolerance, free_joints)
         lengths: NDArray[np.float64] = np.maximum(least, 1.0) + hold - 1.0

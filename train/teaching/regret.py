@@ -14,11 +14,7 @@ from pursuit.validation import check
 from scripted_agents import mean_over_starts
 from scripted_agents.references import is_known, is_solvable
 from train.evaluation.games import best_reply, other_role
-from train.evaluation.suite_tables import (
-    opponent_tables,
-    pairs_of_values,
-    tables_of,
-)
+from train.evaluation.suite_tables import opponent_tables, pairs_of_values, tables_of
 
 REGRET, LEARNABILITY = "regret", "learnability"
 

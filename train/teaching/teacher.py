@@ -114,9 +114,8 @@ class Teacher(EpisodeHook):
         """Record the starts of `games`, for their optima."""
         if self.optimum is not None:
             self._optima[games] = np.nan
-            for starts, new in zip(
-                self._starts, self.optimum.starts(self.simulator, games), strict=True
-            ):
+            found = self.optimum.starts(self.simulator, games)
+            for starts, new in zip(self._starts, found, strict=True):
                 starts[games] = new
 
     def episode_ended(self, games: NDArray[np.bool_]) -> None:
@@ -148,9 +147,8 @@ class Teacher(EpisodeHook):
         """Convert the recorded episodes to outcomes, all together for speed."""
         if not self._ended:
             return
-        values, won, returns, steps, optima, *starts = map(
-            np.concatenate, zip(*self._ended, strict=True)
-        )
+        columns = map(np.concatenate, zip(*self._ended, strict=True))
+        values, won, returns, steps, optima, *starts = columns
         self._ended = []
         lengths, optima = steps.astype(np.int64), self._with_optima(optima, starts)
         if not self.metrics.few_steps_are_good:
@@ -191,9 +189,8 @@ class Teacher(EpisodeHook):
                 mazes = pool.to_score(self.rng)
                 pool.note(mazes, self.scorer.scores(self.scored_policy, mazes))
         self._collect()
-        values, won, returns, lengths, regrets = map(
-            np.concatenate, zip(NO_OUTCOMES, *self._outcomes, strict=True)
-        )
+        columns = map(np.concatenate, zip(NO_OUTCOMES, *self._outcomes, strict=True))
+        values, won, returns, lengths, regrets = columns
         errors = np.concatenate(self._errors) if self._errors else np.full(len(values), np.nan)
         self._clear()
         self.episodes += len(values)
@@ -236,8 +233,7 @@ class Teacher(EpisodeHook):
             "outcomes": self._outcomes,
             "errors": self._errors,
         }
-        state = converted(state, np.ndarray, lambda array: torch.from_numpy(array.copy()))
-        return state
+        return converted(state, np.ndarray, lambda array: torch.from_numpy(array.copy()))
 
     def load_state_dict(self, state: Plain) -> None:
         """Restore the state.

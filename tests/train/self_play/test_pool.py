@@ -21,8 +21,9 @@ from scripted_agents import (
 from train.networks.actor_critic import ActorCritic
 from train.networks.layers import Hidden
 from train.networks.policy import LearnedPolicy, Seat
-from train.self_play.meta_game import nash_mixtures
+from train.self_play.meta_game import Payoffs
 from train.self_play.pool import OpponentPool, PoolPolicy, weights
+from train.settings.self_play import ROLES
 
 # -- the pool --------------------------------------------------------------------------------------
 
@@ -195,8 +196,19 @@ def test_sampling_rules_have_their_documented_weights(tmp_path: Path) -> None:
         weights(pool, "uniform")
 
 
-def test_the_nash_mixture_is_the_equilibrium() -> None:
-    chasers, evaders = nash_mixtures(np.array([[0.0, -1.0, 1.0], [1, 0, -1], [-1, 1, 0]]))
-    assert chasers == pytest.approx([1 / 3] * 3) and evaders == pytest.approx([1 / 3] * 3)
-    chasers, evaders = nash_mixtures(np.array([[3.0, 2.0], [5.0, 4.0]]))
-    assert chasers.tolist() == [1, 0] and evaders.tolist() == [1, 0]
+@pytest.mark.parametrize(
+    "matrix, shares",
+    [([[0.0, -1.0, 1.0], [1, 0, -1], [-1, 1, 0]], [1 / 3] * 3), ([[3.0, 2.0], [5.0, 4.0]], [1, 0])],
+)
+def test_the_nash_mixture_is_the_equilibrium(
+    tmp_path: Path, matrix: list[list[float]], shares: list[float]
+) -> None:
+    pools = {
+        role: OpponentPool(tmp_path / role, Always(0), 1, lambda _: Always(0)) for role in ROLES
+    }
+    for pool in pools.values():
+        for action in range(1, len(matrix)):
+            pool.add_scripted(str(action), Always(action))
+    payoffs = Payoffs(pools, (), lambda one, two: matrix[one.action][two.action])  # type: ignore[attr-defined]
+    for mixture in payoffs.mixtures().values():
+        assert [*mixture.values()] == pytest.approx(shares)
