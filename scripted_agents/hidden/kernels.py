@@ -149,7 +149,17 @@ def choose_actions(model: Any, upper: Any, work: Any, own: Any, beliefs: Any, mo
             work.up[action] = 1e300
             if model.useful[own[game], action]:
                 work.up[action] = upper_after(model, upper, work, own[game], action, beliefs[game])
-        moves[game] = 1 << work.up.argmin()
+        moves[game] = 1 << least_of(work.up)
+
+
+@subroutine
+def least_of(values: Any) -> Any:
+    """The index of the least value, the first of equal ones."""
+    best = 0
+    for i in range(len(values)):
+        if values[i] < values[best]:
+            best = i
+    return best
 
 
 @subroutine
@@ -215,7 +225,7 @@ def add_plan(model: Any, upper: Any, work: Any, own: int, action: int, gain: flo
 def update(model: Any, lower: Any, upper: Any, work: Any, own: int, seen: int, belief: Any) -> None:
     """Improve both bounds by the results of `look`, if the other cell is seen in `seen`, or for a
     belief out of view (NONE) with sum 1."""
-    low, action = work.low.min(), work.up.argmin()
+    low, action = work.low[least_of(work.low)], least_of(work.up)
     if seen == NONE:
         for slot in range(model.sizes[own]):
             work.weights[slot] = belief[model.cells[own, slot]]
@@ -238,7 +248,7 @@ def descend(
     Successors are those of the action with the least lower bound. Returns False if no distance of
     bounds exceeds `allowed`.
     """
-    action = work.low.argmin()
+    action = least_of(work.low)
     mine, arrived, after = (model.next_own[own, action], work.arrived[action], work.after[action])
     best, most = NONE, 0.0
     for cell in range(len(arrived)):
@@ -301,7 +311,7 @@ def improve(model: Any, lower: Any, upper: Any, work: Any, roots: Any) -> Any:
     for root in range(len(roots.own)):
         own, belief = roots.own[root], roots.belief[root]
         look(model, lower, upper, work, own, belief)
-        low, up = work.low.min(), work.up.min()
+        low, up = work.low[least_of(work.low)], work.up[least_of(work.up)]
         change = max(change, low - roots.low[root], roots.up[root] - up)
         roots.low[root] = max(roots.low[root], low)
         roots.up[root] = min(roots.up[root], up)

@@ -95,8 +95,8 @@ def solve_game(given: SolveGameCommand) -> None:
         found = described_response(game, solution, returns)
     elif game.zero_sum:
         solution = equilibrium(game, discount, horizon)
-        visits = mixed_share(game, discount, horizon, solution)
-        found = described_equilibrium(game, solution, visits)
+        share = mixed_share(game, discount, horizon, solution)
+        found = described_equilibrium(game, solution, share)
     else:
         found = described_gains(nash_conv(game, uniform, discount, horizon))
     print(in_lines({**text, **found, "solved in": f"{perf_counter() - began:.2f} s"}, WIDTH))
