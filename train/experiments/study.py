@@ -21,8 +21,8 @@ from train.schemas import read_as
 from train.settings.self_play import ROLES, unnested_sides
 
 FILES = Path(__file__).with_name("files")
-MORE = ("ablation", "comparison", "replication")
-FOLDERS = {"sweep": FILES, **{kind: FILES / f"{kind}s" for kind in MORE}}
+FOLDERS = {"sweep": FILES}
+FOLDERS |= {kind: FILES / f"{kind}s" for kind in ("ablation", "comparison", "replication")}
 """The folders of shipped files, by kind of study."""
 VERSIONS = ("short", "full")
 TABLES = ("settings", "grid", "search")
