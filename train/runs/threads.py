@@ -68,11 +68,15 @@ def check_device(device: str) -> None:
     if device == "cpu":
         return
     here = torch.cuda.device_count() if torch.cuda.is_available() else 0
-    check(here > 0, f"device={device!r}, but torch finds no GPU; use --device cpu")
     check(
-        int(device.partition(":")[2] or 0) < here,
-        f"device={device!r}, but torch finds {here} GPUs; use --device cuda:0 to cuda:{here - 1}",
+        here > 0,
+        f"device={device!r}, but torch finds no GPU; use --device cpu (a run that began on a "
+        "GPU is resumed where there is one)",
     )
+    found = "one GPU; use --device cuda"
+    if here > 1:
+        found = f"{here} GPUs; use --device cuda:0 to cuda:{here - 1}"
+    check(int(device.partition(":")[2] or 0) < here, f"device={device!r}, but torch finds {found}")
 
 
 def uses_bfloat16(precision: str, device: str) -> bool:

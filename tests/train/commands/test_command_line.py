@@ -355,6 +355,8 @@ def test_a_gpu_that_is_not_here_leaves_no_folder(
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
     monkeypatch.setattr(torch.cuda, "device_count", lambda: 2)
     assert "finds 2 GPUs; use --device cuda:0 to cuda:1" in error_of(capsys, *given, "cuda:2")
+    monkeypatch.setattr(torch.cuda, "device_count", lambda: 1)
+    assert "finds one GPU; use --device cuda" in error_of(capsys, *given, "cuda:1")
     assert not (tmp_path / "run").exists()
 
 
