@@ -376,7 +376,7 @@ def published() -> Iterable[dict[int, Cell]]:
 TABLES: dict[tuple[str, int], Callable[[], Iterable[dict[int, Cell]]]] = {
     ("libraries", 0): libraries,
     ("frames_and_states", 0): frames_and_states,
-    ("curricula", 0): curricula,
+    ("curricula", -1): curricula,
     ("hyperparameters", 3): small_budgets,
     ("rules", 0): lambda: capture_rules("forced", "mean_steps"),
     ("rules", 1): lambda: capture_rules("turns_forced", "turns_rounds"),

@@ -334,6 +334,10 @@ def check_measures(file: StudyFile, runs: Sequence[TrainingRun]) -> None:
                 "one chaser against one evader",
             )
         return
+    check(
+        file.margin is None or len({run.label.get("maze") for run in runs}) == 1,
+        f"margin={file.margin} is for runs in one maze; leave it out, as mazes are paired",
+    )
     for task in tasks:
         contest = contest_of(task, 2)
         check(

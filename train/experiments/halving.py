@@ -47,14 +47,14 @@ class Halving:
     def __post_init__(self) -> None:
         variants = {variant.get("name") for variant in self.file.variants or ()}
         like = self.tuning.like
-        for name in (*self.tuning.space, *like):
+        for name in (*({*self.tuning.space} - {"all"}), *like):
             check(
                 name in variants,
                 f"{name!r} in [tuning]; give the name of a variant: {sorted(map(str, variants))}",
             )
         for name, other in like.items():
             check(
-                other in self.tuning.space,
+                other in self.searched,
                 f"like {other!r} of {name!r} in [tuning]; give a variant of [tuning.space]",
             )
         frames = self.trials.frames
@@ -66,6 +66,14 @@ class Halving:
     def trials(self) -> Trials:
         """The trials of the version."""
         return self.tuning.trials(self.version)
+
+    @property
+    def searched(self) -> list[str]:
+        """The names of the variants with a search of their own."""
+        names = [str(variant["name"]) for variant in self.file.variants or ()]
+        space = self.tuning.space
+        rest = "all" in space
+        return [n for n in names if n in space or (rest and n not in self.tuning.like)]
 
     @property
     def rungs(self) -> range:
@@ -87,11 +95,12 @@ class Halving:
         runs: list[TrainingRun] = []
         for variant in self.file.variants or ():
             name = str(variant["name"])
-            if name not in self.tuning.space:
+            if name not in self.searched:
                 continue
             drawn = draws_of(self.tuning, trials, name)
             for number, (place, unit) in itertools.product(self.left(name, rung), enumerate(units)):
-                label = {of: unit, **drawn[number], "trial": number, "rung": rung}
+                tried = {n: value for n, value in drawn[number].items() if n not in variant}
+                label = {of: unit, **tried, "trial": number, "rung": rung}
                 own = {**common, **variant, **label}
                 fixed = {n: v for n, v in own.items() if n not in label and n != "name"}
                 seed = FIRST_TRIAL_SEED + place
@@ -126,7 +135,7 @@ class Halving:
         """The settings of the best trial of each variant; nothing before the last rung ended."""
         best: dict[tuple[str, str], Table] = {}
         last = self.folder(self.rungs[-1])
-        for name in self.tuning.space:
+        for name in self.searched:
             scores = self.scores(name, self.rungs[-1])
             check(
                 bool(scores) or not (last / LAYOUT).exists(),

@@ -72,7 +72,7 @@ def write_study(
         unit = unit or figures.unit_of(study)
         kind = study.rows[0]["kind"]
         if study.layout.control is not None:
-            make = ablation_content if distance_of(study.rows) is None else nash_conv_content
+            make = ablation_content if distance_of(study) is None else nash_conv_content
         elif kind == CONTESTANT and study.x == "variant":
             make = contestant_content
         else:
@@ -108,7 +108,7 @@ def sweep_content(study: StudyRows, folder: Path, unit: str, log: bool) -> Conte
 
 
 def ablation_content(study: StudyRows, folder: Path, unit: str, log: bool) -> Content:
-    """The report of an ablation of single agents."""
+    """The report of an ablation of single agents, with the runs as units."""
     rows = against_control(study)
     panels = {
         "final gap to the optimum (%)": ("gap", "gap", "each_run"),
@@ -121,9 +121,8 @@ def ablation_content(study: StudyRows, folder: Path, unit: str, log: bool) -> Co
 
 
 def nash_conv_content(study: StudyRows, folder: Path, unit: str, log: bool) -> Content:
-    """The report of an ablation of self-play or in small games, without curves over training
-    time."""
-    rows, distance = against_control(study), distance_of(study.rows)
+    """The report of an ablation by maze or game, without curves over training time."""
+    rows, distance = against_control(study), distance_of(study)
     assert distance is not None
     panels = {f"{distance.name} ({distance.scale})": ("log", "nash_conv", "each_run")}
     figures.draw_final(folder / "final.png", study, rows, "variant", panels)

@@ -100,13 +100,13 @@ class Trials(msgspec.Struct, forbid_unknown_fields=True):
 class Tuning(msgspec.Struct, forbid_unknown_fields=True):
     """[tuning]: the search for settings, with the same budget for every algorithm or contestant.
 
-    In an ablation every variant in `space` is searched.
+    In an ablation every variant that is in `space` is searched; with "all" every one not in `like`.
 
     Attributes:
         mazes: of the search; runs of the study use other mazes. By variant, or for all.
         games: of the search of an ablation, in place of mazes.
-        space: the searched settings by algorithm or contestant, in the form of [search]; those of
-            "all" are for every one that is not named.
+        space: the searched settings by algorithm, contestant or variant, in the form of [search];
+            those of "all" are for every one.
         like: of an ablation, variants by name that have the settings found for another one, but for
             those that they set themselves.
         settings: of all trials.

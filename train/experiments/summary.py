@@ -21,7 +21,7 @@ from train.experiments.statistics import (
     mean_interval,
 )
 from train.experiments.study import THRESHOLDS, Layout
-from train.experiments.variants import GAME_REGRET, LEAST, TARGETS, Distance, equal_results, p_text
+from train.experiments.variants import TARGETS, Distance, equal_results, p_text
 from train.reports.tables import Column, ResultTable, Row, in_markdown, numeric, short, words
 from train.runs.folder import RUN
 
@@ -247,7 +247,7 @@ def _time(gap: float, row: Row) -> str:
 
 
 def nash_conv_columns(layout: Layout, distance: Distance) -> list[Column]:
-    """The columns of variants of self-play and in small games."""
+    """The columns of variants that are paired by maze or game."""
     return [
         words("variant"),
         words("verdict"),
@@ -286,12 +286,11 @@ def ablation_notes(study: StudyRows) -> list[str]:
 
 
 def nash_conv_notes(study: StudyRows, table: Sequence[Row], distance: Distance) -> list[str]:
-    """The explanation of the table of variants of self-play and in small games."""
+    """The explanation of the table of variants that are paired by maze or game."""
     unit = distance.unit
     units = "mazes" if max(row[f"{unit}s"] for row in table) > 1 else "runs"
     named = {"unit": unit, "units": f"{unit}s".capitalize(), "level": LEVEL}
-    which = "regret" if distance is GAME_REGRET else "values"
-    values = note(f"nash_conv.{which}", least=LEAST, scale=distance.scale)
+    values = note(f"nash_conv.{distance.note}", least=distance.least, scale=distance.scale)
     return [budget_note(study), note(f"nash_conv.{units}", **named), values]
 
 

@@ -70,15 +70,20 @@ def search_of(tuning: Tuning, version: str | None, file: StudyFile | None = None
 
 
 def draws_of(tuning: Tuning, trials: Trials, name: str) -> list[Table]:
-    """The settings of every trial of an algorithm or contestant; equal spaces give equal draws."""
-    space = tuning.space.get(name, tuning.space.get("all"))
-    check(space is not None, f"no space of {name!r} in [tuning]; give it, or [tuning.space.all]")
+    """The settings of every trial of an algorithm, contestant or variant. Those of "all" are equal
+    for every one, and so are those of equal spaces."""
+    spaces = [tuning.space[each] for each in ("all", name) if each in tuning.space]
+    check(bool(spaces), f"no space of {name!r} in [tuning]; give it, or [tuning.space.all]")
     for setting in ("samples", "seed"):
-        check(setting not in (space or {}), f"{setting!r} in [tuning.space]; give it in [tuning]")
+        named = any(setting in space for space in spaces)
+        check(not named, f"{setting!r} in [tuning.space]; give it in [tuning]")
     defaults: list[Table] = [{}] if tuning.shipped else []
-    count = trials.samples - len(defaults)
-    search = {**(space or {}), "samples": count, "seed": tuning.search_seed}
-    return defaults + (draw_samples(search, MOST_TRIALS) if count else [])
+    drawn: list[Table] = [{} for _ in range(trials.samples - len(defaults))]
+    for place, space in enumerate(spaces if drawn else ()):
+        search = {**space, "samples": len(drawn), "seed": tuning.search_seed + place}
+        new = draw_samples(search, MOST_TRIALS)
+        drawn = [{**old, **more} for old, more in zip(drawn, new, strict=True)]
+    return defaults + drawn
 
 
 def mazes_of(tuning: Tuning, trials: Trials, task: Table) -> list[str]:

@@ -1,9 +1,9 @@
 """Variants of an ablation against its control, and contestants against each other, from rows.
 
-Single agents are compared by their gap to the optimum: runs are permuted within tasks. Self-play is
-compared by exact NashConv: with several mazes these are the random units, and a variant and the
-control are paired by maze after the mean over seeds; with one maze the runs are the units. Small
-games take the place of mazes, for single agents with the return that a best response has more.
+Single agents are compared by their gap to the optimum, self-play by exact NashConv. Several mazes
+are the random units: a variant and the control are paired by maze after the mean over seeds. In one
+maze the runs are the units; of other tasks in [grid] they are permuted within each. Small games
+take the place of mazes, for single agents with the return that a best response has more.
 """
 
 from __future__ import annotations
@@ -39,14 +39,12 @@ from train.reports.tables import Row
 from train.runs.folder import SELF_PLAY
 from train.settings.task import GAME
 
-LEAST = 1e-3
-"""Smaller NashConvs, in discounted steps or returns, count as this one: ratios to 0 are not
-defined."""
 MOST_RUNS = 100
 TARGETS = (5.0, 2.0, 1.0)
 """Gaps in per cent to which contestants are compared."""
 UNITS = ("seconds", "frames")
 NEVER = float("inf")
+MAZE = "maze"
 
 
 @dataclass(frozen=True)
@@ -58,25 +56,34 @@ class Distance:
         name: in reports.
         scale: its unit.
         unit: what runs are paired by.
+        note: what explains it in reports, of `notes.toml`.
+        least: smaller values count as this one: ratios to 0 are not defined.
     """
 
     column: str
     name: str
     scale: str
     unit: str
+    note: str
+    least: float = 1e-3
 
 
-NASH_CONV = Distance("played_nash_conv", "NashConv", "discounted steps", "maze")
-GAME_NASH_CONV = Distance("played_nash_conv", "NashConv", "returns", "game")
-GAME_REGRET = Distance("return_regret", "return regret", "returns", "game")
+NASH_CONV = Distance("played_nash_conv", "NashConv", "discounted steps", MAZE, "values")
+GAME_NASH_CONV = Distance("played_nash_conv", "NashConv", "returns", GAME, "values")
+GAME_REGRET = Distance("return_regret", "return regret", "returns", GAME, "regret")
+MAZE_GAP = Distance("shortfall", "gap to the optimum", "per cent", MAZE, "gap", least=0.1)
 
 
-def distance_of(rows: Sequence[Row]) -> Distance | None:
-    """The distance of self-play and of small games; None for gaps to the optimum."""
+def distance_of(study: StudyRows) -> Distance | None:
+    """The distance of self-play, of small games, and of single agents in several mazes; None for
+    gaps of runs in one maze."""
+    rows = study.rows
     games = any(row.get("game") is not None for row in rows)
     if rows[0]["kind"] == SELF_PLAY:
         return GAME_NASH_CONV if games else NASH_CONV
-    return GAME_REGRET if games else None
+    if games:
+        return GAME_REGRET
+    return MAZE_GAP if study.x == MAZE and len({row["_x"] for row in rows}) > 1 else None
 
 
 def by_variant(study: StudyRows) -> dict[str, list[Row]]:
@@ -97,11 +104,8 @@ def against_control(study: StudyRows) -> list[Row]:
     """
     layout, variants = study.layout, by_variant(study)
     control = variants.get(str(layout.control), [])
-    if (distance := distance_of(study.rows)) is not None:
-        rows = [nash_conv_row(name, own, control, distance) for name, own in variants.items()]
-        add_corrected(rows, layout, {"p_holm": "p"})
-        return [row | {"verdict": nash_conv_verdict(row, layout, distance)} for row in rows]
-    for row in study.rows:
+    distance = distance_of(study)
+    for row in study.rows if distance in (None, MAZE_GAP) else ():
         check(
             row["objective"] == "mean_steps",
             f"{row['run']}: scored by {row['objective']}, but an ablation needs the gap in steps; "
@@ -112,6 +116,10 @@ def against_control(study: StudyRows) -> list[Row]:
             f"{row['run']}: the exact optimum of its task is not known, but an ablation needs it; "
             "use a single runner, or one chaser against one evader",
         )
+    if distance is not None:
+        rows = [nash_conv_row(name, own, control, distance) for name, own in variants.items()]
+        add_corrected(rows, layout, {"p_holm": "p"})
+        return [row | {"verdict": nash_conv_verdict(row, layout, distance)} for row in rows]
     rows = [gap_row(name, own, control) for name, own in variants.items()]
     add_corrected(rows, layout, {"p_holm": "p", "p_time": f"p_to_{layout.threshold:g}"})
     return [row | {"verdict": gap_verdict(row, layout)} for row in rows]
@@ -233,14 +241,13 @@ def equal_results(study: StudyRows) -> list[tuple[str, str]]:
 
 
 def nash_convs(rows: Iterable[Row], distance: Distance = NASH_CONV) -> dict[str, list[float]]:
-    """NashConv (or another distance) of the policies that runs play, by maze or game; at least
-    `LEAST`."""
+    """NashConv (or another distance) of the policies that runs play, by maze or game."""
     found: dict[str, list[float]] = {}
     for row in rows:
         value = row.get(distance.column)
         remedy = "use duels of at most 49 cells" if distance is NASH_CONV else "resume the run"
         check(value is not None, f"{row['run']}: no exact {distance.name}; {remedy}")
-        found.setdefault(str(row["_x"]), []).append(max(float(value or 0), LEAST))
+        found.setdefault(str(row["_x"]), []).append(max(float(value or 0), distance.least))
     return found
 
 
@@ -278,12 +285,12 @@ def nash_conv_row(
 
 
 def nash_conv_verdict(row: Row, layout: Layout, distance: Distance = NASH_CONV) -> str:
-    """The verdict on a variant of self-play or in small games against the control."""
+    """The verdict on a variant against the control, paired by maze or game."""
     if row["variant"] == layout.control:
         return "control"
     if np.isnan(row["p_holm"]):
         return f"not compared: other {distance.unit}s than the control"
-    note = f"p = {row['p_holm']:.3g}"
+    note = f"p = {row['p_holm']:.3g}" + ", primary" * (row["variant"] == layout.primary)
     if row["p_holm"] < LEVEL:
         return f"{'lower' if row['ratio'] < 1.0 else 'higher'} {distance.name} ({note})"
     return f"no difference shown ({note})"
@@ -360,7 +367,7 @@ def out_of_reach(study: Study) -> list[str]:
         return [line] if study.pinned and least >= LEVEL else []
     tasks = len({run.label.get(str(layout.x)) for run in runs})
     games = layout.x == GAME
-    by_maze = (runs[0].kind == SELF_PLAY or games) and tasks > 1
+    by_maze = (runs[0].kind == SELF_PLAY or layout.x in (GAME, MAZE)) and tasks > 1
     corrected = [v for v in layout.variants if v not in (layout.control, layout.primary)]
     unit, now = ("games" if games else "mazes", tasks) if by_maze else ("seeds", seeds)
 

@@ -104,6 +104,31 @@ def test_the_better_half_goes_on_with_twice_the_frames(tmp_path: Path) -> None:
     assert rates["mmd"].magnet_coef == best["", "mmd"]["magnet_coef"]
 
 
+def test_settings_of_all_are_drawn_alike_for_every_variant(tmp_path: Path) -> None:
+    text = FILE.replace("[tuning.space.ppo]", "[tuning.space.all]")
+    text = text.replace(
+        "learning_rate = {", "adam_beta1 = { low = 0.0, high = 0.9 }\nlearning_rate = {"
+    )
+    found = halving(tmp_path, text)
+    assert found.searched == ["ppo", "mmd"]  # the other one is like ppo
+    tried = {(run.label["variant"], run.label["trial"]): run.label for run in found.study(0).runs}
+    common = draw_samples({**found.tuning.space["all"], "samples": 7, "seed": 3}, 100)
+    coefs = {tried["mmd", trial]["magnet_coef"] for trial in range(7)}
+    assert len(coefs) == 7
+    for trial, values in enumerate(common):
+        for name in found.searched:
+            assert values.items() <= tried[name, trial].items()
+    # What a variant sets itself is not searched.
+    own = halving(tmp_path, text.replace('like = { "ppo with momentum" = "ppo" }', ""))
+    assert own.searched == ["ppo", "ppo with momentum", "mmd"]
+    runs = [run for run in own.study(0).runs if run.label["variant"] == "ppo with momentum"]
+    assert len(runs) == 14
+    for run in runs:
+        hyper = next(iter(run.settings.sides.values())).hyper
+        assert hyper.adam_beta1 == 0.9
+        assert hyper.learning_rate == common[run.label["trial"]]["learning_rate"]
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [

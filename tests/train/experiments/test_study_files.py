@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import accumulate
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from train.experiments.rows import read_all
 from train.experiments.runs import Study, prepare
 from train.experiments.stages import stages_of
 from train.experiments.study import StudyFile, read_file, shipped
+from train.experiments.tuning import least_copy_of
 
 TABLE = """
 episodes = 20
@@ -342,13 +344,18 @@ def test_every_shipped_file_is_valid(capsys: pytest.CaptureFixture[str]) -> None
 def test_both_versions_of_every_shipped_ablation_are_valid(name: str) -> None:
     for version in ("short", "full"):
         plan = load_study(name, "ablation", version)
-        variants, seeds = plan.layout.variants, {run.settings.seed for run in plan.runs}
-        assert len(plan.runs) == len(variants) * len(seeds) and len(seeds) >= 3
+        variants, mazes = plan.layout.variants, {run.settings.task.maze for run in plan.runs}
+        units = {(run.settings.task.maze, run.settings.seed) for run in plan.runs}
+        assert len(plan.runs) == len(variants) * len(units) and len(units) >= 3
         control = [r for r in plan.runs if r.label["variant"] == plan.layout.control]
         assert all(run.settings.curriculum == "none" for run in control)
         # Equal budgets, and the same task to be evaluated on.
         assert len({(run.settings.seconds, run.settings.frames) for run in plan.runs}) == 1
-        assert len({run.settings.task for run in plan.runs}) == 1
+        assert len({replace(run.settings.task, maze="5x5") for run in plan.runs}) == 1
+        # No judged maze, also rotated or mirrored, chooses settings.
+        tuning = read_file(name, "ablation", StudyFile)[1].tuning
+        copies = {least_copy_of(maze) for maze in mazes} if len(mazes) > 1 else set()
+        assert not copies & {least_copy_of(maze) for maze in (tuning.mazes if tuning else ())}
 
 
 STRATA = ((7, 0.0, 1e-9), (7, 1e-9, 0.01), (7, 0.01, 0.05), (8, 0.05, 1.0))

@@ -1,0 +1,85 @@
+"""The analysis of the ablations of curricula: the tables of their page, and made rows."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from train.files import write_csv
+
+ROOT = Path(__file__).parents[1]
+Row = dict[str, Any]
+
+
+def loaded() -> Any:
+    """The module of tools/."""
+    path = ROOT / "tools" / "curricula_study.py"
+    spec = importlib.util.spec_from_file_location("curricula_study", path)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["curricula_study"] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+analysis = loaded()
+
+
+def test_the_tables_of_the_page_are_those_of_the_rows() -> None:
+    page = (ROOT / "docs" / "results" / "curricula.md").read_text(encoding="utf-8")
+    if analysis.missing():
+        assert "nothing yet under today's defaults" in page
+        return
+    for title, table in analysis.tables().items():
+        assert table and table in page, title
+
+
+def row_of(name: str, variant: Row, maze: str, seed: int, frames: int, gap: float) -> Row:
+    """A complete run."""
+    run = f"{name}-{maze}-{variant['name']}-{seed}".replace(":", "_")
+    row: Row = {"run": run, "kind": "single", "status": "complete", "maze": maze}
+    row |= {"variant": variant["name"], "seed": seed, "budget_frames": frames, "frames": frames}
+    row |= {"objective": "mean_steps", "shortfall": gap, "mean_optimality": 1 / (1 + gap / 100)}
+    row |= {"hardest_share": 1.0}
+    times = (f"{unit}_to_{limit}" for unit in ("seconds", "frames") for limit in (20, 10, 5, 2))
+    return row | {name: float(frames) for name in times}
+
+
+def test_ratios_are_paired_by_maze(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(analysis, "DATA", tmp_path)
+    rows: dict[str, Row] = {}
+    factors: dict[tuple[str, str], float] = {}
+    for name in analysis.STUDIES:
+        file = analysis.file_of(name)
+        settings, seeds = file.settings, file.seeds
+        mazes = (file.grid or {"maze": [settings["maze"]]})["maze"]
+        for number, variant in enumerate(file.variants):
+            factors[name, variant["name"]] = factor = 0.9**number
+            for place, maze in enumerate(mazes):
+                for seed in seeds:
+                    gap = 3.0**place * factor * (1.0 + 0.1 * seed)
+                    row = row_of(name, variant, maze, seed, settings["frames"], gap)
+                    key = f"{maze} {variant['name']} {seed} {settings['frames']}"
+                    rows.setdefault(key, row)
+    write_csv(tmp_path / "runs.csv", [*rows.values()])
+    assert analysis.missing() == []
+    for name in analysis.STUDIES:
+        study = analysis.study_of(name)
+        found = {row["variant"]: row for row in analysis.against_control(study)}
+        assert list(found) == study.layout.variants
+        for variant, row in found.items():
+            if name == "mazes":
+                assert row["runs"] == 10
+            elif row["verdict"] != "control" and name != "maze-size":  # whose control has others
+                assert row["ratio"] == pytest.approx(factors[name, variant]), (name, variant)
+                assert row["lower_in"] == "12 of 12"
+    order = analysis.order_table()
+    assert order.count("| 1.11 [1.11, 1.11] | 0 of 12 |") == 4  # shuffled has the next factor
+
+    del rows[next(key for key in rows if "shuffled" in key and " 12000000" in key)]
+    write_csv(tmp_path / "runs.csv", [*rows.values()])
+    assert analysis.missing() == ["goal-spread-start"]

@@ -1,0 +1,185 @@
+"""The analysis of the ablations of curricula: tables and the figure of their page.
+
+    python tools/curricula_study.py
+
+It reads runs.csv and tuning.csv in docs/results/data/curricula/, prints the tables of
+docs/results/curricula.md and draws its figure. A test compares the page with these numbers.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from train.experiments.expansion import NO_SETTINGS
+from train.experiments.halving import score
+from train.experiments.recorded import read_recorded, settings_in
+from train.experiments.rows import StudyRows
+from train.experiments.statistics import holm
+from train.experiments.study import Layout, StudyFile, choose_version, read_file
+from train.experiments.summary import nash_conv_columns, variant_columns
+from train.experiments.variants import (
+    MAZE,
+    MAZE_GAP,
+    against_control,
+    by_variant,
+    distance_of,
+    nash_conv_row,
+    p_text,
+)
+from train.reports.tables import ResultTable, plain_table, short
+
+DATA = Path(__file__).parents[1] / "docs" / "results" / "data" / "curricula"
+STUDIES = (
+    "opponent-epsilon",
+    "goal-spread-start",
+    "adaptive",
+    "maze-size",
+    "goal-spread-fixed",
+    "mazes",
+)
+ORDERED = {
+    "opponent-epsilon": ("linear", "shuffled"),
+    "goal-spread-start": ("linear", "shuffled"),
+    "adaptive": ("linear", "shuffled"),
+    "maze-size": ("open walls, linear", "open walls, shuffled"),
+}
+"""Of a study the variant with stages in order, and that with the same stages in random order."""
+HEAD = "gap in order / in random order [95 %]"
+Row = dict[str, Any]
+
+
+def rows_of(name: str = "runs") -> list[Row]:
+    """The rows of a file."""
+    return [*read_recorded(DATA / f"{name}.csv").values()]
+
+
+def file_of(name: str) -> StudyFile:
+    """The full version of an ablation."""
+    return choose_version(read_file(name, "ablation", StudyFile)[1], "full")
+
+
+def study_of(name: str) -> StudyRows:
+    """The runs of an ablation. Several ablations have the control in common."""
+    file = file_of(name)
+    settings, grid = file.settings or {}, file.grid or {}
+    names = [str(variant["name"]) for variant in file.variants or ()]
+    mazes = grid.get(MAZE, [settings.get(MAZE)])
+    x = MAZE if MAZE in grid else None
+    layout = Layout(str(file.title), x=x, control=file.control, primary=file.primary)
+    layout.variants = names
+    rows = [
+        row | {"_x": row[MAZE] if x else ""}
+        for row in rows_of()
+        if row["variant"] in names
+        and row[MAZE] in mazes
+        and row["budget_frames"] == settings["frames"]
+    ]
+    complete = [row for row in rows if row["status"] == "complete"]
+    return StudyRows(layout, complete, rows, x)
+
+
+def missing() -> list[str]:
+    """The ablations of which runs are missing."""
+    found = []
+    for name in STUDIES:
+        file = file_of(name)
+        wanted = len(file.variants or ()) * len((file.grid or {}).get(MAZE, [""]))
+        if len(study_of(name).everything) < wanted * len(file.seeds or ()):
+            found.append(name)
+    return found
+
+
+def table_of(name: str) -> str:
+    """The variants of an ablation against its control."""
+    study = study_of(name)
+    distance = distance_of(study)
+    columns = variant_columns(study.layout)
+    if distance is not None:
+        columns = nash_conv_columns(study.layout, distance)
+    return ResultTable(against_control(study), columns).markdown()
+
+
+def order_table() -> str:
+    """Stages in order against the same stages in random order, corrected together (Holm)."""
+    found = []
+    for name, (one, other) in ORDERED.items():
+        variants = by_variant(study_of(name))
+        found.append(nash_conv_row(name, variants[one], variants[other], MAZE_GAP))
+    for row, p in zip(found, holm([row["p"] for row in found]), strict=True):
+        row["p_holm"] = p
+    lines = []
+    for row in found:
+        low, middle, high = (f"{row[f'ratio{end}']:.2f}" for end in ("_low", "", "_high"))
+        line = {"study": row["variant"], HEAD: f"{middle} [{low}, {high}]"}
+        lines.append(line | {"lower in": row["lower_in"], "p": p_text(row["p_holm"])})
+    return plain_table(lines).markdown()
+
+
+def chosen() -> list[Row]:
+    """The settings that the search chose, by study and variant."""
+    rows, found = rows_of("tuning"), list[Row]()
+    for name in STUDIES:
+        file = file_of(name)
+        if file.tuning is None:
+            continue
+        trials = file.tuning.trials("full")
+        frames = (trials.frames or 0) * 2 ** (trials.rungs - 1)
+        for variant in file.variants or ():
+            own: dict[int, list[Row]] = {}
+            for row in rows:
+                same = row["variant"] == variant["name"] and row[MAZE] in file.tuning.mazes
+                if same and row["budget_frames"] == frames:
+                    own.setdefault(row["trial"], []).append(row)
+            best = own[min(own, key=lambda number: (score(own[number]), number))][0]
+            settings = (
+                f"{key} {short(best[key])}"
+                for key in settings_in([*best])
+                if key not in (MAZE, "variant", *NO_SETTINGS, *variant) and best[key] is not None
+            )
+            line = {"study": name, "variant": variant["name"]}
+            found.append(line | {"settings": ", ".join(settings) or "the defaults"})
+    return found
+
+
+def tables() -> dict[str, str]:
+    """The tables of the page as Markdown, by title."""
+    found = {name: table_of(name) for name in STUDIES}
+    return {**found, "order": order_table(), "settings": plain_table(chosen()).markdown()}
+
+
+def draw_ratios(path: Path, names: Sequence[str]) -> None:
+    """The ratio of the gap of every variant to that of its control, with its interval."""
+    from matplotlib import pyplot
+
+    figure, axis = pyplot.subplots(figsize=(7.2, 6.4), layout="constrained")
+    axis.axvline(1.0, color="0.6", lw=1.0)
+    labels: list[str] = []
+    for number, name in enumerate(names):
+        for row in against_control(study_of(name)):
+            if row["verdict"] == "control":
+                continue
+            ends = [[row["ratio"] - row["ratio_low"]], [row["ratio_high"] - row["ratio"]]]
+            axis.errorbar(row["ratio"], len(labels), xerr=ends, fmt="o", color=f"C{number}", ms=4)
+            labels.append(f"{name}: {row['variant']}")
+    axis.set_yticks(range(len(labels)), labels, fontsize=8)
+    axis.invert_yaxis()
+    axis.set_xscale("log")
+    axis.set_xlabel("gap to the optimum / gap without a curriculum")
+    figure.savefig(path, dpi=150)
+    pyplot.close(figure)
+
+
+def main() -> None:
+    """Print the tables, and draw the figure."""
+    if lacking := missing():
+        sys.exit(f"runs of {', '.join(lacking)} are missing: results are read once all have ended")
+    for title, table in tables().items():
+        print(f"\n{title}\n\n{table}")
+    draw_ratios(DATA / "ratios.png", [n for n in STUDIES if distance_of(study_of(n)) is not None])
+
+
+if __name__ == "__main__":
+    main()
