@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from typing import Protocol
 
@@ -23,6 +24,7 @@ from torch import nn
 import pursuit
 from pursuit.environments.single_agent import SingleAgentVectorEnv
 from pursuit.simulator.policy import Policy
+from train.experiments.plain_ppo import PlainPPO
 from train.networks.policy import Seat
 from train.runs.parts import parts_of
 from train.runs.single import SingleAgent
@@ -63,14 +65,16 @@ class Trainer(Protocol):
 
 
 class Ours:
-    """PPO of `pursuit train`, with the curriculum of its preset if there is one.
+    """PPO of `pursuit train`, by default with the curriculum of its preset if there is one.
 
     It is the `Clock` of its learner, as the comparison counts the budget.
     """
 
-    def __init__(self, world: GridWorld, settings: PPOSettings, seed: int) -> None:
+    def __init__(
+        self, world: GridWorld, settings: PPOSettings, seed: int, curriculum: str | None = None
+    ) -> None:
         prepare_torch(1, seed)
-        name, own = curriculum_for("ppo", profile_of(world.settings))
+        name, own = curriculum_for("ppo", profile_of(world.settings), curriculum=curriculum)
         # Frames are given so that threads are not chosen by time.
         whole = TrainSettings(
             world.settings, settings, own, "ppo", name, frames=10**12, seed=seed, threads=1
@@ -107,7 +111,38 @@ def our_defaults(world: GridWorld) -> PPOSettings:
     return found
 
 
-# -- Stable-Baselines3 -----------------------------------------------------------------------------
+# -- the others ------------------------------------------------------------------------------------
+
+
+def vector_env(world: GridWorld, games: int) -> SingleAgentVectorEnv:
+    """Games as a Gymnasium vector environment that start again in the step that ends them."""
+    seats = (world.task, world.agent, world.opponents)
+    return SingleAgentVectorEnv(*seats, games, OBSERVATION, autoreset_mode="SAME_STEP")
+
+
+class CleanRL:
+    """`PlainPPO`: the loop of CleanRL."""
+
+    def __init__(self, world: GridWorld, settings: PPOSettings, seed: int) -> None:
+        self.world = world
+        self.learner = PlainPPO(settings, vector_env(world, settings.num_games), seed)
+
+    @property
+    def frames(self) -> int:
+        """As `Trainer`."""
+        return self.learner.frames
+
+    def iterate(self, progress: float) -> None:
+        """As `Trainer`."""
+        self.learner.iterate(progress)
+
+    def policy(self, greedy: bool) -> Policy:
+        """As `Trainer`."""
+        seat = Seat(self.world.task, self.world.agent, OBSERVATION)
+        return seat.policy(self.learner.network, greedy)
+
+    def close(self) -> None:
+        """As `Trainer`."""
 
 
 class StableBaselines:
@@ -122,13 +157,9 @@ class StableBaselines:
         self.world, self.progress = world, 0.0
         self.batch = settings.num_games * settings.rollout_steps
         between = nn.Tanh if settings.activation == "tanh" else nn.ReLU
-        seats = (world.task, world.agent, world.opponents)
-        games = SingleAgentVectorEnv(
-            *seats, settings.num_games, OBSERVATION, autoreset_mode="SAME_STEP"
-        )
         self.learner = PPO(
             "MlpPolicy",
-            StableBaselinesVecEnv(games),
+            StableBaselinesVecEnv(vector_env(world, settings.num_games)),
             n_steps=settings.rollout_steps,
             batch_size=settings.minibatch_size,
             n_epochs=settings.epochs,
@@ -207,6 +238,10 @@ LIBRARY_DEFAULTS = PPOSettings(
 """Defaults of the libraries for settings that a search leaves out."""
 CONTESTANTS = {
     "ours": Contestant("ours", "pursuit", "", Ours, our_defaults),
+    "ours, no curriculum": Contestant(
+        "ours, no curriculum", "pursuit", "", partial(Ours, curriculum="none"), our_defaults
+    ),
+    "cleanrl": Contestant("CleanRL's loop", "torch", "", CleanRL, lambda _: LIBRARY_DEFAULTS),
     "stable-baselines3": Contestant(
         "Stable-Baselines3", "stable_baselines3", "sb3", StableBaselines, lambda _: LIBRARY_DEFAULTS
     ),

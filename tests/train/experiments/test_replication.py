@@ -426,7 +426,7 @@ def test_the_page_has_claim_rule_verdict_and_evidence(tmp_path: Path) -> None:
 def test_the_command_lists_its_runs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = str(tmp_path / "out")
     main(["reproduce", "figure-2.2", "--dry-run", "--out", out])
-    assert re.search(r"figure-2.2 +10 runs, 0 complete; 5 s each", capsys.readouterr().out)
+    assert re.search(r"figure-2.2 +22 runs, 0 complete; 5 s each", capsys.readouterr().out)
     assert not (tmp_path / "out").exists()
     main(["reproduce", "--list"])
     assert "figure-4.8" in capsys.readouterr().out
