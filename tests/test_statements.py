@@ -21,6 +21,7 @@ from scripted_agents import (
     mean_over_starts,
     solve_chase,
 )
+from train.settings.curricula import CURRICULA
 
 DOCS = Path(__file__).parents[1] / "docs"
 RESULTS = [page for page in sorted((DOCS / "results").glob("*.md")) if page.stem != "index"]
@@ -55,6 +56,13 @@ def test_a_results_page_says_first_what_it_rests_on(page: Path) -> None:
     assert re.search(r"commit|version|recipe", lines)
     if page.stem != "speed":
         assert (re.search(r"seeds?|run", lines) and "defaults" in lines) or "settings" in lines
+
+
+def test_how_many_curricula_there_are() -> None:
+    controls = {"none", "uniform", "reversed", "shuffled"}
+    said = text_of("../README.md")
+    assert f"{len({*CURRICULA} - controls)} curricula, {len(controls)} controls" in said
+    assert controls < {*CURRICULA}
 
 
 @pytest.mark.parametrize(
