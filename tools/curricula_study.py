@@ -47,6 +47,8 @@ ORDERED = {
     "maze-size": ("open walls, linear", "open walls, shuffled"),
 }
 """Of a study the variant with stages in order, and that with the same stages in random order."""
+MEASURES = ("objective", "shortfall", "mean_optimality", "hardest_share", "frames")
+"""What a failed run takes from another one."""
 HEAD = "gap in order / in random order [95 %]"
 Row = dict[str, Any]
 
@@ -62,7 +64,8 @@ def file_of(name: str) -> StudyFile:
 
 
 def study_of(name: str) -> StudyRows:
-    """The runs of an ablation. Several ablations have the control in common."""
+    """The runs of an ablation; several have the control in common. A failed run counts as the
+    largest gap of all runs in its maze."""
     file = file_of(name)
     settings, grid = file.settings or {}, file.grid or {}
     names = [str(variant["name"]) for variant in file.variants or ()]
@@ -77,8 +80,12 @@ def study_of(name: str) -> StudyRows:
         and row[MAZE] in mazes
         and row["budget_frames"] == settings["frames"]
     ]
-    complete = [row for row in rows if row["status"] == "complete"]
-    return StudyRows(layout, complete, rows, x)
+    for row in rows:
+        if row["status"] != "complete":
+            same = [other for other in rows if other[MAZE] == row[MAZE] and other["shortfall"]]
+            worst = max(same, key=lambda other: other["shortfall"])
+            row |= {name: worst[name] for name in MEASURES}
+    return StudyRows(layout, rows, rows, x)
 
 
 def missing() -> list[str]:
@@ -128,6 +135,8 @@ def chosen() -> list[Row]:
         trials = file.tuning.trials("full")
         frames = (trials.frames or 0) * 2 ** (trials.rungs - 1)
         for variant in file.variants or ():
+            if variant["name"] in file.tuning.like:
+                continue
             own: dict[int, list[Row]] = {}
             for row in rows:
                 same = row["variant"] == variant["name"] and row[MAZE] in file.tuning.mazes

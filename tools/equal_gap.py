@@ -34,6 +34,8 @@ MAZES = tuple(f"suite:5x5-test/{number:03}" for number in range(96, 108))
 """One of each kind of the suite."""
 CURRICULA = ("none", "start-distance", "opponent-epsilon")
 SEEDS, FRAMES, THRESHOLD = 4, 1_000_000, 0.05
+LENGTH = 0.1
+"""Of the curricula, as a share of the frames, so that most runs stop in the task itself."""
 CLAIMS = {
     "all three curricula": CURRICULA,
     "none and start-distance alone": CURRICULA[:2],
@@ -45,9 +47,10 @@ Row = dict[str, Any]
 def learn(maze: str, curriculum: str, seed: int) -> tuple[Row, NDArray[np.float64]]:
     """A run until its gap is small enough: its row, and [starts] by how many steps its action is
     worse than the best one, on average, in every pair of cells."""
+    length = {} if curriculum == "none" else {"schedule_length": LENGTH}
     settings = KINDS[RUN].settings_of(
         task="chase", role="chaser", maze=maze, evaluate="sampled", curriculum=curriculum,
-        frames=FRAMES, seed=seed, threads=1,
+        frames=FRAMES, seed=seed, threads=1, **length,
     )  # fmt: skip
     with TemporaryDirectory() as folder:
         run: Any = start(RUN, settings, Path(folder) / "run")
@@ -72,6 +75,7 @@ def learn(maze: str, curriculum: str, seed: int) -> tuple[Row, NDArray[np.float6
 
 def measure(mazes: Sequence[str] = MAZES) -> None:
     """Execute the runs of mazes without rows, and write the rows of a maze once it is complete."""
+    DATA.mkdir(parents=True, exist_ok=True)
     runs, pairs = rows_of("runs"), rows_of("pairs")
     for maze in mazes:
         if any(row["maze"] == maze for row in runs):
@@ -130,7 +134,9 @@ def tables() -> list[str]:
         own = [row for row in runs if row["curriculum"] == name]
         frames = sorted(int(row["frames"]) for row in own)
         reached = sum(float(row["gap"]) <= THRESHOLD for row in own)
+        early = 0 if name == "none" else sum(count < LENGTH * FRAMES for count in frames)
         line = {"curriculum": name, "runs": f"{len(own)}", "to 5 %": f"{reached}"}
+        line["stopped before its end"] = f"{early}"
         ends.append(line | {"frames, median": f"{median(frames):,.0f}",
                             "least to most": f"{frames[0]:,} to {frames[-1]:,}"})  # fmt: skip
     values = {name: differences(pairs, own) for name, own in CLAIMS.items()}

@@ -33,8 +33,8 @@ RIVALS = ("ppo with momentum", "ppo by default", MMD, "rnad", "pfsp")
 """The methods on all games, but for PPO."""
 POPULATIONS = ("psro", "nfsp")
 """The methods on 14 games."""
-COLUMNS = {"ppo by default": "nash_conv_average_likely"}
-"""The columns of NashConv that is judged, other than `PLAYED`."""
+COLUMNS = {"ppo by default": "nash_conv_average_likely", "psro": "mixture_high"}
+"""The columns of NashConv that is judged, other than `PLAYED`: of psro the upper bound."""
 PLAYED = "played_nash_conv"
 MATRIX = "rock_paper_scissors"
 """Matrix games are shown, and are not part of the analysis."""

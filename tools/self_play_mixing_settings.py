@@ -63,19 +63,23 @@ def settings_of(row: Row) -> Row:
 
 
 def near_ends(method: str, row: Row) -> str:
-    """The chosen numbers within a tenth of the end of their range, on its scale."""
+    """The chosen numbers within a tenth of the end of their range, on its scale, and the first or
+    last of at least three choices."""
     found = []
     for file_name in FILES:
         tuning = read_file(file_name, "ablation", StudyFile)[1].tuning
         space = {} if tuning is None else tuning.space.get(method, {})
         for name, given in space.items():
-            form = range_of(name, given)
+            form, value = range_of(name, given), row[name]
             if isinstance(form, Range):
-                low, high, value = form.low, form.high, float(row[name])
-                if form.scale == "log":
-                    low, high, value = (float(np.log(each)) for each in (low, high, value))
-                if not 0.1 <= (value - low) / (high - low) <= 0.9:
-                    found.append(f"{name} {row[name]:g} in {form.low:g} to {form.high:g}")
+                ends, scale = (form.low, form.high), np.log if form.scale == "log" else float
+                low, high, place = (float(scale(each)) for each in (*ends, value))
+                near = not 0.1 <= (place - low) / (high - low) <= 0.9
+            else:
+                ends = form.choices[0], form.choices[-1]
+                near = len(form.choices) > 2 and value in ends
+            if near:
+                found.append(f"{name} {value:g} in {ends[0]:g} to {ends[1]:g}")
     return ", ".join(found)
 
 

@@ -241,14 +241,14 @@ def equal_results(study: StudyRows) -> list[tuple[str, str]]:
 
 
 def nash_convs(rows: Iterable[Row], distance: Distance = NASH_CONV) -> dict[str, list[float]]:
-    """NashConv (or another distance) of the policies that runs play, by maze or game."""
+    """NashConv (or another distance) of the policies that runs play, by maze or game, sorted."""
     found: dict[str, list[float]] = {}
     for row in rows:
         value = row.get(distance.column)
         remedy = "use duels of at most 49 cells" if distance is NASH_CONV else "resume the run"
         check(value is not None, f"{row['run']}: no exact {distance.name}; {remedy}")
         found.setdefault(str(row["_x"]), []).append(max(float(value or 0), distance.least))
-    return found
+    return dict(sorted(found.items()))
 
 
 def unit_means(mazes: dict[str, list[float]]) -> NDArray[np.float64]:
