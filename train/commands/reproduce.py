@@ -24,8 +24,8 @@ class ReproduceCommand(Settings):
 
     First settings are searched, with the same budget for every algorithm. Then the studies run, and
     a page lists every claim with its rule, verdict and evidence. Complete runs are skipped, so the
-    same command continues after Ctrl-C. The short version takes two hours on two cores, the full
-    one about 40 core hours.
+    same command continues after Ctrl-C. The short version takes some hours on two cores,
+    the full one some days; --dry-run lists the budgets.
     """
 
     studies: Annotated[tuple[str, ...], tyro.conf.Positional] = ("all",)
