@@ -15,12 +15,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pursuit.validation import check
-from train.experiments.expansion import Tuned, alternating, runs_of
+from train.experiments.expansion import Tuned, alternating, check_ablation, runs_of
 from train.experiments.rows import read_all
 from train.experiments.runs import LAYOUT, Study, TrainingRun
 from train.experiments.study import Layout, StudyFile, Table, Trials, Tuning
 from train.experiments.tuning import FIRST_TRIAL_SEED, draws_of, mazes_of
 from train.reports.tables import Row
+from train.runs.folder import RUN
 
 LEAST = 1e-3
 """Added to NashConv, in shares of the range of returns: smaller differences hardly count."""
@@ -45,6 +46,7 @@ class Halving:
     rows: Path | None
 
     def __post_init__(self) -> None:
+        check_ablation(self.file)
         variants = {variant.get("name") for variant in self.file.variants or ()}
         like = self.tuning.like
         for name in (*({*self.tuning.space} - {"all"}), *like):
@@ -104,7 +106,7 @@ class Halving:
                 own = {**common, **variant, **label}
                 fixed = {n: v for n, v in own.items() if n not in label and n != "name"}
                 seed = FIRST_TRIAL_SEED + place
-                runs += runs_of(str(self.file.kind), fixed, {"name": name, **label}, [seed], 1000)
+                runs += runs_of(self.file.kind or RUN, fixed, {"name": name, **label}, [seed], 1000)
         runs.sort(key=lambda run: str(run.label[of]))
         layout = Layout(f"Search for settings, rung {rung + 1}", x="trial", group=["variant"])
         return Study(layout, alternating(runs), rows=self.rows)

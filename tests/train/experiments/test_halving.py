@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,7 @@ from train.experiments.halving import LEAST, Halving
 from train.experiments.recorded import record
 from train.experiments.runs import prepare
 from train.experiments.search import draw_samples
-from train.experiments.study import StudyFile, choose_version, read_file
+from train.experiments.study import StudyFile, choose_version, read_file, shipped
 
 FILE = """
 title = "Halves"
@@ -127,6 +128,20 @@ def test_settings_of_all_are_drawn_alike_for_every_variant(tmp_path: Path) -> No
         hyper = next(iter(run.settings.sides.values())).hyper
         assert hyper.adam_beta1 == 0.9
         assert hyper.learning_rate == common[run.label["trial"]]["learning_rate"]
+
+
+@pytest.mark.parametrize("name", [n for n in shipped("ablation") if not n.startswith("self-play")])
+def test_trials_have_the_task_of_the_study_and_the_curriculum_of_their_variant(name: str) -> None:
+    file = choose_version(read_file(name, "ablation", StudyFile)[1], "full")
+    if file.tuning is None:
+        assert name == "mazes"
+        return
+    trials = Halving(file.tuning, "full", file, Path("nowhere"), None).study(0).runs
+    judged = {run.label["variant"]: run for run in load_study(name, "ablation", "full").runs}
+    for run in trials:
+        other = judged[run.label["variant"]]
+        assert run.kind == other.kind and run.settings.curriculum == other.settings.curriculum
+        assert replace(run.settings.task, maze="5x5") == replace(other.settings.task, maze="5x5")
 
 
 @pytest.mark.parametrize(
