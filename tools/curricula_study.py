@@ -19,15 +19,15 @@ from train.experiments.recorded import read_recorded, settings_in
 from train.experiments.rows import StudyRows
 from train.experiments.statistics import holm
 from train.experiments.study import Layout, StudyFile, choose_version, read_file
-from train.experiments.summary import nash_conv_columns, variant_columns
+from train.experiments.summary import paired_columns, variant_columns
 from train.experiments.variants import (
     MAZE,
     MAZE_GAP,
     against_control,
     by_variant,
     distance_of,
-    nash_conv_row,
     p_text,
+    paired_row,
 )
 from train.reports.tables import ResultTable, plain_table, short
 
@@ -105,7 +105,7 @@ def table_of(name: str) -> str:
     distance = distance_of(study)
     columns = variant_columns(study.layout)
     if distance is not None:
-        columns = nash_conv_columns(study.layout, distance)
+        columns = paired_columns(study.layout, distance)
     return ResultTable(against_control(study), columns).markdown()
 
 
@@ -114,7 +114,7 @@ def order_table() -> str:
     found = []
     for name, (one, other) in ORDERED.items():
         variants = by_variant(study_of(name))
-        found.append(nash_conv_row(name, variants[one], variants[other], MAZE_GAP))
+        found.append(paired_row(name, variants[one], variants[other], MAZE_GAP))
     for row, p in zip(found, holm([row["p"] for row in found]), strict=True):
         row["p_holm"] = p
     lines = []

@@ -72,7 +72,7 @@ def write_study(
         unit = unit or figures.unit_of(study)
         kind = study.rows[0]["kind"]
         if study.layout.control is not None:
-            make = ablation_content if distance_of(study) is None else nash_conv_content
+            make = ablation_content if distance_of(study) is None else paired_content
         elif kind == CONTESTANT and study.x == "variant":
             make = contestant_content
         else:
@@ -120,14 +120,14 @@ def ablation_content(study: StudyRows, folder: Path, unit: str, log: bool) -> Co
     return table, summary.ablation_notes(study), names
 
 
-def nash_conv_content(study: StudyRows, folder: Path, unit: str, log: bool) -> Content:
+def paired_content(study: StudyRows, folder: Path, unit: str, log: bool) -> Content:
     """The report of an ablation by maze or game, without curves over training time."""
     rows, distance = against_control(study), distance_of(study)
     assert distance is not None
-    panels = {f"{distance.name} ({distance.scale})": ("log", "nash_conv", "each_run")}
+    panels = {f"{distance.name} ({distance.scale})": ("log", "distance", "each_run")}
     figures.draw_final(folder / "final.png", study, rows, "variant", panels)
-    table = ResultTable(rows, summary.nash_conv_columns(study.layout, distance))
-    return table, summary.nash_conv_notes(study, rows, distance), ["final.png"]
+    table = ResultTable(rows, summary.paired_columns(study.layout, distance))
+    return table, summary.paired_notes(study, rows, distance), ["final.png"]
 
 
 def contestant_content(study: StudyRows, folder: Path, unit: str, log: bool) -> Content:

@@ -246,13 +246,13 @@ def _time(gap: float, row: Row) -> str:
     return f"{_number(seconds)}, {_number(frames / scale)} {unit} ({reached} of {runs})"
 
 
-def nash_conv_columns(layout: Layout, distance: Distance) -> list[Column]:
+def paired_columns(layout: Layout, distance: Distance) -> list[Column]:
     """The columns of variants that are paired by maze or game."""
     return [
         words("variant"),
         words("verdict"),
         numeric("runs", "runs"),
-        numeric(f"{distance.name}, geometric mean", "nash_conv", ".3f"),
+        numeric(f"{distance.name}, geometric mean", "distance", ".3f"),
         numeric("worst", "worst", ".3f"),
         Column(f"ratio to {layout.control} [95 %]", partial(_with_interval, "ratio", ".2f")),
         words(f"{distance.unit}s below {layout.control}", "lower_in"),
@@ -285,13 +285,13 @@ def ablation_notes(study: StudyRows) -> list[str]:
     return lines + ([note("gaps.margin", margin=layout.margin)] if layout.margin else [])
 
 
-def nash_conv_notes(study: StudyRows, table: Sequence[Row], distance: Distance) -> list[str]:
+def paired_notes(study: StudyRows, table: Sequence[Row], distance: Distance) -> list[str]:
     """The explanation of the table of variants that are paired by maze or game."""
     unit = distance.unit
     units = "mazes" if max(row[f"{unit}s"] for row in table) > 1 else "runs"
     named = {"unit": unit, "units": f"{unit}s".capitalize(), "level": LEVEL}
-    values = note(f"nash_conv.{distance.note}", least=distance.least, scale=distance.scale)
-    return [budget_note(study), note(f"nash_conv.{units}", **named), values]
+    values = note(f"paired.{distance.note}", least=distance.least, scale=distance.scale)
+    return [budget_note(study), note(f"paired.{units}", **named), values]
 
 
 # -- contestants -----------------------------------------------------------------------------------

@@ -117,9 +117,9 @@ def against_control(study: StudyRows) -> list[Row]:
             "use a single runner, or one chaser against one evader",
         )
     if distance is not None:
-        rows = [nash_conv_row(name, own, control, distance) for name, own in variants.items()]
+        rows = [paired_row(name, own, control, distance) for name, own in variants.items()]
         add_corrected(rows, layout, {"p_holm": "p"})
-        return [row | {"verdict": nash_conv_verdict(row, layout, distance)} for row in rows]
+        return [row | {"verdict": paired_verdict(row, layout, distance)} for row in rows]
     rows = [gap_row(name, own, control) for name, own in variants.items()]
     add_corrected(rows, layout, {"p_holm": "p", "p_time": f"p_to_{layout.threshold:g}"})
     return [row | {"verdict": gap_verdict(row, layout)} for row in rows]
@@ -237,11 +237,11 @@ def equal_results(study: StudyRows) -> list[tuple[str, str]]:
     return [(one, other) for one, other in combinations(found, 2) if found[one] == found[other]]
 
 
-# -- NashConv --------------------------------------------------------------------------------------
+# -- variants that are paired by maze or game ------------------------------------------------------
 
 
-def nash_convs(rows: Iterable[Row], distance: Distance = NASH_CONV) -> dict[str, list[float]]:
-    """NashConv (or another distance) of the policies that runs play, by maze or game, sorted."""
+def distances(rows: Iterable[Row], distance: Distance = NASH_CONV) -> dict[str, list[float]]:
+    """The distances of the policies that runs play, by maze or game, sorted."""
     found: dict[str, list[float]] = {}
     for row in rows:
         value = row.get(distance.column)
@@ -258,16 +258,16 @@ def unit_means(mazes: dict[str, list[float]]) -> NDArray[np.float64]:
     return np.array([np.mean(runs) for runs in mazes.values()])
 
 
-def nash_conv_row(
+def paired_row(
     name: str, rows: Sequence[Row], control: Sequence[Row], distance: Distance = NASH_CONV
 ) -> Row:
     """One variant as a flat row; ratios are of geometric means, to the control."""
-    own, other = nash_convs(rows, distance), nash_convs(control, distance)
+    own, other = distances(rows, distance), distances(control, distance)
     units = unit_means(own)
     logs = np.log(units)
     row: Row = {"variant": name, f"{distance.unit}s": len(own), "runs": len(rows)}
     low, high = mean_interval([logs.tolist()])
-    row |= bounded("nash_conv", np.exp(logs.mean()), (np.exp(low), np.exp(high)))
+    row |= bounded("distance", np.exp(logs.mean()), (np.exp(low), np.exp(high)))
     row |= {"worst": float(units.max()), "each_run": units.tolist()}
     ratio, ends, p, lower = NAN, (NAN, NAN), NAN, ""
     if rows is not control and list(own) == list(other):
@@ -284,7 +284,7 @@ def nash_conv_row(
     return row | {"lower_in": lower, "p": p}
 
 
-def nash_conv_verdict(row: Row, layout: Layout, distance: Distance = NASH_CONV) -> str:
+def paired_verdict(row: Row, layout: Layout, distance: Distance = NASH_CONV) -> str:
     """The verdict on a variant against the control, paired by maze or game."""
     if row["variant"] == layout.control:
         return "control"

@@ -26,9 +26,9 @@ from train.experiments.variants import (
     against_control,
     equal_results,
     gap_row,
-    nash_conv_row,
-    nash_conv_verdict,
     out_of_reach,
+    paired_row,
+    paired_verdict,
 )
 
 Row = dict[str, Any]
@@ -194,7 +194,7 @@ def test_variants_are_paired_by_maze() -> None:
 
     control = runs(lambda: 1.0)
     half = runs(lambda: 0.5 * rng.uniform(0.9, 1.1))
-    row = nash_conv_row("half", half, control)
+    row = paired_row("half", half, control)
     assert row["ratio"] == pytest.approx(0.5, rel=0.1) and row["lower_in"] == "8 of 8"
     assert row["ratio_low"] < row["ratio"] < row["ratio_high"] < 0.6
     values = [np.array([each["played_nash_conv"] for each in own]) for own in (half, control)]
@@ -202,8 +202,8 @@ def test_variants_are_paired_by_maze() -> None:
     expected = np.exp(ttest_rel(*logs).confidence_interval())
     assert [row["ratio_low"], row["ratio_high"]] == pytest.approx(list(expected))
     row["p_holm"] = row["p"]
-    assert nash_conv_verdict(row, control_of()) == "lower NashConv (p = 0.00781)"
-    assert np.isnan(nash_conv_row("none", control, control)["ratio"])
+    assert paired_verdict(row, control_of()) == "lower NashConv (p = 0.00781)"
+    assert np.isnan(paired_row("none", control, control)["ratio"])
 
 
 def test_single_agents_in_several_mazes_are_paired_by_maze() -> None:
@@ -221,7 +221,7 @@ def test_single_agents_in_several_mazes_are_paired_by_maze() -> None:
         row["_x"] = row["maze"] = row["_x"]
     found.x = "maze"
     none, half = against_control(found)
-    assert none["verdict"] == "control" and none["nash_conv"] == pytest.approx(
+    assert none["verdict"] == "control" and none["distance"] == pytest.approx(
         np.exp(np.log(hard).mean())
     )
     assert half["ratio"] == pytest.approx(0.45) and half["lower_in"] == "8 of 8"
