@@ -26,7 +26,6 @@ from pursuit import plugins as parts
 from pursuit.plugins import is_reference
 from pursuit.tasks.rewards import REWARDS
 from train.commands.main import COMMANDS, command, main
-from train.experiments.expansion import load_study
 from train.experiments.replication import load_replication
 from train.experiments.stages import stages_of
 from train.experiments.study import shipped
@@ -220,7 +219,9 @@ def check_shipped(words: list[str]) -> None:
         if words[1] not in SHIPPED or name.isupper() or name == "all":
             continue
         if (ROOT / name).is_file():
-            assert words[1] == "sweep" and load_study(str(ROOT / name)).runs
+            kind = {"sweep": "sweep", "ablate": "ablation"}[words[1]]
+            for stage in stages_of(str(ROOT / name), kind, None, ROOT / "out"):
+                assert stage.expand().runs
         elif not name.endswith(".toml"):  # that of a page
             assert name in SHIPPED[words[1]], f"{' '.join(words)}: no such file is shipped"
 

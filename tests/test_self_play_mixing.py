@@ -61,15 +61,33 @@ PAGE = TOOLS.parent / "docs" / "results" / "self_play_mixing.md"
 
 def test_the_tables_of_the_page_are_those_of_the_rows() -> None:
     page = PAGE.read_text(encoding="utf-8")
-    tables = {"settings": loaded("self_play_mixing_settings").tables()}
-    if len(analysis.rows_of()) == analysis.RUNS:
-        tables |= analysis.tables()
-    else:
-        assert "which are not complete yet" in page
-    for title, table in tables.items():
-        assert table and table in page, title
-    found = sum(table.count("\n| ---") for table in tables.values())
-    assert page.count("\n| ---") == found > 1
+    tables = [*analysis.tables().values(), loaded("self_play_mixing_settings").tables()]
+    tables += loaded("self_play_entropy").tables().values()
+    for table in tables:
+        assert table and table in page, table
+    assert page.count("\n| ---") == sum(table.count("\n| ---") for table in tables) > 1
+    missing = analysis.RUNS + analysis.POPULATION_RUNS - len(analysis.rows_of())
+    assert missing == 0 or "which are not complete yet" in page
+
+
+def test_the_answer_follows_from_the_rows() -> None:
+    own = analysis.judged()
+    logs = analysis.ratios(analysis.logs_of(own, "ppo"), analysis.logs_of(own, "mmd"))
+    share = analysis.shares(own)
+    pure, half = (analysis.ratio_at(logs, share, at)[0] for at in (0.0, 0.5))
+    slope, low, high = analysis.bootstrapped(logs, share)
+    page = PAGE.read_text(encoding="utf-8").replace("\n", " ")
+    assert f"is {pure:.1f} times that of MMD" in page
+    assert f"and {half:.2f} times at a mixed share of 50 %" in page
+    assert f"(slope of the logarithm {slope:.1f}, 95 % interval {low:.1f} to {high:.1f})" in page
+    each, large, small, ppo, _ = loaded("self_play_entropy").slopes(own)
+    slopes = [round(row["slope"][0], 1) for row in (each, large, small, ppo)]
+    assert slopes == [-4.0, -1.6, -0.4, -3.6]
+    assert "a slope of -3.6, PPO against MMD with equal bonuses one of -1.6 or -0.4" in page
+    lines = {row["what"]: row for row in analysis.comparisons(own)}
+    passed = [what for what, row in lines.items() if row["p_holm"] < 0.05]
+    above = [f"{method} / ppo, mixed share above 5 %" for method in ("mmd", "rnad", "pfsp")]
+    assert passed == ["ppo: threshold / no threshold", *above]
 
 
 def test_slopes_are_those_of_the_rows() -> None:

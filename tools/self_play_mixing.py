@@ -38,8 +38,10 @@ COLUMNS = {"ppo by default": "nash_conv_average_likely", "psro": "mixture_high"}
 PLAYED = "played_nash_conv"
 MATRIX = "rock_paper_scissors"
 """Matrix games are shown, and are not part of the analysis."""
-RUNS = 558 + 84
-"""Of both files; the first has all methods but the populations."""
+RUNS = 558
+"""Of the first file, which has all methods but the populations."""
+POPULATION_RUNS = 84
+"""Of the second file."""
 RESAMPLES = 10_000
 Row = dict[str, Any]
 Array = NDArray[np.float64]
@@ -118,6 +120,14 @@ def bootstrapped(own: Logs, share: Logs) -> list[float]:
     return [float(value) for value in (fitted(x, y), *ends)]
 
 
+def ratio_at(own: Logs, share: Logs, where: float) -> list[float]:
+    """The ratio at a mixed share on the line of least squares, with its interval by HC3."""
+    x, y = np.array([share[game] - where for game in own]), np.array([*own.values()])
+    found, error = fit(np.stack([x, np.ones(len(y))], axis=1), y)
+    half = t.ppf(0.975, len(y) - 2) * error[1]
+    return [float(np.exp(found[1] + sign * half)) for sign in (0, -1, 1)]
+
+
 def slopes(rows: Sequence[Row]) -> list[Row]:
     """The primary endpoint, the slope of log(PPO / MMD) on the mixed share, and how far it depends
     on games, weights and regressors."""
@@ -154,6 +164,9 @@ def slopes(rows: Sequence[Row]) -> list[Row]:
         if name == "purified":
             values = {game: float(np.log(value + LEAST)) for game, value in values.items()}
         found.append({"what": what, **slope_of(own, values)})
+    for at in (0.0, 0.5):
+        found.append({"what": f"the ratio itself at a mixed share of {at:g} (HC3)",
+                      "games": len(own), "slope": ratio_at(own, share, at)})  # fmt: skip
     rho = spearmanr([share[game] for game in own], [*own.values()]).statistic
     found.append({"what": "Spearman's rank correlation", "games": len(own), "slope": float(rho)})
     return found
@@ -200,14 +213,18 @@ def comparisons(rows: Sequence[Row]) -> list[Row]:
     return found
 
 
+def present(rows: Sequence[Row]) -> list[str]:
+    """The methods that have runs."""
+    known = {row["variant"] for row in rows}
+    return [method for method in (PPO, *RIVALS, *POPULATIONS) if method in known]
+
+
 def by_stratum(rows: Sequence[Row]) -> list[Row]:
     """Of every method the geometric mean over games of NashConv, in per cent of the range, by
     stratum; and its games."""
     share, found = shares(rows), []
-    for method in (PPO, *RIVALS, *POPULATIONS):
+    for method in present(rows):
         logs = logs_of(rows, method)
-        if not logs:
-            continue
         line: Row = {"method": method, "games": len(logs)}
         for name, _ in STRATA:
             part = [value for game, value in logs.items() if stratum(share[game]) == name]
@@ -221,9 +238,8 @@ def by_game(rows: Sequence[Row]) -> list[Row]:
     found = []
     for game, share in shares(rows).items():
         line: Row = {"game": game, "share": 100.0 * share}
-        for method in (PPO, *RIVALS, *POPULATIONS):
-            logs = logs_of(rows, method)
-            value = logs.get(game)
+        for method in present(rows):
+            value = logs_of(rows, method).get(game)
             line[method] = None if value is None else 100.0 * (float(np.exp(value)) - LEAST)
         found.append(line)
     return found
@@ -233,7 +249,10 @@ def improved(rows: Sequence[Row]) -> list[Row]:
     """Of every method whose curve is that of what is judged, and every stratum, the ratio of
     NashConv at the end to that at half of the frames; geometric means over games and seeds."""
     share, found = shares(rows), []
-    for method in (PPO, RIVALS[0], *RIVALS[2:], POPULATIONS[1]):
+    # The curve of psro is that of its latest best response; ppo by default has a threshold.
+    for method in present(rows):
+        if method in (RIVALS[1], POPULATIONS[0]):
+            continue
         line: Row = {"method": method}
         for name, _ in STRATA:
             logs = []
@@ -283,6 +302,9 @@ def draw_ratios(path: Path, rows: Sequence[Row]) -> None:
     y = np.exp([*own.values()])
     figure, axis = pyplot.subplots(figsize=(7.2, 4.2), layout="constrained")
     axis.axhline(1.0, color="0.6", lw=1.0)
+    ends = np.linspace(0.0, max(share.values()), 201)
+    line = [ratio_at(own, share, float(at))[0] for at in ends]
+    axis.plot(100.0 * ends, line, color="0.6", ls="--", label="least squares")
     mazes = np.array([game.startswith("maze_game") for game in own])
     axis.plot(x[mazes], y[mazes], "o", color="#0072b2", label="mazes")
     axis.plot(x[~mazes], y[~mazes], "s", color="#d55e00", label="other games")
@@ -290,8 +312,10 @@ def draw_ratios(path: Path, rows: Sequence[Row]) -> None:
     axis.set_xlim(-0.02, 120.0)
     axis.set_xticks([0, 0.1, 1, 5, 10, 50, 100], ["0", "0.1", "1", "5", "10", "50", "100"])
     axis.set_yscale("log")
+    axis.set_yticks([0.2, 0.5, 1, 2, 5, 10, 20], ["0.2", "0.5", "1", "2", "5", "10", "20"])
+    axis.minorticks_off()
     axis.set_xlabel("mixed share of the game (%)")
-    axis.set_ylabel("NashConv of PPO / NashConv of MMD")
+    axis.set_ylabel("NashConv of PPO / of MMD\n(below 1: PPO is nearer)")
     axis.legend(frameon=False)
     figure.savefig(path, dpi=150)
     pyplot.close(figure)
@@ -303,7 +327,8 @@ def draw_curves(path: Path, rows: Sequence[Row]) -> None:
 
     share = shares(rows)
     populations = {row["game"] for row in rows if row["variant"] == POPULATIONS[0]}
-    figure, axes = pyplot.subplots(2, 2, figsize=(9.0, 6.4), layout="constrained", sharex=True)
+    figure, axes = pyplot.subplots(2, 2, figsize=(9.0, 6.4), layout="constrained",
+                                  sharex=True, sharey=True)  # fmt: skip
     for (name, _), axis in zip(STRATA, axes.ravel(), strict=True):
         games = [game for game, own in share.items() if stratum(own) == name]
         game = next((game for game in games if game in populations), games[0])
@@ -320,8 +345,10 @@ def draw_curves(path: Path, rows: Sequence[Row]) -> None:
             low = 100.0 * np.array(middle) / own[0]["payoff_range"]
             axis.plot(frames, low, label=method, lw=1.6, color=f"C{number}")
         axis.set_yscale("log")
+        axis.yaxis.set_major_formatter("{x:g}")
         axis.set_title(f"{game}\nmixed share {100.0 * share[game]:.2g} %", fontsize=8)
-    axes[0, 0].legend(frameon=False, fontsize=8)
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False)
     for axis in axes[1]:
         axis.set_xlabel("million frames")
     for axis in axes[:, 0]:
@@ -347,8 +374,8 @@ def tables() -> dict[str, str]:
 
 def main() -> None:
     """Print the tables, and draw the figures."""
-    if len(rows_of()) < 558:
-        sys.exit(f"{len(rows_of())} of {RUNS} runs: results are read once all of them have ended")
+    if len(rows_of()) not in (RUNS, RUNS + POPULATION_RUNS):
+        sys.exit(f"{len(rows_of())} runs: the results of a file are read once all have ended")
     rows = judged()
     for title, table in tables().items():
         print(f"\n{title}\n\n{table}")
