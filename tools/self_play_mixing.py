@@ -40,7 +40,7 @@ MATRIX = "rock_paper_scissors"
 """Matrix games are shown, and are not part of the analysis."""
 RUNS = 558
 """Of the first file, which has all methods but the populations."""
-POPULATION_RUNS = 84
+POPULATION_RUNS = 28
 """Of the second file."""
 RESAMPLES = 10_000
 Row = dict[str, Any]
