@@ -77,15 +77,19 @@ def test_the_answer_follows_from_the_rows() -> None:
     pure, half = (analysis.ratio_at(logs, share, at)[0] for at in (0.0, 0.5))
     slope, low, high = analysis.bootstrapped(logs, share)
     page = PAGE.read_text(encoding="utf-8").replace("\n", " ")
-    assert f"is {pure:.1f} times that of MMD" in page
-    assert f"and {half:.2f} times at a mixed share of 50 %" in page
-    assert f"(slope of the logarithm {slope:.1f}, 95 % interval {low:.1f} to {high:.1f})" in page
+    assert f"{pure:.1f} times that of MMD at a mixed share of 0" in page
+    assert f"and {half:.2f} times at 50 %" in page
+    assert f"(slope of the logarithm {slope:.1f}, 95 % interval {low:.1f} to {high:.1f};" in page
     each, large, small, ppo, _ = loaded("self_play_entropy").slopes(own)
     slopes = [round(row["slope"][0], 1) for row in (each, large, small, ppo)]
     assert slopes == [-4.0, -1.6, -0.4, -3.6]
     assert "a slope of -3.6, PPO against MMD with equal bonuses one of -1.6 or -0.4" in page
     lines = {row["what"]: row for row in analysis.comparisons(own)}
     passed = [what for what, row in lines.items() if row["p_holm"] < 0.05]
+    none, much = (
+        1.0 / lines[f"mmd / ppo, mixed share {name}"]["ratio"][0] for name in ("0", "above 5 %")
+    )
+    assert f"means of games: {none:.1f} times at 0, {much:.2f} times above 5 %" in page
     above = [f"{method} / ppo, mixed share above 5 %" for method in ("mmd", "rnad", "pfsp")]
     assert passed == ["ppo: threshold / no threshold", *above]
 
