@@ -9,7 +9,6 @@ docs/results/self_play_mixing.md and draws its figures. A test compares the page
 from __future__ import annotations
 
 import csv
-import sys
 from collections.abc import Iterable, Sequence
 from itertools import combinations, product
 from pathlib import Path
@@ -38,10 +37,8 @@ COLUMNS = {"ppo by default": "nash_conv_average_likely", "psro": "mixture_high"}
 PLAYED = "played_nash_conv"
 MATRIX = "rock_paper_scissors"
 """Matrix games are shown, and are not part of the analysis."""
-RUNS = 558
-"""Of the first file, which has all methods but the populations."""
 POPULATION_RUNS = 28
-"""Of the second file."""
+"""Of these methods; their results are read once all have ended."""
 RESAMPLES = 10_000
 Row = dict[str, Any]
 Array = NDArray[np.float64]
@@ -54,8 +51,10 @@ def rows_of(name: str = "runs") -> list[Row]:
 
 
 def judged() -> list[Row]:
-    """The judged runs, without those of matrix games."""
-    return [row for row in rows_of() if not row["game"].startswith(MATRIX)]
+    """The judged runs, without those of matrix games, and without `POPULATIONS` that go on."""
+    rows = [row for row in rows_of() if not row["game"].startswith(MATRIX)]
+    others = [row for row in rows if row["variant"] not in POPULATIONS]
+    return rows if len(rows) - len(others) == POPULATION_RUNS else others
 
 
 def shares(rows: Iterable[Row]) -> dict[str, float]:
@@ -374,8 +373,6 @@ def tables() -> dict[str, str]:
 
 def main() -> None:
     """Print the tables, and draw the figures."""
-    if len(rows_of()) not in (RUNS, RUNS + POPULATION_RUNS):
-        sys.exit(f"{len(rows_of())} runs: the results of a file are read once all have ended")
     rows = judged()
     for title, table in tables().items():
         print(f"\n{title}\n\n{table}")
