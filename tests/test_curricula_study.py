@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -15,18 +14,7 @@ ROOT = Path(__file__).parents[1]
 Row = dict[str, Any]
 
 
-def loaded() -> Any:
-    """The module of tools/."""
-    path = ROOT / "tools" / "curricula_study.py"
-    spec = importlib.util.spec_from_file_location("curricula_study", path)
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["curricula_study"] = module
-    spec.loader.exec_module(module)
-    return module
-
-
-analysis = loaded()
+analysis = import_module("curricula_study")
 
 
 def test_the_tables_of_the_page_are_those_of_the_rows() -> None:

@@ -2,28 +2,16 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
+from importlib import import_module
 from itertools import combinations
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 ROOT = Path(__file__).parents[1]
 
 
-def loaded() -> Any:
-    """The module of tools/."""
-    spec = importlib.util.spec_from_file_location("equal_gap", ROOT / "tools" / "equal_gap.py")
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["equal_gap"] = module
-    spec.loader.exec_module(module)
-    return module
-
-
-study = loaded()
+study = import_module("equal_gap")
 
 
 def test_the_tables_of_the_page_are_those_of_the_rows() -> None:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
+from importlib import import_module
 from math import exp, log
 from pathlib import Path
 from statistics import fmean
@@ -12,21 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-TOOLS = Path(__file__).parents[1] / "tools"
 Row = dict[str, Any]
 
 
-def loaded(name: str) -> Any:
-    """A module of tools/."""
-    spec = importlib.util.spec_from_file_location(name, TOOLS / f"{name}.py")
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
-    spec.loader.exec_module(module)
-    return module
-
-
-analysis = loaded("self_play_mixing")
+analysis = import_module("self_play_mixing")
 
 
 def conv(method: str, share: float, game: str, seed: int) -> float:
@@ -56,13 +44,13 @@ def rows() -> list[Row]:
     return found
 
 
-PAGE = TOOLS.parent / "docs" / "results" / "self_play_mixing.md"
+PAGE = Path(__file__).parents[1] / "docs" / "results" / "self_play_mixing.md"
 
 
 def test_the_tables_of_the_page_are_those_of_the_rows() -> None:
     page = PAGE.read_text(encoding="utf-8")
-    tables = [*analysis.tables().values(), loaded("self_play_mixing_settings").tables()]
-    tables += loaded("self_play_entropy").tables().values()
+    tables = [*analysis.tables().values(), import_module("self_play_mixing_settings").tables()]
+    tables += import_module("self_play_entropy").tables().values()
     for table in tables:
         assert table and table in page, table
     assert page.count("\n| ---") == sum(table.count("\n| ---") for table in tables) > 1
@@ -80,7 +68,7 @@ def test_the_answer_follows_from_the_rows() -> None:
     assert f"{pure:.1f} times that of MMD at a mixed share of 0" in page
     assert f"and {half:.2f} times at 50 %" in page
     assert f"(slope of the logarithm {slope:.1f}, 95 % interval {low:.1f} to {high:.1f};" in page
-    each, large, small, ppo, _ = loaded("self_play_entropy").slopes(own)
+    each, large, small, ppo, _ = import_module("self_play_entropy").slopes(own)
     slopes = [round(row["slope"][0], 1) for row in (each, large, small, ppo)]
     assert slopes == [-4.0, -1.6, -0.4, -3.6]
     assert "a slope of -3.6, PPO against MMD with equal bonuses one of -1.6 or -0.4" in page

@@ -37,10 +37,9 @@ EXCHANGED = DATA.parent / "self_play_entropy" / "runs.csv"
 def by_stratum(rows: Sequence[Row]) -> list[Row]:
     """PPO and MMD, each with the entropy bonus of both; of seed 0 on all games: NashConv by stratum
     in per cent of the range."""
-    found = []
-    for method, bonus, logs in with_bonuses(rows):
+    share, found = shares(rows), []
+    for (method, bonus), logs in with_bonuses(rows).items():
         line: Row = {"method": method, "entropy bonus of": bonus}
-        share = shares(rows)
         for name, _ in STRATA:
             part = [value for game, value in logs.items() if stratum(share[game]) == name]
             line[name] = 100.0 * (float(np.exp(fmean(part))) - LEAST)
@@ -48,19 +47,18 @@ def by_stratum(rows: Sequence[Row]) -> list[Row]:
     return found
 
 
-def with_bonuses(rows: Sequence[Row]) -> list[tuple[str, str, Logs]]:
-    """The method, whose bonus it has, and its logarithms by game."""
+def with_bonuses(rows: Sequence[Row]) -> dict[tuple[str, str], Logs]:
+    """By method and whose bonus it has: its logarithms by game."""
     own = [row for row in rows if row["seed"] == 0]
     own += read_recorded(EXCHANGED).values()
     names = {(PPO, PPO): PPO, (PPO, MMD): "ppo, entropy of mmd",
              (MMD, PPO): "mmd, entropy of ppo", (MMD, MMD): MMD}  # fmt: skip
-    return [(*pair, logs_of(own, name)) for pair, name in names.items()]
+    return {pair: logs_of(own, name) for pair, name in names.items()}
 
 
 def slopes(rows: Sequence[Row]) -> list[Row]:
     """The slopes on the mixed share of the ratios between the four of `by_stratum`."""
-    logs = {pair: values for *pair, values in with_bonuses(rows) for pair in [tuple(pair)]}
-    share, found = shares(rows), []
+    logs, share, found = with_bonuses(rows), shares(rows), []
     for one, other, what in (
         ((PPO, PPO), (MMD, MMD), "PPO / MMD, each with its own bonus"),
         ((PPO, PPO), (MMD, PPO), "PPO / MMD, both with the bonus of PPO"),
