@@ -79,7 +79,8 @@ def test_the_answer_follows_from_the_rows() -> None:
     )
     assert f"means of games: {none:.1f} times at 0, {much:.2f} times above 5 %" in page
     above = [f"{method} / ppo, mixed share above 5 %" for method in ("mmd", "rnad", "pfsp")]
-    assert passed == ["ppo: threshold / no threshold", *above]
+    populations = ["psro / ppo", "nfsp / ppo"]
+    assert passed == ["ppo: threshold / no threshold", *above, *populations]
 
 
 def test_slopes_are_those_of_the_rows() -> None:
