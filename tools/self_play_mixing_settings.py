@@ -2,9 +2,9 @@
 
     python tools/self_play_mixing_settings.py [--cost] [--games]
 
-Prints the chosen settings and whether methods had stopped improving. `--cost` measures processor
-seconds of all methods in turns; `--games` solves the judged games and writes games.csv, which
-tools/self_play_mixing.py reads.
+Prints the chosen settings, whether methods had stopped improving, and what they cost. `--cost`
+measures processor seconds of all methods in turns, and writes costs.csv; `--games` solves the
+judged games and writes games.csv, which tools/self_play_mixing.py reads.
 """
 
 from __future__ import annotations
@@ -27,13 +27,14 @@ from train.experiments.halving import score
 from train.experiments.recorded import settings_in
 from train.experiments.search import Range, range_of
 from train.experiments.study import StudyFile, choose_version, read_file
-from train.files import write_csv
+from train.files import read_csv, write_csv
 from train.kinds import start
 from train.runs.folder import SELF_PLAY
 from train.self_play.parts import self_play_settings_of
 
 FILES = ("self-play-mixing", "self-play-mixing-populations")
 """The files of the study."""
+COSTS = DATA / "costs.csv"
 
 
 def trials(rung: int | None = None) -> dict[str, dict[int, list[Row]]]:
@@ -113,7 +114,11 @@ def tables() -> str:
         f"{name}: {found}" for name, own in chosen().items() if (found := near_ends(name, own[0]))
     ]
     ends = f"Near the end of a range: {'; '.join(near) or 'none'}."
-    return "\n\n".join([markdown(rows), ends, markdown(stopped())])
+    spent: list[Row] = [
+        {"method": row["method"], "seconds": float(row["seconds"])} for row in read_csv(COSTS)
+    ]
+    cost = "Processor seconds of a million frames on one core of an AMD EPYC, with these settings:"
+    return "\n\n".join([markdown(rows), ends, markdown(stopped()), cost, markdown(spent)])
 
 
 def costs(frames: int = 300_000, turns: int = 3) -> list[Row]:
@@ -179,15 +184,15 @@ def measure_games() -> None:
 
 
 def main() -> None:
-    """Print the choice of settings, or costs; or write games.csv."""
+    """Print the tables; or write costs.csv or games.csv."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--cost", action="store_true", help="measure processor seconds, in turns")
+    parser.add_argument("--cost", action="store_true", help="measure seconds, and write costs.csv")
     parser.add_argument("--games", action="store_true", help="solve the games, and write games.csv")
     given = parser.parse_args()
     if given.games:
         measure_games()
     elif given.cost:
-        print(markdown(costs()))
+        write_csv(COSTS, costs())
     else:
         print(tables())
 
