@@ -37,8 +37,8 @@ COLUMNS = {"ppo by default": "nash_conv_average_likely", "psro": "mixture_high"}
 PLAYED = "played_nash_conv"
 MATRIX = "rock_paper_scissors"
 """Matrix games are shown, and are not part of the analysis."""
-POPULATION_RUNS = 28
-"""Of these methods; their results are read once all have ended."""
+FRAMES = 6_000_000
+"""Of the judged runs; those of the short versions, which may be beside them, have fewer."""
 RESAMPLES = 10_000
 Row = dict[str, Any]
 Array = NDArray[np.float64]
@@ -50,11 +50,10 @@ def rows_of(name: str = "runs") -> list[Row]:
     return [*read_recorded(DATA / f"{name}.csv").values()]
 
 
-def judged() -> list[Row]:
-    """The judged runs, without those of matrix games, and without `POPULATIONS` that go on."""
-    rows = [row for row in rows_of() if not row["game"].startswith(MATRIX)]
-    others = [row for row in rows if row["variant"] not in POPULATIONS]
-    return rows if len(rows) - len(others) == POPULATION_RUNS else others
+def judged(matrix: bool = False) -> list[Row]:
+    """The judged runs of the games of the analysis, or of the matrix games."""
+    rows = [row for row in rows_of() if row["budget_frames"] == FRAMES]
+    return [row for row in rows if row["game"].startswith(MATRIX) == matrix]
 
 
 def shares(rows: Iterable[Row]) -> dict[str, float]:
@@ -206,8 +205,7 @@ def comparisons(rows: Sequence[Row]) -> list[Row]:
         ends = np.exp([fmean(values), *mean_interval([values])]).tolist()
         p = float(ttest_1samp(values, 0.0).pvalue)
         found.append({"what": what, "games": len(values), "ratio": ends, "p": p})
-    missing = [1.0] * sum(not logs_of(rows, method) for method in POPULATIONS)  # makes p no lower
-    for row, p in zip(found, holm([row["p"] for row in found] + missing), strict=False):
+    for row, p in zip(found, holm([row["p"] for row in found]), strict=True):
         row["p_holm"] = p
     return found
 
@@ -359,7 +357,7 @@ def draw_curves(path: Path, rows: Sequence[Row]) -> None:
 def tables() -> dict[str, str]:
     """The tables of the page as Markdown, by title."""
     rows = judged()
-    matrix = [row for row in rows_of() if row["game"].startswith(MATRIX)]
+    matrix = judged(matrix=True)
     found = {
         "Slope of log(PPO / MMD)": slopes(rows),
         "NashConv by stratum, % of the range": by_stratum(rows),

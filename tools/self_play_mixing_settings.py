@@ -17,7 +17,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 import torch
-from self_play_mixing import DATA, MATRIX, Row, judged, markdown, rows_of
+from self_play_mixing import DATA, MATRIX, Row, markdown, rows_of
 
 from scripted_agents.games import equilibrium, load_game, mixed_share, nash_conv
 from scripted_agents.games.episodes import return_range
@@ -49,12 +49,11 @@ def trials(rung: int | None = None) -> dict[str, dict[int, list[Row]]]:
 
 
 def chosen() -> dict[str, list[Row]]:
-    """By method that is judged the runs of the trial that was chosen: all of them are complete."""
-    found, methods = {}, {row["variant"] for row in judged()}
+    """By method the runs of the trial that was chosen: all of them are complete."""
+    found = {}
     for method, own in trials().items():
-        if method in methods:
-            whole = [n for n in own if all(row["status"] == "complete" for row in own[n])]
-            found[method] = own[min(whole, key=lambda number: (score(own[number]), number))]
+        whole = [n for n in own if all(row["status"] == "complete" for row in own[n])]
+        found[method] = own[min(whole, key=lambda number: (score(own[number]), number))]
     return found
 
 

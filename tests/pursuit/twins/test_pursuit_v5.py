@@ -181,7 +181,7 @@ def play(game: Twins, steps: int, shared: bool) -> tuple[int, int]:
 
 @pytest.mark.parametrize("obstacle", [True, False])
 @pytest.mark.parametrize("surround", [True, False])
-@pytest.mark.parametrize("steps", [500, pytest.param(4000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("steps", [500, pytest.param(10_000, marks=pytest.mark.slow)])
 def test_the_same_actions_give_the_same_game(surround: bool, obstacle: bool, steps: int) -> None:
     shared = surround == obstacle  # both forms of its rewards, each with both maps
     captures, captors = play(twins(surround, obstacle, shared), steps, shared)
