@@ -12,12 +12,12 @@ import signal
 import socket
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
 import pytest
 import torch
+from waiting import PATIENCE, wait_until
 
 from pursuit.files import write_atomically
 from train.commands.main import COMMANDS, main, message_of
@@ -141,14 +141,13 @@ def test_a_killed_run_resumes_to_the_same_weights_bit_for_bit(tmp_path: Path) ->
     process = subprocess.Popen(
         [*command, "--frames", "6144", "--out", str(killed)],
         stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
         env={**os.environ, "OMP_NUM_THREADS": "1"},
     )
-    deadline = time.monotonic() + 60
-    while not (killed / "checkpoint.pt").exists() and time.monotonic() < deadline:
-        time.sleep(0.005)
+    wait_until((killed / CHECKPOINT).exists, process)
     process.kill()
-    process.wait()
+    process.communicate()
     state = load_checkpoint(killed)
     # The run is killed before its end on all usual machines.
     if state["trainee"]["learner"]["frames"] < 6144:
@@ -177,12 +176,9 @@ def test_control_c_saves_and_reports_and_the_run_resumes(tmp_path: Path) -> None
         stderr=subprocess.PIPE,
         text=True,
     )
-    deadline = time.monotonic() + 120
-    while not (folder / CHECKPOINT).exists():
-        assert time.monotonic() < deadline and process.poll() is None
-        time.sleep(0.05)
+    wait_until((folder / CHECKPOINT).exists, process)
     process.send_signal(signal.SIGINT)
-    output, errors = process.communicate(timeout=60)
+    output, errors = process.communicate(timeout=PATIENCE)
     assert process.returncode == 130, errors
     assert "interrupted" in errors and "Traceback" not in errors
     assert "optimal" in output

@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 from filelock import FileLock, Timeout
+from waiting import PATIENCE, wait_until
 
 from pursuit import load_maze
 from pursuit.tasks.task import make_task
@@ -144,15 +145,14 @@ def test_a_killed_sweep_leaves_no_process_and_the_next_one_waits_for_its_runs(
     command = [sys.executable, "-m", "train.commands.main", "sweep", str(tmp_path / "s.toml")]
     driver = subprocess.Popen([*command, "--out", str(out), "--workers", "1"])
     folder = out / "runs" / sweep.runs[0].name
-    lock, deadline = FileLock(folder / ".worker.lock"), time.monotonic() + 120
-    while time.monotonic() < deadline and not list(folder.rglob("events*")):
-        time.sleep(0.1)
+    lock = FileLock(folder / ".worker.lock")
+    wait_until(lambda: list(folder.rglob("events*")), driver)
     with pytest.raises(Timeout), lock.acquire(blocking=False):
         pass
     time.sleep(2)  # it learns
     driver.send_signal(signal.SIGKILL)
     driver.wait()
-    with lock.acquire(timeout=60):  # the run has noticed it, saved, and ended
+    with lock.acquire(timeout=PATIENCE):  # the run has noticed it, saved, and ended
         assert status_of(folder) == "interrupted"
         before = open_run(folder).trainee.frames
     assert before > 0
@@ -162,7 +162,7 @@ def test_a_killed_sweep_leaves_no_process_and_the_next_one_waits_for_its_runs(
         while "1 running" not in driver.stdout.readline():
             pass
         driver.send_signal(signal.SIGTERM)
-        driver.communicate(timeout=120)
+        driver.communicate(timeout=PATIENCE)
     assert driver.returncode == 143
     assert open_run(folder).trainee.frames >= before
 

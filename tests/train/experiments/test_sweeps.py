@@ -14,6 +14,7 @@ from pathlib import Path
 
 import polars
 import pytest
+from waiting import PATIENCE, wait_until
 
 from train.commands.main import main
 from train.commands.sweep import SweepWatch
@@ -203,11 +204,9 @@ def test_control_c_saves_and_the_sweep_resumes(tmp_path: Path) -> None:
     out = tmp_path / "out"
     command = [sys.executable, "-m", "train.commands.main", "sweep", path, "--out", str(out)]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    deadline = time.monotonic() + 60
-    while time.monotonic() < deadline and not list(out.glob("runs/*/checkpoint.pt")):
-        time.sleep(0.05)
+    wait_until(lambda: list(out.glob("runs/*/checkpoint.pt")), process)
     process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=60)
+    _, errors = process.communicate(timeout=PATIENCE)
     assert process.returncode == 130 and "Continue with: pursuit sweep" in errors
     assert "Traceback" not in errors
     states = [status_of(folder) for folder in out.glob("runs/*")]

@@ -6,13 +6,12 @@ import os
 import signal
 import subprocess
 import sys
-import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 import torch
+from waiting import wait_until
 
 from train.experiments.executors import LOG, LocalJob, perform
 from train.experiments.expansion import load_study
@@ -41,15 +40,8 @@ def folders_of(tmp_path: Path, out: str, frames: int) -> list[Path]:
     return [folder for _, folder in prepare(load_study(str(tmp_path / "s.toml")), tmp_path / out)]
 
 
-def until(true: Callable[[], Any]) -> None:
-    deadline = time.monotonic() + 120
-    while not true():
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
-
-
 def ended(job: LocalJob) -> int:
-    until(lambda: job.poll() is not None)
+    wait_until(lambda: job.poll() is not None)
     code = job.poll()
     assert code is not None
     return code
@@ -92,7 +84,7 @@ def test_all_cores_may_be_used_where_the_system_does_not_say_which(
 def test_exits_are_noticed_and_signals_reach_only_the_run(tmp_path: Path) -> None:
     first, second = folders_of(tmp_path, "out", LONG)
     stopped, killed = LocalJob(first, None), LocalJob(second, None)
-    until(lambda: all((folder / "checkpoint.pt").exists() for folder in (first, second)))
+    wait_until(lambda: all((folder / "checkpoint.pt").exists() for folder in (first, second)))
     number = killed.process.pid
     assert (
         number is not None and os.getsid(number) == number

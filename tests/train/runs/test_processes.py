@@ -8,7 +8,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from itertools import combinations
 from pathlib import Path
@@ -18,6 +17,7 @@ import numpy as np
 import pytest
 import torch
 from test_resumption import CHASER, KilledError, check_resumption, kill, tiny
+from waiting import PATIENCE, wait_until
 
 from scripted_agents import RandomAgent
 from train.algorithms.learner import clip_gradients
@@ -333,17 +333,12 @@ def test_signals_end_both_processes_of_the_command(number: int, tmp_path: Path) 
         start_new_session=True,
         env={**os.environ, "OPENBLAS_NUM_THREADS": "2" if killed else "1"},
     )
-    deadline = time.monotonic() + 120
-    while not (folder / CHECKPOINT).exists():
-        assert time.monotonic() < deadline and process.poll() is None, process.communicate()
-        time.sleep(0.05)
+    wait_until((folder / CHECKPOINT).exists, process)
     found = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
     (os.kill if killed else os.killpg)(process.pid, number)
-    process.communicate(timeout=60)
+    process.communicate(timeout=PATIENCE)
     assert process.returncode == (-number if killed else 130)
-    while any(map(is_running, found)):
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
+    wait_until(lambda: not any(map(is_running, found)))
     assert found and memory_files() <= before
     assert 0 < open_run(folder).progress < 1  # it can go on from there
 

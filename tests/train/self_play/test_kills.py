@@ -11,6 +11,7 @@ from random import Random
 
 import pytest
 import torch
+from waiting import wait_until
 
 from train.commands.main import main
 from train.runs.folder import METRICS, RESULTS, load_checkpoint
@@ -26,10 +27,8 @@ def kill_during(command: list[str], folder: Path, rows: int, wait: float) -> Non
     """Run a command, and kill it `wait` seconds after its `rows`-th evaluation."""
     words = [sys.executable, "-m", "train.commands.main", *command]
     with subprocess.Popen(words, stdout=subprocess.DEVNULL) as process:
-        metrics, limit = folder / METRICS, time.monotonic() + 120
-        while not metrics.exists() or metrics.read_text().count("\n") <= rows:
-            assert process.poll() is None and time.monotonic() < limit
-            time.sleep(0.01)
+        metrics = folder / METRICS
+        wait_until(lambda: metrics.exists() and metrics.read_text().count("\n") > rows, process)
         time.sleep(wait)
         process.kill()
         assert process.wait() == -signal.SIGKILL
