@@ -3,7 +3,8 @@
     python tools/curricula_study.py
 
 It reads runs.csv and tuning.csv in docs/results/data/curricula/, prints the tables of
-docs/results/curricula.md and draws its figure. A test compares the page with these numbers.
+docs/results/curricula.md and draws its figure, of the ablations of which all runs have ended. A
+test compares the page with these numbers.
 """
 
 from __future__ import annotations
@@ -88,13 +89,13 @@ def study_of(name: str) -> StudyRows:
     return StudyRows(layout, rows, rows, x)
 
 
-def missing() -> list[str]:
-    """The ablations of which runs are missing."""
+def complete() -> list[str]:
+    """The ablations of which all runs have ended."""
     found = []
     for name in STUDIES:
         file = file_of(name)
         wanted = len(file.variants or ()) * len((file.grid or {}).get(MAZE, [""]))
-        if len(study_of(name).everything) < wanted * len(file.seeds or ()):
+        if len(study_of(name).everything) == wanted * len(file.seeds or ()):
             found.append(name)
     return found
 
@@ -125,10 +126,10 @@ def order_table() -> str:
     return plain_table(lines).markdown()
 
 
-def chosen() -> list[Row]:
+def chosen(names: Sequence[str]) -> list[Row]:
     """The settings that the search chose, by study and variant."""
     rows, found = rows_of("tuning"), list[Row]()
-    for name in STUDIES:
+    for name in names:
         file = file_of(name)
         if file.tuning is None:
             continue
@@ -154,9 +155,12 @@ def chosen() -> list[Row]:
 
 
 def tables() -> dict[str, str]:
-    """The tables of the page as Markdown, by title."""
-    found = {name: table_of(name) for name in STUDIES}
-    return {**found, "order": order_table(), "settings": plain_table(chosen()).markdown()}
+    """The tables of the page as Markdown, by title; that of the order needs all its ablations."""
+    names = complete()
+    found = {name: table_of(name) for name in names}
+    if set(ORDERED) <= set(names):
+        found["order"] = order_table()
+    return {**found, "settings": plain_table(chosen(names)).markdown()}
 
 
 def draw_ratios(path: Path, names: Sequence[str]) -> None:
@@ -183,11 +187,11 @@ def draw_ratios(path: Path, names: Sequence[str]) -> None:
 
 def main() -> None:
     """Print the tables, and draw the figure."""
-    if lacking := missing():
-        sys.exit(f"runs of {', '.join(lacking)} are missing: results are read once all have ended")
+    if not (names := complete()):
+        sys.exit(f"no ablation is complete in {DATA}: results are read once all runs have ended")
     for title, table in tables().items():
         print(f"\n{title}\n\n{table}")
-    draw_ratios(DATA / "ratios.png", [n for n in STUDIES if distance_of(study_of(n)) is not None])
+    draw_ratios(DATA / "ratios.png", [n for n in names if distance_of(study_of(n)) is not None])
 
 
 if __name__ == "__main__":
