@@ -107,21 +107,27 @@ def _pruned(vectors: Numbers, game: Game, own: int, slack: float) -> Numbers:
             undominated.append(int(i))
     vectors = vectors[undominated]
     out = np.array([not game.sees(own, cell) for cell in range(game.cells)])
-    keep = {int(vectors[:, cell].argmin()) for cell in range(game.cells)}
     size = int(out.sum())
+    keep = {int(vectors[:, cell].argmin()) for cell in range(game.cells)}
+    if size:  # those that are least at drawn beliefs need no linear program
+        drawn = np.random.default_rng(0).dirichlet(np.full(size, 0.5), 5000)
+        keep |= set((drawn @ vectors[:, out].T).argmin(axis=1).tolist())
     candidates = [i for i in range(len(vectors)) if i not in keep]
     kept = sorted(keep)
-    for i in candidates if size else []:
+    while candidates and size:
         others = vectors[kept][:, out]
-        # A belief at which this one is less than all others by as much as can be.
+        # A belief at which the first is less than all that are kept, by as much as can be.
         found = linprog(
             np.append(np.zeros(size), -1.0),
-            A_ub=np.column_stack([vectors[i][out] - others, np.ones(len(others))]),
+            A_ub=np.column_stack([vectors[candidates[0]][out] - others, np.ones(len(others))]),
             b_ub=np.zeros(len(others)),
             A_eq=np.append(np.ones(size), 0.0)[None],
             b_eq=[1.0],
             bounds=[(0.0, None)] * size + [(None, None)],
         )
-        if -found.fun > slack:
-            kept.append(i)
+        least = 0
+        if -found.fun > slack:  # Lark's order: the one that is least there is kept
+            least = int((vectors[candidates][:, out] @ found.x[:size]).argmin())
+            kept.append(candidates[least])
+        del candidates[least]
     return vectors[kept]
