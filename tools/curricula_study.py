@@ -166,6 +166,7 @@ def tables() -> dict[str, str]:
 def draw_ratios(path: Path, names: Sequence[str]) -> None:
     """The ratio of the gap of every variant to that of its control, with its interval."""
     from matplotlib import pyplot
+    from matplotlib.ticker import LogLocator, NullLocator
 
     figure, axis = pyplot.subplots(figsize=(7.2, 6.4), layout="constrained")
     axis.axvline(1.0, color="0.6", lw=1.0)
@@ -180,6 +181,9 @@ def draw_ratios(path: Path, names: Sequence[str]) -> None:
     axis.set_yticks(range(len(labels)), labels, fontsize=8)
     axis.invert_yaxis()
     axis.set_xscale("log")
+    axis.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axis.xaxis.set_major_formatter("{x:g}")
+    axis.xaxis.set_minor_locator(NullLocator())
     axis.set_xlabel("gap to the optimum / gap without a curriculum")
     figure.savefig(path, dpi=150)
     pyplot.close(figure)
