@@ -6,6 +6,7 @@ replication has several studies after a common search.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
@@ -59,9 +60,13 @@ def stages_of(
         rows: the folder with the rows of finished runs, "runs.csv" and of a search "tuning.csv".
 
     Raises:
-        ValueError: as `load_study`.
+        ValueError: as `load_study`, or rows could not be written to that folder.
     """
     path, content = read_file(name, kind, StudyFile)
+    if rows is not None:  # checked here, as the first row is written after a whole run
+        found = next(p for p in (rows.absolute(), *rows.absolute().parents) if p.exists())
+        writable = found.is_dir() and os.access(found, os.W_OK)
+        check(writable, f"rows={rows}: {found} is no writable folder; give another folder")
     known = {name: None if rows is None else rows / f"{name}.csv" for name in (RUN_ROWS, TUNING)}
     if content.tuning is None:
         study = replace(load_study(name, kind, version, change), rows=known[RUN_ROWS])

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from train.commands.main import main
 from train.experiments import executors
 from train.experiments.recorded import TEXTS, read_recorded, record, typed
+from train.experiments.stages import stages_of
 from train.files import read_json
 
 FILE = """
@@ -151,3 +152,13 @@ def test_a_file_without_rows_of_runs_is_refused(tmp_path: Path, text: str) -> No
     path.write_text(text, encoding="latin-1")
     with pytest.raises(ValueError, match=r"runs\.csv.*give"):
         read_recorded(path)
+
+
+@pytest.mark.parametrize("below", ["", "new/folder"])
+def test_a_folder_of_rows_that_cannot_be_written_is_an_error_before_the_runs(
+    below: str, tmp_path: Path
+) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ValueError, match="file is no writable folder"):
+        stages_of("maze-size", "ablation", None, tmp_path / "out", rows=tmp_path / "file" / below)
+    assert not (tmp_path / "out").exists()
