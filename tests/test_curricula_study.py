@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from importlib import import_module
 from pathlib import Path
+from statistics import geometric_mean
 from typing import Any
 
 import pytest
 
 from train.files import write_csv
 
-ROOT = Path(__file__).parents[1]
+PAGE = Path(__file__).parents[1] / "docs" / "results" / "curricula.md"
 Row = dict[str, Any]
 
 
@@ -18,7 +19,7 @@ analysis = import_module("curricula_study")
 
 
 def test_the_tables_of_the_page_are_those_of_the_rows() -> None:
-    page = (ROOT / "docs" / "results" / "curricula.md").read_text(encoding="utf-8")
+    page = PAGE.read_text(encoding="utf-8")
     first = page.partition("**Question.**")[0]
     for name in analysis.STUDIES:
         assert (f"`{name}`" in first) == (name not in analysis.complete()), name
@@ -71,3 +72,29 @@ def test_ratios_are_paired_by_maze(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     del rows[next(key for key in rows if "shuffled" in key and " 12000000" in key)]
     write_csv(tmp_path / "runs.csv", [*rows.values()])
     assert "goal-spread-start" not in analysis.complete()
+
+
+def test_what_the_answers_say_of_the_runs() -> None:
+    page = " ".join(PAGE.read_text(encoding="utf-8").split())
+
+    def ratios(name: str, variant: str, column: str) -> list[tuple[float, Row]]:
+        """To the control, and the run, by maze."""
+        runs = analysis.by_variant(analysis.study_of(name))
+        control = {row["maze"]: row for row in runs["none"]}
+        return [
+            (max(row[column], 0.1) / max(control[row["maze"]][column], 0.1), row)
+            for row in runs[variant]
+        ]
+
+    def middle(name: str, variant: str, gap: int) -> float:
+        return geometric_mean([ratio for ratio, _ in ratios(name, variant, f"frames_to_{gap}")])
+
+    assert f"n = 100 reaches 5 % with {middle('opponent-epsilon', 'n = 100', 5):.2f} times" in page
+    first, second, third = (middle("goal-spread-start", "linear", gap) for gap in (20, 10, 5))
+    assert f"needs {first:.1f} times the frames of the control to a gap of 20 %" in page
+    assert f"{second:.1f} times to 10 %, as many to 5 %" in page and f"{third:.1f}" == "1.0"
+    whole = ratios("goal-spread-fixed", "n = 5000", "shortfall")
+    ended = [ratio for ratio, row in whole if row["hardest_share"] > 0.0]
+    assert (len(whole), len(ended)) == (12, 5) and "In seven of the twelve mazes" in page
+    said = f"in the five others the gap is {min(ended):.2f} to {max(ended):.1f} times as large"
+    assert said in page

@@ -160,12 +160,6 @@ def curricula() -> Iterable[dict[int, Cell]]:
             if ps and min(ps) < 0.001:
                 cell = "< 0.001"
             yield {2: [n for row in own for n in numbers(row, *ends)], 3: cell}
-    rows = data("mazes/table")
-    others = [row for row in rows if row["variant"] != "none"]
-    ends = [(min(float(r["best"]) for r in part), max(float(r["worst"]) for r in part))
-            for part in (others, [the(rows, variant="none")])]  # fmt: skip
-    ps = sorted(float(row["p"]) for row in others)
-    yield {2: [*ends[0], *ends[1]], 3: [ps[0], ps[-1]]}
 
 
 def thesis() -> Iterable[dict[int, Cell]]:

@@ -104,7 +104,7 @@ def table_of(name: str) -> str:
     """The variants of an ablation against its control."""
     study = study_of(name)
     distance = distance_of(study)
-    columns = variant_columns(study.layout)
+    columns = variant_columns(study.layout)[:5]  # up to the gaps at the end
     if distance is not None:
         columns = paired_columns(study.layout, distance)
     return ResultTable(against_control(study), columns).markdown()

@@ -21,7 +21,7 @@ from train.experiments.statistics import (
     mean_interval,
 )
 from train.experiments.study import THRESHOLDS, Layout
-from train.experiments.variants import TARGETS, Distance, equal_results, p_text
+from train.experiments.variants import MAZE_GAP, TARGETS, Distance, equal_results, p_text
 from train.reports.tables import Column, ResultTable, Row, in_markdown, numeric, short, words
 from train.runs.folder import RUN
 
@@ -219,7 +219,7 @@ def variant_columns(layout: Layout) -> list[Column]:
         *(Column(f"to {t:g} %: seconds, frames (runs)", partial(_time, t)) for t in THRESHOLDS),
         Column(f"log-rank p, to {layout.threshold:g} %", lambda row: p_text(row["p_time"])),
         Column("optimality over training [95 %]", partial(_with_interval, "area", "")),
-        Column("frames on the hardest stage", _settled),
+        HARDEST,
         Column(f"P(better than {control}) [95 %]",
                lambda row: "" if row["variant"] == control
                else _with_interval("improvement", "", row)),
@@ -234,7 +234,12 @@ def _settled(row: Row) -> str:
     share = row["settled"]
     if np.isnan(share):
         return ""
-    return f"{100 * share:.0f} %" + ("" if share >= SPENT else f", below {100 * SPENT:.0f} %")
+    text = f"{100 * share:.0f} %" + ("" if share >= SPENT else f", below {100 * SPENT:.0f} %")
+    never = row["never_settled"]
+    return text + (f"; none in {never} of {row['runs']} runs" if never else "")
+
+
+HARDEST = Column("frames on the hardest stage", _settled)
 
 
 def _time(gap: float, row: Row) -> str:
@@ -248,6 +253,7 @@ def _time(gap: float, row: Row) -> str:
 
 def paired_columns(layout: Layout, distance: Distance) -> list[Column]:
     """The columns of variants that are paired by maze or game."""
+    hardest = [HARDEST] if distance is MAZE_GAP else []
     return [
         words("variant"),
         words("verdict"),
@@ -256,6 +262,7 @@ def paired_columns(layout: Layout, distance: Distance) -> list[Column]:
         numeric("worst", "worst", ".3f"),
         Column(f"ratio to {layout.control} [95 %]", partial(_with_interval, "ratio", ".2f")),
         words(f"{distance.unit}s below {layout.control}", "lower_in"),
+        *hardest,
     ]
 
 
@@ -291,7 +298,8 @@ def paired_notes(study: StudyRows, table: Sequence[Row], distance: Distance) -> 
     units = "mazes" if max(row[f"{unit}s"] for row in table) > 1 else "runs"
     named = {"unit": unit, "units": f"{unit}s".capitalize(), "level": LEVEL}
     values = note(f"paired.{distance.note}", least=distance.least, scale=distance.scale)
-    return [budget_note(study), note(f"paired.{units}", **named), values]
+    hardest = [note("gaps.hardest", spent=100 * SPENT)] if distance is MAZE_GAP else []
+    return [budget_note(study), note(f"paired.{units}", **named), values, *hardest]
 
 
 # -- contestants -----------------------------------------------------------------------------------

@@ -243,8 +243,9 @@ def curriculum_for(
 ) -> tuple[str, CurriculumSettings]:
     """The named curriculum and its settings, or the curriculum of the preset.
 
-    In large mazes random actions rarely reach goals or evaders, so the curriculum of the preset
-    starts episodes near their end.
+    The curriculum of the preset starts episodes near their end, as in large mazes random actions
+    rarely reach goals or evaders. For runners on 9x9 no benefit of it is shown, and that of chasers
+    was not compared with none.
 
     ValueError for an unknown one.
     """

@@ -22,6 +22,7 @@ from train.experiments.statistics import (
     sign_flip_p,
 )
 from train.experiments.study import Layout
+from train.experiments.summary import HARDEST
 from train.experiments.variants import (
     against_control,
     equal_results,
@@ -29,6 +30,7 @@ from train.experiments.variants import (
     out_of_reach,
     paired_row,
     paired_verdict,
+    settled_row,
 )
 
 Row = dict[str, Any]
@@ -161,6 +163,15 @@ def test_the_share_of_frames_on_the_hardest_stage() -> None:
     assert share(0.0, 0.0, 0.0, 0.0) == 0.0
     assert share(0.0, None, 0.5, 1.0) == 0.5
     assert share(None, None) is None
+
+
+def test_variants_that_never_reach_the_hardest_stage_are_marked() -> None:
+    rows = [{"hardest_share": share} for share in (0.0, 0.6, 0.0)]
+    row = settled_row(rows) | {"runs": len(rows)}
+    assert HARDEST.cell(row) == "20 %, below 80 %; none in 2 of 3 runs"
+    assert HARDEST.cell(settled_row(rows[1:2]) | {"runs": 1}) == "60 %, below 80 %"
+    assert HARDEST.cell(settled_row([{"hardest_share": 0.8}]) | {"runs": 1}) == "80 %"
+    assert HARDEST.cell(settled_row([{"hardest_share": None}, *rows]) | {"runs": 4}) == ""
 
 
 def test_variants_with_equal_results_are_named() -> None:
