@@ -51,6 +51,7 @@ bench: $(SETUP)
 	$(BIN)/python tools/benchmarks/bench_searchers.py
 	$(BIN)/python tools/benchmarks/bench_games.py
 	$(BIN)/python tools/benchmarks/bench_observations.py
+	$(BIN)/python tools/benchmarks/bench_peers.py
 
 campaign: $(SETUP)
 	$(BIN)/python tools/campaign/campaign.py

@@ -367,6 +367,27 @@ def published() -> Iterable[dict[int, Cell]]:
         }
 
 
+def peers() -> Iterable[dict[int, Cell]]:
+    rows = data("speed/peers")
+    for peer, task in dict.fromkeys((row["peer"], row["task"]) for row in rows):
+        own = [row for row in rows if (row["peer"], row["task"]) == (peer, task)]
+        speeds = {
+            what: median(float(row["steps_per_second"]) for row in own if row["what"] == what)
+            for what in dict.fromkeys(row["what"] for row in own)
+        }
+        theirs = speeds["peer"]
+        line: dict[int, Cell] = {0: peer, 1: task, 2: [in_millions(theirs)], 3: "", 4: ""}
+        for place, what in ((3, "one game"), (5, "batch")):
+            if what in speeds:
+                line |= {place: [in_millions(speeds[what])], place + 1: [speeds[what] / theirs]}
+        yield line
+
+
+def in_millions(speed: float) -> float:
+    """As it is printed: large speeds in millions."""
+    return speed / 1e6 if speed >= 1e6 else speed
+
+
 TABLES: dict[tuple[str, int], Callable[[], Iterable[dict[int, Cell]]]] = {
     ("libraries", 0): libraries,
     ("frames_and_states", 0): frames_and_states,
@@ -380,6 +401,7 @@ TABLES: dict[tuple[str, int], Callable[[], Iterable[dict[int, Cell]]]] = {
     ("teams", 1): teams_decided,
     ("teams", 2): team_budgets,
     ("thesis", 0): thesis,
+    ("speed", 0): peers,
     ("pursuit_v5", 0): pursuit_v5,
     ("pursuit_v5", 1): published,
 }

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import argparse
 import random
-from time import perf_counter
+from time import process_time
 
 import numpy as np
 
@@ -50,19 +50,19 @@ class Copies:
 
     def rates(self, seconds: float) -> tuple[float, float]:
         """Steps per second of `step` alone, and with the policies."""
-        simulator, stepping, steps, began = self.simulator, 0.0, 0, perf_counter()
-        while (now := perf_counter()) - began < seconds:
+        simulator, stepping, steps, began = self.simulator, 0.0, 0, process_time()
+        while (now := process_time()) - began < seconds:
             simulator.act(self.agents, self.actions)
-            acted = perf_counter()
+            acted = process_time()
             simulator.step(self.actions)
-            stepping, steps = stepping + perf_counter() - acted, steps + simulator.num_games
+            stepping, steps = stepping + process_time() - acted, steps + simulator.num_games
         return steps / stepping, steps / (now - began)
 
 
 def spiel_rate(name: str, seconds: float) -> float:
     """Joint moves per second of a Python loop over OpenSpiel's states."""
-    game, steps, began, choice = pyspiel.load_game(name), 0, perf_counter(), random.choice
-    while perf_counter() - began < seconds:
+    game, steps, began, choice = pyspiel.load_game(name), 0, process_time(), random.choice
+    while process_time() - began < seconds:
         state = game.new_initial_state()
         while not state.is_terminal():
             if state.is_chance_node():
@@ -75,23 +75,23 @@ def spiel_rate(name: str, seconds: float) -> float:
                 state.apply_actions([choice(state.legal_actions(player)) for player in players])
             else:
                 state.apply_action(choice(state.legal_actions()))
-    return steps / (perf_counter() - began)
+    return steps / (process_time() - began)
 
 
 def compare_nash_conv(name: str) -> None:
     """Print the seconds and values of NashConv of both libraries."""
-    began = perf_counter()
+    began = process_time()
     game = load_game(OPENSPIEL + name)
-    listed, horizon = perf_counter() - began, longest_play(game)
+    listed, horizon = process_time() - began, longest_play(game)
     uniform = {player: uniform_table(game, player) for player in game.players}
     times = []
     for _ in range(3):
-        began = perf_counter()
+        began = process_time()
         ours = nash_conv(game, uniform, 1.0, horizon).nash_conv
-        times.append(perf_counter() - began)
-    spiel, began = pyspiel.convert_to_turn_based(pyspiel.load_game(name)), perf_counter()
+        times.append(process_time() - began)
+    spiel, began = pyspiel.convert_to_turn_based(pyspiel.load_game(name)), process_time()
     theirs = exploitability.nash_conv(spiel, UniformRandomPolicy(spiel))
-    took = perf_counter() - began
+    took = process_time() - began
     print(
         f"{name:<48}{game.num_states:>8,}{listed:>12.2f}{min(times):>12.5f}{took:>12.3f}"
         f"{ours:>14.9f}{theirs:>14.9f}",

@@ -1,19 +1,16 @@
-"""Speed with observations of all agents: the simulator beside MAgent2, POGEMA and jumanji.
+"""Speed of the simulator with observations of all agents; beside other libraries: bench_peers.py.
 
 python tools/benchmarks/bench_observations.py [--seconds 0.3] [--turns 5]
 
-Environment steps per processor second, actions at random, the median of measurements in turns. The
-peers that are not installed are left out: pip install magent2 pogema jumanji.
+Environment steps per processor second, actions at random, the median of measurements in turns.
 """
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Iterator
-from functools import partial
 from itertools import count
 from time import perf_counter, process_time
-from typing import Any
 
 import numpy as np
 
@@ -57,68 +54,6 @@ def stepping(task: Task, games: int, encoding: str = "", dtype: str = "") -> Ste
     return step
 
 
-def magent2() -> tuple[str, int, Step]:
-    """MAgent2's adversarial pursuit: 25 predators and 50 prey on its default map."""
-    from magent2.environments import adversarial_pursuit_v4
-
-    env = adversarial_pursuit_v4.parallel_env(map_size=SIDE)
-    env.reset(seed=0)
-    most = {agent: env.action_space(agent).n for agent in env.possible_agents}
-    drawn = np.random.default_rng(0).random(4096)
-    turns = count()
-
-    def step() -> None:
-        turn = next(turns)
-        chosen = {
-            agent: int(drawn[(turn + 7 * number) % 4096] * most[agent])
-            for number, agent in enumerate(env.agents)
-        }
-        env.step(chosen)
-        if not env.agents:
-            env.reset()
-
-    return "MAgent2 adversarial_pursuit_v4, 25 against 50", 1, step
-
-
-def pogema() -> tuple[str, int, Step]:
-    """POGEMA: as many agents, the same size of map and windows; its episodes have no end."""
-    from pogema import GridConfig
-    from pogema.envs import PogemaLifeLong  # its makers need an older Gymnasium
-
-    agents = CHASERS + EVADERS
-    env: Any = PogemaLifeLong(
-        GridConfig(num_agents=agents, size=SIDE, obs_radius=4, density=0.3, on_target="restart")
-    )
-    env.reset(seed=0)
-    drawn, turns = np.random.default_rng(0).integers(5, size=(64, agents)).tolist(), count()
-    name = f"POGEMA, {agents} agents, windows of radius 4"
-    return name, 1, lambda: env.step(drawn[next(turns) % 64])
-
-
-def jumanji() -> tuple[str, int, Step]:
-    """Jumanji's Maze, 4096 games, 64 steps in one compiled call."""
-    import jax
-    from jumanji.environments import Maze
-    from jumanji.environments.routing.maze.generator import RandomGenerator
-    from jumanji.wrappers import VmapAutoResetWrapper
-
-    env = VmapAutoResetWrapper(Maze(generator=RandomGenerator(num_rows=7, num_cols=7)))
-    games, length = 4096, 64
-    state, _ = jax.jit(env.reset)(jax.random.split(jax.random.PRNGKey(0), games))
-    actions = jax.random.randint(jax.random.PRNGKey(1), (length, games), 0, 4)
-
-    def one(state: Any, chosen: Any) -> Any:
-        state, timestep = env.step(state, chosen)
-        return state, timestep.observation.walls.sum()
-
-    run = jax.jit(partial(jax.lax.scan, one))
-    return (
-        "jumanji Maze 7x7, ×4096",
-        games * length,
-        lambda: jax.block_until_ready(run(state, actions)),
-    )
-
-
 def main() -> None:
     """Print all cases."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -126,11 +61,6 @@ def main() -> None:
     parser.add_argument("--turns", type=int, default=5, help="measurements of each case")
     given = parser.parse_args()
     cases = list(ours())
-    for peer in (magent2, pogema, jumanji):
-        try:
-            cases.append(peer())
-        except ImportError as error:
-            print(f"without {peer.__name__}, which is not installed ({error})")
     found = np.zeros((len(cases), given.turns))
     for turn in range(given.turns):
         for number, (_, each, step) in enumerate(cases):

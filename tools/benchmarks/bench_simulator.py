@@ -1,4 +1,4 @@
-"""Speed of the simulator: steps per second, ratios to other environments, and scaling.
+"""Speed of the simulator: steps per second, and scaling; beside other libraries: bench_peers.py.
 
 python tools/benchmarks/bench_simulator.py [--seconds 1]
 python tools/benchmarks/bench_simulator.py --against 501f81b [--turns 15] [--only 8v8]
@@ -12,11 +12,9 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-from functools import partial
 from itertools import cycle
 from time import perf_counter
 
-import gymnasium
 import numpy as np
 from in_turns import add_options, compare
 
@@ -93,67 +91,6 @@ def parallel_env_rate(seconds: float = 1.0) -> float:
             env.reset()
 
     return rate(step, 1, seconds)
-
-
-def peers() -> dict[str, Callable[[float], float]]:
-    """Steps per second of other installed environments: one process, random actions."""
-    found: dict[str, Callable[[float], float]] = {}
-
-    def parallel(env: object, seconds: float) -> float:
-        env.reset(seed=0)
-        spaces = {agent: env.action_space(agent) for agent in env.possible_agents}
-        generator = np.random.default_rng(0)
-        drawn = [
-            {agent: int(generator.integers(space.n)) for agent, space in spaces.items()}
-            for _ in range(64)
-        ]
-        turn = 0
-
-        def step() -> None:
-            nonlocal turn
-            turn += 1
-            env.step({agent: drawn[turn % 64][agent] for agent in env.agents})
-            if not env.agents:
-                env.reset()
-
-        return rate(step, 1, seconds)
-
-    def single(env: gymnasium.Env, seconds: float) -> float:
-        env.reset(seed=0)
-        actions = np.random.default_rng(0).integers(env.action_space.n, size=64).tolist()
-        turn = 0
-
-        def step() -> None:
-            nonlocal turn
-            turn += 1
-            _, _, terminated, truncated, _ = env.step(actions[turn % 64])
-            if terminated or truncated:
-                env.reset()
-
-        return rate(step, 1, seconds)
-
-    try:
-        from pettingzoo.sisl import pursuit_v5
-
-        make = partial(pursuit_v5.parallel_env, x_size=7, y_size=7, n_pursuers=1, n_evaders=1)
-        found["PettingZoo sisl pursuit_v5, 1v1, 7x7"] = lambda s: parallel(make(n_catch=1), s)
-    except ImportError:
-        pass
-    try:
-        from mpe2 import simple_tag_v3
-
-        found["mpe2 simple_tag, 1v1"] = lambda s: parallel(
-            simple_tag_v3.parallel_env(num_good=1, num_adversaries=1, num_obstacles=2), s
-        )
-    except ImportError:
-        pass
-    try:
-        import minigrid  # noqa: F401  (registers its ids)
-
-        found["MiniGrid Empty-8x8"] = lambda s: single(gymnasium.make("MiniGrid-Empty-8x8-v0"), s)
-    except ImportError:
-        pass
-    return found
 
 
 SIGHTS: dict[str, dict[str, object]] = {
@@ -297,13 +234,8 @@ def main() -> None:
         "  no scripted agent, no observation": simulator_rate(chase, 4096, seconds, scripted=False),
         "PettingZoo env chase_v0 5x5, one game, one_hot": parallel_env_rate(seconds),
     }
-    others = {name: measure(seconds) for name, measure in peers().items()}
-    print("steps per second, and ratios to other environments")
-    print(f"{'':<52}{'steps/s':>14}" + "".join(f"{name.split(',')[0]:>26}" for name in others))
+    print("steps per second")
     for name, speed in ours.items():
-        ratios = "".join(f"{speed / other:>25,.0f}x" for other in others.values())
-        print(f"{name:<52}{speed:>14,.0f}{ratios}")
-    for name, speed in others.items():
         print(f"{name:<52}{speed:>14,.0f}")
 
     print("\nby maze, 1v1, scripted evader, 4096 games (above 4096 cells: searches, no tables)")
