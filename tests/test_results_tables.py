@@ -367,9 +367,15 @@ def published() -> Iterable[dict[int, Cell]]:
         }
 
 
+OURS = "Pursuit"
+"""The simulator by itself, in the file of the other libraries."""
+
+
 def peers() -> Iterable[dict[int, Cell]]:
     rows = data("speed/peers")
     for peer, task in dict.fromkeys((row["peer"], row["task"]) for row in rows):
+        if peer == OURS:
+            continue
         own = [row for row in rows if (row["peer"], row["task"]) == (peer, task)]
         speeds = {
             what: median(float(row["steps_per_second"]) for row in own if row["what"] == what)
@@ -381,6 +387,13 @@ def peers() -> Iterable[dict[int, Cell]]:
             if what in speeds:
                 line |= {place: [in_millions(speeds[what])], place + 1: [speeds[what] / theirs]}
         yield line
+
+
+def simulator() -> Iterable[dict[int, Cell]]:
+    rows = [row for row in data("speed/peers") if row["peer"] == OURS]
+    for what in dict.fromkeys(row["what"] for row in rows):
+        own = [float(row["steps_per_second"]) / 1e6 for row in rows if row["what"] == what]
+        yield {0: what, 1: [median(own)]}
 
 
 def in_millions(speed: float) -> float:
@@ -401,7 +414,8 @@ TABLES: dict[tuple[str, int], Callable[[], Iterable[dict[int, Cell]]]] = {
     ("teams", 1): teams_decided,
     ("teams", 2): team_budgets,
     ("thesis", 0): thesis,
-    ("speed", 0): peers,
+    ("speed", 0): simulator,
+    ("speed", 1): peers,
     ("pursuit_v5", 0): pursuit_v5,
     ("pursuit_v5", 1): published,
 }

@@ -29,6 +29,7 @@ import gymnasium
 import numpy as np
 from bench_games import Copies, spiel_rate
 from bench_observations import CHASERS, EVADERS, SIDE, stepping
+from bench_simulator import simulator_step
 
 from pursuit import chase_v0
 from pursuit.mazes.generation import generate_maze
@@ -48,7 +49,7 @@ class Case(NamedTuple):
         peer: name of the environment.
         task: what is alike.
         rates: makes the functions from seconds to steps per processor second: of the "peer", of
-            "one game" of ours and of a "batch" of ours.
+            "one game" and of a "batch" of ours.
     """
 
     peer: str
@@ -203,7 +204,22 @@ def openspiel() -> dict[str, Rate]:
     return {"peer": partial(spiel_rate, GAME), "batch": rate(step, 4096)}
 
 
+def alone() -> dict[str, Rate]:
+    """Our simulator by itself, 4096 duels on 7x7."""
+    kinds: dict[str, dict[str, Any]] = {
+        "random actions": {"scripted": False},
+        "scripted evader": {},
+        "scripted evader, index": {"encoding": "index"},
+        "scripted evader, one_hot": {"encoding": "one_hot"},
+    }
+    task = make_task("chase", maze="7x7")
+    return {
+        name: rate(simulator_step(task, 4096, **options), 4096) for name, options in kinds.items()
+    }
+
+
 CASES = (
+    Case("Pursuit", "simulator, 1 against 1, 7x7, 4096 games", alone),
     Case("PettingZoo sisl pursuit_v5", "1 against 1, 7x7, radius 3", sisl_duel),
     Case("PettingZoo sisl pursuit_v5", "8 against 30, 16x16, radius 3", sisl_teams),
     Case("mpe2 simple_tag_v3", "1 against 1, the whole field", tag),
@@ -248,7 +264,6 @@ def main() -> None:
     if given.csv:
         write_csv(given.csv, rows)
     print(f"{processor()}: steps per second of the processor, medians of {given.turns}")
-    print(f"{'':<32}{'':<44}{'peer':>12}{'one game':>12}{'batch':>14}")
     for case, rates in cases:
         own = {
             what: median(
@@ -258,8 +273,9 @@ def main() -> None:
             )
             for what in rates
         }
-        one = f"{own['one game']:,.0f}" if "one game" in own else ""
-        print(f"{case.peer:<32}{case.task:<44}{own['peer']:>12,.0f}{one:>12}{own['batch']:>14,.0f}")
+        print(f"{case.peer}, {case.task}")
+        for what, speed in own.items():
+            print(f"    {what:<28}{speed:>14,.0f}")
 
 
 if __name__ == "__main__":

@@ -14,6 +14,7 @@ import argparse
 from collections.abc import Callable
 from itertools import cycle
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 from in_turns import add_options, compare
@@ -39,19 +40,14 @@ def rate(step: Callable[[], object], per_call: int, seconds: float) -> float:
     return best
 
 
-def simulator_rate(
-    task: Task,
-    num_games: int,
-    seconds: float = 1.0,
-    scripted: bool = True,
-    encoding: str | None = None,
-) -> float:
-    """Game steps per second: the first agent moves at random, the others are scripted.
+def simulator_step(
+    task: Task, num_games: int, scripted: bool = True, encoding: str | None = None
+) -> Callable[[], None]:
+    """A step of a batch: the first agent moves at random, the others are scripted.
 
     Args:
         task: the task.
         num_games: games in the batch.
-        seconds: time of the measurement.
         scripted: whether the others are scripted; False: precomputed random moves for all.
         encoding: also encode the observation of the first agent in each step.
     """
@@ -72,7 +68,12 @@ def simulator_rate(
         if encoding:
             simulator.observe(encoding, 0, out=out)
 
-    return rate(step, num_games, seconds)
+    return step
+
+
+def simulator_rate(task: Task, num_games: int, seconds: float = 1.0, **options: Any) -> float:
+    """Game steps per second of `simulator_step`."""
+    return rate(simulator_step(task, num_games, **options), num_games, seconds)
 
 
 def parallel_env_rate(seconds: float = 1.0) -> float:
@@ -136,6 +137,7 @@ def sights(seconds: float, turns: int = 5) -> None:
 MEASURE = """
 import json, sys
 from time import perf_counter
+from typing import Any
 import numpy as np
 from pursuit import Simulator, Task, chase_v0, make_task
 from pursuit import chase_v0
