@@ -367,6 +367,32 @@ def published() -> Iterable[dict[int, Cell]]:
         }
 
 
+def limited_views() -> Iterable[dict[int, Cell]]:
+    rows = data("partial_observability/bounds")
+    (full,) = numbers(the(rows, radius=""), "lower")
+    for row in rows:
+        lower, upper, width = numbers(row, "lower", "upper", "width")
+        more = sorted({round(100 * (bound / full - 1), 1) for bound in (lower, upper)})
+        names = {"5x5": row["radius"] or "full"}
+        yield {
+            0: names.get(row["maze"], f"{row['maze']}, radius {row['radius']}"),
+            1: [lower],
+            2: [upper],
+            3: [100 * width],
+            4: more if row["maze"] == "5x5" else "",
+            5: numbers(row, "seconds"),
+        }
+
+
+def scripted_views() -> Iterable[dict[int, Cell]]:
+    rows = data("partial_observability/scripted")
+    names = [*dict.fromkeys(row["chaser"] for row in rows if row["view"] == "radius 2")]
+    for view in dict.fromkeys(row["view"] for row in rows):
+        own = {row["chaser"]: numbers(row, "mean_steps", "ci95")
+               for row in rows if row["view"] == view}  # fmt: skip
+        yield {0: view} | {1 + place: own.get(name, "") for place, name in enumerate(names)}
+
+
 OURS = "Pursuit"
 """The simulator by itself, in the file of the other libraries."""
 
@@ -414,6 +440,8 @@ TABLES: dict[tuple[str, int], Callable[[], Iterable[dict[int, Cell]]]] = {
     ("teams", 1): teams_decided,
     ("teams", 2): team_budgets,
     ("thesis", 0): thesis,
+    ("partial_observability", 0): limited_views,
+    ("partial_observability", -1): scripted_views,
     ("speed", 0): simulator,
     ("speed", 1): peers,
     ("pursuit_v5", 0): pursuit_v5,
