@@ -11,6 +11,7 @@ from __future__ import annotations
 import gc
 import sys
 from collections.abc import Callable
+from time import perf_counter, process_time
 from typing import Any, TypeVar
 
 import numba
@@ -28,6 +29,8 @@ ANY_ORDER = {"reassoc", "contract"}
 TRIED = numba.__version__.startswith("0.68.")
 """Whether this is a version of Numba that `_PartCompiler` supports. With other versions Numba's own
 compiler is used, which takes twice as long."""
+
+CLOCKS = {"wall": perf_counter, "processor": process_time}
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -133,16 +136,22 @@ class Announcer(event.Listener):
     """Prints a message to stderr at the first compilation of a kernel.
 
     It also pauses Python's garbage collection during compilation, which takes a tenth of the time.
+
+    Attributes:
+        spent: seconds of compilation so far, by clock.
     """
 
     def __init__(self) -> None:
         self.depth = 0
+        self.spent = dict.fromkeys(CLOCKS, 0.0)
+        self.began = dict(self.spent)
         self.collects = self.announced = False
 
     def on_start(self, event: Any) -> None:
         """Called when Numba starts to compile (not when it loads from the cache)."""
         self.depth += 1
         if self.depth == 1:
+            self.began = {name: clock() for name, clock in CLOCKS.items()}
             self.collects = gc.isenabled()
             gc.disable()
         if not self.announced and is_ours(event.data["dispatcher"].py_func.__module__):
@@ -155,8 +164,18 @@ class Announcer(event.Listener):
     def on_end(self, event: Any) -> None:
         """Called after compilation."""
         self.depth -= 1
-        if self.depth == 0 and self.collects:
-            gc.enable()
+        if self.depth == 0:
+            for name, clock in CLOCKS.items():
+                self.spent[name] += clock() - self.began[name]
+            if self.collects:
+                gc.enable()
 
 
-event.register("numba:compile", Announcer())
+ANNOUNCER = Announcer()
+event.register("numba:compile", ANNOUNCER)
+
+
+def now_without_compilation(clock: str) -> float:
+    """The seconds of a clock, "wall" or "processor" (of this process), which stands still while
+    kernels are compiled."""
+    return CLOCKS[clock]() - ANNOUNCER.spent[clock]

@@ -10,7 +10,6 @@ from copy import copy
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from time import perf_counter, process_time
 from typing import Generic
 
 import torch
@@ -18,6 +17,7 @@ from filelock import BaseFileLock
 from torchrl.record.loggers import TensorboardLogger
 from typing_extensions import TypeVar  # with defaults, which Python has from 3.13 on
 
+from pursuit.compilation.compiled import now_without_compilation
 from pursuit.files import cannot_write
 from train.files import Plain, write_csv, write_json
 from train.machine import machine, versions
@@ -60,7 +60,8 @@ class Budget:
 
     With 0 threads and a budget in seconds, one or all threads are used, whichever is faster.
     Seconds are wall time, or the processor time of this process (`clock` "processor"), which
-    depends less on other programs and includes the time of all threads.
+    depends less on other programs and includes the time of all threads. The compilation of kernels
+    does not count: it happens once per machine.
     """
 
     seconds: float | None
@@ -88,7 +89,7 @@ class Budget:
 
     def now(self) -> float:
         """The current time of the budget's clock, in seconds."""
-        return perf_counter() if self.clock == "wall" else process_time()
+        return now_without_compilation(self.clock)
 
     def progress(self, seconds: float, frames: int) -> float:
         """The share of the budget that is used, in [0, 1]."""
@@ -113,7 +114,7 @@ class Run(Generic[T]):
 
     Attributes:
         trainee, folder, budget: the arguments.
-        seconds: training time by the budget's clock, without evaluations.
+        seconds: training time by the budget's clock, without evaluations and compilation.
         rows: the evaluations, of `metrics.csv`.
         stopped: whether it was interrupted before the end of its budget.
         exit_status: 0, or the exit status for the signal that interrupted it.
