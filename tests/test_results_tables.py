@@ -393,6 +393,25 @@ def scripted_views() -> Iterable[dict[int, Cell]]:
         yield {0: view} | {1 + place: own.get(name, "") for place, name in enumerate(names)}
 
 
+def front_page() -> Iterable[dict[int, Cell]]:
+    rows = data("front_page/runs")
+    for name in sorted({row["variant"] for row in rows}):
+        own = [row for row in rows if row["variant"] == name]
+
+        def mean_of(column: str, own: Data = own) -> float:
+            return fmean(float(row[column]) for row in own)
+
+        steps = ("random", "scripted", "mean", "optimal")
+        gaps = sorted((100 * float(row["optimality_gap"]) for row in own), key=abs)
+        assert len(gaps) == 10
+        yield {
+            0: name,
+            1: [float(own[0]["budget_seconds"]), mean_of("frames") / 1e6],
+            **{2 + place: [mean_of(f"{kind}_steps")] for place, kind in enumerate(steps)},
+            6: [gaps[0], median(gaps), gaps[-1]],
+        }
+
+
 OURS = "Pursuit"
 """The simulator by itself, in the file of the other libraries."""
 
@@ -442,6 +461,8 @@ TABLES: dict[tuple[str, int], Callable[[], Iterable[dict[int, Cell]]]] = {
     ("thesis", 0): thesis,
     ("partial_observability", 0): limited_views,
     ("partial_observability", -1): scripted_views,
+    ("front_page", 0): front_page,
+    ("../../README", 1): front_page,
     ("speed", 0): simulator,
     ("speed", 1): peers,
     ("pursuit_v5", 0): pursuit_v5,
