@@ -1,4 +1,4 @@
-"""Speed of the simulator: steps per second, and scaling; beside other libraries: bench_peers.py.
+"""Speed of the simulator by size, view, agents and games; bench_peers.py: one size, and peers.
 
 python tools/benchmarks/bench_simulator.py [--seconds 1]
 python tools/benchmarks/bench_simulator.py --against 501f81b [--turns 15] [--only 8v8]
@@ -19,7 +19,6 @@ from typing import Any
 import numpy as np
 from in_turns import add_options, compare
 
-from pursuit import chase_v0
 from pursuit.mazes.generation import generate_maze
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task, make_task
@@ -74,24 +73,6 @@ def simulator_step(
 def simulator_rate(task: Task, num_games: int, seconds: float = 1.0, **options: Any) -> float:
     """Game steps per second of `simulator_step`."""
     return rate(simulator_step(task, num_games, **options), num_games, seconds)
-
-
-def parallel_env_rate(seconds: float = 1.0) -> float:
-    """Steps per second of the PettingZoo environment: chase on 5x5, default observation."""
-    env = chase_v0.parallel_env(maze="5x5")
-    env.reset(seed=0)
-    generator = np.random.default_rng(0)
-    turns = cycle(
-        dict(zip(env.possible_agents, pair, strict=True))
-        for pair in generator.integers(4, size=(256, 2)).tolist()
-    )
-
-    def step() -> None:
-        env.step(next(turns))
-        if not env.agents:
-            env.reset()
-
-    return rate(step, 1, seconds)
 
 
 SIGHTS: dict[str, dict[str, object]] = {
@@ -225,22 +206,8 @@ def main() -> None:
         compare(MEASURE, given.against, seconds, given.turns, given.only)
         return
     chase = make_task("chase", maze="7x7")
-    ours = {
-        "Simulator 7x7 1v1, 4096 games, scripted evader": simulator_rate(chase, 4096, seconds),
-        "  the same with the 'index' observation": simulator_rate(
-            chase, 4096, seconds, encoding="index"
-        ),
-        "  the same with the 'one_hot' observation": simulator_rate(
-            chase, 4096, seconds, encoding="one_hot"
-        ),
-        "  no scripted agent, no observation": simulator_rate(chase, 4096, seconds, scripted=False),
-        "PettingZoo env chase_v0 5x5, one game, one_hot": parallel_env_rate(seconds),
-    }
-    print("steps per second")
-    for name, speed in ours.items():
-        print(f"{name:<52}{speed:>14,.0f}")
-
-    print("\nby maze, 1v1, scripted evader, 4096 games (above 4096 cells: searches, no tables)")
+    print("steps per second by maze, 1v1, scripted evader, 4096 games")
+    print("(above 4096 cells: searches, no tables)")
     for size in (5, 9, 15, 31, 64, 100):
         maze = generate_maze("prim", size, loops=0.1, seed=0)
         speed = simulator_rate(make_task("chase", maze=maze), 4096, seconds)

@@ -230,16 +230,16 @@ def _extremes(row: Row) -> str:
     return f"{_number(row['best'])} to {_number(row['worst'])}"
 
 
-def _settled(row: Row) -> str:
-    share = row["settled"]
+def _hardest(row: Row) -> str:
+    share = row["hardest_share"]
     if np.isnan(share):
         return ""
     text = f"{100 * share:.0f} %" + ("" if share >= SPENT else f", below {100 * SPENT:.0f} %")
-    never = row["never_settled"]
+    never = row["never_hardest"]
     return text + (f"; none in {never} of {row['runs']} runs" if never else "")
 
 
-HARDEST = Column("frames on the hardest stage", _settled)
+HARDEST = Column("frames on the hardest stage", _hardest)
 
 
 def _time(gap: float, row: Row) -> str:

@@ -161,7 +161,7 @@ def gap_row(name: str, own: list[Row], control: list[Row]) -> Row:
     row |= times_row(own, THRESHOLDS)
     areas = by_task(own, "mean_optimality")
     row |= bounded("area", mean_of(areas), distance_interval(areas))
-    row |= settled_row(own)
+    row |= hardest_row(own)
     better, p, ends, apart = NAN, NAN, (NAN, NAN), (NAN, NAN)
     if {str(r["_x"]) for r in own} == {str(r["_x"]) for r in control}:
         theirs = by_task(control, "shortfall")
@@ -178,13 +178,13 @@ def gap_row(name: str, own: list[Row], control: list[Row]) -> Row:
     return row
 
 
-def settled_row(rows: Sequence[Row]) -> Row:
-    """The mean share of frames in the hardest stage of a curriculum, "settled", NaN without one;
-    "never_settled": in how many runs it is 0."""
+def hardest_row(rows: Sequence[Row]) -> Row:
+    """The mean share of frames in the hardest stage of a curriculum, "hardest_share", NaN without
+    one; "never_hardest": in how many runs it is 0."""
     shares = [row.get("hardest_share") for row in rows]
-    told = [share for share in shares if share is not None]
-    mean = float(np.mean(told)) if told and len(told) == len(shares) else NAN
-    return {"settled": mean, "never_settled": told.count(0.0)}
+    known = [share for share in shares if share is not None]
+    mean = float(np.mean(known)) if known and len(known) == len(shares) else NAN
+    return {"hardest_share": mean, "never_hardest": known.count(0.0)}
 
 
 def mean_of(tasks: Sequence[Sequence[float]]) -> float:
@@ -289,7 +289,7 @@ def paired_row(
             ratio = float(np.mean(logs) - np.mean(theirs))
             ends, p = difference_interval(*sides), permutation_p(*sides)
     row |= bounded("ratio", float(np.exp(ratio)), (float(np.exp(ends[0])), float(np.exp(ends[1]))))
-    return row | settled_row(rows) | {"lower_in": lower, "p": p}
+    return row | hardest_row(rows) | {"lower_in": lower, "p": p}
 
 
 def paired_verdict(row: Row, layout: Layout, distance: Distance = NASH_CONV) -> str:

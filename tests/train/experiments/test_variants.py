@@ -27,10 +27,10 @@ from train.experiments.variants import (
     against_control,
     equal_results,
     gap_row,
+    hardest_row,
     out_of_reach,
     paired_row,
     paired_verdict,
-    settled_row,
 )
 
 Row = dict[str, Any]
@@ -167,11 +167,11 @@ def test_the_share_of_frames_on_the_hardest_stage() -> None:
 
 def test_variants_that_never_reach_the_hardest_stage_are_marked() -> None:
     rows = [{"hardest_share": share} for share in (0.0, 0.6, 0.0)]
-    row = settled_row(rows) | {"runs": len(rows)}
+    row = hardest_row(rows) | {"runs": len(rows)}
     assert HARDEST.cell(row) == "20 %, below 80 %; none in 2 of 3 runs"
-    assert HARDEST.cell(settled_row(rows[1:2]) | {"runs": 1}) == "60 %, below 80 %"
-    assert HARDEST.cell(settled_row([{"hardest_share": 0.8}]) | {"runs": 1}) == "80 %"
-    assert HARDEST.cell(settled_row([{"hardest_share": None}, *rows]) | {"runs": 4}) == ""
+    assert HARDEST.cell(hardest_row(rows[1:2]) | {"runs": 1}) == "60 %, below 80 %"
+    assert HARDEST.cell(hardest_row([{"hardest_share": 0.8}]) | {"runs": 1}) == "80 %"
+    assert HARDEST.cell(hardest_row([{"hardest_share": None}, *rows]) | {"runs": 4}) == ""
 
 
 def test_variants_with_equal_results_are_named() -> None:
