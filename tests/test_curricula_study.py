@@ -81,12 +81,12 @@ def test_what_the_answers_say_of_the_runs() -> None:
         """To the control, and the run, by maze."""
         runs = analysis.by_variant(analysis.study_of(name))
         control = {row["maze"]: row for row in runs["none"]}
-        return [
-            (max(row[column], 0.1) / max(control[row["maze"]][column], 0.1), row)
-            for row in runs[variant]
-        ]
+        pairs = [(row, control[row["maze"]][column]) for row in runs[variant]]
+        known = [(row, other) for row, other in pairs if None not in (row[column], other)]
+        return [(max(row[column], 0.1) / max(other, 0.1), row) for row, other in known]
 
     def middle(name: str, variant: str, gap: int) -> float:
+        """Of the mazes where both reach the gap."""
         return geometric_mean([ratio for ratio, _ in ratios(name, variant, f"frames_to_{gap}")])
 
     assert f"n = 100 reaches 5 % with {middle('opponent-epsilon', 'n = 100', 5):.2f} times" in page
@@ -98,3 +98,12 @@ def test_what_the_answers_say_of_the_runs() -> None:
     assert (len(whole), len(ended)) == (12, 5) and "In seven of the twelve mazes" in page
     said = f"in the five others the gap is {min(ended):.2f} to {max(ended):.1f} times as large"
     assert said in page
+    first, second = (middle("adaptive", name, 10) for name in ("linear", "success-gated"))
+    assert f"the linear variant needs {first:.2f} and the success-gated one {second:.2f}" in page
+    runs = analysis.by_variant(analysis.study_of("adaptive"))
+    assert not any(row["unsolved_share"] for row in runs["linear"])
+    failed = [row for row in runs["none"] if row["unsolved_share"]]
+    assert len(failed) == 4 and "in four of the twelve mazes the control leaves" in page
+    assert f"up to {100.0 * max(row['unsolved_share'] for row in failed):.1f} %" in page
+    gaps = [row["shortfall"] for row in failed]
+    assert f"its gap there is {min(gaps):.1f} to {max(gaps):.0f} %" in page

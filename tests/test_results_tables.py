@@ -136,32 +136,6 @@ def small_budgets() -> Iterable[dict[int, Cell]]:
         }
 
 
-SHOWN_VARIANTS = {
-    "opponent-epsilon": [["none"], ["n = 100"], ["n = 250"], ["n = 500"]],
-    "adaptive": [["none"], ["success-gated"], ["linear"], ["shuffled"], ["uniform"],
-                 ["learning progress", "reversed"],
-                 ["level replay, value loss", "level replay, regret", "learnability"]],
-    "maze-size": [["none"], ["open walls, linear"], ["rows, linear"], ["rows, success-gated"]],
-    "goal-spread-start": [["none"], ["around the start"]],
-    "goal-spread-fixed": [["none"], ["n = 100", "n = 500"], ["n = 5000"]],
-}  # fmt: skip
-"""The variants in the lines of the table of curricula, by ablation."""
-
-
-def curricula() -> Iterable[dict[int, Cell]]:
-    for study, lines in SHOWN_VARIANTS.items():
-        rows = data(f"{study}/table")
-        for variants in lines:
-            own = [the(rows, variant=variant) for variant in variants]
-            as_mean = study in ("opponent-epsilon", "goal-spread-fixed")
-            ends = ("gap", "gap_low", "gap_high") if as_mean else ("best", "worst")
-            ps = {float(row["p_holm"]) for row in own if row["variant"] != "none"}
-            cell: Cell = "" if not ps else [min(ps)]
-            if ps and min(ps) < 0.001:
-                cell = "< 0.001"
-            yield {2: [n for row in own for n in numbers(row, *ends)], 3: cell}
-
-
 def thesis() -> Iterable[dict[int, Cell]]:
     def intervals(study: str, values: tuple[str, ...], groups: tuple[str, ...]) -> list[float]:
         rows = data(f"{study}/table")
@@ -449,7 +423,6 @@ def in_millions(speed: float) -> float:
 TABLES: dict[tuple[str, int], Callable[[], Iterable[dict[int, Cell]]]] = {
     ("libraries", 0): libraries,
     ("frames_and_states", 0): frames_and_states,
-    ("curricula", -1): curricula,
     ("hyperparameters", 3): small_budgets,
     ("rules", 0): lambda: capture_rules("forced", "mean_steps"),
     ("rules", 1): lambda: capture_rules("turns_forced", "turns_rounds"),
@@ -469,7 +442,7 @@ TABLES: dict[tuple[str, int], Callable[[], Iterable[dict[int, Cell]]]] = {
     ("pursuit_v5", 1): published,
 }
 """How the numbers of a table, given by its page and place, follow from the data."""
-ELSEWHERE = {"index", "self_play_mixing"}
+ELSEWHERE = {"index", "self_play_mixing", "curricula"}
 """Pages without tables of results, or whose tables have a test of their own."""
 PAGES = [page.stem for page in sorted(RESULTS.glob("*.md")) if page.stem not in ELSEWHERE]
 

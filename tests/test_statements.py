@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import csv
 import re
+import subprocess
 from collections.abc import Sequence
 from itertools import permutations, product
 from pathlib import Path
@@ -25,6 +27,8 @@ from train.settings.curricula import CURRICULA
 
 DOCS = Path(__file__).parents[1] / "docs"
 RESULTS = [page for page in sorted((DOCS / "results").glob("*.md")) if page.stem != "index"]
+REBASED = {"ec846a222f051d2d205b61bb0ee11373eac8a9c7"}
+"""Commits of rows that a rebase has replaced, as the page of the rows says."""
 
 
 def text_of(page: str) -> str:
@@ -56,6 +60,24 @@ def test_a_results_page_says_first_what_it_rests_on(page: Path) -> None:
     assert re.search(r"commit|version|recipe", lines)
     if page.stem != "speed":
         assert (re.search(r"seeds?|run", lines) and "defaults" in lines) or "settings" in lines
+
+
+def test_commits_that_results_rest_on_are_in_the_history() -> None:
+    def git(*arguments: str) -> str:
+        found = subprocess.run(["git", *arguments], capture_output=True, text=True, cwd=DOCS)
+        return found.stdout.strip()
+
+    if git("rev-parse", "--is-shallow-repository") != "false":
+        pytest.skip("needs the whole history")
+    commits = {*git("rev-list", "HEAD").split()}
+    for page in RESULTS:
+        first = page.read_text(encoding="utf-8").partition("\n\n")[2].partition("\n\n")[0]
+        for short in re.findall(r"\b(?=\w*\d)[0-9a-f]{7}\b", first):
+            assert any(commit.startswith(short) for commit in commits), (page.name, short)
+    for table in sorted((DOCS / "results" / "data").rglob("*.csv")):
+        with table.open(encoding="utf-8", newline="") as lines:
+            own = {row["commit"] for row in csv.DictReader(lines) if row.get("commit")}
+        assert own - REBASED <= commits, table
 
 
 def test_how_many_curricula_there_are() -> None:
