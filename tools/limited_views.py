@@ -110,7 +110,7 @@ def main() -> None:
         for row in rows:
             print(name, *row.values(), flush=True)
             found.append(row)
-        write_csv(out / f"{name}.csv", found)
+            write_csv(out / f"{name}.csv", found)
 
 
 if __name__ == "__main__":

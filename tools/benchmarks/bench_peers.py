@@ -260,9 +260,11 @@ def main() -> None:
             cases.append((case, case.rates()))
         except ImportError as error:
             print(f"without {case.peer}, which is not installed ({error})")
-    rows = list(measured(cases, given))
-    if given.csv:
-        write_csv(given.csv, rows)
+    rows = []
+    for row in measured(cases, given):
+        rows.append(row)
+        if given.csv:
+            write_csv(given.csv, rows)  # at once: an interrupted run keeps its measurements
     print(f"{processor()}: steps per second of the processor, medians of {given.turns}")
     for case, rates in cases:
         own = {
