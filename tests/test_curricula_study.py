@@ -105,5 +105,13 @@ def test_what_the_answers_say_of_the_runs() -> None:
     failed = [row for row in runs["none"] if row["unsolved_share"]]
     assert len(failed) == 4 and "in four of the twelve mazes the control leaves" in page
     assert f"up to {100.0 * max(row['unsolved_share'] for row in failed):.1f} %" in page
+    open_mazes = {row["maze"] for row in failed}
+    ends = ratios("adaptive", "linear", "shortfall")
+    parts = [
+        [x for x, row in ends if (row["maze"] in open_mazes) == in_them]
+        for in_them in (True, False)
+    ]
+    fours, others = map(geometric_mean, parts)
+    assert f"Its ratio to the control is {fours:.2f} in these four and {others:.2f} in" in page
     gaps = [row["shortfall"] for row in failed]
     assert f"its gap there is {min(gaps):.1f} to {max(gaps):.0f} %" in page
