@@ -18,7 +18,14 @@ import pytest
 
 from pursuit.mazes.maze import load_maze
 from scripted_agents import expected_tour_length
+from train.experiments.claims import named
+from train.experiments.recorded import read_recorded
+from train.experiments.replication import load_replication
+from train.experiments.replication_page import decide_all
+from train.experiments.rows import StudyRows
 from train.experiments.statistics import LEVEL, holm, mean_interval, sign_flip_p
+from train.experiments.study import Layout
+from train.reports.tables import Row
 from train.runs.parts import contest_of
 from train.settings.task import ReacherSettings
 
@@ -139,38 +146,85 @@ def small_budgets() -> Iterable[dict[int, Cell]]:
 
 
 def thesis() -> Iterable[dict[int, Cell]]:
-    def intervals(study: str, values: tuple[str, ...], groups: tuple[str, ...]) -> list[float]:
-        rows = data(f"{study}/table")
-        column = next(iter(rows[0]))
-        own = [the(rows, **{column: value, "group": group}) for group in groups for value in values]
-        return [n for row in own for n in numbers(row, "gap", "gap_low", "gap_high")]
+    """The studies with five seeds."""
 
     def gaps(study: str, column: str, *keys: tuple[str, str]) -> list[float]:
         rows = data(f"{study}/table")
         return [float(the(rows, **{column: value, "group": group})["gap"]) for value, group in keys]
 
-    sizes, learners = ("5x5", "7x7"), ("ppo", "dqn", "a2c")
+    def with_ends(row: dict[str, str]) -> list[float]:
+        return numbers(row, "gap", "gap_low", "gap_high")
+
     tours = [expected_tour_length(load_maze(f"{size}x{size}"), 3) for size in range(3, 10)]
     yield {2: tours}
     assert {float(row["gap"]) for row in data("tabular/table")} == {0.0}
     yield {2: "0 in every seed"}
-    yield {2: intervals("encodings", ("one_hot", "cells", "positions", "walls"), ("ppo",))}
-    yield {2: intervals("rewards", ("goal", "completion"), ("ppo", "a2c", "dqn"))}
-    yield {2: intervals("maze_by_size", sizes, learners)}
-    yield {2: intervals("maze_by_goals", ("10",), learners)}
-    yield {2: intervals("chaser_by_size", sizes, learners)}
-    yield {2: intervals("evader_by_size", sizes, learners)}
+    ten = [row for row in data("maze_by_goals/table") if row["num_goals"] == "10"]
+    yield {2: [n for name in ("ppo", "dqn", "a2c") for n in with_ends(the(ten, group=name))]}
     joints = [("1", name) for name in ("ddpg", "a2c", "td3", "ppo", "sac")]
     joints += [("2", name) for name in ("ppo", "a2c", "td3", "sac", "ddpg")]
     yield {2: gaps("reacher_by_joints", "joints", *joints)}
-    best = intervals("reacher_noise_tau", ("0.1",), ("gaussian",))
+    (best,) = [
+        row for row in data("reacher_noise_tau/table")
+        if (row["tau"], row["group"]) == ("0.1", "gaussian")
+    ]  # fmt: skip
     zero = [
         float(row["value"])
-        for row in data("thesis/values")
+        for row in data("thesis/former_values")
         if row["setting"] == "gaussian, tau 0.0"
     ]
-    yield {2: [*best, min(zero), max(zero)]}
+    yield {2: [*with_ends(best), min(zero), max(zero)]}
     yield from ({}, {}, {})  # in words
+
+
+SETTINGS = ("algorithm", "maze", "observation", "rewards")
+"""What differs between runs of the studies of the thesis."""
+
+
+def thesis_studies() -> dict[str, list[Row]]:
+    """The runs with eleven seeds, by study."""
+    rows = [*read_recorded(RESULTS / "data" / "thesis" / "runs.csv").values()]
+    found: dict[str, list[Row]] = {}
+    for row in rows:
+        found.setdefault(str(row["study"]), []).append(row)
+    return found
+
+
+def thesis_claims() -> Iterable[dict[int, Cell]]:
+    """Every claim, decided again."""
+    studies = thesis_studies()
+    plan = load_replication([*studies])
+    made = {
+        name: StudyRows(Layout(""), rows, rows, varying=[*SETTINGS])
+        for name, rows in studies.items()
+    }
+    for each in decide_all(plan, made):
+        for cell in each.cells:
+            shown: list[float] = []
+            for group in cell.groups if each.claim.than else ():
+                values = group.values(each.claim)
+                shown += [fmean(map(fmean, values)), *mean_interval(values)]
+            if not each.claim.than:
+                shown = [float(cell.meets or 0), float(len(cell.groups[0].mazes[0]))]
+            p: Cell = "< 0.001" if cell.corrected < 0.001 else [cell.corrected]
+            what = (each.study.id.removeprefix("figure-"), each.claim.text.replace("*", "\\*"))
+            yield dict(enumerate((*what, named(cell.groups[0].cell), shown, p, cell.verdict)))
+
+
+def thesis_gaps() -> Iterable[dict[int, Cell]]:
+    """The gap of every setting."""
+    for study, rows in thesis_studies().items():
+        varying = [name for name in SETTINGS if len({row[name] for row in rows}) > 1]
+        for setting in dict.fromkeys(tuple(row[name] for name in varying) for row in rows):
+            own = [row for row in rows if tuple(row[name] for name in varying) == setting]
+            gaps = [100.0 * row["optimality_gap"] for row in own]
+            yield {
+                0: study.removeprefix("figure-"),
+                1: ", ".join(map(str, setting)),
+                2: [fmean(gaps), *mean_interval([gaps])],
+                3: sorted([min(gaps), max(gaps)], key=abs),
+                4: [median(row["frames"] / 1e6 for row in own)],
+            }
 
 
 def capture_rules(*columns: str) -> Iterable[dict[int, Cell]]:
@@ -450,7 +504,9 @@ TABLES: dict[tuple[str, int], Callable[[], Iterable[dict[int, Cell]]]] = {
     ("teams", 0): teams,
     ("teams", 1): teams_decided,
     ("teams", 2): team_budgets,
-    ("thesis", 0): thesis,
+    ("thesis", 0): thesis_claims,
+    ("thesis", 1): thesis_gaps,
+    ("thesis", 2): thesis,
     ("arm", 0): inverse_kinematics,
     ("partial_observability", 0): limited_views,
     ("partial_observability", -1): scripted_views,
