@@ -23,7 +23,7 @@ from train.experiments.recorded import read_recorded
 from train.experiments.replication import load_replication
 from train.experiments.replication_page import decide_all
 from train.experiments.rows import StudyRows
-from train.experiments.statistics import LEVEL, holm, mean_interval, sign_flip_p
+from train.experiments.statistics import LEVEL, distance_interval, holm, mean_interval, sign_flip_p
 from train.experiments.study import Layout
 from train.reports.tables import Row
 from train.runs.parts import contest_of
@@ -203,7 +203,7 @@ def thesis_claims() -> Iterable[dict[int, Cell]]:
             shown: list[float] = []
             for group in cell.groups if each.claim.than else ():
                 values = group.values(each.claim)
-                shown += [fmean(map(fmean, values)), *mean_interval(values)]
+                shown += [fmean(map(fmean, values)), *distance_interval(values)]
             if not each.claim.than:
                 shown = [float(cell.meets or 0), float(len(cell.groups[0].mazes[0]))]
             p: Cell = "< 0.001" if cell.corrected < 0.001 else [cell.corrected]
@@ -221,7 +221,7 @@ def thesis_gaps() -> Iterable[dict[int, Cell]]:
             yield {
                 0: study.removeprefix("figure-"),
                 1: ", ".join(map(str, setting)),
-                2: [fmean(gaps), *mean_interval([gaps])],
+                2: [fmean(gaps), *distance_interval([gaps])],
                 3: sorted([min(gaps), max(gaps)], key=abs),
                 4: [median(row["frames"] / 1e6 for row in own)],
             }

@@ -52,7 +52,7 @@ from train.experiments.replication_page import decide_all, study_part, verdicts,
 from train.experiments.rows import StudyRows, curve_measures
 from train.experiments.stages import carry_out
 from train.experiments.statistics import permutation_p
-from train.experiments.study import PARTS, Claim, Layout, StudyFile
+from train.experiments.study import PARTS, Claim, Layout, StudyFile, read_file
 from train.experiments.tuning import best_trials, search_of
 from train.files import read_json
 
@@ -161,6 +161,20 @@ def test_thresholds_without_an_effect_are_decided_in_one_of_twenty_at_most(cells
     assert verdicts(np.zeros((cells, 8))) == ["confirmed"] * cells
     assert verdicts(np.full((cells, 8), 6.0)) == ["refuted"] * cells
     assert verdicts(np.zeros((cells, 5))) == ["undecided"] * cells  # 2 of 2^5 is above 0.05
+
+
+@pytest.mark.parametrize("file", ["thesis", "optimum"])
+def test_the_search_has_the_fixed_settings_of_its_studies(file: str) -> None:
+    """Else a study with the defaults, the first trial, would have settings of no trial."""
+    plan = load_replication(file=file)
+    if plan.tuning is None:
+        return
+    drawn = {name for space in plan.tuning.space.values() for name in space}
+    for study in plan.studies:
+        if study.tuned:
+            fixed = read_file(str(study.sweep), "sweep", StudyFile)[1].settings or {}
+            own = {name: value for name, value in fixed.items() if name in drawn}
+            assert own.items() <= plan.tuning.settings.items(), study.id
 
 
 def test_a_claim_of_two_cells_has_two_verdicts() -> None:
@@ -292,15 +306,15 @@ def test_an_evaders_settings_are_ranked_by_their_gaps(
     assert [row["chosen"] for row in best_trials(tmp_path)[0]] == [False, False, True]
 
 
-@pytest.mark.parametrize("name", ["thesis", "optimum"])
+@pytest.mark.parametrize("name", ["thesis/former_", "optimum/"])
 def test_the_verdicts_of_the_committed_pages_follow_from_their_values(name: str) -> None:
-    folder = Path(__file__).parents[3] / "docs" / "results" / "data" / name
+    start = f"{Path(__file__).parents[3] / 'docs' / 'results' / 'data'}/{name}"
     runs: dict[tuple[str, str, str], dict[str, list[dict[str, str]]]] = {}
-    with open(folder / "values.csv", encoding="utf-8") as file:
+    with open(f"{start}values.csv", encoding="utf-8") as file:
         for row in csv.DictReader(file):
             cell = runs.setdefault((row["study"], row["claim"], row["cell"]), {})
             cell.setdefault(row["rival"], []).append(row)
-    with open(folder / "claims.csv", encoding="utf-8") as file:
+    with open(f"{start}claims.csv", encoding="utf-8") as file:
         told = [row for row in csv.DictReader(file) if row["p"]]
     tests = []
     for row, groups in zip(told, runs.values(), strict=True):
