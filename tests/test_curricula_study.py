@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from importlib import import_module
 from pathlib import Path
-from statistics import geometric_mean
+from statistics import geometric_mean, median
 from typing import Any
 
 import pytest
@@ -66,8 +66,9 @@ def test_ratios_are_paired_by_maze(tmp_path: Path, monkeypatch: pytest.MonkeyPat
             elif row["verdict"] != "control" and name != "maze-size":  # whose control has others
                 assert row["ratio"] == pytest.approx(factors[name, variant]), (name, variant)
                 assert row["lower_in"] == "12 of 12"
-    order = analysis.order_table()
-    assert order.count("| 1.11 [1.11, 1.11] | 0 of 12 |") == 4  # shuffled has the next factor
+    first, second = map(analysis.order_table, analysis.ORDERS.values())
+    assert first.count("| 1.11 [1.11, 1.11] | 0 of 12 |") == 4  # shuffled has the next factor
+    assert second.count("| 1.11 [1.11, 1.11] |") == second.count("| 1.23 [1.23, 1.23] |") == 1
 
     del rows[next(key for key in rows if "shuffled" in key and " 12000000" in key)]
     write_csv(tmp_path / "runs.csv", [*rows.values()])
@@ -113,5 +114,11 @@ def test_what_the_answers_say_of_the_runs() -> None:
     ]
     fours, others = map(geometric_mean, parts)
     assert f"Its ratio to the control is {fours:.2f} in these four and {others:.2f} in" in page
+    again = {row["maze"][-3:]: x for x, row in ratios("order", "linear", "shortfall")}
+    middles = (median(again.values()), median(x for x, _ in ends))
+    assert "in the median maze {:.2f} ({:.2f} in `adaptive`)".format(*middles) in page
+    least = again.pop("016")
+    said = f"is {least:.2f}; without this maze it is {geometric_mean(again.values()):.2f}"
+    assert said in page
     gaps = [row["shortfall"] for row in failed]
     assert f"its gap there is {min(gaps):.1f} to {max(gaps):.0f} %" in page

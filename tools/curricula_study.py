@@ -40,17 +40,26 @@ STUDIES = (
     "maze-size",
     "goal-spread-fixed",
     "mazes",
+    "order",
 )
-ORDERED = {
-    "opponent-epsilon": ("linear", "shuffled"),
-    "goal-spread-start": ("linear", "shuffled"),
-    "adaptive": ("linear", "shuffled"),
-    "maze-size": ("open walls, linear", "open walls, shuffled"),
+OWN_FILE = DATA / "order.toml"
+"""The file of "order"; the other ablations are shipped."""
+ORDERS = {
+    "order of the stages": (
+        ("opponent-epsilon", "linear", "shuffled"),
+        ("goal-spread-start", "linear", "shuffled"),
+        ("adaptive", "linear", "shuffled"),
+        ("maze-size", "open walls, linear", "open walls, shuffled"),
+    ),
+    "order of the stages, repeated": (
+        ("order", "linear", "shuffled"),
+        ("order", "linear", "reversed"),
+    ),
 }
-"""Of a study the variant with stages in order, and that with the same stages in random order."""
+"""Stages in order against stages in another order, as (study, variant, variant), by table."""
 MEASURES = ("objective", "shortfall", "mean_optimality", "hardest_share", "frames")
 """What a failed run takes from another one."""
-HEAD = "gap in order / in random order [95 %]"
+HEAD = "gap in order / in other order [95 %]"
 Row = dict[str, Any]
 
 
@@ -60,8 +69,10 @@ def rows_of(name: str = "runs") -> list[Row]:
 
 
 def file_of(name: str) -> StudyFile:
-    """The full version of an ablation."""
-    return choose_version(read_file(name, "ablation", StudyFile)[1], "full")
+    """An ablation as it was run: the full version."""
+    path = str(OWN_FILE) if name == OWN_FILE.stem else name
+    file = read_file(path, "ablation", StudyFile)[1]
+    return choose_version(file, "full" if file.full else None)
 
 
 def study_of(name: str) -> StudyRows:
@@ -110,12 +121,13 @@ def table_of(name: str) -> str:
     return ResultTable(against_control(study), columns).markdown()
 
 
-def order_table() -> str:
-    """Stages in order against the same stages in random order, corrected together (Holm)."""
+def order_table(comparisons: Sequence[tuple[str, str, str]]) -> str:
+    """Stages in order against stages in another order, corrected together (Holm)."""
     found = []
-    for name, (one, other) in ORDERED.items():
+    for name, one, other in comparisons:
         variants = by_variant(study_of(name))
-        found.append(paired_row(name, variants[one], variants[other], MAZE_GAP))
+        label = f"{name}: {one} / {other}"
+        found.append(paired_row(label, variants[one], variants[other], MAZE_GAP))
     for row, p in zip(found, holm([row["p"] for row in found]), strict=True):
         row["p_holm"] = p
     lines = []
@@ -155,11 +167,11 @@ def chosen(names: Sequence[str]) -> list[Row]:
 
 
 def tables() -> dict[str, str]:
-    """The tables of the page as Markdown, by title; that of the order needs all its ablations."""
+    """The tables of the page as Markdown, by title; those of the order need all ablations."""
     names = complete()
     found = {name: table_of(name) for name in names}
-    if set(ORDERED) <= set(names):
-        found["order"] = order_table()
+    if names == [*STUDIES]:
+        found |= {title: order_table(comparisons) for title, comparisons in ORDERS.items()}
     return {**found, "settings": plain_table(chosen(names)).markdown()}
 
 

@@ -244,8 +244,8 @@ def curriculum_for(
     """The named curriculum and its settings, or the curriculum of the preset.
 
     The curriculum of the preset starts episodes near their end, as in large mazes random actions
-    rarely reach goals or evaders. On 9x9 the gap of runners is about half after 4 million frames;
-    after 12 million no difference is shown. That of chasers was not compared with none.
+    rarely reach goals or evaders. On 9x9 runners have a smaller gap with it after 4 million
+    frames; after 12 million no difference is shown. That of chasers was not compared with none.
 
     ValueError for an unknown one.
     """
