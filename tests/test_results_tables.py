@@ -15,6 +15,7 @@ from statistics import fmean, mean, median
 from typing import Any
 
 import pytest
+from scipy.stats import kendalltau
 
 from pursuit.mazes.maze import load_maze
 from scripted_agents import expected_tour_length
@@ -225,6 +226,41 @@ def thesis_gaps() -> Iterable[dict[int, Cell]]:
                 3: sorted([min(gaps), max(gaps)], key=abs),
                 4: [median(row["frames"] / 1e6 for row in own)],
             }
+
+
+def elo_runs() -> dict[str, dict[str, list[tuple[float, float]]]]:
+    """Elo and minus exploitability of all snapshots, by seed and role."""
+    found: dict[str, dict[str, list[tuple[float, float]]]] = {}
+    for row in data("elo/snapshots"):
+        pair = (float(row["elo"]), -float(row["exploitability"]))
+        found.setdefault(row["seed"], {}).setdefault(row["role"], []).append(pair)
+    return found
+
+
+def elo_orders() -> Iterable[dict[int, Cell]]:
+    for seed, roles in elo_runs().items():
+        whole, later = (
+            [float(kendalltau(*zip(*roles[role][first:], strict=True)).statistic)
+             for role in ("chaser", "evader")]
+            for first in (0, 20)
+        )  # fmt: skip
+        supports = fmean(whole) > 0.5 and fmean(later) < 0.2
+        yield {0: seed, 1: whole, 2: later, 3: "yes" if supports else "no"}
+
+
+def elo_pairs() -> Iterable[dict[int, Cell]]:
+    for least, most in ((1, 1), (2, 3), (4, 7), (8, 15), (16, 39)):
+        shares = []
+        for role in ("chaser", "evader"):
+            parted = [
+                (one[0] - other[0]) * (one[1] - other[1]) < 0.0
+                for roles in elo_runs().values()
+                for place, one in enumerate(roles[role])
+                for other in roles[role][place + least : place + most + 1]
+            ]
+            shares.append(100.0 * fmean(parted))
+        yield {0: f"{least}" if least == most else f"{least} to {most}",
+               1: [shares[0]], 2: [shares[1]]}  # fmt: skip
 
 
 def capture_rules(*columns: str) -> Iterable[dict[int, Cell]]:
@@ -504,6 +540,8 @@ TABLES: dict[tuple[str, int], Callable[[], Iterable[dict[int, Cell]]]] = {
     ("teams", 0): teams,
     ("teams", 1): teams_decided,
     ("teams", 2): team_budgets,
+    ("elo", 0): elo_orders,
+    ("elo", 1): elo_pairs,
     ("thesis", 0): thesis_claims,
     ("thesis", 1): thesis_gaps,
     ("thesis", 2): thesis,

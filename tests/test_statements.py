@@ -11,8 +11,8 @@ from itertools import permutations, product
 from pathlib import Path
 
 import pytest
-from scipy.stats import mannwhitneyu
-from test_results_tables import data, thesis_claims
+from scipy.stats import binomtest, mannwhitneyu
+from test_results_tables import data, elo_orders, thesis_claims
 
 from pursuit.mazes.maze import load_maze
 from pursuit.mazes.suites import load_suite
@@ -172,3 +172,13 @@ def test_how_many_claims_of_the_thesis_are_decided() -> None:
     five = [row for row in former if row["study"] not in again]
     assert f"too few to decide any of the {len(five)} tested ones" in said
     assert all(float(row["least_p"]) * len(compared) >= 0.05 for row in five)
+
+
+def test_what_is_said_of_elo() -> None:
+    orders = list(elo_orders())
+    (seed,) = (row[0] for row in orders if row[3] == "yes")
+    said = text_of("results/elo.md")
+    p = binomtest(1, len(orders)).pvalue
+    assert f"one of ten runs supports it (p = {p:.3f}), seed {seed}" in said and len(orders) == 10
+    whole = [tau for row in orders if row[0] != seed for tau in row[1]]
+    assert f"tau {min(whole):.2f} to {max(whole):.2f} over the whole run" in said

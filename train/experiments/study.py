@@ -338,7 +338,7 @@ def choose_version(file: StudyFile, version: str | None) -> StudyFile:
     """The file overridden by the chosen version, by default the first that it has."""
     check(version in (None, *VERSIONS), f"unknown version {version!r}; short or full")
     has = [name for name in VERSIONS if getattr(file, name) is not None]
-    check(version is None or version in has, f"no version {version!r}; give one of {has or 'none'}")
+    check(version is None or version in has, f"no version {version!r}; there is {has or 'none'}")
     chosen = version or (has[0] if has else None)
     over: Table = dict.fromkeys(VERSIONS)
     for name in Version.__struct_fields__ if chosen else ():
