@@ -524,6 +524,21 @@ def inverse_kinematics() -> Iterable[dict[int, Cell]]:
         }
 
 
+def arm() -> Iterable[dict[int, Cell]]:
+    rows = data("reacher_bars/runs")
+    for name in dict.fromkeys(row["variant"] for row in rows):
+        own = [row for row in rows if row["variant"] == name]
+        gaps = sorted(100.0 * float(row["optimality_gap"]) for row in own)
+        frames = fmean(float(row["frames"]) / 1e6 for row in own)
+        assert len(own) == 10
+        yield {
+            0: name.partition(", ")[2],
+            1: numbers(own[0], "optimal_steps"),
+            2: [float(own[0]["budget_seconds"]), frames],
+            3: [gaps[0], median(gaps), gaps[-1]],
+        }
+
+
 def in_millions(speed: float) -> float:
     """As it is printed: large speeds in millions."""
     return speed / 1e6 if speed >= 1e6 else speed
@@ -546,6 +561,7 @@ TABLES: dict[tuple[str, int], Callable[[], Iterable[dict[int, Cell]]]] = {
     ("thesis", 1): thesis_gaps,
     ("thesis", 2): thesis,
     ("arm", 0): inverse_kinematics,
+    ("arm", 1): arm,
     ("partial_observability", 0): limited_views,
     ("partial_observability", -1): scripted_views,
     ("front_page", 0): front_page,
