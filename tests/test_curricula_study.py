@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from importlib import import_module
+from math import exp, log
 from pathlib import Path
-from statistics import geometric_mean, median
+from statistics import fmean, geometric_mean, median
 from typing import Any
 
 import pytest
 
+from train.experiments.statistics import sign_flip_p
 from train.files import write_csv
 
 PAGE = Path(__file__).parents[1] / "docs" / "results" / "curricula.md"
@@ -122,3 +124,21 @@ def test_what_the_answers_say_of_the_runs() -> None:
     assert said in page
     gaps = [row["shortfall"] for row in failed]
     assert f"its gap there is {min(gaps):.1f} to {max(gaps):.0f} %" in page
+
+
+def test_learnability_of_mazes_paired_by_seed() -> None:
+    runs = analysis.by_variant(analysis.study_of("mazes"))
+    gaps = {
+        name: [row["shortfall"] for row in sorted(rows, key=lambda row: row["seed"])]
+        for name, rows in runs.items()
+    }
+    page = " ".join(PAGE.read_text(encoding="utf-8").split())
+
+    def logs(variant: str) -> list[float]:
+        return [log(a / b) for a, b in zip(gaps[variant], gaps["none"], strict=True)]
+
+    more, regret = logs("exact learnability"), logs("maze replay, exact regret")
+    assert min(more) > 0.0 and len(more) == 10 and "more in ten of ten seeds" in page
+    assert f"has {exp(fmean(more)):.1f} times the gap" in page
+    assert f"(p = {sign_flip_p(more):.3f}), and exact regret {exp(fmean(regret)):.1f} times" in page
+    assert f"(p = {sign_flip_p(regret):.2f})" in page

@@ -160,15 +160,13 @@ def thesis() -> Iterable[dict[int, Cell]]:
     yield {2: tours}
     assert {float(row["gap"]) for row in data("tabular/table")} == {0.0}
     yield {2: "0 in every seed"}
-    ten = [row for row in data("maze_by_goals/table") if row["num_goals"] == "10"]
-    yield {2: [n for name in ("ppo", "dqn", "a2c") for n in with_ends(the(ten, group=name))]}
+    goals = data("maze_by_goals/table")
+    ten = [the(goals, num_goals="10", group=name) for name in ("ppo", "dqn", "a2c")]
+    yield {2: [n for row in ten for n in with_ends(row)]}
     joints = [("1", name) for name in ("ddpg", "a2c", "td3", "ppo", "sac")]
     joints += [("2", name) for name in ("ppo", "a2c", "td3", "sac", "ddpg")]
     yield {2: gaps("reacher_by_joints", "joints", *joints)}
-    (best,) = [
-        row for row in data("reacher_noise_tau/table")
-        if (row["tau"], row["group"]) == ("0.1", "gaussian")
-    ]  # fmt: skip
+    best = the(data("reacher_noise_tau/table"), tau="0.1", group="gaussian")
     zero = [
         float(row["value"])
         for row in data("thesis/former_values")

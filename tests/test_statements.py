@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 from scipy.stats import binomtest, mannwhitneyu
-from test_results_tables import data, elo_orders, thesis_claims
+from test_results_tables import data, elo_orders, elo_pairs, thesis_claims
 
 from pursuit.mazes.maze import load_maze
 from pursuit.mazes.suites import load_suite
@@ -165,6 +165,20 @@ def test_how_many_claims_of_the_thesis_are_decided() -> None:
     verdicts = Counter(row[5] for row in thesis_claims())
     assert verdicts == {"confirmed": 10, "refuted": 6, "undecided": 5}
     said = text_of("results/thesis.md")
+    runs = data("thesis/runs")
+    failed = [row for row in runs if row["observation"] in ("cells", "positions", "walls")]
+    steps = sorted(float(row["mean_steps"]) for row in failed)
+    assert f"take {steps[0]:.0f} to {steps[-1]:.0f} of at most 200 steps" in said
+    assert f"random actions {float(failed[0]['random_steps']):.0f}" in said
+    chasers = [row for row in runs if row["study"] == "figure-4.4"]
+    for row in chasers:
+        beaten = float(row["mean_steps"]) < float(row["scripted_steps"])
+        assert beaten or row["algorithm"] == "a2c", row["run"]
+    over = {
+        row["maze"]: 100.0 * (float(row["scripted_steps"]) / float(row["optimal_steps"]) - 1.0)
+        for row in chasers
+    }
+    assert f"{over['5x5']:.1f} % (5x5) and {over['7x7']:.0f} % (7x7) above the optimum" in said
     assert "16 of the 21 claims are decided: ten confirmed, six refuted." in said
     former = [row for row in data("thesis/former_claims") if row["least_p"]]
     compared = [row for row in former if "against" in row["runs"]]
@@ -182,3 +196,6 @@ def test_what_is_said_of_elo() -> None:
     assert f"one of ten runs supports it (p = {p:.3f}), seed {seed}" in said and len(orders) == 10
     whole = [tau for row in orders if row[0] != seed for tau in row[1]]
     assert f"tau {min(whole):.2f} to {max(whole):.2f} over the whole run" in said
+    near, *_, far = ([*row[1], *row[2]] for row in elo_pairs())
+    assert f"{near[0]:.0f} % of the pairs of chasers and {near[1]:.0f} % of evaders" in said
+    assert f"at least 16 apart, {far[0]:.1f} and {far[1]:.1f} %" in said
