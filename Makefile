@@ -10,15 +10,17 @@ SETUP := .venv/.complete
 train: $(TRAINS)
 	$(BIN)/pursuit train --task chase --role chaser --maze 5x5 --seconds 30
 
-test: $(SETUP)
-	$(BIN)/python -m pytest -n 2 --dist loadfile
+# All tests but those of the pages, which `make docs` runs. A worker that has no test left takes some
+# of the other.
+PYTEST := $(BIN)/python -m pytest -n 2 --dist worksteal --ignore tests/docs
 
-# New random examples each time; PROFILE=steady repeats the examples of `make test`. Files run in
-# the order of their names: the fewest tests, which would come last, are the slowest.
+test: $(SETUP)
+	$(PYTEST)
+
+# The slow ones too. New random examples each time; PROFILE=steady repeats those of `make test`.
 PROFILE ?= random
 test-all: $(SETUP)
-	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder --durations=25 \
-	  -m "slow or not slow" --hypothesis-profile=$(PROFILE)
+	$(PYTEST) --durations=25 -m "slow or not slow" --hypothesis-profile=$(PROFILE)
 
 lint: $(SETUP)
 	$(BIN)/ruff check .
@@ -26,15 +28,17 @@ lint: $(SETUP)
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-# The site, in half a minute; a link, an anchor or a name that does not exist is an error.
+# The site, in half a minute; a link, an anchor or a name that does not exist is an error. Then the
+# pages are tested: examples, commands, tables and numbers; the site is opened in a browser if there is one.
 docs: $(SETUP)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+	$(BIN)/python -m pytest -n 2 --dist worksteal tests/docs
 	@echo "open build/docs/index.html"
 
-# Every example of the pages and every notebook runs; the site is opened in a browser if there is one.
+# The slow ones too: tutorials and notebooks.
 docs-test: docs
-	$(BIN)/python -m pytest -n 2 -m "slow or not slow" tests/test_docs.py tests/test_notebooks.py tests/test_site.py
+	$(BIN)/python -m pytest -n 2 --dist worksteal -m slow tests/docs
 
 bench: $(SETUP)
 	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[bench]'

@@ -3,7 +3,7 @@ signatures, docstrings, spaces, rewards, names, references, limits.
 
     PYTHONPATH=. python tests/environment_tables.py      # writes them anew into docs/
 
-A page holds a table between `<!-- table: NAME -->` and `<!-- end -->`; tests/test_docs.py compares.
+A page holds a table between `<!-- table: NAME -->` and `<!-- end -->`; a test compares.
 """
 
 from __future__ import annotations

@@ -6,9 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.mazes.maze import Maze
-from pursuit.observations.observations import PLANES
+from pursuit.observations.observations import ENCODINGS, PLANES
 from pursuit.rules import COLLECTED
 from pursuit.simulator.simulator import Simulator
+from pursuit.tasks.task import Task
 
 
 def cells_seen(maze: Maze, own: int, radius: int | None, in_line: bool) -> set[int]:
@@ -156,3 +157,31 @@ class Seen:
         field = np.pad(planes, ((0, 0), (radius, radius), (radius, radius)))
         row, column = self.place(self.at)
         return field[:, row : row + 2 * radius + 1, column : column + 2 * radius + 1]
+
+
+def check_observations(task: Task, seed: int, games: int, steps: int) -> tuple[int, int, int]:
+    """Every observation in random play, in all encodings.
+
+    Returns how many entities were out of view, how many were absent, and how often an agent had
+    just collected a goal.
+    """
+    simulator = Simulator(task, games, seed=seed, auto_restart=False)
+    rng, hidden, gone, collected = np.random.default_rng(seed), 0, 0, 0
+    spaces = {name: simulator.encoder(name).space for name in ENCODINGS}
+    for _ in range(steps):
+        observed = {name: simulator.observe(name) for name in ENCODINGS}
+        for game, seat in np.ndindex(games, task.num_agents):
+            seen = Seen(simulator, game, seat)
+            left = simulator.active[game].sum() + (simulator.goals[game] >= 0).sum()
+            hidden += left - sum(cell is not None for cell in seen.entities)
+            gone += None in seen.entities
+            collected += seen.collected
+            for name in ENCODINGS:
+                found, expected = observed[name][game, seat], getattr(seen, name)()
+                assert found.dtype == expected.dtype
+                np.testing.assert_array_equal(found, expected)
+                assert spaces[name].contains(found)
+        simulator.reset(games=simulator.ended)
+        simulator.step(rng.integers(task.num_actions, size=(games, task.num_agents)))
+    assert all(simulator.encoder(name).space is space for name, space in spaces.items())
+    return hidden, gone, collected

@@ -24,7 +24,7 @@ OPTIONAL = {
     "minari",
     "pyspiel",
 }
-SLOW = {"matplotlib", "polars", "networkx", "scipy", "tyro"}
+SLOW = {"matplotlib", "polars", "networkx", "scipy", "tyro", "torchrl"}
 """Needed by few, and a wait for everybody: may be imported where they are used."""
 WITH_THEM = {
     "pursuit.environments.stable_baselines",
@@ -153,6 +153,20 @@ for package in (pursuit, scripted_agents, curricula):
 import gymnasium
 gymnasium.make("pursuit/Chaser-v0").reset()
 print(sorted({"torch", "torchrl", "tensordict", "train", "stable_baselines3"} & {*sys.modules}))
+"""
+    assert run(code) == "[]\n"
+
+
+def test_policies_play_without_torchrl() -> None:
+    """TorchRL and TensorDict take half of the time of imports: only training needs them."""
+    code = """
+import sys
+from train.commands import evaluate, view
+from train.experiments import report, stages
+from train.kinds import KINDS, open_run
+from train.runs.opponents import load_policy
+from train.self_play import league
+print(sorted({"torchrl", "tensordict"} & {*sys.modules}))
 """
     assert run(code) == "[]\n"
 

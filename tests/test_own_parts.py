@@ -12,6 +12,7 @@ import gymnasium
 import numpy as np
 import pytest
 import torch
+from command_errors import error_of
 from conformance import check_parallel_env
 
 import pursuit
@@ -60,9 +61,14 @@ def as_the_rule_book(before: Any, actions: Any, after: Any) -> Any:
     return after.rewards
 
 
-@pytest.mark.parametrize("auto_restart", [True, False])
 @pytest.mark.parametrize(
-    "name, teams", [("chase", {}), ("chase", {"num_evaders": 2}), ("maze", {})]
+    ("name", "teams", "auto_restart"),
+    [
+        ("chase", {}, True),
+        ("chase", {"num_evaders": 2}, True),
+        ("chase", {"num_evaders": 2}, False),
+        ("maze", {}, False),
+    ],
 )
 def test_a_reward_function_changes_nothing_but_the_rewards(
     name: str, teams: dict[str, int], auto_restart: bool
@@ -166,10 +172,7 @@ def test_whoever_has_left_is_paid_nothing() -> None:
     ("paid", "message"),
     [
         (lambda b, a, c: np.zeros(3), r"<lambda> returned float64 of shape \(3,\); it must"),
-        (
-            lambda b, a, c: np.where(np.arange(4)[:, None] == 2, np.nan, 0.0 * a),
-            "agent 0 of game 2",
-        ),
+        (lambda b, a, c: np.where(np.c_[:4] == 2, np.nan, 0.0 * a), "agent 0 of game 2"),
         (lambda b, a, c: 1e300 * np.ones(a.shape), "returned 1e.300 for agent 0 of game 0"),
         (lambda b, a, c: "much", "must return numbers"),
     ],
@@ -245,8 +248,9 @@ SMALL: dict[str, Any] = {
 }
 
 
-@pytest.mark.parametrize("observation", ["my_parts:Compass", "my_parts:Map"])
-@pytest.mark.parametrize("algorithm", ["ppo", "dqn"])
+@pytest.mark.parametrize(
+    ("algorithm", "observation"), [("ppo", "my_parts:Compass"), ("dqn", "my_parts:Map")]
+)
 def test_networks_learn_from_it(observation: str, algorithm: str) -> None:
     settings = settings_of(
         maze="3x3", observation=observation, algorithm=algorithm, seconds=1.0, num_games=32,
@@ -312,18 +316,13 @@ def test_networks_that_are_none_are_refused() -> None:
         settings_of(**flat, algorithm="q_learning", network="my_parts:picture")
 
 
-def test_the_network_called_recurrent_has_a_memory() -> None:
+def test_self_play_takes_an_own_network_and_the_recurrent_one_has_a_memory() -> None:
     flat: dict[str, Any] = {"maze": "3x3", "frames": 1000}
-    assert settings_of(**flat, network="recurrent") == settings_of(**flat, recurrent="gru")
-    assert (
-        self_play_settings_of(**flat, network="recurrent").side("chaser").hyper.recurrent == "gru"
-    )
-
-
-def test_self_play_takes_an_own_network() -> None:
-    settings = self_play_settings_of(maze="3x3", frames=1000, network="my_parts:Words")
-    sides = self_play_parts(settings).sides
+    sides = self_play_parts(self_play_settings_of(**flat, network="my_parts:Words")).sides
     assert {sides[role].seat.features.network for role in sides} == {"my_parts:Words"}
+    assert settings_of(**flat, network="recurrent") == settings_of(**flat, recurrent="gru")
+    pair = self_play_settings_of(**flat, network="recurrent")
+    assert pair.side("chaser").hyper.recurrent == "gru"
 
 
 def test_what_sees_the_time_is_no_table() -> None:
@@ -443,9 +442,12 @@ def test_an_axis_of_ones_own_is_a_schedule_too() -> None:
         settings_of(**{**OWN_RUN, "periode": 3})
 
 
+PAIR: dict[str, Any] = {"maze": "2x2", "num_games": 16, "rollout_steps": 4, "width": 8}
+PAIR |= {"minibatch_size": 64}
+
+
 def test_opponents_are_drawn_by_a_rule_of_ones_own(tmp_path: Path) -> None:
-    flat: dict[str, Any] = {"maze": "2x2", "num_games": 16, "rollout_steps": 4, "width": 8}
-    flat |= {"minibatch_size": 64, "snapshots": 3, "frames": 640}
+    flat = {**PAIR, "snapshots": 3, "frames": 640}
     settings = self_play_settings_of(**flat, sampling="my_parts:the_oldest")
     run = start(SELF_PLAY, settings, tmp_path / "pair")
     run.train()
@@ -473,8 +475,7 @@ def test_opponents_are_drawn_by_a_rule_of_ones_own(tmp_path: Path) -> None:
 
 
 def test_rules_use_payoffs_and_progress_also_after_resuming(tmp_path: Path) -> None:
-    flat: dict[str, Any] = {"maze": "2x2", "num_games": 16, "rollout_steps": 4, "width": 8}
-    flat |= {"minibatch_size": 64, "snapshots": 6, "frames": 2560, "members": ["astar"]}
+    flat = {**PAIR, "snapshots": 6, "frames": 2560, "members": ["astar"]}
     settings = self_play_settings_of(**flat, sampling="my_parts:hardest")
     whole = start(SELF_PLAY, settings, tmp_path / "whole")
     whole.train()
@@ -507,9 +508,7 @@ def test_a_command_of_ones_own_is_called_by_its_name(
     monkeypatch.setattr(parts, "installed", lambda group: points.get(group, {}))
     main(["greet"])
     assert capsys.readouterr().out == "greetings to\n"
-    with pytest.raises(SystemExit):
-        main(["my_parts:greetings"])
-    assert "no 'greetings' (did you mean 'greet'?)" in capsys.readouterr().err
+    assert "no 'greetings' (did you mean 'greet'?)" in error_of(capsys, "my_parts:greetings")
 
 
 # -- the registry ----------------------------------------------------------------------------------

@@ -1,6 +1,7 @@
-"""Speed of training: forms of the first layer, frames per second and time to a gap against SB3.
+"""Speed of training: forms of the first layer, frames per second and time to a gap against SB3;
+and the gap of every learner after several budgets.
 
-python tools/benchmarks/bench_learning.py [--parts layers speed products gap] [--seconds 10]
+python tools/benchmarks/bench_learning.py [--parts layers speed products gap budgets] [--seconds 10]
 python tools/benchmarks/bench_learning.py --against 400a755 [--turns 7] [--only a2c] [--seconds 1]
 
 `--against` compares this version with another one, as `bench_simulator.py` does: processor seconds
@@ -14,18 +15,22 @@ import os
 import tempfile
 import warnings
 from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from itertools import pairwise
+from multiprocessing import get_context
 from pathlib import Path
 from time import perf_counter, process_time
 from typing import Any
 
 import torch
+from bench_learners import Case, Measured, measure
 from in_turns import add_options, compare
 
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import make_task
 from scripted_agents.environments import make_vector_env
+from train.algorithms.registry import ALGORITHMS
 from train.evaluation.contest import GameContest
 from train.evaluation.scores import optimality_gap
 from train.kinds import start
@@ -323,10 +328,41 @@ for line in sys.stdin:
 """
 
 
+def learned(algorithm: str, frames: int, seed: int) -> Measured:
+    """The result of one learner on maze 3x3 with one goal; runs in a process of its own."""
+    return measure(Case(algorithm, "maze 3x3, 1 goal", frames, 0.1), seed)
+
+
+def budgets(only: str) -> None:
+    """The gap of every learner after 0.5 to 4 million frames: does it stay near the optimum that it
+    reached, and does it keep its speed? Without learners of teams: of one runner these are PPO and
+    DQN."""
+    print("\nmaze 3x3 with 1 goal, five seeds: gaps in %, and frames per second of the processor")
+    print(f"{'learner':<16}{'frames':>10}{'gaps':>40}{'frames/s':>12}")
+    names = [
+        name
+        for name, own in ALGORITHMS.items()
+        if "discrete" in own.actions and not (own.settings.SELF_PLAY_ONLY or own.whole_role)
+    ]
+    with ProcessPoolExecutor(os.cpu_count(), get_context("spawn")) as pool:
+        runs = {
+            (name, frames): [pool.submit(learned, name, frames, seed) for seed in range(5)]
+            for name in names
+            if only in name
+            for frames in (500_000, 1_000_000, 2_000_000, 4_000_000)
+        }
+        for (name, frames), futures in runs.items():
+            found = [future.result() for future in futures]
+            gaps = "".join(f"{100 * each.gap:>8.2f}" for each in found)
+            rate = min(each.frames_per_second for each in found)
+            print(f"{name:<16}{frames:>10,}{gaps}{rate:>12,.0f}", flush=True)
+
+
 def main() -> None:
     """Print the selected parts."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--parts", nargs="+", default=["layers", "speed", "products", "gap"])
+    parts = ["layers", "speed", "products", "gap", "budgets"]
+    parser.add_argument("--parts", nargs="+", default=parts, choices=parts)
     parser.add_argument("--seconds", type=float, default=10.0, help="time of each measurement")
     parser.add_argument("--limit", type=float, default=120.0, help="longest budget tried")
     add_options(parser)
@@ -345,6 +381,8 @@ def main() -> None:
         products(given.seconds)
     if "gap" in given.parts:
         gap(given.limit)
+    if "budgets" in given.parts:
+        budgets(given.only)
 
 
 if __name__ == "__main__":

@@ -6,15 +6,16 @@ A feed-forward policy is a recurrent one with an empty state.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 import torch
-from tensordict import TensorDictBase
 
 from pursuit.observations.masks import ACTION_MASK
-from train.algorithms.learner import VecEnv
-from train.environments.lockstep import LockstepEnv
-from train.environments.seat_env import CRITIC
+from train.algorithms.learner import VecEnv, steps_tensors
+from train.networks.policy import CRITIC
+
+if TYPE_CHECKING:  # slow to import; only training needs them
+    from tensordict import TensorDictBase
 
 Columns = dict[str, torch.Tensor]
 Seen: TypeAlias = "Columns | TensorDictBase"
@@ -139,8 +140,7 @@ def step_games(env: VecEnv, now: Seen, action: torch.Tensor) -> tuple[Seen, Seen
         now: the observations before the step.
         action: [games, ...].
     """
-    if isinstance(env, LockstepEnv):
-        return env.step_tensors(action)
-    assert isinstance(now, TensorDictBase)
-    stepped, following = env.step_and_maybe_reset(now.set("action", action))
+    if steps_tensors(env):
+        return cast(Any, env).step_tensors(action)
+    stepped, following = env.step_and_maybe_reset(cast("TensorDictBase", now).set("action", action))
     return stepped["next"], following

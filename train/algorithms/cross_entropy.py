@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
@@ -17,13 +18,15 @@ from pursuit.validation import check
 from train.algorithms.collector import Seen
 from train.algorithms.cross_entropy_kernels import draw_actions, outputs_of
 from train.algorithms.learner import Build, has_masks
-from train.environments.lockstep import LockstepEnv
 from train.networks.actor_critic import ActorCritic
 from train.networks.distributions import masked
 from train.networks.layers import Convolutions, Hidden, IndexLayer
 from train.networks.policy import Player
 from train.settings.algorithms import CrossEntropySettings
 from train.tensors import State
+
+if TYPE_CHECKING:  # slow to import; only training needs it
+    from train.environments.lockstep import LockstepEnv
 
 
 class CrossEntropy:

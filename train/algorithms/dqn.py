@@ -12,9 +12,8 @@ from train.algorithms.collector import NEXT_CRITIC, NEXT_MASK, Collector, Column
 from train.algorithms.learner import Build, HasState, VecEnv
 from train.algorithms.off_policy import OffPolicyLearner
 from train.algorithms.replay import NEXT_IDLE, Batch, returns_to_expect, weighted_mean
-from train.environments.seat_env import CRITIC
 from train.networks.distributions import masked
-from train.networks.policy import Player
+from train.networks.policy import CRITIC, Player
 from train.networks.q_network import Mixer, QNetwork
 from train.networks.separate import network_with_sharing
 from train.settings.algorithms import QMIXSettings

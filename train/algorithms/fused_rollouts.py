@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, cast
+
 import torch
-from tensordict import TensorDictBase
 
 from train.algorithms.advantages import fused_advantages
-from train.algorithms.learner import HasState, VecEnv, has_masks
+from train.algorithms.learner import HasState, VecEnv, has_masks, steps_tensors
 from train.algorithms.rollouts import Figures, Frames, select
-from train.environments.lockstep import LockstepEnv
 from train.networks.actor_critic import ActorCritic
 from train.networks.fused_actor_critic import FusedActorCritic, LossCoefficients, fused_actor_critic
+
+if TYPE_CHECKING:  # slow to import; only training needs them
+    from tensordict import TensorDictBase
+
+    from train.environments.lockstep import LockstepEnv
 
 
 class FusedEngine:
@@ -91,7 +96,7 @@ class FusedEngine:
 def fused_engine(env: VecEnv, network: ActorCritic, steps: int, device: str) -> FusedEngine | None:
     """The fused engine; None if its kernels do not support the network (`fused_actor_critic`) or
     the environment, which must be a `LockstepEnv` without masks."""
-    if not isinstance(env, LockstepEnv) or has_masks(env):
+    if not steps_tensors(env) or has_masks(env):
         return None
     fused = fused_actor_critic(network, device)
-    return None if fused is None else FusedEngine(env, fused, steps)
+    return None if fused is None else FusedEngine(cast("LockstepEnv", env), fused, steps)

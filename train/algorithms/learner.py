@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import torch
-from tensordict import TensorDictBase
 from torch import nn
 from torch.optim import Adam
-from torchrl.data import Composite, TensorSpec
 
 from curricula import linear
 from pursuit.observations.masks import ACTION_MASK
@@ -21,6 +19,10 @@ from train.networks.layers import Hidden
 from train.networks.policy import Player
 from train.settings.algorithms import NetworkSettings
 from train.tensors import State
+
+if TYPE_CHECKING:  # slow to import; only training needs them
+    from tensordict import TensorDictBase
+    from torchrl.data import Composite, TensorSpec
 
 
 class VecEnv(Protocol):
@@ -71,6 +73,11 @@ class HasState(Protocol):
 
     def load_state_dict(self, state_dict: State) -> object:
         """Restore the state."""
+
+
+def steps_tensors(env: VecEnv) -> bool:
+    """Whether an environment is a `LockstepEnv`, which steps without TensorDicts."""
+    return hasattr(env, "step_tensors")
 
 
 def has_masks(env: VecEnv) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from math import comb
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 import numpy as np
 import torch
@@ -22,14 +22,16 @@ from scripted_agents.games.episodes import longest_play
 from scripted_agents.games.simulator import GameTask, StateView
 from train.algorithms.learner import Build
 from train.algorithms.q_learning_kernels import choose_actions, learn, number_states
-from train.environments.simulator_env import SimulatorEnv
-from train.environments.small_game_env import SmallGameTrainingEnv
 from train.networks.policy import Seat
 from train.networks.small_game_policy import SmallGameSeat, check_same_game
 from train.settings.algorithms import QLearningSettings
 from train.tensors import State
 
-TableEnv = SimulatorEnv | SmallGameTrainingEnv
+if TYPE_CHECKING:  # slow to import; only training needs them
+    from train.environments.simulator_env import SimulatorEnv
+    from train.environments.small_game_env import SmallGameTrainingEnv
+
+TableEnv: TypeAlias = "SimulatorEnv | SmallGameTrainingEnv"
 TableSeat = Seat | SmallGameSeat
 
 MAX_STATES = 20_000_000
@@ -296,7 +298,7 @@ class QLearning:
         epsilon = linear(settings.epsilon_start, settings.epsilon_end, explored)
         error, states = 0.0, self.numbers(self._games)
         done = np.zeros(len(states), dtype=bool)
-        bounded = isinstance(env, SmallGameTrainingEnv) and env.bounded
+        bounded = getattr(env, "bounded", False)
         for _ in range(STEPS_PER_ITERATION):
             simulator.act(env.policies, actions)
             choose_actions(

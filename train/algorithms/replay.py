@@ -8,7 +8,7 @@ import torch
 
 from train.algorithms.collector import NEXT_CRITIC, NEXT_MASK, Columns
 from train.algorithms.prioritized import Priorities
-from train.environments.seat_env import CRITIC
+from train.networks.policy import CRITIC
 from train.tensors import State
 
 ALIGNED = 8

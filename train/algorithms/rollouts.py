@@ -12,11 +12,10 @@ from train.algorithms.advantages import advantages
 from train.algorithms.collector import Collector, Columns
 from train.algorithms.learner import Build, HasState, VecEnv, backward
 from train.algorithms.table_rollouts import TableCollector, plays_by_tables
-from train.environments.seat_env import CRITIC
 from train.networks.actor_critic import ActorCritic
 from train.networks.distributions import DISTRIBUTION
 from train.networks.fused_actor_critic import LossCoefficients
-from train.networks.policy import Player
+from train.networks.policy import CRITIC, Player
 from train.networks.separate import network_with_sharing
 from train.settings.algorithms import ActorCriticSettings
 

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
 
 from pursuit.observations.masks import ACTION_MASK
 from train.algorithms.collector import Collector, Columns
-from train.environments.small_game_env import SmallGameTrainingEnv
 from train.networks.actor_critic import ActorCritic
+from train.networks.small_game_policy import SmallGameSeat
+
+if TYPE_CHECKING:  # slow to import; only training needs them
+    from train.environments.small_game_env import SmallGameTrainingEnv
 
 Evaluate = Callable[[torch.Tensor, torch.Tensor | None], tuple[Any, torch.Tensor]]
 """(observations, masks) -> the distribution of the actions, and the values."""
@@ -96,10 +99,10 @@ class TableCollector(Collector):
             env.hook.note_episodes(played.members[over], returns)
 
 
-def plays_by_tables(env: object, network: ActorCritic, steps: int, device: str) -> bool:
+def plays_by_tables(env: Any, network: ActorCritic, steps: int, device: str) -> bool:
     """Whether rollouts are collected by tables where opponents have some: in small games of two, by
     networks without memory on the CPU, if the states are few for the frames of a rollout."""
-    if not isinstance(env, SmallGameTrainingEnv) or network.policy_memory is not None:
+    if not isinstance(env.player, SmallGameSeat) or network.policy_memory is not None:
         return False
     task, most = env.simulator.task, MOST_STATES * steps * env.num_games
     return device == "cpu" and task.num_agents == 2 and task.game.num_states <= most

@@ -7,7 +7,7 @@ import torch
 from train.algorithms.collector import NEXT_CRITIC, Columns
 from train.algorithms.dqn import DQN
 from train.algorithms.replay import NEXT_IDLE
-from train.environments.seat_env import CRITIC
+from train.networks.policy import CRITIC
 
 
 class VDN(DQN):

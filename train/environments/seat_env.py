@@ -15,9 +15,6 @@ from pursuit.observations.masks import ACTION_MASK
 from train.environments.hooks import EpisodeHook
 from train.environments.lockstep import LockstepEnv
 
-CRITIC = "critic_observation"
-"""The key of the observations of a central critic."""
-
 
 class SeatEnv(LockstepEnv):
     """An environment in which the learner controls k seats of every game, policies the others.

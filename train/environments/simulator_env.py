@@ -11,11 +11,11 @@ from pursuit.mazes.maze_arrays import lay_out
 from pursuit.observations.masks import action_masks, warn_of_masks
 from pursuit.simulator.simulator import Simulator
 from train.environments.lockstep import StepOutcome
-from train.environments.seat_env import CRITIC, SeatEnv
+from train.environments.seat_env import SeatEnv
 from train.networks.features import dtype_of
 from train.networks.frames import FrameStack, Observations, shift
 from train.networks.joint_policy import parts_of
-from train.networks.policy import Seat
+from train.networks.policy import CRITIC, Seat
 
 
 class SimulatorEnv(SeatEnv):

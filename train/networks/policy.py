@@ -36,6 +36,9 @@ from train.settings.algorithms import STATE
 GAMES_AT_ONCE, NUMBERS_AT_ONCE = 65_536, 2**23
 """Largest number of games, and of numbers in their observations, in one forward pass."""
 
+CRITIC = "critic_observation"
+"""The key of the observations of a central critic."""
+
 NO_WALLS = ("index", "one_hot", "positions", "cells")
 """Encodings that do not contain the walls between cells."""
 

@@ -10,11 +10,10 @@ from copy import copy
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Generic
+from typing import TYPE_CHECKING, Generic
 
 import torch
 from filelock import BaseFileLock
-from torchrl.record.loggers import TensorboardLogger
 from typing_extensions import TypeVar  # with defaults, which Python has from 3.13 on
 
 from pursuit.compilation.compiled import now_without_compilation
@@ -46,6 +45,9 @@ from train.runs.trainee import Parts, Trainee
 from train.settings.run import TrainSettings
 from train.settings.self_play import WholeSettings
 from train.tensors import first_not_finite
+
+if TYPE_CHECKING:  # slow to import; only training needs it
+    from torchrl.record.loggers import TensorboardLogger
 
 BRIEF_EPISODES, BRIEF_STEPS = 2, 2
 """Episodes and their steps in a dry run of the results."""
@@ -260,6 +262,8 @@ class Run(Generic[T]):
     @contextlib.contextmanager
     def _tensorboard(self) -> Iterator[TensorboardLogger]:
         """The TensorBoard logger, closed at the end."""
+        from torchrl.record.loggers import TensorboardLogger
+
         with self._writes_tensorboard():
             board = TensorboardLogger("tensorboard", str(self.folder))
             events = board.experiment

@@ -9,20 +9,19 @@ from __future__ import annotations
 import warnings
 from dataclasses import dataclass, replace
 from math import prod
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pursuit.memory import check_memory
 from pursuit.observations.custom import without_id
 from pursuit.validation import check
 from train.algorithms.registry import Algorithm, Build, entry
-from train.environments.small_game_env import SmallGameTrainingEnv
 from train.evaluation.contests import AnyContest
 from train.files import Plain
 from train.networks.policy import NO_WALLS, Player
-from train.networks.small_game_policy import AnySeat
+from train.networks.small_game_policy import AnySeat, SmallGameSeat
 from train.runs.saved import player_of, unchecked_settings
 from train.runs.threads import uses_bfloat16
-from train.runs.worlds import AnyEnv, World, world_of
+from train.runs.worlds import World, world_of
 from train.settings.algorithms import Hyperparameters
 from train.settings.checks import evaluation_seed
 from train.settings.common import check_min_probability
@@ -31,6 +30,9 @@ from train.settings.run import SHARED_OUT, AgentSettings
 from train.settings.task import AnyTask
 from train.teaching.plan import Plan, plan_curriculum
 from train.teaching.teacher import Teacher
+
+if TYPE_CHECKING:  # slow to import; only training needs them
+    from train.runs.worlds import AnyEnv
 
 FEWEST_ITERATIONS, FEWEST_EPISODES = 10, 3
 """A budget for fewer iterations of the learner, or episodes of full length, is warned of."""
@@ -64,7 +66,7 @@ class Parts:
         games = self.hyper.num_games
         first_game = self.rank * games
         env, teacher = self.world.games(self.seat, games, self.build.seed, self.plan, first_game)
-        if isinstance(env, SmallGameTrainingEnv):
+        if isinstance(self.seat, SmallGameSeat):
             env.bounded = self.hyper.last_gamma == 1.0
         if teacher is not None and self.rank:
             teacher.rng = teacher.rng.spawn(self.rank)[-1]  # independent samples of the curriculum

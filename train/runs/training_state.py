@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
@@ -12,13 +12,15 @@ from numpy.typing import NDArray
 from pursuit.validation import check
 from train.algorithms.learner import Learner
 from train.algorithms.registry import build_learner
-from train.environments.lockstep import AnySimulator, LockstepEnv
-from train.environments.simulator_env import SimulatorEnv
 from train.files import Plain
+from train.networks.policy import Seat
 from train.runs.folder import check_learned
 from train.runs.parts import Parts
-from train.runs.worlds import AnyEnv
 from train.teaching.teacher import Teacher
+
+if TYPE_CHECKING:  # slow to import; only training needs them
+    from train.environments.lockstep import AnySimulator, LockstepEnv
+    from train.runs.worlds import AnyEnv
 
 FINISHED = ("returns", "lengths")
 """What is saved of the training episodes since the last evaluation."""
@@ -105,9 +107,9 @@ def restore_policy_memories(env: LockstepEnv, saved: Memories) -> None:
                 _plain(array)[:] = saved[place][name].numpy()
 
 
-def _arrays(env: LockstepEnv) -> Iterator[tuple[str, dict[str, NDArray[Any]]]]:
+def _arrays(env: Any) -> Iterator[tuple[str, dict[str, NDArray[Any]]]]:
     """The memory arrays in use, by agent index (and opponent)."""
-    if not isinstance(env, SimulatorEnv):
+    if not isinstance(env.player, Seat):
         return
     if env.stack is not None:
         yield "stack", {"frames": env.frames}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING, TypeAlias
 
 from pursuit.environments.single_agent import fill_seats
 from pursuit.reacher.simulator import ReacherSimulator
@@ -14,9 +15,6 @@ from pursuit.tasks.task import Task
 from pursuit.validation import check
 from scripted_agents.environments import AGENTS
 from scripted_agents.games.simulator import GameSimulator, GameTask, StatePolicy
-from train.environments.arm_env import ArmEnv
-from train.environments.simulator_env import SimulatorEnv
-from train.environments.small_game_env import SmallGameTrainingEnv
 from train.evaluation.arm_contest import ArmContest
 from train.evaluation.contest import GameContest
 from train.evaluation.games import won_by
@@ -34,6 +32,11 @@ from train.settings.task import AnyTask, ReacherSettings, SmallGameSettings, Tas
 from train.teaching.context import ArmContext, CurriculumContext, SmallGameContext
 from train.teaching.plan import Plan
 from train.teaching.teacher import EpisodeMetrics, Teacher
+
+if TYPE_CHECKING:  # TorchRL and TensorDict, which are slow to import; only training needs them
+    from train.environments.arm_env import ArmEnv
+    from train.environments.simulator_env import SimulatorEnv
+    from train.environments.small_game_env import SmallGameTrainingEnv
 
 
 @dataclass(frozen=True)
@@ -88,6 +91,8 @@ class GridWorld:
             plan: of the curriculum; None without one.
             first_game: index of the first game among those of the seed.
         """
+        from train.environments.simulator_env import SimulatorEnv
+
         assert isinstance(seat, Seat)
         number, policies = fill_seats(seat.task, seat.agent, self.opponents)
         members = seat.members if seat.team else 1
@@ -140,6 +145,8 @@ class ArmWorld:
         self, seat: AnySeat, num_games: int, seed: int, plan: Plan | None, first_game: int = 0
     ) -> tuple[ArmEnv, Teacher | None]:
         """As in `GridWorld`."""
+        from train.environments.arm_env import ArmEnv
+
         assert isinstance(seat, ArmSeat)
         simulator = ReacherSimulator(seat.task, num_games, seed, first_game, auto_restart=False)
         metrics = EpisodeMetrics(lambda arms: arms.terminated, lambda arms: arms.returns)
@@ -188,6 +195,8 @@ class SmallGameWorld:
         self, seat: AnySeat, num_games: int, seed: int, plan: Plan | None, first_game: int = 0
     ) -> tuple[SmallGameTrainingEnv, Teacher | None]:
         """As in `GridWorld`."""
+        from train.environments.small_game_env import SmallGameTrainingEnv
+
         assert isinstance(seat, SmallGameSeat)
         simulator = GameSimulator(seat.task, num_games, seed, first_game, auto_restart=False)
         number = seat.number
@@ -206,7 +215,7 @@ class SmallGameWorld:
 
 
 World = GridWorld | ArmWorld | SmallGameWorld
-AnyEnv = SimulatorEnv | ArmEnv | SmallGameTrainingEnv
+AnyEnv: TypeAlias = "SimulatorEnv | ArmEnv | SmallGameTrainingEnv"
 
 
 def world_of(settings: AnyTask, team: bool = False) -> World:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
@@ -20,9 +20,6 @@ from scripted_agents.games.small_game import KEPT
 from train.algorithms.learner import Learner
 from train.algorithms.registry import Algorithm, Build, build_learner
 from train.environments.hooks import EpisodeHook
-from train.environments.lockstep import AnySimulator
-from train.environments.simulator_env import SimulatorEnv
-from train.environments.small_game_env import SmallGameTrainingEnv
 from train.evaluation.games import all_caught
 from train.networks.policy import Seat
 from train.networks.small_game_policy import SmallGameSeat
@@ -31,6 +28,11 @@ from train.runs.training_state import restore_simulator, simulator_tensors
 from train.self_play.pool import OpponentPool, PoolPolicy
 from train.settings.algorithms import Hyperparameters
 from train.tensors import State
+
+if TYPE_CHECKING:  # TorchRL and TensorDict, which are slow to import; only training needs them
+    from train.environments.lockstep import AnySimulator
+    from train.environments.simulator_env import SimulatorEnv
+    from train.environments.small_game_env import SmallGameTrainingEnv
 
 DECAY = 10
 """The average of the weights has terms proportional to iteration**DECAY: about the last tenth of
@@ -188,6 +190,9 @@ class SideParts:
         self, number: int, others: Sequence[str]
     ) -> tuple[SimulatorEnv | SmallGameTrainingEnv, Opponents]:
         """The training environment of the side with this number, and its opponents."""
+        from train.environments.simulator_env import SimulatorEnv
+        from train.environments.small_game_env import SmallGameTrainingEnv
+
         count, steps = self.hyper.num_games, getattr(self.hyper, "rollout_steps", 1)
         seed, first = self.build.seed, number * 2**20
         how = (self.seat.agent, others, self.discount, 2 * seed + number, steps)
@@ -200,7 +205,7 @@ class SideParts:
         policies = [opponents.policies.get(role) for role in roles]
         of_env: Any = SmallGameTrainingEnv if small else SimulatorEnv
         env = of_env(games, seat, policies, opponents, members, self.scale)
-        if isinstance(env, SmallGameTrainingEnv):
+        if small:
             env.bounded = self.discount == 1.0
         return env, opponents
 
@@ -231,6 +236,8 @@ class Side:
         self.simulator = self.env.simulator
         if state is not None:
             check_learned(parts.algorithm.name, state, parts.seat)
+        # Before the first iteration no game has begun, and no opponent is drawn.
+        if state is not None and state["learner"]["frames"] > 0:
             # before the collector of the learner reads the environment
             restore_simulator(self.simulator, state["simulator"])
             for role, pool in self.opponents.policies.items():

@@ -38,6 +38,9 @@ class ActorCriticSettings(NetworkSettings):
     """Share the hidden layers between policy and value function."""
     action_std: Positive = 1.0
     """Initial standard deviation of continuous actions, before tanh; it is learned."""
+    standardize_advantages: bool = True
+    """Scale advantages to mean 0 and standard deviation 1: in each minibatch (ppo), in each rollout
+    (a2c), in each batch of episodes (reinforce)."""
     gamma_end: float | None = None
     """Discount at the end of training, below 1. None: `gamma` throughout."""
 
@@ -71,9 +74,6 @@ class RolloutSettings(ActorCriticSettings):
     """Steps of every game in a rollout."""
     gae_lambda: Share = 0.9
     """Lambda of generalised advantage estimation."""
-    standardize_advantages: bool = True
-    """Scale advantages to mean 0 and standard deviation 1: in each minibatch (ppo), in each rollout
-    (a2c)."""
 
 
 @dataclass(frozen=True)

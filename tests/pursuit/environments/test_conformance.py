@@ -9,6 +9,7 @@ import pettingzoo
 import pytest
 from broken_environments import BROKEN, Broken, returning
 from conformance import ConformanceError, check_parallel_env
+from diagonals import diagonal
 
 from pursuit import chase_v0, heist_v0, maze_v0, race_v0
 from pursuit.environments.parallel import PursuitParallelEnv
@@ -37,8 +38,7 @@ OURS: dict[str, Callable[..., PursuitParallelEnv]] = {
 }
 
 
-@pytest.mark.parametrize("observation", ENCODINGS)
-@pytest.mark.parametrize("name", OURS)
+@pytest.mark.parametrize(("name", "observation"), diagonal(OURS, ENCODINGS))
 def test_the_environments_conform(name: str, observation: str) -> None:
     check_parallel_env(OURS[name](observation=observation, max_steps=40), max_steps=40)
 

@@ -1,26 +1,40 @@
 """The PettingZoo environments: PettingZoo's own tests, the registry, rendering, errors, copies."""
 
 import pickle
-import warnings
 from collections.abc import Callable
+from contextlib import nullcontext
 from copy import deepcopy
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
 import cloudpickle
+import gymnasium
 import numpy as np
 import pytest
+from diagonals import diagonal
+from pettingzoo import ParallelEnv
+from pettingzoo import test as pettingzoo_test
+from small_games import GAMES as GAMES_OF_TABLES
 
-from pursuit import chase_v0, heist_v0, maze_v0, race_v0
+from pursuit import (
+    ReacherEnv,
+    ReacherTask,
+    ReacherVectorEnv,
+    chase_v0,
+    heist_v0,
+    maze_v0,
+    race_v0,
+    reacher_v0,
+)
 from pursuit.environments.parallel import PursuitParallelEnv, environment_makers, scene_of
 from pursuit.mazes.maze import Maze
 from pursuit.observations.observations import ENCODINGS
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import make_task
-
-with warnings.catch_warnings():  # it imports example environments in a way that it deprecates
-    warnings.filterwarnings("ignore", message="The old environment creation API")
-    from pettingzoo import test as pettingzoo_test
+from scripted_agents.environments import make_env, make_vector_env
+from scripted_agents.games import SmallGameEnv, SmallGameParallelEnv, SmallGameVectorEnv
+from scripted_agents.games.agents import uniform_table
 
 CORRIDOR = Maze.from_text("+-+-+-+-+\n|       |\n+-+-+-+-+")
 ENCLOSED = Maze.from_text("+-+-+-+\n| |   |\n+-+-+-+")
@@ -38,26 +52,18 @@ GAMES: dict[str, tuple[Any, dict[str, Any]]] = {
 pytestmark = pytest.mark.filterwarnings("error::UserWarning")
 
 
-@pytest.fixture(params=GAMES)
-def game(request: pytest.FixtureRequest) -> tuple[Any, dict[str, Any]]:
-    return GAMES[request.param]
-
-
-@pytest.mark.parametrize("observation", ENCODINGS)
-def test_turn_based_api(game: tuple[Any, dict[str, Any]], observation: str) -> None:
-    module, settings = game
+@pytest.mark.parametrize(("game", "observation"), diagonal(GAMES, ENCODINGS))
+def test_turn_based_api(game: str, observation: str) -> None:
+    module, settings = GAMES[game]
     env = module.env(observation=observation, max_steps=30, **settings)
     pettingzoo_test.api_test(env, num_cycles=60)
     assert env.metadata["name"] == f"{env.unwrapped.task.name}_v0"
 
 
-def test_seeds(game: tuple[Any, dict[str, Any]]) -> None:
-    module, settings = game
+@pytest.mark.parametrize("game", GAMES)
+def test_seeds_and_state(game: str) -> None:
+    module, settings = GAMES[game]
     pettingzoo_test.seed_test(lambda: module.env(**settings), num_cycles=50)
-
-
-def test_state(game: tuple[Any, dict[str, Any]]) -> None:
-    module, settings = game
     env, parallel_env = module.env(**settings), module.parallel_env(**settings)
     pettingzoo_test.state_test(env, parallel_env, num_cycles=20)
 
@@ -87,13 +93,12 @@ def _with_game(env: Any, change: Callable[[PursuitParallelEnv], object]) -> Any:
     return env
 
 
-def test_rendering(game: tuple[Any, dict[str, Any]], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_rendering(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("pygame")
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
-    module, settings = game
 
     def fast(**more: Any) -> Any:
-        env = module.env(max_steps=10, **settings, **more)
+        env = heist_v0.env(max_steps=10, num_evaders=2, **more)
         env.unwrapped.metadata["render_fps"] = 0
         return env
 
@@ -130,13 +135,6 @@ def test_a_window_follows_the_game_and_closes(monkeypatch: pytest.MonkeyPatch) -
     env.close()
 
 
-def test_render_without_a_mode_warns() -> None:
-    env = chase_v0.parallel_env()
-    env.reset(seed=0)
-    with pytest.warns(UserWarning, match="render_mode"):
-        assert env.render() is None
-
-
 def test_module_functions_are_documented_by_task() -> None:
     for name, module in MODULES.items():
         assert module.__all__ == ["env", "parallel_env", "raw_env"]
@@ -169,13 +167,6 @@ def test_the_environment_is_one_game_of_the_simulator() -> None:
                 assert truncations[agent] == (simulator.truncated[0] and not captured)
             assert (env.state()[-1:] == simulator.steps).all()
         assert simulator.ended.any()
-
-
-def test_masks_mark_the_moves_that_change_the_cell() -> None:
-    env = chase_v0.parallel_env(maze=CORRIDOR, stay_action=True, mask_bumps=True)
-    _, infos = env.reset(options={"positions": [0, 2]})
-    assert infos["chaser_0"]["action_mask"].tolist() == [0, 0, 1, 0, 1]
-    assert infos["evader_0"]["action_mask"].tolist() == [0, 0, 1, 1, 1]
 
 
 def test_a_captured_evader_leaves_and_the_game_goes_on() -> None:
@@ -246,11 +237,6 @@ def test_numpy_integers_are_actions() -> None:
     [
         ({"observation": "pixels"}, "unknown observation 'pixels'; one of one_hot"),
         ({"render_mode": "3d"}, "unknown render_mode '3d'; None or one of ansi"),
-        ({"maze": "5x6"}, "unknown maze '5x6'"),
-        ({"maze": "2x2", "num_evaders": 5}, "6 agents and 0 goals need 6 different cells"),
-        ({"num_evaders": 0}, "num_evaders=0"),
-        ({"rewards": "gold"}, "unknown rewards 'gold'"),
-        ({"max_steps": 0}, "max_steps=0"),
     ],
 )
 def test_bad_settings(settings: dict[str, Any], message: str) -> None:
@@ -287,43 +273,89 @@ def test_options_name_the_maze_where_there_are_several() -> None:
         env.reset(options={"positions": [0, 8]})
 
 
-def test_step_before_reset() -> None:
-    with pytest.raises(ValueError, match="step before reset"):
-        chase_v0.parallel_env().step({"chaser_0": 0, "evader_0": 0})
-
-
 def test_unknown_task() -> None:
     with pytest.raises(ValueError, match="unknown task 'tag'; one of chase, maze, race, heist"):
         environment_makers("tag")[0]()
 
 
-@pytest.mark.parametrize("restart", [False, True])
+DOORS = GAMES_OF_TABLES["chance"]()
+OPPONENTS = {"thief": uniform_table(DOORS, "thief")}
+WORLDS: dict[str, Callable[..., Any]] = {
+    "maze": partial(make_env, "chase", "chaser", max_steps=9),
+    "mazes": partial(make_vector_env, "chase", "chaser", 3, max_steps=9),
+    "team": partial(chase_v0.parallel_env, maze="4x4", num_evaders=2, max_steps=30),
+    "arm": partial(ReacherEnv, ReacherTask(max_steps=12)),
+    "arms": partial(ReacherVectorEnv, ReacherTask(max_steps=12), 3),
+    "joints": partial(reacher_v0.parallel_env, max_steps=12),
+    "games": partial(SmallGameVectorEnv, DOORS, "guard", OPPONENTS, 4, max_steps=5),
+    "game": partial(SmallGameEnv, DOORS, "guard", OPPONENTS, encode=lambda state: [state[2]]),
+    "players": partial(SmallGameParallelEnv, DOORS, max_steps=5),
+}
+"""Environments of every form: of one agent, of many games, of all agents."""
+COPIES = {
+    "deepcopy": deepcopy,
+    "pickle": lambda env: pickle.loads(pickle.dumps(env)),
+    "cloudpickle": lambda env: pickle.loads(cloudpickle.dumps(env)),
+}
+
+
+def sample(env: Any) -> Any:
+    """An action of the agent, or of all agents."""
+    if isinstance(env, ParallelEnv):
+        return {agent: env.action_space(agent).sample() for agent in env.possible_agents}
+    return env.action_space.sample()
+
+
 @pytest.mark.parametrize(
-    "copy",
-    [
-        deepcopy,
-        lambda env: pickle.loads(pickle.dumps(env)),
-        lambda env: pickle.loads(cloudpickle.dumps(env)),
-    ],
-    ids=["deepcopy", "pickle", "cloudpickle"],
+    ("world", "copied"), [*diagonal(WORLDS, ["deepcopy", "pickle"]), ("team", "cloudpickle")]
 )
-def test_a_copy_continues_like_the_original(copy: Any, restart: bool) -> None:
-    env = chase_v0.parallel_env(maze="4x4", num_evaders=2, max_steps=30)
+def test_a_copy_continues_like_the_original(world: str, copied: str) -> None:
+    env = WORLDS[world]()
     env.reset(seed=7)
-    env.step({agent: EAST for agent in env.agents})
-    twin = copy(env)
-    rng = np.random.default_rng(0)
-    for _ in range(100):
-        if not env.agents:
-            assert not twin.agents
-            env.reset(seed=3 if restart else None)
-            twin.reset(seed=3 if restart else None)
-        actions = {agent: int(rng.integers(4)) for agent in env.agents}
-        ours, theirs = env.step(actions), twin.step(actions)
-        assert ours[1:4] == theirs[1:4]
-        for agent, observed in ours[0].items():
-            assert (observed == theirs[0][agent]).all()
-        assert (env.state() == twin.state()).all()
+    env.step(sample(env))
+    twin = COPIES[copied](env)
+    assert env.simulator is not twin.simulator
+    for number in range(40):
+        if env.simulator.ended.any() and not isinstance(env, gymnasium.vector.VectorEnv):
+            seed = 3 if number % 2 else None
+            np.testing.assert_equal(env.reset(seed=seed), twin.reset(seed=seed))
+        action = sample(env)
+        np.testing.assert_equal(env.step(action), twin.step(action))
+        np.testing.assert_array_equal(env.simulator.streams, twin.simulator.streams)
+
+
+@pytest.mark.parametrize("world", WORLDS)
+def test_steps_before_a_reset_are_refused(world: str) -> None:
+    env = WORLDS[world]()
+    with pytest.raises(ValueError, match="step before reset; call reset"):
+        env.step(sample(env))
+
+
+@pytest.mark.parametrize("world", WORLDS)
+def test_environments_render_in_their_modes(world: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    kinds = {"ansi": str, "rgb_array": np.ndarray, "human": type(None)}
+    silent = WORLDS[world]()
+    several = isinstance(silent, gymnasium.vector.VectorEnv)
+    assert {*silent.metadata["render_modes"]} == {*kinds} - ({"human"} if several else {*()})
+    silent.reset(seed=0)
+    with nullcontext() if several else pytest.warns(UserWarning, match="without a render_mode"):
+        assert silent.render() is None
+    for mode in silent.metadata["render_modes"]:
+        env = WORLDS[world](render_mode=mode)
+        env.metadata["render_fps"] = 0
+        env.reset(seed=0)
+        env.step(sample(env))
+        shown = env.render()
+        assert not several or len(shown) == env.num_envs
+        if several and mode == "ansi" and world != "games":  # few states, of which games share some
+            assert len({*shown}) == env.num_envs
+        assert all(isinstance(one, kinds[mode]) for one in (shown if several else [shown]))
+        env.close()
+        env.close()
+    for wrong in ("3d", "human") if several else ("3d",):
+        with pytest.raises(ValueError, match=f"render_mode '{wrong}'"):
+            WORLDS[world](render_mode=wrong)
 
 
 def test_a_copy_is_independent() -> None:

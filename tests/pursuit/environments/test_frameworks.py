@@ -12,13 +12,14 @@ from gymnasium.wrappers.vector import RecordEpisodeStatistics
 pytest.importorskip("stable_baselines3")
 pytest.importorskip("supersuit")
 import supersuit
+from diagonals import diagonal
 from stable_baselines3 import PPO
 from stable_baselines3.common.env_checker import check_env
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
 
-from pursuit import chase_v0, make_task, race_v0
+from pursuit import chase_v0, race_v0
 from pursuit.environments.stable_baselines import StableBaselinesVecEnv
 from pursuit.mazes.maze import Maze
 from pursuit.observations.observations import ENCODINGS
@@ -38,17 +39,18 @@ def ppo(env: Any, policy: str = "MlpPolicy") -> PPO:
     return PPO(policy, env, n_steps=32, batch_size=64, n_epochs=2, seed=0, device="cpu")
 
 
-@pytest.mark.parametrize("observation", ENCODINGS)
-@pytest.mark.parametrize(("task", "agent"), [("chase", "chaser"), ("maze", "runner")])
-def test_the_check_of_stable_baselines(task: str, agent: str, observation: str) -> None:
+@pytest.mark.parametrize(
+    ("seat", "observation"), diagonal([("chase", "chaser"), ("maze", "runner")], ENCODINGS)
+)
+def test_the_check_of_stable_baselines(seat: tuple[str, str], observation: str) -> None:
     with warnings.catch_warnings():
         # It recommends what suits its convolutional policy, which is not meant for small grids.
         for advice in ("Your observation", "It seems that your obs", "Treating image", "The minim"):
             warnings.filterwarnings("ignore", message=advice, category=UserWarning)
-        check_env(make_env(task, agent, observation=observation))
+        check_env(make_env(*seat, observation=observation))
 
 
-@pytest.mark.parametrize("observation", ["one_hot", "positions", "planes"])
+@pytest.mark.parametrize("observation", ["one_hot", "planes"])
 def test_ppo_of_stable_baselines_trains(observation: str) -> None:
     env = vec_env(8, maze="3x3", max_steps=20, observation=observation)
     model = ppo(env).learn(512)
@@ -59,13 +61,6 @@ def test_ppo_of_stable_baselines_trains(observation: str) -> None:
         model, env, n_eval_episodes=8, return_episode_rewards=True, warn=False
     )
     assert len(rewards) == len(lengths) == 8 and max(lengths) <= 20
-
-
-def test_the_gymnasium_id_becomes_a_vec_env() -> None:
-    envs = gymnasium.make_vec("pursuit/Maze-v0", num_envs=3, maze="3x3", num_goals=1)
-    env = StableBaselinesVecEnv(envs.unwrapped)
-    assert env.reset().shape == (3, 27)
-    assert env.num_envs == 3 and env.observation_space == envs.single_observation_space
 
 
 FORMS: dict[str, tuple[str, dict[str, Any], dict[str, Any]]] = {
@@ -260,12 +255,3 @@ def test_self_play_with_stable_baselines_through_supersuit() -> None:
         model = PPO("MlpPolicy", envs, n_steps=32, batch_size=64, n_epochs=2, device="cpu")
         model.learn(256)
     assert model.num_timesteps == 256
-
-
-def test_a_task_with_runners_and_chasers_trains_too() -> None:
-    task = make_task("chase", maze="3x3", num_runners=1, num_goals=1, max_steps=20)
-    assert task.agent_names == ("chaser_0", "evader_0", "runner_0")
-    env = StableBaselinesVecEnv(
-        make_vector_env("chase", "runner", 4, maze="3x3", num_runners=1, num_goals=1, max_steps=20)
-    )
-    ppo(env).learn(128)

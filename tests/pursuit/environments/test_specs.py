@@ -8,6 +8,7 @@ import gymnasium
 import numpy as np
 import pettingzoo
 import pytest
+from diagonals import diagonal
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.wrappers import TimeAwareObservation
 
@@ -38,9 +39,9 @@ def last_step(env: Any, start: Any) -> tuple[int, dict[str, Any]]:
     raise AssertionError("no end")
 
 
-@pytest.mark.parametrize("made", [{}, {"max_steps": 15}])
-@pytest.mark.parametrize("copied", COPIES)
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize(
+    ("name", "copied", "made"), diagonal(NAMES, COPIES, [{}, {}, *[{"max_steps": 15}] * 2])
+)
 def test_another_limit_through_a_spec(name: str, copied: str, made: dict[str, int]) -> None:
     settings, start = NAMES[name]
     first = gymnasium.make(name, **settings, **made)
@@ -58,6 +59,7 @@ def test_another_limit_through_a_spec(name: str, copied: str, made: dict[str, in
             assert "episode_return" in info
     # A TimeLimit that was asked for is kept.
     cut = COPIES[copied](gymnasium.make(spec, max_episode_steps=9).spec)
+    assert last_step(gymnasium.make_vec(cut, 2, max_steps=7), start)[0] == 7
     assert last_step(gymnasium.make(cut, max_steps=40), start)[0] == 9
     assert last_step(gymnasium.make_vec(cut, 2, max_steps=40), start)[0] == 9
     assert cut.max_episode_steps == 9

@@ -6,6 +6,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
+from diagonals import diagonal
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers import vector as vector_wrappers
 from numpy.typing import NDArray
@@ -34,6 +35,7 @@ GRIDS: dict[str, tuple[str, str, dict[str, Any]]] = {
     "heist": ("heist", "evader", {"maze": ["3x3", "4x4"], "observation": "cells"}),
     "maze": ("maze", "runner", {"stay_action": True, "observation": "planes"}),
     "race": ("race", "runner_1", {"stay_action": True}),
+    "runner in a chase": ("chase", "runner", {"num_runners": 1, "num_goals": 1}),
     "masks observed": ("maze", "runner", {"mask_in_observation": True}),
     "masks of ones observed": (
         "maze",
@@ -92,8 +94,9 @@ def check_equal(one: Any, other: Any) -> None:
         np.testing.assert_allclose(one, other, rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("mode", AutoresetMode)
-@pytest.mark.parametrize("form", [*GRIDS, *ARMS])
+@pytest.mark.parametrize(
+    ("form", "mode"), diagonal(GRIDS, AutoresetMode) + diagonal(ARMS, AutoresetMode)
+)
 def test_results_equal_gymnasiums_vector_environment(form: str, mode: AutoresetMode) -> None:
     ours, theirs = pair(form, mode)
     assert ours.metadata["autoreset_mode"] is ours.autoreset_mode is mode
@@ -206,13 +209,16 @@ def test_what_is_refused_changes_nothing(wrong: dict[str, Any], message: str) ->
 
 def test_an_invalid_action_moves_no_agent_while_games_wait() -> None:
     envs, untouched = (
-        make_vector_env("chase", "chaser", 2, maze=CORRIDOR, autoreset_mode="NextStep")
+        make_vector_env(
+            "chase", "chaser", 2, maze=CORRIDOR, autoreset_mode="NextStep", opponent_epsilon=0.5
+        )
         for _ in "ab"
     )
     for each in (envs, untouched):
         each.reset(seed=0, options={"positions": [[3, 4], [0, 4]]})
         assert each.step(np.array([EAST, NORTH]))[2].tolist() == [True, False]
-    for wrong in (np.array([0, 9]), np.array([0.0, 1.0]), np.array([0]), 0, ["a", "b"]):
+    arrays = [np.array(wrong) for wrong in ([0, 9], [0, 4], [0, -1], [0.0, 1.0], [0], [[0, 0]])]
+    for wrong in (*arrays, 0, ["a", "b"]):
         with pytest.raises(ValueError, match="integers"):
             envs.step(wrong)
     for _ in range(10):
@@ -254,19 +260,7 @@ def test_unknown_modes_and_early_masks() -> None:
 
 
 @pytest.mark.parametrize("name", ["pursuit/Chaser-v0", "pursuit/Reacher-v0"])
-def test_max_episode_steps_cuts_off_as_the_time_limit_of_gymnasium_does(name: str) -> None:
-    for limit, length in ((3, 3), (99, 7)):
-        settings: dict[str, Any] = {"max_steps": 7, "max_episode_steps": limit}
-        settings |= {"tolerance": 1e-6} if "Reacher" in name else {"maze": "9x9"}
-        env, envs = gymnasium.make(name, **settings), gymnasium.make_vec(name, 1, **settings)
-        start = {"positions": [0, 80]} if "Chaser" in name else None
-        for each in (env, envs):
-            each.reset(seed=1, options=start)
-        stay = np.zeros(2, dtype=np.float32) if "Reacher" in name else NORTH
-        ends = [
-            (bool(env.step(stay)[3]), bool(envs.step(np.array([stay]))[3][0])) for _ in range(7)
-        ]
-        assert ends.index((True, True)) == length - 1
+def test_max_episode_steps_is_a_number_or_minus_one_or_none(name: str) -> None:
     for limit in (np.int64(3), -1, None):
         gymnasium.make_vec(name, 2, max_episode_steps=limit)
     for wrong in (0, -2, 1.5, "3", True):
@@ -302,23 +296,6 @@ def test_an_end_in_the_step_of_a_limit_is_the_same_in_one_game_and_in_many(
             return
 
 
-@pytest.mark.parametrize("name", ["Chaser", "Evader", "Maze", "Race", "HeistEvader", "Reacher"])
-def test_the_spec_has_the_limit_of_the_task_and_nothing_truncates_besides(name: str) -> None:
-    name, settings = f"pursuit/{name}-v0", {"max_steps": 405}
-    env, envs = gymnasium.make(name, **settings), gymnasium.make_vec(name, 2, **settings)
-    for each in (env, envs):
-        assert each.spec is not None and each.spec.max_episode_steps == settings["max_steps"]
-    layer: Any = env
-    while layer is not env.unwrapped:
-        assert not isinstance(layer, gymnasium.wrappers.TimeLimit)
-        layer = layer.env
-    short = gymnasium.make(name, max_episode_steps=9), gymnasium.make_vec(name, max_episode_steps=9)
-    assert [each.spec.max_episode_steps for each in short if each.spec] == [9, 9]
-    assert env.unwrapped.task.max_steps == settings["max_steps"]
-    again = gymnasium.make_vec(envs.spec)
-    assert again.spec is not None and again.spec.max_episode_steps == settings["max_steps"]
-
-
 def test_gymnasiums_class_is_a_direct_base_for_skrl() -> None:
     for kind in (SingleAgentVectorEnv, ReacherVectorEnv):
         assert gymnasium.vector.VectorEnv in kind.__bases__
@@ -326,14 +303,13 @@ def test_gymnasiums_class_is_a_direct_base_for_skrl() -> None:
         assert gymnasium.Env in single.__bases__
 
 
-def test_next_step_is_the_default() -> None:
-    for name in ("Chaser", "Race", "Reacher"):
-        envs = gymnasium.make_vec(f"pursuit/{name}-v0", 2)
-        assert envs.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
-
-
-@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.DISABLED])
-@pytest.mark.parametrize("name", ["pursuit/Evader-v0", "pursuit/Reacher-v0"])
+@pytest.mark.parametrize(
+    ("name", "mode"),
+    [
+        ("pursuit/Evader-v0", AutoresetMode.DISABLED),
+        ("pursuit/Reacher-v0", AutoresetMode.NEXT_STEP),
+    ],
+)
 def test_vector_wrappers_of_gymnasium_take_it(name: str, mode: AutoresetMode) -> None:
     envs = gymnasium.make_vec(name, 3, max_steps=7, autoreset_mode=mode)
     wrapped: Any = vector_wrappers.FlattenObservation(envs)

@@ -2,7 +2,6 @@
 
 import copy
 import pickle
-import warnings
 from typing import Any
 
 import gymnasium
@@ -11,6 +10,7 @@ import pettingzoo
 import pytest
 from conformance import check_parallel_env
 from gymnasium.utils.env_checker import check_env
+from pettingzoo import test as pettingzoo_test
 from pettingzoo.utils.wrappers import TerminateIllegalWrapper
 from torchrl.envs import GymEnv, GymWrapper, PettingZooWrapper, check_env_specs
 
@@ -18,15 +18,11 @@ from pursuit import ReacherSimulator, ReacherTask, Simulator, chase_v0, make_tas
 from pursuit.mazes.maze import Maze, load_maze
 from pursuit.observations.masks import bump_masks
 from scripted_agents import AStarEvader
-from scripted_agents.environments import make_env, make_vector_env
+from scripted_agents.environments import make_env
 from train.environments.arm_env import ArmEnv
 from train.environments.simulator_env import SimulatorEnv
 from train.networks.arm_policy import ArmSeat
 from train.networks.policy import Seat
-
-with warnings.catch_warnings():  # it imports example environments in a way that it deprecates
-    warnings.filterwarnings("ignore", message="The old environment creation API")
-    from pettingzoo import test as pettingzoo_test
 
 CORRIDOR = Maze.from_text("+-+-+-+-+-+\n|         |\n+-+-+-+-+-+")
 NORTH, SOUTH, EAST, WEST, STAY = range(5)
@@ -169,8 +165,9 @@ def test_np_random_follows_the_seed_and_nothing_else() -> None:
 # -- TorchRL ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["pursuit/Chaser-v0", "pursuit/Reacher-v0"])
-@pytest.mark.parametrize("mode", ["DISABLED", "SAME_STEP"])
+@pytest.mark.parametrize(
+    ("name", "mode"), [("pursuit/Chaser-v0", "DISABLED"), ("pursuit/Reacher-v0", "SAME_STEP")]
+)
 def test_torchrl_wraps_the_vector_environment(name: str, mode: str) -> None:
     envs = gymnasium.make_vec(name, num_envs=4, max_steps=20, autoreset_mode=mode)
     env = GymWrapper(envs, categorical_action_encoding=True)
@@ -252,16 +249,3 @@ def test_masks_in_the_observations_of_gymnasium(bumps: bool) -> None:
     check_env(
         make_env("maze", "runner", mask_in_observation=True, **settings), skip_render_check=True
     )
-
-
-def test_stable_baselines_takes_masks_in_observations() -> None:
-    pytest.importorskip("stable_baselines3")
-    from stable_baselines3 import PPO
-
-    from pursuit.environments.stable_baselines import StableBaselinesVecEnv
-
-    envs = make_vector_env("maze", "runner", 4, maze="3x3", max_steps=8, mask_in_observation=True)
-    model = PPO(
-        "MultiInputPolicy", StableBaselinesVecEnv(envs), n_steps=16, batch_size=32, device="cpu"
-    )
-    assert model.learn(128).num_timesteps == 128

@@ -1,11 +1,13 @@
 """Mazes: their text, their graph, their generators and the shipped library."""
 
 import tracemalloc
+from itertools import product
 from pathlib import Path
 
 import networkx
 import numpy as np
 import pytest
+from diagonals import diagonal
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -216,7 +218,7 @@ def test_equal_mazes_are_equal_keys_whatever_their_name() -> None:
     goals = ((0, 0), (0, 2))
     one, two = (Maze(np.ones((1, 3), dtype=bool), *walls, None, g) for g in (goals, goals[::-1]))
     assert one == two and hash(one) == hash(two)
-    for row in ("|S G  |", "|G   S|", "|S   #|", "|S| | |", "|    G|"):
+    for row in ("|S G  |", "|G   S|", "|S   #|", "|S| | |", "|    G|", "|G   G|"):
         assert Maze.from_text(f"+-+-+-+\n{row}\n+-+-+-+") != CORRIDOR
     assert CORRIDOR.to_text() != CORRIDOR
 
@@ -266,8 +268,7 @@ def test_a_million_cells_take_bounded_memory(algorithm: str) -> None:
 # -- generators ------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("size", SIZES)
-@pytest.mark.parametrize("algorithm", TREES)
+@pytest.mark.parametrize(("algorithm", "size"), product(TREES, SIZES))
 def test_without_loops_a_maze_is_a_spanning_tree(algorithm: str, size: tuple[int, int]) -> None:
     for seed in range(5):
         maze = generate_maze(algorithm, *size, seed=seed)
@@ -275,9 +276,9 @@ def test_without_loops_a_maze_is_a_spanning_tree(algorithm: str, size: tuple[int
         assert maze.is_connected and num_passages(maze) == maze.num_cells - 1
 
 
-@pytest.mark.parametrize("loops", [0.0, 0.1, 0.5, 0.77, 1.0])
-@pytest.mark.parametrize("size", SIZES)
-@pytest.mark.parametrize("algorithm", TREES)
+@pytest.mark.parametrize(
+    ("algorithm", "size", "loops"), diagonal(TREES, SIZES * 2, [0.0, 0.1, 0.5, 0.77, 1.0])
+)
 def test_loops_is_the_exact_share_of_opened_walls(
     algorithm: str, size: tuple[int, int], loops: float
 ) -> None:

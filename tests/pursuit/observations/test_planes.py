@@ -10,10 +10,10 @@ import pytest
 import torch
 from conformance import check_parallel_env
 from gymnasium.utils.env_checker import check_env
-from pettingzoo.test import api_test, parallel_api_test
+from pettingzoo.test import api_test
 
 import pursuit
-from pursuit import chase_v0, heist_v0
+from pursuit import chase_v0
 from pursuit.observations import planes
 from pursuit.observations.observations import DTYPES, Encoder
 from pursuit.simulator.simulator import Simulator
@@ -54,7 +54,7 @@ def random_task(seed: int) -> Task:
     )
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(8))
 def test_planes_and_windows_are_those_of_the_plain_construction(
     seed: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -82,7 +82,7 @@ def test_planes_and_windows_are_those_of_the_plain_construction(
 
 
 def test_the_tasks_are_of_every_kind() -> None:
-    tasks = [random_task(seed) for seed in range(12)]
+    tasks = [random_task(seed) for seed in range(8)]
     assert {len(task.mazes) for task in tasks} == {1, 2}
     for count in ("num_goals", "most_exits"):
         assert {bool(getattr(task, count)) for task in tasks} == {False, True}
@@ -110,7 +110,6 @@ def test_environments_of_uint8_conform_and_show_the_same(observation: str) -> No
     settings: Any = {"observation": observation, "maze": "4x4", "num_evaders": 2, "max_steps": 15}
     small = {**settings, "observation_dtype": "uint8"}
     check_parallel_env(chase_v0.parallel_env(**small), max_steps=15)
-    parallel_api_test(heist_v0.parallel_env(**small), num_cycles=40)
     api_test(chase_v0.env(**small), num_cycles=40)
     check_env(make_env("chase", "chaser", **small), skip_render_check=True)
     plain, env = chase_v0.parallel_env(**settings), chase_v0.parallel_env(**small)

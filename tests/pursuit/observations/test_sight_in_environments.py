@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,9 +12,9 @@ import pytest
 import torch
 from conformance import check_parallel_env
 from gymnasium.utils.env_checker import check_env
+from pettingzoo import test as pettingzoo_test
 
 from pursuit import chase_v0, heist_v0, make_task
-from pursuit.environments.stable_baselines import StableBaselinesVecEnv
 from pursuit.mazes.maze import Maze
 from pursuit.replays.recorder import Recorder
 from pursuit.replays.replay import Replay
@@ -23,7 +22,6 @@ from pursuit.replays.viewer.data import Builder, Extras
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task
 from scripted_agents import AStarEvader, RandomAgent
-from scripted_agents.environments import make_vector_env
 from train.commands.parse import parse
 from train.evaluation.contest import GameContest
 from train.experiments.identity import fingerprint
@@ -34,10 +32,6 @@ from train.runs.parts import settings_of
 from train.runs.saved import player_of
 from train.runs.tasks import task_of
 from train.settings.task import TaskSettings
-
-with warnings.catch_warnings():
-    warnings.filterwarnings("ignore", message="The old environment creation API")
-    from pettingzoo import test as pettingzoo_test
 
 HIDDEN: dict[str, Any] = {
     "view_radius": {"chaser": 2},
@@ -77,7 +71,7 @@ def test_scripted_agents_ignore_limited_views() -> None:
 
 
 @pytest.mark.parametrize("observation", ["positions", "window"])
-def test_gymnasium_and_stable_baselines_observe_what_the_simulator_shows(observation: str) -> None:
+def test_gymnasium_observes_what_the_simulator_shows(observation: str) -> None:
     settings = {"observation": observation, "maze": "4x4", "max_steps": 9, **HIDDEN}
     env = gymnasium.make("pursuit/Evader-v0", **settings)
     check_env(env.unwrapped, skip_render_check=True)
@@ -90,12 +84,6 @@ def test_gymnasium_and_stable_baselines_observe_what_the_simulator_shows(observa
         simulator = envs.unwrapped.simulator  # type: ignore[attr-defined]
         assert (observed == simulator.observe(observation, "chaser")).all()
         observed, *_ = envs.step(envs.action_space.sample())
-    vec = StableBaselinesVecEnv(make_vector_env("chase", "chaser", num_envs=3, **settings))
-    vec.seed(2)
-    assert vec.observation_space.contains(np.asarray(vec.reset())[0])
-    *_, infos = [vec.step(np.zeros(3, dtype=int)) for _ in range(9)][-1]
-    for info in infos:
-        assert vec.observation_space.contains(info["terminal_observation"])
 
 
 @pytest.mark.parametrize("observation", ["index", "window", "walls"])

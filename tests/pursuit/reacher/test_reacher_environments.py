@@ -2,25 +2,19 @@
 
 from __future__ import annotations
 
-import pickle
-import warnings
-from collections.abc import Callable
-from copy import deepcopy
 from typing import Any
 
 import gymnasium
 import numpy as np
 import pytest
 from conformance import check_parallel_env
+from diagonals import diagonal
 from gymnasium.utils.env_checker import check_env
 from gymnasium.wrappers import ClipAction, RescaleAction
+from pettingzoo import test as pettingzoo_test
 
 from pursuit import ReacherEnv, ReacherTask, ReacherVectorEnv, reacher_v0
 from pursuit.reacher.observations import ENCODINGS
-
-with warnings.catch_warnings():  # it imports example environments in a way that it deprecates
-    warnings.filterwarnings("ignore", message="The old environment creation API")
-    from pettingzoo import test as pettingzoo_test
 
 ID = "pursuit/Reacher-v0"
 FORMS: dict[str, dict[str, Any]] = {
@@ -129,16 +123,6 @@ def test_seeds() -> None:
     assert (unseeded[0].reset()[0] != unseeded[1].reset()[0]).any()
 
 
-def test_step_before_reset() -> None:
-    for env, action in (
-        (ReacherEnv(ReacherTask()), [0.0, 0.0]),
-        (ReacherVectorEnv(ReacherTask()), [[0.0, 0.0]]),
-        (parallel(), {"joint_0": [0.0], "joint_1": [0.0]}),
-    ):
-        with pytest.raises(ValueError, match="step before reset"):
-            env.step(action)
-
-
 # -- PettingZoo ------------------------------------------------------------------------------------
 
 
@@ -150,14 +134,11 @@ def test_conformance(form: dict[str, Any]) -> None:
     check_parallel_env(parallel(**{**form, "max_steps": 60}))
 
 
-@pytest.mark.parametrize("observation", ENCODINGS)
-def test_turn_based_api(form: dict[str, Any], observation: str) -> None:
+@pytest.mark.parametrize(("form", "observation"), diagonal(FORMS.values(), ENCODINGS))
+def test_the_checks_of_pettingzoo(form: dict[str, Any], observation: str) -> None:
     env = reacher_v0.env(**{**form, "observation": observation, "max_steps": 30})
     pettingzoo_test.api_test(env, num_cycles=40)
     assert env.metadata["name"] == "reacher_v0"
-
-
-def test_seeds_and_state_of_pettingzoo(form: dict[str, Any]) -> None:
     pettingzoo_test.seed_test(lambda: reacher_v0.env(**form), num_cycles=20)
     pettingzoo_test.state_test(reacher_v0.env(**form), parallel(**form), num_cycles=10)
 
@@ -236,31 +217,3 @@ def test_the_turn_based_environment_clips_actions(caplog: Any) -> None:
         discrete = reacher_v0.env(discrete_actions=True)
         discrete.reset(seed=0)
         discrete.step(7)
-
-
-@pytest.mark.parametrize("copied", [deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
-@pytest.mark.parametrize("kind", ["single", "vector", "parallel"])
-def test_a_copy_continues_like_the_original(copied: Callable[[Any], Any], kind: str) -> None:
-    task, rng = ReacherTask(max_steps=12), np.random.default_rng(0)
-    shapes = {"single": (2,), "vector": (3, 2), "parallel": (2, 1)}
-    env: Any = {
-        "single": lambda: ReacherEnv(task),
-        "vector": lambda: ReacherVectorEnv(task, 3),
-        "parallel": lambda: parallel(max_steps=12),
-    }[kind]()
-
-    def step(each: Any, action: Any) -> Any:
-        if kind != "parallel":
-            return each.step(action)
-        return each.step(dict(zip(each.agents, action, strict=False)))
-
-    env.reset(seed=7)
-    step(env, rng.uniform(-1, 1, shapes[kind]))
-    twin = copied(env)
-    for number in range(40):
-        action = rng.uniform(-1, 1, shapes[kind])
-        np.testing.assert_equal(step(env, action), step(twin, action))
-        if kind != "vector" and number % 12 == 10:
-            np.testing.assert_equal(env.reset(), twin.reset())
-        assert (env.simulator.angles == twin.simulator.angles).all()
-    assert env.simulator is not twin.simulator

@@ -42,7 +42,6 @@ def test_an_unknown_setting_is_an_unknown_keyword() -> None:
     assert make_reacher_task(joints=3) == ReacherTask(3)
 
 
-@pytest.mark.parametrize("auto_restart", [True, False])
 @pytest.mark.parametrize(
     "actions",
     [
@@ -60,11 +59,12 @@ def test_an_unknown_setting_is_an_unknown_keyword() -> None:
         None,
     ],
 )
-def test_nothing_moves_when_an_action_is_refused(actions: Any, auto_restart: bool) -> None:
-    simulator = ReacherSimulator(ReacherTask(2), 2, auto_restart=auto_restart)
-    simulator.step(np.ones((2, 2)))
-    with refused(simulator, "action"):
-        simulator.step(actions)
+def test_nothing_moves_when_an_action_is_refused(actions: Any) -> None:
+    for auto_restart in (True, False):
+        simulator = ReacherSimulator(ReacherTask(2), 2, auto_restart=auto_restart)
+        simulator.step(np.ones((2, 2)))
+        with refused(simulator, "action"):
+            simulator.step(actions)
 
 
 def test_rounding_is_clipped() -> None:
@@ -168,12 +168,7 @@ def test_other_invalid_arguments() -> None:
         ({"observation": "pixels"}, "unknown observation 'pixels'; one of positions, positions_an"),
         ({"observation": ["positions"]}, "unknown observation"),
         ({"render_mode": "3d"}, "render_mode '3d'"),
-        ({"joints": 0}, "joints=0"),
         ({"joints": 9}, "joints=9; it is at most 8"),
-        ({"joints": 2.5}, "joints=2.5; it is a whole number"),
-        ({"joints": True}, "joints=True"),
-        ({"tolerance": 0}, "tolerance=0"),
-        ({"hold": 500}, "hold=500 is above max_steps=400"),
     ],
 )
 def test_invalid_environments(settings: dict[str, Any], message: str) -> None:

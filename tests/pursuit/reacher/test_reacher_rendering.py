@@ -11,6 +11,7 @@ import gymnasium
 import numpy as np
 import pytest
 import reference_arm
+from diagonals import diagonal
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -28,7 +29,7 @@ from pursuit.reacher.rendering import (
     scene_of,
 )
 from pursuit.rendering.animation import save_animation
-from pursuit.rendering.rendering import WALL, Scene
+from pursuit.rendering.rendering import Scene
 
 SCENE = ArmScene((math.pi / 2, -math.pi / 2), (-1.0, -1.0), 0.2, steps=12, max_steps=400)
 
@@ -77,8 +78,7 @@ def test_every_mark_of_the_text_stands_where_it_is(angles: list[float]) -> None:
         assert set(character(end)) & set("o#X@*")
 
 
-@pytest.mark.parametrize("joints", range(1, 9))
-@pytest.mark.parametrize("size", [96, 201, 480])
+@pytest.mark.parametrize(("joints", "size"), diagonal(range(1, 9), [96, 201, 480]))
 def test_tip_and_target_show_where_they_are(joints: int, size: int) -> None:
     rng = np.random.default_rng(joints)
     angles = tuple(rng.uniform(-math.pi / 3, math.pi / 3, joints))
@@ -151,43 +151,11 @@ def test_an_animation_of_an_arm(tmp_path: Path) -> None:
     assert not (tmp_path / "mixed.gif").exists()
 
 
-@pytest.mark.parametrize("kind", ["gymnasium", "pettingzoo"])
-def test_rendering_of_environments(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
-    options: dict[str, Any] = {"angles": [0.0, 0.0], "target": [0.0, 1.0]}
-    kinds = {"ansi": str, "rgb_array": np.ndarray, "human": type(None), None: type(None)}
-    for mode, form in kinds.items():
-        env: Any = (
-            gymnasium.make(ID, render_mode=mode).unwrapped
-            if kind == "gymnasium"
-            else reacher_v0.parallel_env(render_mode=mode)
-        )
-        env.reset(options=options)
-        forth = [1.0, 1.0] if kind == "gymnasium" else {"joint_0": [1.0], "joint_1": [1.0]}
-        env.step(forth)
-        if mode is None:
-            with pytest.warns(UserWarning, match="without a render_mode"):
-                assert env.render() is None
-            continue
-        shown = env.render()
-        assert isinstance(shown, form)
-        if mode == "ansi":
-            assert shown == scene_of(env.simulator).text() and "step 1 / 400" in shown
-        if mode == "rgb_array":
-            assert (shown == scene_of(env.simulator).draw()).all()
-            assert (shown == WALL).all(axis=-1).any()
-        env.close()
-        env.close()
-
-
-def test_a_batch_renders_every_arm() -> None:
-    texts = gymnasium.make_vec(ID, num_envs=3, render_mode="ansi").unwrapped
-    texts.reset(seed=0)
-    assert len(set(texts.render())) == 3
-    pictures = gymnasium.make_vec(ID, num_envs=2, render_mode="rgb_array").unwrapped
-    pictures.reset(seed=0)
-    assert [picture.shape for picture in pictures.render()] == [(510, 480, 3)] * 2
-    with pytest.raises(ValueError, match="give None, 'rgb_array' or 'ansi'"):
-        gymnasium.make_vec(ID, num_envs=3, render_mode="human")
-    silent = gymnasium.make_vec(ID, num_envs=3).unwrapped
-    assert silent.render() is None
+def test_environments_show_the_scene_of_their_arm() -> None:
+    modes: Any = ({"render_mode": "ansi"}, {"render_mode": "rgb_array"})
+    for make in (lambda **mode: gymnasium.make(ID, **mode).unwrapped, reacher_v0.parallel_env):
+        text, picture = (make(**mode) for mode in modes)
+        for env in (text, picture):
+            env.reset(seed=0)
+        assert text.render() == scene_of(text.simulator).text()
+        assert (picture.render() == scene_of(picture.simulator).draw()).all()

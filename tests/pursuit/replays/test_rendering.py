@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from diagonals import diagonal
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -54,11 +55,14 @@ def cell_origin(maze: Maze) -> tuple[int, int]:
     return int((dark.sum(axis=1) >= longest).argmax()), int((dark.sum(axis=0) >= longest).argmax())
 
 
-@pytest.mark.parametrize(("height", "width"), [(1, 1), (2, 2), (5, 7), (30, 30), (1, 40), (40, 1)])
-@pytest.mark.parametrize("cell_pixels", [None, 3, 6, 7, 20])
+@pytest.mark.parametrize(
+    ("size", "cell_pixels"),
+    diagonal([(1, 1), (2, 2), (5, 7), (30, 30), (1, 40), (40, 1)] * 2, [None, 3, 6, 7, 20]),
+)
 def test_a_picture_is_rgb_bytes_with_even_sides(
-    height: int, width: int, cell_pixels: int | None
+    size: tuple[int, int], cell_pixels: int | None
 ) -> None:
+    height, width = size
     maze = open_maze(height, width)
     scene = Scene(maze, (AgentMark("chaser_0", maze.num_cells - 1),), (), 3, 200, "a caption")
     picture = scene.draw(cell_pixels=cell_pixels, size=300)

@@ -75,7 +75,7 @@ def written(path: Path, text: str) -> Path:
 
 @pytest.fixture(scope="module")
 def duel() -> Replay:
-    env = gymnasium.make("pursuit/Chaser-v0", maze="5x5", max_steps=40)
+    env = gymnasium.make("pursuit/Chaser-v0", maze="5x5", max_steps=16)
     return random_replay(env, 3)
 
 
@@ -218,7 +218,7 @@ def test_goals_and_scores_of_a_heist(browser: Any, tmp_path: Path) -> None:
 
 
 def test_an_arm_moves_on_a_phone_in_the_dark(browser: Any, tmp_path: Path) -> None:
-    env = gymnasium.make("pursuit/Reacher-v0", joints=3, max_steps=30)
+    env = gymnasium.make("pursuit/Reacher-v0", joints=3, max_steps=12)
     replay = random_replay(env, 2)
     path = written(tmp_path / "arm.html", replay.page("arm"))
     phone = {"width": 360, "height": 740}
@@ -261,19 +261,8 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     maze = folder / "<img src=x onerror=hacked()>.txt"
     maze.write_text(pursuit.load_maze("4x4").to_text())
     name = folder / "<b>run&'"
-    options = [
-        "--num-games",
-        "64",
-        "--minibatch-size",
-        "256",
-        "--frames",
-        "4096",
-        "--episodes",
-        "200",
-        "--threads",
-        "1",
-    ]
-    main(["train", "--maze", str(maze), "--width", "16", *options, "--out", str(name)])
+    sizes = "--width 16 --num-games 64 --minibatch-size 256 --frames 4096 --episodes 200"
+    main(["train", "--maze", str(maze), *sizes.split(), "--threads", "1", "--out", str(name)])
     return name
 
 

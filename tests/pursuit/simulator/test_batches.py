@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from diagonals import diagonal
 from simulated import (
     ARMS,
     CROWD,
@@ -30,7 +31,6 @@ FINISHED = ("final", "episode_returns", "episode_lengths")
 
 each_task = pytest.mark.parametrize("task", [*TASKS.values(), *ARMS.values()], ids=[*TASKS, *ARMS])
 two_tasks = pytest.mark.parametrize("task", [TASKS["chase"], ARMS["kept"]], ids=["maze", "arm"])
-restarts = pytest.mark.parametrize("auto_restart", [True, False])
 
 
 # -- determinism and copies ------------------------------------------------------------------------
@@ -57,8 +57,9 @@ def test_other_seeds_and_other_games_are_other_games(task: Tasks) -> None:
     assert_equal(snapshot(simulator), first)
 
 
-@each_task
-@restarts
+@pytest.mark.parametrize(
+    ("task", "auto_restart"), diagonal([*TASKS.values(), *ARMS.values()], [True, False])
+)
 def test_a_restored_state_continues_exactly(task: Tasks, auto_restart: bool) -> None:
     simulator = simulator_of(task, 6, seed=3, auto_restart=auto_restart)
     play(simulator, 12)
@@ -88,9 +89,11 @@ def test_a_game_copied_to_another_index_continues_like_the_original(task: Tasks)
     assert any((moment["streams"][1] != moment["streams"][0]).any() for moment in history)
 
 
-@pytest.mark.parametrize("copied", [copy.deepcopy, lambda it: pickle.loads(pickle.dumps(it))])
+@pytest.mark.parametrize(
+    ("copied", "auto_restart"),
+    [(copy.deepcopy, True), (lambda it: pickle.loads(pickle.dumps(it)), False)],
+)
 @two_tasks
-@restarts
 def test_a_copy_within_an_episode_continues_like_the_original(
     copied: Callable[[Any], Any], task: Tasks, auto_restart: bool
 ) -> None:

@@ -163,18 +163,6 @@ def test_equal_mazes_are_compared_without_their_text(monkeypatch: pytest.MonkeyP
     assert maze != load_maze("5x5-tree") and maze != "5x5"
 
 
-def test_marks_distinguish_mazes() -> None:
-    lines = ("|S G|", "|  G|", "|   |", "|G G|")
-    texts = [f"+-+-+\n{line}\n+-+-+" for line in lines]
-    assert len({Maze.from_text(text) for text in texts}) == 4
-
-
-def test_a_task_can_be_a_dict_key() -> None:
-    simulators = {make_task(name): Simulator(make_task(name)) for name in TASK_NAMES}
-    for name in TASK_NAMES:
-        assert simulators[make_task(name)].task.name == name
-
-
 @pytest.mark.parametrize("field", ["step", "capture", "goal", "distance"])
 def test_rewards_are_finite_in_float32(field: str) -> None:
     for value in (1e31, -1e308, 10**40):

@@ -66,9 +66,9 @@ CASES = {
     "a crowd": Case(team(20, 24, CROWD), games=4),  # more pairs than are looked up one by one
     "a crowd, chasers first": Case(team(24, 20, CROWD, **FIRST, **STAY), games=4),
     "cells without paths": Case(team(3, 3, PARTS)),
-    "several mazes": Case(team(3, 4, ("3x3", "5x5", PARTS))),
+    "several mazes": Case(team(3, 3, ("3x3", "5x5", PARTS))),
     "goals": Case(team(2, 2, num_runners=3, num_goals=4)),
-    "random": Case(team(2, 3), [RANDOM, RANDOM, RANDOM, EVADER, RANDOM]),
+    "random": Case(team(3, 3), [RANDOM] * 3 + [EVADER, RANDOM, RANDOM]),
     "some for others": Case(team(3, 3), [CHASER, None, CHASER, EVADER, RANDOM, EVADER]),
     "two policies of a kind": Case(team(4, 2), [CHASER, AStarChaser()] * 2 + [EVADER] * 2),
     "tours": Case({"maze": "5x5", "num_runners": 3, "num_goals": 5}, [TourRunner(0.1)] * 3),
@@ -76,11 +76,11 @@ CASES = {
         team(3, 3, view_radius=2),
         [SearchingChaser(0.1), CHASER, CHASER, EVADER, WaryEvader(), EVADER],
     ),
-    "large": Case(team(5, 1, LARGE, num_runners=3, num_goals=4), games=4, steps=45),
-    "no tables": Case(team(4, 4), tables=False),
+    "large": Case(team(3, 1, LARGE, num_runners=3, num_goals=4), games=4, steps=45),
+    "no tables": Case(team(3, 3), tables=False),
     "no tables, chasers first": Case(team(1, 3, **FIRST, **STAY), tables=False),
     "no tables, without paths": Case(team(3, 3, PARTS), tables=False),
-    "tables for some": Case(team(4, 4, ("3x3", "5x5")), tables=False),
+    "tables for some": Case(team(3, 3, ("3x3", "5x5")), tables=False),
     "no tables, goals": Case(team(2, 2, num_runners=3, num_goals=4), tables=False),
 }
 
@@ -179,7 +179,7 @@ def test_teams_with_few_or_nobody_left_to_chase(team_size: int) -> None:
 
 def test_how_many_are_known_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     """A team by the kernel for exactly so many, and by the one for any number."""
-    case = Case(team(3, 2, "7x7"))
+    case = Case(team(3, 3, "7x7"))
     (games, policies), (others, _) = begun(case), begun(case)
     assert is_known_team(CHASER.kind, games.view(0), (0, 1, 2))
     shape = (case.games, games.num_agents)

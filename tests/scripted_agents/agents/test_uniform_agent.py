@@ -15,8 +15,7 @@ from scripted_agents.environments import AGENTS, scripted_policy
 CORRIDOR = Maze.from_text("+-+-+-+\n|     |\n+-+-+-+")
 
 
-@pytest.mark.parametrize("maze", ["3x3", "roads-8x8"])
-@pytest.mark.parametrize("stay", [False, True])
+@pytest.mark.parametrize(("maze", "stay"), [("3x3", False), ("roads-8x8", True)])
 def test_every_action_is_drawn_equally_often(maze: str, stay: bool) -> None:
     task = make_task("chase", maze=maze, stay_action=stay)
     simulator = Simulator(task, 20_000, seed=3)

@@ -196,9 +196,13 @@ def test_a_game_does_not_depend_on_its_batch(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "copied", [copy.copy, copy.deepcopy, lambda each: pickle.loads(pickle.dumps(each))]
+    ("copied", "auto_restart"),
+    [
+        (copy.copy, True),
+        (copy.deepcopy, False),
+        (lambda each: pickle.loads(pickle.dumps(each)), True),
+    ],
 )
-@pytest.mark.parametrize("auto_restart", [True, False])
 def test_copies_and_restored_states_go_on_alike(copied: Any, auto_restart: bool) -> None:
     task = GameTask(GAMES["masks"](), max_steps=5)
     simulator = GameSimulator(task, 6, seed=1, auto_restart=auto_restart)

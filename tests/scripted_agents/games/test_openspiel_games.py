@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.optimize import linprog
+from matrix_values import matrix_value
 
 from scripted_agents.games import enumerate_game, equilibrium, respond, returns_of
 
@@ -25,22 +25,6 @@ TABLE: dict[str, list[str]] = {
 
 pyspiel = pytest.importorskip("pyspiel", exc_type=ImportError)
 openspiel = pytest.importorskip("scripted_agents.games.openspiel", exc_type=ImportError)
-
-
-def matrix_value(payoff: Any) -> float:
-    """The value of a matrix game by a linear program."""
-    rows, columns = payoff.shape
-    if payoff.min(axis=1).max() == payoff.max(axis=0).min():
-        return float(payoff.min(axis=1).max())
-    found = linprog(
-        np.append(np.zeros(rows), -1.0),
-        A_ub=np.c_[-payoff.T, np.ones(columns)],
-        b_ub=np.zeros(columns),
-        A_eq=[[*[1.0] * rows, 0.0]],
-        b_eq=[1.0],
-        bounds=[(0.0, None)] * rows + [(None, None)],
-    )
-    return float(-found.fun)
 
 
 class Tree:
@@ -271,14 +255,14 @@ def test_games_of_the_usual_size_are_enumerated_or_refused(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     module = sys.modules["scripted_agents.games.openspiel_games"]
-    monkeypatch.setattr(module, "TREE", 2000)
-    monkeypatch.setattr(module, "CHECKED", 2000)
+    monkeypatch.setattr(module, "TREE", 500)
+    monkeypatch.setattr(module, "CHECKED", 500)
     try:
-        small = enumerate_game(openspiel.openspiel_game(name), most_states=300)
+        small = enumerate_game(openspiel.openspiel_game(name), most_states=50)
     except ValueError as error:
-        assert re.search(r"more than 300 states|go on in different ways", str(error))
+        assert re.search(r"more than 50 states|go on in different ways", str(error))
     else:
-        assert small.num_states <= 300
+        assert small.num_states <= 50
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.optimize import linprog
+from diagonals import diagonal
+from matrix_values import matrix_value
 
 from scripted_agents.games import (
     Game,
@@ -25,6 +26,7 @@ from scripted_agents.games import (
     respond,
     returns_of,
 )
+from scripted_agents.games.agents import uniform_table
 from scripted_agents.games.library import SHIPPED
 from scripted_agents.games.library.border_control import BorderControl
 from scripted_agents.games.library.goofspiel import Goofspiel
@@ -49,20 +51,8 @@ def enumerated(text: str) -> SmallGame:
     return game if isinstance(game, SmallGame) else enumerate_game(game, progress=False)
 
 
-def matrix_value(payoffs: Any) -> float:
-    """The value of a matrix game by a linear program."""
-    rows, columns = np.shape(payoffs)
-    constraints = np.hstack([-np.transpose(payoffs), np.ones((columns, 1))])
-    found = linprog(
-        [0.0] * rows + [-1.0], constraints, [0.0] * columns, [[1.0] * rows + [0.0]], [1.0],
-        [(0, 1)] * rows + [(None, None)],
-    )  # fmt: skip
-    return float(found.x[-1])
-
-
 def uniform(game: SmallGame) -> dict[str, Any]:
-    sizes = [np.array([len(legal) for legal in actions]) for actions in game.actions]
-    return {name: np.repeat(1 / size, size) for name, size in zip(game.players, sizes, strict=True)}
+    return {name: uniform_table(game, name) for name in game.players}
 
 
 # -- all games -------------------------------------------------------------------------------------
@@ -247,9 +237,10 @@ def test_the_picture_of_soccer() -> None:
 # -- goofspiel -------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("order", ["random", "descending", "ascending"])
-@pytest.mark.parametrize("points", ["difference", "win"])
-@pytest.mark.parametrize("cards", [3, 4, 5])
+@pytest.mark.parametrize(
+    ("cards", "order", "points"),
+    diagonal([3, 4, 5] * 2, ["random", "descending", "ascending"], ["difference", "win"]),
+)
 def test_goofspiel_is_that_of_openspiel(cards: int, order: str, points: str) -> None:
     """Random games. There the last cards are played at once, and a difference counts half."""
     pyspiel = pytest.importorskip("pyspiel", exc_type=ImportError)

@@ -21,6 +21,7 @@ from scripted_agents.games import (
     returns_of,
 )
 from scripted_agents.games import enumeration as enumeration_module
+from scripted_agents.games.agents import uniform_table
 
 
 class Table:
@@ -213,7 +214,8 @@ def test_what_restore_leaves_out_is_found() -> None:
 def test_an_episode_is_terminated_or_truncated_never_both() -> None:
     task = make_task("chase", maze="2x2", rewards="zero_sum")
     small = game_of_task(task)
-    env = SmallGameEnv(small, "chaser_0", {"evader_0": even_of(small, 1)}, max_steps=3)
+    others = {"evader_0": uniform_table(small, "evader_0")}
+    env = SmallGameEnv(small, "chaser_0", others, max_steps=3)
     ends = set()
     for episode in range(200):
         env.reset(seed=episode)
@@ -238,17 +240,13 @@ def test_an_index_that_is_no_whole_number_is_refused() -> None:
         assert env.step(right)[1] == 1.0
 
 
-def even_of(small: Any, player: int) -> Any:
-    return np.concatenate([np.full(len(row), 1.0 / len(row)) for row in small.actions[player]])
-
-
 @pytest.mark.parametrize("name", ["chase", "race", "heist"])
 def test_episodes_of_a_task_are_recorded(name: str) -> None:
     """The replay plays the same cells and rewards; its check plays them in the simulator."""
     task: Task = make_task(name, maze="3x3-tree", **({} if name == "chase" else {"num_goals": 1}))
     small = game_of_task(task)
     own, other = task.agent_names
-    env = SmallGameEnv(small, own, {other: even_of(small, 1)}, max_steps=30)
+    env = SmallGameEnv(small, own, {other: uniform_table(small, other)}, max_steps=30)
     recorder = Recorder(gymnasium.wrappers.RecordEpisodeStatistics(env))
     random, played = np.random.default_rng(0), []
     for episode in range(20):

@@ -194,9 +194,9 @@ def test_games_of_the_evader_lie_in_the_interval(order: Any) -> None:
         ("3x3", 1, "evader", AStarChaser(epsilon=0.6)),
     ],
 )
-def test_200_000_games_lie_in_the_interval(name: str, radius: int, role: str, agent: Any) -> None:
-    solution = solved(name, radius, role, seconds=30.0)
-    assert_within(solution, discounted(solution, agent, 200_000))
+def test_many_games_lie_in_the_interval(name: str, radius: int, role: str, agent: Any) -> None:
+    solution = solved(name, radius, role, seconds=10.0)
+    assert_within(solution, discounted(solution, agent, 20_000))
 
 
 def test_the_filter_is_bayes_rule() -> None:

@@ -440,8 +440,8 @@ def test_learners_learn_where_there_is_no_maze(name: str) -> None:
     settings: Any = algorithm.settings(**small)  # type: ignore[arg-type]
     env = Line(32)
     learner = algorithm.build(settings, env, Build(seed=1))
-    for step in range(120):
-        learner.iterate(step / 120)
+    for step in range(60):
+        learner.iterate(step / 60)
     policies = learner.policy(), algorithm.load(settings, env.player, learner.state_dict(), True)
     learner.close()
     for policy in policies:

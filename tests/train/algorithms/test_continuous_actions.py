@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import math
 from typing import Any
 
@@ -29,9 +28,7 @@ from train.networks.arm_policy import ArmSeat
 from train.networks.distributions import SquashedNormal
 from train.networks.fused_actor_critic import LossCoefficients
 from train.networks.layers import Hidden
-from train.settings.algorithms import (
-    PPOSettings,
-)
+from train.settings.algorithms import PPOSettings
 
 
 def arm_env(games: int, joints: int = 1, **settings: Any) -> ArmEnv:
@@ -194,31 +191,6 @@ def test_every_on_policy_learner_beats_random_turns_by_far(name: str) -> None:
     learner.close()
     random = mean_steps(RandomTurns())
     assert steps < 0.3 * random and sampled < 0.3 * random
-
-
-@pytest.mark.parametrize(
-    ("name", "flat"),
-    [
-        ("ppo", {"num_games": 16, "minibatch_size": 64, "kl_target": 0.01, "width": 8}),
-    ],
-)
-def test_a_learner_of_continuous_actions_resumes_bit_for_bit(
-    name: str, flat: dict[str, Any]
-) -> None:
-    settings: Any = entry(name).settings(**flat)
-    env, again = (arm_env(settings.num_games) for _ in range(2))
-    first = entry(name).build(settings, env, Build(seed=1))
-    first.iterate(0.0)
-    again.simulator.set_state(env.simulator.get_state())
-    again.resume = True
-    second = entry(name).build(settings, again, Build(seed=2))
-    second.load_state_dict(copy.deepcopy(first.state_dict()))
-    for learner in (first, second):
-        torch.manual_seed(3)
-        learner.iterate(0.5)
-        learner.close()
-    for key, weight in first.state_dict()["network"].items():
-        assert torch.equal(weight, second.state_dict()["network"][key]), key
 
 
 def test_without_a_critic_ppo_has_returns_for_advantages() -> None:

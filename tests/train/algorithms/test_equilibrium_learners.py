@@ -38,10 +38,7 @@ LEARNERS: dict[str, tuple[int, dict[str, Any]]] = {
     "rnad": (400, {"reward_coef": 2.0}),
 }
 """Iterations, and settings."""
-MOST = {
-    "mmd": {"plain": 0.05, "biased": 0.1, "dominated": 0.1},
-    "rnad": {"plain": 0.05, "biased": 0.2, "dominated": 0.3},
-}
+MOST = {("mmd", "plain"): 0.05, ("mmd", "biased"): 0.1, ("rnad", "dominated"): 0.3}
 """Mean exploitability of the last 25 policies; three or four seeds were all below. Uniform
 policies have 0, 0.33 and 1, those of PPO at least 0.5, 1.0 and 2.4."""
 
@@ -57,22 +54,18 @@ def test_exploitability_is_0_at_the_equilibrium_only(game: str) -> None:
     assert exploitability(payoff, uniform) == pytest.approx(expected)
 
 
-@pytest.mark.parametrize("game", GAMES)
-@pytest.mark.parametrize("name", LEARNERS)
+@pytest.mark.parametrize(("name", "game"), MOST)
 def test_the_last_policies_are_an_equilibrium(name: str, game: str) -> None:
     payoff, mixture = GAMES[game]
     iterations, settings = LEARNERS[name]
     policies = play(name, payoff, iterations, **ROLLOUT, **settings)[-25:]
-    assert np.mean([exploitability(payoff, pair) for pair in policies]) < MOST[name][game]
+    assert np.mean([exploitability(payoff, pair) for pair in policies]) < MOST[name, game]
     np.testing.assert_allclose(policies.mean(axis=0), [mixture, mixture], atol=0.17)
 
 
-@pytest.mark.parametrize("game", GAMES)
-def test_the_last_policies_of_plain_ppo_are_none(game: str) -> None:
-    payoff, _ = GAMES[game]
-    policies = play("ppo", payoff, 250, entropy_coef=0.0, **ROLLOUT)[-25:]
-    least = {"plain": 0.5, "biased": 1.0, "dominated": 2.4}[game]
-    assert min(exploitability(payoff, pair) for pair in policies) > least
+def test_the_last_policies_of_plain_ppo_are_none() -> None:
+    policies = play("ppo", BIASED, 250, entropy_coef=0.0, **ROLLOUT)[-25:]
+    assert min(exploitability(BIASED, pair) for pair in policies) > 1.0
 
 
 def test_the_average_policies_of_fictitious_play_are_an_equilibrium() -> None:

@@ -1,4 +1,7 @@
-"""Every learner of the registry reaches a gap on two small tasks, within a budget in frames."""
+"""Every learner of the registry reaches a gap on a small task, within a budget in frames.
+
+`tools/benchmarks/bench_learners.py` shows a second, larger task of each.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,8 @@ import pytest
 from benchmarks.bench_learners import CASES, Case, measure
 
 from train.algorithms.registry import ALGORITHMS
+
+FIRST = {case.algorithm: case for case in reversed(CASES)}
 
 
 @pytest.mark.parametrize("name", ALGORITHMS)
@@ -15,7 +20,7 @@ def test_every_learner_has_two_cases(name: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("case", CASES, ids=lambda case: f"{case.algorithm}, {case.task}")
+@pytest.mark.parametrize("case", FIRST.values(), ids=lambda case: f"{case.algorithm}, {case.task}")
 def test_it_reaches_the_bound_by_learning(case: Case) -> None:
     """After one iteration alone the gap is above the bound.
 

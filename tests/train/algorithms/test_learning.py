@@ -240,7 +240,6 @@ def test_a_chaser_learns_to_be_nearly_optimal_on_3x3(shared: bool) -> None:
     assert learned.mean_steps < 0.4 * random.mean_steps
 
 
-@pytest.mark.slow
 def test_an_evader_learns_to_survive_longer_than_a_random_one() -> None:
     task = make_task("chase", maze="4x4")
     contest = GameContest(task, "evader", default_policies(task, 0.2), 100)

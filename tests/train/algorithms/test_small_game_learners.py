@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import csv
 import math
-from copy import deepcopy
+from itertools import cycle
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -22,13 +21,16 @@ from train.algorithms.registry import ALGORITHMS
 from train.algorithms.regularized import divergence
 from train.kinds import start
 from train.networks.distributions import Categorical
-from train.runs.parts import parts_of
-from train.runs.single import SingleAgent
 from train.self_play.parts import self_play_settings_of
 
 MASKED = "small_games:RandomGame(seed=3)"
 THREE = "small_games:RandomGame(players=3,seed=5)"
 NIM = "small_games:Nim"
+KINDS: dict[str, tuple[str, dict[str, Any]]] = {
+    "general sum": (MASKED, {}),
+    "three players": (THREE, {"observation": "one_hot", "min_probability": 0.01}),
+    "turns": (NIM, {"observation": "observe", "precision": "bfloat16"}),
+}
 SIZES: dict[str, dict[str, Any]] = {
     "ppo": {"rollout_steps": 8, "minibatch_size": 128},
     "ippo": {"rollout_steps": 8, "minibatch_size": 128},
@@ -98,18 +100,10 @@ def test_a_single_learner_plays_legal_actions_and_better_than_at_random(
 
 @pytest.mark.filterwarnings("ignore:frames=")
 @pytest.mark.parametrize(
-    ("game", "changed"),
-    [
-        (MASKED, {}),
-        (THREE, {"observation": "one_hot", "min_probability": 0.01}),
-        (NIM, {"observation": "observe", "precision": "bfloat16"}),
-    ],
-    ids=["general sum", "three players", "turns"],
+    ("algorithm", "kind"), zip([*TOGETHER, "command_games:LEARNER"], cycle(KINDS))
 )
-@pytest.mark.parametrize("algorithm", [*TOGETHER, "command_games:LEARNER"])
-def test_all_players_learn_together(
-    algorithm: str, game: str, changed: dict[str, Any], tmp_path: Path
-) -> None:
+def test_all_players_learn_together(algorithm: str, kind: str, tmp_path: Path) -> None:
+    game, changed = KINDS[kind]
     flat = settings(algorithm, game=game, snapshots=2, **changed)
     run = start("self-play", self_play_settings_of(**flat), tmp_path / "run")
     run.train()
@@ -163,24 +157,6 @@ def test_the_table_holds_the_values_of_the_game(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="was trained in game"):
         other = train.settings_of(**{**flat, "game": "small_games:Nim(heap=9)"})
         loaded.table(start("single", other, tmp_path / "other").trainee.contest.task)
-
-
-@pytest.mark.filterwarnings("ignore:frames=")
-def test_a_table_is_restored_bit_for_bit() -> None:
-    clock = SimpleNamespace(progress=0.3, seconds=0.0)
-    chosen = train.settings_of(**settings("q_learning", game=MASKED, frames=8000))
-
-    def agent(state: Any, iterations: int) -> SingleAgent:
-        made = SingleAgent(parts_of(chosen), "greedy", state)
-        for _ in range(iterations):
-            made.iterate(clock)
-        return made
-
-    whole = agent(None, 5).learner.state_dict()
-    parts = agent(deepcopy(agent(None, 2).state_dict()), 3).learner.state_dict()
-    assert whole["frames"] == parts["frames"]
-    for name in ("q_values", "visits", "streams"):
-        assert torch.equal(whole[name], parts[name]), name
 
 
 # -- masked log-probabilities --------------------------------------------------------------------

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from itertools import product
+from itertools import cycle, product
 from pathlib import Path
 from typing import Any
 
@@ -19,12 +19,11 @@ from pursuit.tasks.task import make_task
 from scripted_agents import evaluate_joint
 from train.algorithms.dqn import dqn_loss
 from train.algorithms.ppo import ppo_loss
-from train.environments.seat_env import CRITIC
 from train.environments.simulator_env import SimulatorEnv
 from train.evaluation.matchups import play_pair
 from train.kinds import resume, start
 from train.networks.joint_policy import JointPolicy, parts_of
-from train.networks.policy import Seat
+from train.networks.policy import CRITIC, Seat
 from train.networks.separate import SeparateNetworks
 from train.runs.folder import load_checkpoint
 from train.runs.parts import Parts
@@ -39,6 +38,7 @@ SIZES: dict[str, dict[str, Any]] = {
     "mappo": {"minibatch_size": 64, "rollout_steps": 8},
     "vdn": {"batch_size": 16, "learning_starts": 32, "rollout_steps": 4},
 }
+SHARING = ("shared", "separate", "joint")
 SIZES["qmix"] = SIZES["vdn"] | {"mixing_width": 8}
 
 
@@ -171,8 +171,7 @@ def test_a_value_is_of_the_state_and_a_policy_of_the_own_observation() -> None:
     torch.testing.assert_close(values.roll(3, 0)[3:], changed[3:])  # of the state alone
 
 
-@pytest.mark.parametrize("sharing", ["shared", "separate"])
-@pytest.mark.parametrize("algorithm", ["ippo", "mappo"])
+@pytest.mark.parametrize(("algorithm", "sharing"), [("ippo", "shared"), ("mappo", "separate")])
 def test_agents_that_have_left_change_no_gradient(algorithm: str, sharing: str) -> None:
     """With a GRU, sequences contain the frames of captured evaders."""
     given = {"role": "evader", "num_evaders": 3, "recurrent": "gru", "sharing": sharing}
@@ -355,8 +354,7 @@ def test_vdn_of_one_agent_is_dqn() -> None:
 # -- runs ------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("sharing", ["shared", "separate", "joint"])
-@pytest.mark.parametrize("algorithm", list(SIZES))
+@pytest.mark.parametrize(("algorithm", "sharing"), zip(SIZES, cycle(SHARING)))
 def test_a_resumed_run_of_a_team_ends_equal_to_an_uninterrupted_one(
     algorithm: str, sharing: str, tmp_path: Path
 ) -> None:
@@ -379,8 +377,7 @@ def test_a_resumed_run_of_a_team_ends_equal_to_an_uninterrupted_one(
     np.testing.assert_array_equal(policy.distribution(policy.task, games, 1), mean)
 
 
-@pytest.mark.parametrize("sharing", ["shared", "separate", "joint"])
-@pytest.mark.parametrize("algorithm", list(SIZES))
+@pytest.mark.parametrize(("algorithm", "sharing"), zip(SIZES, cycle(SHARING[::-1])))
 def test_teams_learn_in_self_play(algorithm: str, sharing: str, tmp_path: Path) -> None:
     given = settings(algorithm) | {
         "sharing": sharing,

@@ -240,9 +240,8 @@ def test_with_limited_views_the_best_response_is_a_bound() -> None:
     assert found["gap"] == pytest.approx(searching.mean_steps / contest.best - 1.0)
 
 
-@pytest.mark.parametrize(("maze", "chasers"), [("7x7", 5), ("4x4", 6)])
-def test_a_team_that_is_too_large_says_so(maze: str, chasers: int) -> None:
-    task = make_task("chase", maze=maze, num_chasers=chasers)
+def test_a_team_that_is_too_large_says_so() -> None:
+    task = make_task("chase", maze="4x4", num_chasers=6)
     contest = TeamContest(task, "chaser", {"evader": AStarEvader(0.2)}, 20)
     contest = contest.solved_up_to(MAX_EVALUATED_WORK)
     scores = contest.baselines()
@@ -252,7 +251,7 @@ def test_a_team_that_is_too_large_says_so(maze: str, chasers: int) -> None:
     found = team_results(contest, RandomAgent(), scores[0], scores)
     assert found["best_response"] is None and found["members"] == {}
     (line,) = describe_team(found)
-    states = f"{task.max_cells ** (chasers + 1):,}"
+    states = f"{16**7:,}"
     assert f"no exact best team response: {states} states" in line and "at most" in line
 
 

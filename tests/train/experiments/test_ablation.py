@@ -9,6 +9,7 @@ from typing import Any
 
 import polars
 import pytest
+from executed_here import executed_here
 from test_study_files import ABLATION, SELF_PLAY
 from test_sweeps import write
 
@@ -26,10 +27,11 @@ curriculum = "goal-spread-start"
 
 @pytest.fixture(scope="module")
 def ablated(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of a complete ablation: four runs, each a process."""
+    """The folder of a complete ablation of four runs."""
     folder = tmp_path_factory.mktemp("ablated")
     file = write(folder / "tiny.toml", ABLATION.replace(NEAR, ""))
-    main(["ablate", file, "--out", str(folder / "out")])
+    with executed_here():
+        main(["ablate", file, "--out", str(folder / "out")])
     return folder
 
 
@@ -91,7 +93,8 @@ def test_all_variants_are_evaluated_at_the_same_final_difficulty(ablated: Path) 
 def test_an_ablation_of_self_play_reports_nash_conv(tmp_path: Path) -> None:
     file = tmp_path / "tiny.toml"
     file.write_text(SELF_PLAY)
-    main(["ablate", str(file), "--out", str(tmp_path / "out")])
+    with executed_here():
+        main(["ablate", str(file), "--out", str(tmp_path / "out")])
     text = (tmp_path / "out" / "report" / "report.md").read_text()
     assert "| latest | control | 2 |" in text and "ratio to latest" in text
     assert (tmp_path / "out" / "report" / "final.png").stat().st_size > 10_000

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,15 +11,14 @@ from typing import Any
 import numpy as np
 import polars
 import pytest
+from executed_here import executed_here
 
 from train.commands.main import main
-from train.experiments import contestant_runs
+from train.experiments import contestant_runs, executors
 from train.experiments.contestant_runs import hyper_of, learn, settings_of, world_and_contest
 from train.experiments.contestants import CONTESTANTS
-from train.experiments.executors import perform_here, run_study
 from train.experiments.rows import CURVES, RUNS, curve_measures
-from train.experiments.runs import Study
-from train.experiments.stages import Stage, carry_out, stages_of
+from train.experiments.stages import Stage, stages_of
 from train.experiments.study import StudyFile, choose_version, read_file
 from train.experiments.tuning import best_trials, least_copy_of, mazes_of
 from train.experiments.variants import times_row
@@ -68,22 +68,12 @@ def stages(folder: Path, text: str = TINY) -> list[Stage]:
     return stages_of(str(path), "comparison", None, folder / "out")
 
 
-class JobHere:
-    """A job that is executed in this process."""
-
-    def __init__(self, folder: Path) -> None:
-        self.code = perform_here(str(folder), {})
-
-    def poll(self) -> int:
-        return self.code
-
-    def stop(self) -> None:
-        pass
-
-
-def here(study: Study, out: Path) -> dict[str, str]:
-    """Execute all runs in this process."""
-    return run_study(study, out, 1, lambda folder, slot: JobHere(folder), lambda *_: None)
+def compare(folder: Path, text: str = TINY) -> Path:
+    """The folder of a comparison that the command has executed in this process."""
+    (folder / "tiny.toml").write_text(text, encoding="utf-8")
+    with executed_here():
+        main(["compare", str(folder / "tiny.toml"), "--out", str(folder / "out")])
+    return folder / "out"
 
 
 def told(folder: Path) -> list[dict[str, str]]:
@@ -95,11 +85,11 @@ def told(folder: Path) -> list[dict[str, str]]:
 
 
 def test_a_small_comparison_runs_to_its_report_and_is_not_repeated(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    out = tmp_path / "out"
-    done = carry_out(stages(tmp_path), here, lambda line: None)
-    assert [len(statuses) for _, statuses in done] == [4, 4]
+    out = compare(tmp_path)
+    said = capsys.readouterr().out
+    assert said.count("4 complete\n") == 2 and "report: " in said
     # The final settings are those of the trial with the lowest score.
     trials, tuned = best_trials(out)
     runs, curves = (polars.read_parquet(out / name) for name in (RUNS, CURVES))
@@ -117,6 +107,7 @@ def test_a_small_comparison_runs_to_its_report_and_is_not_repeated(
     for word in ("First to each gap", "Stable-Baselines3", "learning_rate", "stable_baselines3"):
         assert word in text
     assert (out / "report" / "curves.png").stat().st_size > 10_000
+    assert (out / "report" / "report.html").is_file()
     rows = told(out / "report" / "runs.csv")
     assert {(row["contestant"], row["seed"]) for row in rows} == {
         (name, seed) for name in ("ours", "stable-baselines3") for seed in "01"
@@ -125,14 +116,14 @@ def test_a_small_comparison_runs_to_its_report_and_is_not_repeated(
     assert [row["chosen"] for row in told(out / "report" / "trials.csv")].count("True") == 2
 
     # Repeated: nothing is executed, and the report is the same.
-    monkeypatch.setitem(globals(), "JobHere", pytest.fail)
+    monkeypatch.setattr(executors, "perform_here", pytest.fail)
     table = (out / "report" / "table.csv").read_bytes()
-    carry_out(stages(tmp_path), here, lambda line: None)
+    compare(tmp_path)
     assert (out / "report" / "table.csv").read_bytes() == table
 
 
 def test_a_failed_run_is_reported_and_retried(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def broken(*_: Any) -> Any:
         raise RuntimeError("no luck")
@@ -140,12 +131,13 @@ def test_a_failed_run_is_reported_and_retried(
     alone = TINY.replace('"ours", "stable-baselines3"', '"ours"')
     entry = CONTESTANTS["ours"]
     monkeypatch.setitem(CONTESTANTS, "ours", replace(entry, build=broken))
-    with pytest.raises(ValueError, match=r"ours failed in every trial on 'runner, 2x2'"):
-        carry_out(stages(tmp_path, alone), here, lambda line: None)
+    with pytest.raises(SystemExit):
+        compare(tmp_path, alone)
+    assert "ours failed in every trial on 'runner, 2x2'" in capsys.readouterr().err
     errors = list((tmp_path / "out" / "tuning").rglob("error.txt"))
     assert len(errors) == 2 and "no luck" in errors[0].read_text(encoding="utf-8")
     monkeypatch.setitem(CONTESTANTS, "ours", entry)
-    carry_out(stages(tmp_path, alone), here, lambda line: None)
+    compare(tmp_path, alone)
     assert not list((tmp_path / "out").rglob("error.txt"))
 
 
@@ -155,22 +147,14 @@ def test_contestants_alternate(tmp_path: Path) -> None:
         assert names[:4] == ["ours", "stable-baselines3", "stable-baselines3", "ours"]
 
 
-def test_a_folder_of_something_else_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "out" / "tuning").mkdir(parents=True)
-    (tmp_path / "out" / "tuning" / "ours-2x2-seed1000000-0123456789.json").write_text("{}")
-    with pytest.raises(ValueError, match=r"tuning: not empty, .*; give a new folder"):
-        carry_out(stages(tmp_path), here, lambda line: None)
-
-
-@pytest.mark.slow
-def test_the_command_runs_in_separate_processes(
+def test_a_folder_of_something_else_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (tmp_path / "tiny.toml").write_text(TINY, encoding="utf-8")
-    out = str(tmp_path / "out")
-    main(["compare", str(tmp_path / "tiny.toml"), "--out", out, "--workers", "2"])
-    assert "report: " in capsys.readouterr().out
-    assert (tmp_path / "out" / "report" / "report.html").is_file()
+    (tmp_path / "out" / "tuning").mkdir(parents=True)
+    (tmp_path / "out" / "tuning" / "ours-2x2-seed1000000-0123456789.json").write_text("{}")
+    with pytest.raises(SystemExit):
+        compare(tmp_path)
+    assert re.search("tuning: not empty, .*; give a new folder", capsys.readouterr().err)
 
 
 def test_options_of_the_command(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

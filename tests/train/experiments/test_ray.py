@@ -2,68 +2,42 @@
 
 from __future__ import annotations
 
-import json
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
+from executed_here import executed_here
 from test_sweeps import TINY, silent, write
 
 from train.experiments.executors import run_locally, run_on_ray
 from train.experiments.expansion import load_study
 from train.experiments.rows import read_all
 from train.experiments.runs import status_of
+from train.files import read_json
 from train.kinds import open_run
-
-# -- Ray -------------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
 def cluster() -> Any:
     """A local Ray cluster of three nodes; the head has no cores for runs."""
-    pytest.importorskip("ray")
+    ray = pytest.importorskip("ray")
     from ray.cluster_utils import Cluster
 
     found = Cluster(initialize_head=True, head_node_args={"num_cpus": 0})
     for _ in range(2):
         found.add_node(num_cpus=1)
+    ray.init(address=found.address, log_to_driver=False)
     yield found
+    ray.shutdown()
     found.shutdown()
 
 
 @pytest.mark.slow
-def test_ray_gives_the_results_that_this_machine_gives(cluster: Any, tmp_path: Path) -> None:
-    import ray
-
-    text = TINY.replace(', "q_learning"', "").replace('"2x2", "3x3"', '"2x2"')
-    sweep, out = load_study(write(tmp_path / "tiny.toml", text)), tmp_path / "out"
-    ray.init(address=cluster.address, log_to_driver=False)
-    try:
-        statuses = run_on_ray(sweep, out, None, silent)
-    finally:
-        ray.shutdown()
-    assert statuses == dict.fromkeys((run.name for run in sweep.runs), "complete")
-    # A budget of frames repeats exactly.
-    local = tmp_path / "local"
-    run_locally(replace(sweep, runs=sweep.runs[:1]), local, 1, silent)
-    name = sweep.runs[0].name
-    evaluations = [
-        json.loads((folder / "runs" / name / "results.json").read_text())["evaluation"]
-        for folder in (out, local)
-    ]
-    assert evaluations[0] == evaluations[1]
-
-
-@pytest.mark.slow
-def test_ray_loses_nothing_and_counts_nothing_twice_when_a_node_dies(
+def test_ray_gives_the_results_of_this_machine_once_each_when_a_node_dies(
     cluster: Any, tmp_path: Path
 ) -> None:
-    import ray
-
     text = TINY.replace("frames = 2000", "frames = 20000").replace(', "q_learning"', "")
     sweep, out = load_study(write(tmp_path / "tiny.toml", text)), tmp_path / "out"
-    ray.init(address=cluster.address, log_to_driver=False)
     removed: list[Any] = []
 
     def kill(statuses: dict[str, str], progress: dict[str, float]) -> None:
@@ -73,16 +47,22 @@ def test_ray_loses_nothing_and_counts_nothing_twice_when_a_node_dies(
             cluster.remove_node(workers[0], allow_graceful=False)
             cluster.add_node(num_cpus=1)
 
-    try:
-        statuses = run_on_ray(sweep, out, None, kill)
-    finally:
-        ray.shutdown()
+    statuses = run_on_ray(sweep, out, None, kill)
     assert removed
     assert statuses == dict.fromkeys((run.name for run in sweep.runs), "complete")
     study = read_all(out)
     assert len(study.everything) == len(study.curves) == 4
     for rows in study.curves.values():
         assert len({row["frames"] for row in rows}) == len(rows)
+    # A budget of frames repeats exactly.
+    local = tmp_path / "local"
+    with executed_here():
+        run_locally(sweep, local, 1, silent)
+    for run in sweep.runs:
+        ours, theirs = (
+            read_json(each / "runs" / run.name / "results.json") for each in (local, out)
+        )
+        assert ours["evaluation"] == theirs["evaluation"]
 
 
 LONG = """
@@ -91,7 +71,7 @@ episodes = 5
 task = "maze"
 maze = "3x3"
 algorithm = "a2c"
-frames = 2000000
+frames = 400000
 num_games = 32
 [search]
 samples = 4
@@ -101,8 +81,6 @@ learning_rate = {low = 1e-4, high = 1e-2}
 
 @pytest.mark.slow
 def test_control_c_keeps_the_progress_of_ray_tasks(cluster: Any, tmp_path: Path) -> None:
-    import ray
-
     sweep = load_study(write(tmp_path / "long.toml", LONG))
     out = tmp_path / "out"
 
@@ -110,12 +88,8 @@ def test_control_c_keeps_the_progress_of_ray_tasks(cluster: Any, tmp_path: Path)
         if any(share > 0.1 for share in progress.values()):  # after the first evaluation
             raise KeyboardInterrupt
 
-    ray.init(address=cluster.address, log_to_driver=False)
-    try:
-        with pytest.raises(KeyboardInterrupt):
-            run_on_ray(sweep, out, None, interrupt)
-    finally:
-        ray.shutdown()
+    with pytest.raises(KeyboardInterrupt):
+        run_on_ray(sweep, out, None, interrupt)
     statuses = [status_of(out / "runs" / run.name) for run in sweep.runs]
     assert "interrupted" in statuses and set(statuses) <= {"interrupted", "new"}
     for run, status in zip(sweep.runs, statuses, strict=True):

@@ -124,17 +124,6 @@ def test_what_cannot_run_is_refused_with_one_line_before_anything_runs(
     assert not (tmp_path / "out").exists()
 
 
-def test_a_bad_file_is_one_line_on_the_command_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = write(tmp_path / "tiny.toml", change("sweep", "[grid]", "[grids]"))
-    with pytest.raises(SystemExit) as exit_:
-        main(["sweep", path, "--out", str(tmp_path / "out")])
-    assert exit_.value.code == 2
-    assert len(capsys.readouterr().err.strip().splitlines()) == 1
-    assert not (tmp_path / "out").exists()
-
-
 @pytest.mark.parametrize(
     ("kind", "version", "message"),
     [
@@ -280,23 +269,6 @@ def test_settings_of_one_side_are_tables_in_every_part_of_a_file(tmp_path: Path)
         load_study(str(path))
 
 
-@pytest.mark.parametrize(
-    ("setting", "message"),
-    [
-        ("task = 'maze'", "no chasers or no evaders"),
-        ("hyper = 1", "unknown setting 'hyper' of self-play"),
-        ("curriculum = 'none'", "unknown setting 'curriculum' of self-play"),
-    ],
-)
-def test_settings_that_self_play_does_not_have_are_one_line(
-    setting: str, message: str, tmp_path: Path
-) -> None:
-    file = tmp_path / "s.toml"
-    file.write_text(f"kind = 'self-play'\n[settings]\nframes = 1000\n{setting}\n")
-    with pytest.raises(ValueError, match=message):
-        load_study(str(file))
-
-
 def test_budgets_on_the_axis_are_settings_not_measurements(tmp_path: Path) -> None:
     text = change("table", "grid", "frames = [1000, 2000]").replace("frames = 2000\n", "")
     sweep = load(tmp_path / "s.toml", "table", text.replace("#rest", "[report]\nx = 'frames'"))
@@ -304,13 +276,6 @@ def test_budgets_on_the_axis_are_settings_not_measurements(tmp_path: Path) -> No
     prepare(sweep, tmp_path / "out")
     runs = read_all(tmp_path / "out").everything
     assert sorted(row["budget_frames"] for row in runs) == [1000, 2000]
-
-
-def test_two_variants_of_equal_settings_are_refused(tmp_path: Path) -> None:
-    path = tmp_path / "tiny.toml"
-    path.write_text(ABLATION + '[[variants]]\nname = "again"\ncurriculum = "num-goals"\n')
-    with pytest.raises(ValueError, match=r"'fewer goals first'.* and .*'again' have equal"):
-        load_study(str(path), "ablation")
 
 
 # -- shipped files ---------------------------------------------------------------------------------
@@ -327,10 +292,10 @@ def test_every_shipped_file_is_sound_in_its_full_version() -> None:
 def test_every_shipped_file_is_valid(capsys: pytest.CaptureFixture[str]) -> None:
     assert {"tabular", "encodings", "rewards", "maze_by_size", "maze_by_goals"} <= set(shipped())
     assert {"chaser_by_size", "evader_by_size", "dqn_one_goal", "presets"} <= set(shipped())
-    for name in shipped():
-        assert load_study(name, version="short").layout.title
-    main(["sweep", "--list"])
-    assert "maze_by_size" in capsys.readouterr().out
+    main(["sweep", "--list"])  # reads the short versions
+    lines = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert [name for name, *_ in lines] == [*shipped()]
+    assert all(title for _, *title in lines)
 
 
 @pytest.mark.parametrize(

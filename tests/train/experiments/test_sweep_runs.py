@@ -16,6 +16,8 @@ from waiting import PATIENCE, wait_until
 from pursuit import load_maze
 from pursuit.tasks.task import make_task
 from scripted_agents import AStarEvader, evaluate_joint, solve_joint
+from train.commands.main import main
+from train.commands.sweep import SweepWatch
 from train.experiments.expansion import load_study
 from train.experiments.rows import read_all, read_run
 from train.experiments.runs import prepare, status_of
@@ -40,10 +42,6 @@ opponent = "{opponent}"
 maze = ["{maze}"]
 curriculum_mazes = ["{lesson}, 2x2"]
 """
-
-
-def silent(statuses: dict[str, str], progress: dict[str, float]) -> None:
-    pass
 
 
 def evader(folder: Path, seed: int = 0) -> Path:
@@ -138,7 +136,7 @@ gamma = {choices = [0.9, 0.95]}
 
 @pytest.mark.slow
 def test_a_killed_sweep_leaves_no_process_and_the_next_one_waits_for_its_runs(
-    tmp_path: Path,
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "s.toml").write_text(LONG)
     sweep, out = load_study(str(tmp_path / "s.toml")), tmp_path / "out"
@@ -149,22 +147,27 @@ def test_a_killed_sweep_leaves_no_process_and_the_next_one_waits_for_its_runs(
     wait_until(lambda: list(folder.rglob("events*")), driver)
     with pytest.raises(Timeout), lock.acquire(blocking=False):
         pass
-    time.sleep(2)  # it learns
+    time.sleep(0.5)  # it learns
     driver.send_signal(signal.SIGKILL)
     driver.wait()
     with lock.acquire(timeout=PATIENCE):  # the run has noticed it, saved, and ended
         assert status_of(folder) == "interrupted"
         before = open_run(folder).trainee.frames
     assert before > 0
-    command += ["--out", str(out), "--workers", "1"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as driver:
-        assert driver.stdout is not None
-        while "1 running" not in driver.stdout.readline():
-            pass
-        driver.send_signal(signal.SIGTERM)
-        driver.communicate(timeout=PATIENCE)
-    assert driver.returncode == 143
-    assert open_run(folder).trainee.frames >= before
+    show = SweepWatch.__call__
+
+    def interrupt(watch: SweepWatch, statuses: dict[str, str], progress: dict[str, float]) -> None:
+        show(watch, statuses, progress)
+        if "running" in statuses.values():
+            signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(SweepWatch, "__call__", interrupt)
+    with pytest.raises(SystemExit) as ended:
+        main(["sweep", str(tmp_path / "s.toml"), "--out", str(out), "--workers", "1"])
+    said = capsys.readouterr()
+    assert ended.value.code == 130 and "1 running" in said.out
+    assert "Continue with: pursuit sweep" in said.err
+    assert status_of(folder) == "interrupted" and open_run(folder).trainee.frames >= before
 
 
 def test_the_row_of_a_team_has_the_mean_gap_of_its_members(tmp_path: Path) -> None:

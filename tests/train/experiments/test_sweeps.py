@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import shutil
-import signal
 import subprocess
 import sys
 import time
@@ -14,7 +13,7 @@ from pathlib import Path
 
 import polars
 import pytest
-from waiting import PATIENCE, wait_until
+from executed_here import executed_here
 
 from train.commands.main import main
 from train.commands.sweep import SweepWatch
@@ -60,7 +59,8 @@ def silent(statuses: dict[str, str], progress: dict[str, float]) -> None:
 def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a complete sweep."""
     folder = tmp_path_factory.mktemp("swept")
-    main(["sweep", write(folder / "tiny.toml", TABULAR), "--out", str(folder / "out")])
+    with executed_here():
+        main(["sweep", write(folder / "tiny.toml", TABULAR), "--out", str(folder / "out")])
     return folder / "out"
 
 
@@ -197,22 +197,6 @@ def test_a_killed_run_is_recorded_and_the_others_continue(
     assert "1 complete, 1 failed" in printed.out
 
 
-@pytest.mark.slow
-def test_control_c_saves_and_the_sweep_resumes(tmp_path: Path) -> None:
-    text = TINY.replace("frames = 2000", "frames = 400000").replace("[0, 1]", "[0]")
-    path = write(tmp_path / "tiny.toml", text.replace('"a2c", "q_learning"', '"a2c"'))
-    out = tmp_path / "out"
-    command = [sys.executable, "-m", "train.commands.main", "sweep", path, "--out", str(out)]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    wait_until(lambda: list(out.glob("runs/*/checkpoint.pt")), process)
-    process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=PATIENCE)
-    assert process.returncode == 130 and "Continue with: pursuit sweep" in errors
-    assert "Traceback" not in errors
-    states = [status_of(folder) for folder in out.glob("runs/*")]
-    assert "interrupted" in states and "failed" not in states
-
-
 def test_the_time_left_follows_what_is_done(monkeypatch: pytest.MonkeyPatch) -> None:
     watch = SweepWatch()
     monkeypatch.setattr(time, "monotonic", lambda: watch.began + 30.0)
@@ -266,3 +250,49 @@ def test_a_report_of_nothing_is_an_error(
             main(["report", str(folder)])
         assert exit_.value.code == 2
         assert len(capsys.readouterr().err.strip().splitlines()) == 1
+
+
+# -- sweeps of self-play ---------------------------------------------------------------------------
+
+ONE_AXIS = """
+kind = "self-play"
+seeds = [0]
+episodes = 10
+[settings]
+task = "chase"
+maze = "2x2-tree"
+frames = 512
+num_games = 16
+minibatch_size = 64
+snapshots = 2
+[grid]
+{axis} = [{values}]
+"""
+
+
+@pytest.mark.parametrize(
+    ("axis", "values"), [("max_steps", (5, 10)), ("chaser.entropy_coef", (0.02, 0.05))]
+)
+def test_a_sweep_of_self_play_with_one_axis_has_its_report(
+    axis: str, values: tuple[float, float], tmp_path: Path
+) -> None:
+    text = ONE_AXIS.format(axis=axis, values=f"{values[0]}, {values[1]}")
+    report = report_of(tmp_path, f'{text}[report]\nx = "{axis}"\n')
+    assert all(f"| {value} | self-play | 1 |" in report for value in values)
+    assert "pursuit ablate" not in report  # it refuses self-play
+    assert "learning_curves" in report
+    assert "Mean curves end with their shortest run." in report
+
+
+def test_sampling_schemes_are_compared_by_a_sweep(tmp_path: Path) -> None:
+    text = ONE_AXIS.format(axis="sampling", values='"latest", "nash-mixture"')
+    report = report_of(tmp_path, text)
+    assert "NashConv (discounted steps) [95 %]" in report and "| nash-mixture |" in report
+    assert (tmp_path / "out" / "report" / "learning_curves.png").stat().st_size > 10_000
+
+
+def report_of(folder: Path, text: str) -> str:
+    """The report of a sweep."""
+    with executed_here():
+        main(["sweep", write(folder / "file.toml", text), "--out", str(folder / "out")])
+    return (folder / "out" / "report" / "report.md").read_text()

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from scipy.stats import ttest_rel
 
-from train.commands.main import main
 from train.experiments.rows import StudyRows, curve_measures
 from train.experiments.runs import Study
 from train.experiments.statistics import (
@@ -292,10 +291,3 @@ def test_a_comparison_of_libraries_says_so_too(seeds: int) -> None:
     p = permutation_p([[float(n) for n in range(seeds)]], [[9.0 + n for n in range(seeds)]])
     runs: Any = [SimpleNamespace(seed=seed) for seed in range(seeds)]
     assert bool(out_of_reach(Study(Layout("a plan"), tuple(runs), pinned=True))) == (p >= 0.05)
-
-
-def test_the_dry_run_of_a_shipped_study_says_it(capsys: pytest.CaptureFixture[str]) -> None:
-    main(["ablate", "self-play-mixing", "--dry-run"])
-    assert "with 4 games the least p is 0.12, corrected for 5 comparisons" in (
-        capsys.readouterr().out
-    )

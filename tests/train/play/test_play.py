@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from command_errors import error_of
 from played_by_hand import EAST, NORTH, SOUTH, STAY, WEST, Visitor, maze_session, serving
 
 from pursuit.mazes.maze import Maze, load_maze
@@ -289,11 +290,7 @@ def test_the_command_serves_a_game_keeps_it_and_ends_by_ctrl_c(
 def test_wrong_command_lines_are_one_line(
     arguments: list[str], words: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    with pytest.raises(SystemExit) as ended:
-        main(["play", "--no-browser", *arguments])
-    assert ended.value.code == 2
-    said = capsys.readouterr().err
-    assert words in said and said.count("\n") == 1, said
+    assert words in error_of(capsys, "play", "--no-browser", *arguments)
 
 
 # -- the page about it -----------------------------------------------------------------------------

@@ -19,9 +19,10 @@ from train.runs.folder import read_metrics
 from train.runs.pictures import curriculum_panel
 
 
-@pytest.mark.parametrize("beside", [False, True])
-@pytest.mark.parametrize("columns", [1, 3])
-@pytest.mark.parametrize("scale", ["linear", "from 0", "log", "gap"])
+@pytest.mark.parametrize(
+    ("scale", "columns", "beside"),
+    [("linear", 1, False), ("from 0", 3, True), ("log", 1, True), ("gap", 3, False)],
+)
 def test_legends_cover_no_axes(
     scale: str, columns: int, beside: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -41,17 +42,21 @@ def test_legends_cover_no_axes(
     assert all(page.contains(*corner) for one in shown for corner in one.corners())
 
 
-@pytest.mark.parametrize("kind", ["train", "self-play"])
+SMALL = ["--maze", "3x3", "--max-steps", "9", "--num-games", "16", "--rollout-steps", "4"]
+SMALL += ["--minibatch-size", "32", "--width", "8"]
+
+
 @pytest.mark.parametrize(
-    "budget, label",
-    [(["--frames", "600"], "frames (millions)"), (["--seconds", "0.05"], "training time (s)")],
+    ("kind", "budget", "label"),
+    [
+        ("train", ["--frames", "600"], "frames (millions)"),
+        ("self-play", ["--seconds", "0.05"], "training time (s)"),
+    ],
 )
 def test_the_axis_has_the_unit_of_the_budget(
     kind: str, budget: list[str], label: str, tmp_path: Path
 ) -> None:
-    small = ["--maze", "3x3", "--max-steps", "9", "--num-games", "16", "--rollout-steps", "4"]
-    small += ["--minibatch-size", "32", "--width", "8", "--episodes", "4"]
-    main([kind, *small, *budget, "--out", str(tmp_path / "run")])
+    main([kind, *SMALL, *budget, "--episodes", "4", "--out", str(tmp_path / "run")])
     drawn = (tmp_path / "run" / "learning_curve.svg").read_text()
     assert label in drawn
     assert len(re.findall(r"frames \(millions\)|training time \(s\)", drawn)) == 1
@@ -60,9 +65,7 @@ def test_the_axis_has_the_unit_of_the_budget(
 def test_the_log_says_how_many_episodes_its_means_are_of(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    small = ["--maze", "3x3", "--max-steps", "9", "--num-games", "16", "--rollout-steps", "4"]
-    small += ["--minibatch-size", "32", "--width", "8", "--frames", "640", "--no-report"]
-    main(["train", *small, "--out", str(tmp_path / "run")])
+    main(["train", *SMALL, "--frames", "640", "--no-report", "--out", str(tmp_path / "run")])
     lines = [line for line in capsys.readouterr().out.splitlines() if "episodes" in line]
     rows = read_metrics(tmp_path / "run")
     assert len(rows) == len(lines) == 10

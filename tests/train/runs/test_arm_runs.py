@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from command_errors import error_of, run
 
 from pursuit.reacher.simulator import ReacherSimulator
 from scripted_agents import InverseKinematics, LeastStepsPolicy, least_steps
-from train.commands.main import main
 from train.evaluation.arm_contest import ArmContest, bounds_of
 from train.evaluation.scores import optimality_gap
 from train.experiments.expansion import load_study
@@ -29,19 +29,6 @@ TINY = [
     *("--task", "reacher", "--joints", "1", "--max-steps", "40", "--num-games", "16"),
     *("--rollout-steps", "8", "--minibatch-size", "64", "--width", "16", "--threads", "1"),
 ]
-
-
-def run(*arguments: object) -> None:
-    main([str(argument) for argument in arguments])
-
-
-def refused(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
-    with pytest.raises(SystemExit) as stop:
-        run(*arguments)
-    assert stop.value.code == 2
-    error = capsys.readouterr().err.strip()
-    assert error.startswith("pursuit: error: ") and "\n" not in error
-    return error
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +65,6 @@ def test_a_run_is_evaluated_rendered_and_read_again(
     assert actions.shape == (5, 1) and (np.abs(actions) <= 1).all()
     with pytest.raises(ValueError, match="use a game in mazes"):
         load_opponent(trained)
-    assert "complete" in refused(capsys, "train", "--resume", trained)
 
 
 def test_baselines_and_the_minimum_steps(capsys: pytest.CaptureFixture[str]) -> None:
@@ -91,21 +77,18 @@ def test_baselines_and_the_minimum_steps(capsys: pytest.CaptureFixture[str]) -> 
 
 def test_bad_input_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     train = ("train", "--task", "reacher")
-    assert "at most 8" in refused(capsys, *train, "--joints", "9")
-    assert "at least 1" in refused(capsys, *train, "--joints", "0")
-    assert "tolerance=-1.0; it is at least 1e-06" in refused(capsys, *train, "--tolerance", "-1")
-    assert "--maze" in refused(capsys, *train, "--maze", "5x5")
-    assert "or discrete_actions=True" in refused(capsys, *train, "--algorithm", "dqn")
-    table = refused(capsys, *train, "--discrete-actions", "--algorithm", "q_learning")
+    assert "--maze" in error_of(capsys, *train, "--maze", "5x5")
+    assert "or discrete_actions=True" in error_of(capsys, *train, "--algorithm", "dqn")
+    table = error_of(capsys, *train, "--discrete-actions", "--algorithm", "q_learning")
     assert "of a maze, which this task does not have; use ppo" in table
-    assert "threads=100000; give 0 to 1024" in refused(capsys, *train, "--threads", "100000")
-    wide = refused(capsys, *train, "--tolerance", "5", "--curriculum", "tolerance")
+    assert "threads=100000; give 0 to 1024" in error_of(capsys, *train, "--threads", "100000")
+    wide = error_of(capsys, *train, "--tolerance", "5", "--curriculum", "tolerance")
     assert "for the task's tolerance" in wide
-    assert "unknown observation" in refused(capsys, *train, "--observation", "index")
-    assert "games in mazes" in refused(capsys, *train, "--curriculum", "maze-size")
-    assert "needs an arm" in refused(capsys, "train", "--curriculum", "hold")
-    assert "reacher" in refused(capsys, "train", "--task", "reachr")
-    assert "discrete" in refused(capsys, "train", "--algorithm", "td3")
+    assert "unknown observation" in error_of(capsys, *train, "--observation", "index")
+    assert "games in mazes" in error_of(capsys, *train, "--curriculum", "maze-size")
+    assert "needs an arm" in error_of(capsys, "train", "--curriculum", "hold")
+    assert "reacher" in error_of(capsys, "train", "--task", "reachr")
+    assert "discrete" in error_of(capsys, "train", "--algorithm", "td3")
 
 
 def test_invalid_curricula_are_refused() -> None:

@@ -15,12 +15,13 @@ import networkx as nx
 import numpy as np
 import pytest
 import torch
+from command_errors import error_of
+from command_errors import run as run_command
 
 import pursuit
 import train
 from pursuit.replays.adapters import MazeAdapter
 from scripted_agents import AStarChaser
-from train.commands.main import main
 from train.kinds import start
 from train.networks.layers import Hidden
 from train.networks.policy import Seat
@@ -32,27 +33,25 @@ ACTIONS = ["north", "south", "east", "west", "stay"]
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Short runs with several kinds of networks."""
-    folder = tmp_path_factory.mktemp("runs")
+    folder, small = tmp_path_factory.mktemp("runs"), {"num_games": 64, "minibatch_size": 256}
+    changed: dict[str, Any]
     for name, changed in (
-        ("index", {}),
-        ("planes", {"observation": "planes"}),
+        ("index", small),
+        ("planes", {"observation": "planes", **small}),
         ("dqn", {"algorithm": "dqn", "learning_starts": 256}),
     ):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            settings = (
-                train.settings_of(
-                    maze="3x3", num_games=64, frames=4000, **changed, minibatch_size=256
-                )
-                if name != "dqn"
-                else train.settings_of(maze="3x3", frames=4000, **changed)
-            )
-            start("single", settings, folder / name).train()
+            start(
+                "single", train.settings_of(maze="3x3", frames=4000, **changed), folder / name
+            ).train()
     return folder
 
 
-@pytest.mark.parametrize("name", ["index", "planes", "dqn"])
-@pytest.mark.parametrize("suffix", [".onnx", ".pt2"])
+@pytest.mark.parametrize(
+    ("name", "suffix"),
+    [("index", ".pt2"), ("planes", ".onnx"), ("planes", ".pt2"), ("dqn", ".onnx")],
+)
 def test_an_exported_network_gives_the_same_probabilities(
     runs: Path, name: str, suffix: str, tmp_path: Path
 ) -> None:
@@ -102,20 +101,18 @@ def test_an_exported_network_says_how_it_is_used(maze: str, suffix: str, tmp_pat
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("suffix", [".onnx", ".pt2"])
-def test_an_export_that_cannot_be_written_is_an_error(
-    runs: Path, suffix: str, tmp_path: Path
-) -> None:
+def test_an_export_that_cannot_be_written_is_an_error(runs: Path, tmp_path: Path) -> None:
     """In a process of its own, as torch ends the process where its own writer fails."""
     lines = f"""
 import resource, signal, train
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 policy = train.load_policy({str(runs / "index")!r})
 resource.setrlimit(resource.RLIMIT_FSIZE, (5000, resource.RLIM_INFINITY))
-try:
-    train.export_policy(policy, "policy{suffix}")
-except OSError as error:
-    print(error)
+for name in ("policy.onnx", "policy.pt2"):
+    try:
+        train.export_policy(policy, name)
+    except OSError as error:
+        print(error)
 """
     done = subprocess.run(
         [sys.executable, "-c", lines],
@@ -129,7 +126,8 @@ except OSError as error:
         text=True,
     )
     assert done.returncode == 0, done.stderr
-    assert f"policy{suffix}: cannot be written (File too large)" in done.stdout
+    for name in ("policy.onnx", "policy.pt2"):
+        assert f"{name}: cannot be written (File too large)" in done.stdout
     assert not [*tmp_path.iterdir()]
 
 
@@ -150,11 +148,10 @@ def test_what_cannot_be_exported_is_refused(
         with pytest.raises(ValueError, match=f"sharing='{sharing}' are not exported"):
             train.export_policy(run.trainee.learner.policy(), tmp_path / "policy.pt2")
     out = tmp_path / "made.pt2"
-    assert main(["export", str(runs / "index"), "--out", str(out)]) in (0, None)
+    command = ("export", runs / "index", "--out", out)
+    run_command(*command)
     assert "observation [batch, 3] (index)" in capsys.readouterr().out and out.exists()
-    with pytest.raises(SystemExit):
-        main(["export", str(runs / "index"), "--out", str(out)])
-    assert "exists" in capsys.readouterr().err
+    assert "exists" in error_of(capsys, *command)
     assert not list(tmp_path.glob(".*"))
 
 
@@ -189,10 +186,8 @@ def test_a_minari_dataset_holds_the_episodes(
         for step, action in enumerate(episode.actions):
             np.testing.assert_array_equal(episode.observations[step], observed)
             observed, reward, terminated, truncated, _ = env.step(int(action))
-            assert (episode.terminations[step], episode.truncations[step]) == (
-                terminated,
-                truncated,
-            )
+            ended = episode.terminations[step], episode.truncations[step]
+            assert ended == (terminated, truncated)
             assert episode.rewards[step] == pytest.approx(reward)
         assert terminated or truncated
     with pytest.raises(ValueError, match="dataset 'pursuit/test-v0' exists"):

@@ -8,9 +8,9 @@ import sys
 from pathlib import Path
 
 import pytest
+from command_errors import error_of, status_of
 
 from pursuit import Replay, make_task
-from train.commands.main import main
 from train.files import (
     check_new_files,
     hold,
@@ -119,31 +119,17 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return made.folder
 
 
-def said(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
-    """The error of a command; nothing where it succeeds."""
-    capsys.readouterr()
-    try:
-        main([str(argument) for argument in arguments])
-    except SystemExit as stopped:
-        assert stopped.code == 2
-        return capsys.readouterr().err
-    return ""
-
-
 @pytest.mark.parametrize("command", ["league", "report"])
 def test_one_process_at_a_time_writes_a_folder_of_results(
-    command: str,
-    run: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
+    command: str, run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     entries = ["astar", "--maze", "2x2", "--games", "2"] if command == "league" else [run]
     given = [command, *entries, "--out", tmp_path / "out"]
     held = hold(tmp_path / "out", "writer")
-    told = said(capsys, *given)
+    told = error_of(capsys, *given)
     assert f"{tmp_path / 'out'}: another {command} uses this folder" in told
     held.release()
-    assert said(capsys, *given) == ""
+    assert status_of(*given) == 0
 
 
 def test_one_process_at_a_time_writes_a_new_file(
@@ -152,11 +138,11 @@ def test_one_process_at_a_time_writes_a_new_file(
     path = tmp_path / "found.json"
     given = ["evaluate", run, "--episodes", "2", "--out", path]
     with reserved(path):
-        assert f"{path}: another process is writing this file" in said(capsys, *given)
-    assert said(capsys, *given) == ""
+        assert f"{path}: another process is writing this file" in error_of(capsys, *given)
+    assert status_of(*given) == 0
     assert os.listdir(tmp_path) == ["found.json"]
-    assert f"{path}: exists already" in said(capsys, *given)
-    assert "does not exist" in said(capsys, *given[:-1], tmp_path / "a" / "b.json")
+    assert f"{path}: exists already" in error_of(capsys, *given)
+    assert "does not exist" in error_of(capsys, *given[:-1], tmp_path / "a" / "b.json")
 
 
 @pytest.mark.parametrize("write", [write_text, lambda path, text: Replay(TASK, ()).save(path)])

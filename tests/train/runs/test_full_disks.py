@@ -11,15 +11,15 @@ from pathlib import Path
 
 import gymnasium
 import pytest
+from command_errors import error_of
 from torch.utils.tensorboard import SummaryWriter
+from torchrl.record import loggers
 
 from pursuit import Recorder
 from pursuit.environments.parallel import scene_of
 from pursuit.rendering.animation import save_animation
-from train.commands.main import main
 from train.experiments.rows import read_study
 from train.kinds import start
-from train.runs import loop
 from train.runs.folder import RUN
 from train.runs.parts import settings_of
 
@@ -64,15 +64,12 @@ def test_events_that_cannot_be_written_name_their_folder(
     run = start(RUN, SETTINGS, tmp_path / "run")
     run.lock.release()
     owner, name = {
-        "open": (loop, "TensorboardLogger"),
-        "write": (loop.TensorboardLogger, "log_scalar"),
+        "open": (loggers, "TensorboardLogger"),
+        "write": (loggers.TensorboardLogger, "log_scalar"),
         "close": (SummaryWriter, "close"),
     }[step]
     monkeypatch.setattr(owner, name, full)
-    with pytest.raises(SystemExit) as stopped:
-        main(["train", "--resume", str(tmp_path / "run")])
-    told = capsys.readouterr().err
-    assert stopped.value.code == 2
+    told = error_of(capsys, "train", "--resume", tmp_path / "run")
     assert f"{tmp_path / 'run' / 'tensorboard'}: cannot be written (No space left" in told
 
 

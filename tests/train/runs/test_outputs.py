@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from command_errors import error_of
 from played_by_hand import NORTH
 
 from train.commands import play as play_command
@@ -28,15 +29,6 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("runs") / "run"
     main(["train", *TINY, "--out", str(folder)])
     return folder
-
-
-def refused(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
-    capsys.readouterr()
-    with pytest.raises(SystemExit) as ended:
-        main([str(argument) for argument in arguments])
-    said = capsys.readouterr().err
-    assert ended.value.code == 2 and said.count("\n") == 1, said
-    return said
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -65,7 +57,7 @@ def test_an_existing_file_is_not_replaced(
     picture.write_text("mine")
     places = {"RUN": trained, "FILE": file, "STEM": tmp_path / "of"}
     places |= {"PICTURE": picture}
-    said = refused(capsys, *(places.get(word, word) for word in command))
+    said = error_of(capsys, *(places.get(word, word) for word in command))
     assert "exists already; give a new file, or --overwrite" in said
     assert contents(tmp_path) == {str(file): b"mine", str(picture): b"mine"}
 
@@ -97,7 +89,7 @@ def test_a_folder_with_other_files_is_not_written_to(
     places = {"RUN": str(trained), "FOLDER/": f"{tmp_path}/"}
     for name, place in places.items():
         command = [word.replace(name, place) for word in command]
-    said = refused(capsys, *command, "--out", folder)
+    said = error_of(capsys, *command, "--out", folder)
     assert f"{folder}: contains files that this command did not write; give a new folder" in said
     assert contents(tmp_path) == before
 
@@ -116,7 +108,7 @@ def test_a_dry_run_refuses_the_folder_that_the_command_refuses(
     command: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "report.md").write_text("mine")
-    said = refused(capsys, *command, "--out", tmp_path)
+    said = error_of(capsys, *command, "--out", tmp_path)
     assert "contains files that this command did not write" in said
     main([*command, "--out", str(tmp_path), "--overwrite"])
 
@@ -132,7 +124,7 @@ def test_a_command_writes_again_into_its_own_folder_and_overwrites_where_it_is_t
         for _ in range(2):
             main([*command, "--out", str(out)])
     mixed = ["league", "astar", "random", "--maze", "2x2", "--games", "2", "--out"]
-    assert "did not write" in refused(capsys, *mixed, tmp_path / "report")
+    assert "did not write" in error_of(capsys, *mixed, tmp_path / "report")
     main([*mixed, str(tmp_path / "report"), "--overwrite"])
     assert (tmp_path / "report" / "league.json").exists()
     page = tmp_path / "page.html"
@@ -151,7 +143,7 @@ def test_a_sweep_keeps_its_folder_and_its_title(
     (out / "runs").mkdir()
     (out / "sweep.json").write_text(json.dumps({"title": "one", "format": 2, "runs": []}))
     main(["sweep", str(tmp_path / "a.toml"), "--out", str(out), "--dry-run"])
-    assert "did not write" in refused(capsys, "sweep", tmp_path / "b.toml", "--out", out)
+    assert "did not write" in error_of(capsys, "sweep", tmp_path / "b.toml", "--out", out)
     main(["sweep", str(tmp_path / "b.toml"), "--out", str(out), "--dry-run", "--overwrite"])
 
 
@@ -159,13 +151,13 @@ def test_options_are_checked_before_anything_is_written(
     trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     before = contents(trained)
-    assert "hours" in refused(capsys, "report", trained, "--x", "hours")
+    assert "hours" in error_of(capsys, "report", trained, "--x", "hours")
     evaluate = ("evaluate", trained, "--episodes", "2")
-    same = refused(capsys, *evaluate, "--out", tmp_path / "a.json", "--replays", tmp_path / "a")
+    same = error_of(capsys, *evaluate, "--out", tmp_path / "a.json", "--replays", tmp_path / "a")
     assert "two outputs" in same
-    lost = refused(capsys, *evaluate, "--replays", tmp_path / "a", "--out", tmp_path / "no" / "b")
+    lost = error_of(capsys, *evaluate, "--replays", tmp_path / "a", "--out", tmp_path / "no" / "b")
     assert "make it first" in lost
-    assert "p.txt" in refused(capsys, "maze", "2x2", "--picture", tmp_path / "p.txt")
+    assert "p.txt" in error_of(capsys, "maze", "2x2", "--picture", tmp_path / "p.txt")
     assert contents(trained) == before and contents(tmp_path) == {}
 
 

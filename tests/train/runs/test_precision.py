@@ -17,7 +17,7 @@ from train.runs.parts import contest_of, settings_of
 from train.self_play.metrics import exploited
 
 SMALL: dict[str, Any] = {"num_games": 32, "rollout_steps": 16, "minibatch_size": 256}
-SMALL |= {"frames": 8192, "threads": 1}
+SMALL |= {"frames": 2048, "threads": 1}
 SETTINGS: dict[str, dict[str, Any]] = {
     "exact": {"task": "chase", "maze": "3x3", "evaluate": "sampled"},
     "bag": {"task": "chase", "maze": "3x3", "evaluate": "sampled", "first_layer": "bag"},
@@ -45,7 +45,7 @@ def test_results_of_a_run_in_bfloat16_are_those_of_the_loaded_policy(
 
 
 def test_so_are_those_of_self_play(tmp_path: Path) -> None:
-    run = make_run(tmp_path / "pair", precision="bfloat16", frames=20_000)
+    run = make_run(tmp_path / "pair", precision="bfloat16", frames=5_000)
     run.train()
     stored = run.results(20)
     assert load_results(run.folder)["precision"] == stored["precision"] == "bfloat16"

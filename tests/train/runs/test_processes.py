@@ -19,7 +19,6 @@ import torch
 from test_resumption import CHASER, KilledError, check_resumption, kill, tiny
 from waiting import PATIENCE, wait_until
 
-from scripted_agents import RandomAgent
 from train.algorithms.learner import clip_gradients
 from train.algorithms.ppo import PPO
 from train.algorithms.rollouts import select
@@ -103,8 +102,8 @@ def plainly(settings: Any) -> list[torch.Tensor]:
 def test_several_processes_learn_the_same_as_one_from_all_shares(
     processes: int, activation: str, tmp_path: Path
 ) -> None:
-    more = {"minibatch_size": 66, "processes": processes}  # 24 games
-    settings = tiny("ppo", **{**TWO, **more}, epochs=2, activation=activation)
+    more = {"minibatch_size": 66, "processes": processes, "epochs": 2}  # 24 games
+    settings = tiny("ppo", **{**TWO, **more}, activation=activation)
     run = start(RUN, settings, tmp_path / "run")
     fresh = weights_of(run)
     run.train()
@@ -115,18 +114,15 @@ def test_several_processes_learn_the_same_as_one_from_all_shares(
         torch.testing.assert_close(one, other, rtol=0, atol=0)
 
 
-@pytest.mark.parametrize("processes", [2, 3])
-def test_all_processes_have_the_same_weights_after_every_iteration(
-    processes: int, tmp_path: Path
-) -> None:
-    more = {"minibatch_size": 66, "processes": processes, "kl_target": 0.001, "kl_coef": 0.2}
+def test_all_processes_have_the_same_weights_after_every_iteration(tmp_path: Path) -> None:
+    more = {"minibatch_size": 66, "processes": 3, "kl_target": 0.001, "kl_coef": 0.2}
     run = start(RUN, tiny("ppo", **{**TWO, **more}), tmp_path / "run")
     trainee, digests, weight = run.trainee, [], 0.0
 
     def compare(run: Run[Any], row: dict[str, float]) -> None:
-        for number in range(processes - 1):
+        for number in range(2):
             trainee.replicas.send(None, number)
-        others = [trainee.replicas.receive(number)[1] for number in range(processes - 1)]
+        others = [trainee.replicas.receive(number)[1] for number in range(2)]
         digests.append({digest_of(trainee.learner), *others})
 
     run.train(compare)
@@ -170,15 +166,6 @@ def test_episodes_of_both_are_logged(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert 0.7 * one < lengths[-1] < 1.4 * one
 
 
-def test_two_processes_beat_random_by_far(tmp_path: Path) -> None:
-    more = {"num_games": 64, "minibatch_size": 256, "maze": "3x3", "processes": 2}
-    run = start(RUN, settings_of(task="chase", **more, frames=60_000, max_steps=60), tmp_path)
-    run.train()
-    contest = run.trainee.contest
-    learned = contest.score("learned", run.trainee.policy).mean_steps
-    assert learned < 0.35 * contest.score("random", RandomAgent()).mean_steps
-
-
 # -- resumption ------------------------------------------------------------------------------------
 
 
@@ -187,7 +174,6 @@ def test_two_processes_beat_random_by_far(tmp_path: Path) -> None:
     [
         {"kl_target": 0.01, "frame_stack": 2},
         {**CHASER, "curriculum": "opponent-epsilon"},
-        {"curriculum": "uniform", "schedule_unit": None},
         {"task": "reacher", "joints": 2, "curriculum": "target-distance"},
         {"processes": 3, "minibatch_size": 66, "curriculum": "uniform", "schedule_unit": None},
     ],
@@ -250,14 +236,11 @@ def train_and(run: Run, act: Callable[[Run], object]) -> None:
     run.train(report)
 
 
-@pytest.mark.parametrize("processes", [2, 3])
-def test_a_killed_process_ends_the_run_which_resumes_from_its_checkpoint(
-    processes: int, tmp_path: Path
-) -> None:
-    more = {"minibatch_size": 66, "processes": processes}
+def test_a_killed_process_ends_the_run_which_resumes_from_its_checkpoint(tmp_path: Path) -> None:
+    more = {"minibatch_size": 66, "processes": 3}
     run = start(RUN, tiny("ppo", **{**TWO, **more}), tmp_path / "run")
     process = run.trainee.replicas.workers[-1]
-    with pytest.raises(ProcessEnded, match=f"process {processes} .*killed by signal 9 .*--resume"):
+    with pytest.raises(ProcessEnded, match=r"process 3 .*killed by signal 9 .*--resume"):
         train_and(run, lambda run: os.kill(process.pid, signal.SIGKILL))
     assert process.exitcode == -signal.SIGKILL and not multiprocessing.active_children()
     again = open_run(tmp_path / "run")
@@ -325,7 +308,7 @@ def test_signals_end_both_processes_of_the_command(number: int, tmp_path: Path) 
     """Started anew for the one, for the other forked where libraries have no threads; SIGINT goes
     to both, as Ctrl-C does."""
     folder, before, killed = tmp_path / "run", memory_files(), number == signal.SIGKILL
-    command = "train --task maze --maze 3x3 --num-goals 2 --processes 2 --frames 20000000 --out"
+    command = "train --task maze --maze 3x3 --num-goals 2 --processes 2 --frames 3000000 --out"
     process = subprocess.Popen(
         [sys.executable, "-m", "train.commands.main", *command.split(), str(folder)],
         stdout=subprocess.PIPE,
@@ -336,8 +319,10 @@ def test_signals_end_both_processes_of_the_command(number: int, tmp_path: Path) 
     wait_until((folder / CHECKPOINT).exists, process)
     found = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
     (os.kill if killed else os.killpg)(process.pid, number)
-    process.communicate(timeout=PATIENCE)
-    assert process.returncode == (-number if killed else 130)
+    output, errors = process.communicate(timeout=PATIENCE)
+    assert process.returncode == (-number if killed else 130), errors
+    assert killed or (b"optimal" in output and b"interrupted" in errors)
+    assert b"Traceback" not in errors
     wait_until(lambda: not any(map(is_running, found)))
     assert found and memory_files() <= before
     assert 0 < open_run(folder).progress < 1  # it can go on from there
@@ -368,10 +353,7 @@ def memory_files() -> set[str]:
         ({"processes": 0}, "processes=0; give at least 1"),
         ({"algorithm": "a2c"}, "algorithm='a2c' with processes=2; use ppo"),
         ({"device": "cuda"}, "device='cuda' with processes=2; use cpu"),
-        (
-            {"clock": "processor", "seconds": 9.0, "frames": None},
-            "with processes=2; use wall",
-        ),
+        ({"clock": "processor", "seconds": 9.0, "frames": None}, "with processes=2; use wall"),
         ({"threads": 2}, "threads=2 with processes=2; leave it out"),
         ({"recurrent": "gru"}, "recurrent='gru' with processes=2; leave it out"),
         ({"num_games": 25}, "num_games=25 with processes=2; .* multiple of 2"),
@@ -388,14 +370,8 @@ def memory_files() -> set[str]:
 def test_settings_that_two_processes_do_not_support_are_refused(
     flat: dict[str, Any], words: str
 ) -> None:
-    given = {
-        "frames": 900,
-        "num_games": 24,
-        "minibatch_size": 64,
-        "rollout_steps": 3,
-        **TWO,
-        **flat,
-    }
+    small = {"frames": 900, "num_games": 24, "minibatch_size": 64, "rollout_steps": 3}
+    given = {**small, **TWO, **flat}
     given = {name: value for name, value in given.items() if value is not None}
     if given.get("algorithm") == "a2c":
         del given["minibatch_size"]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import random
 import shutil
 import signal
 import subprocess
@@ -18,10 +17,11 @@ from typing import Any
 import numba
 import numpy as np
 import pytest
+from command_errors import error_of, status_of
+from test_resumption import check_same
 
 from train.commands import progress
 from train.commands import train as train_command
-from train.commands.main import main
 from train.experiments.identity import fingerprint
 from train.files import hold
 from train.kinds import open_run, start
@@ -78,24 +78,6 @@ def dead_process() -> int:
     return process.pid
 
 
-def status_of_command(*arguments: object) -> int:
-    try:
-        main([str(argument) for argument in arguments])
-    except SystemExit as stopped:
-        return int(stopped.code or 0)
-    return 0
-
-
-def error_of(capsys: pytest.CaptureFixture[str], *arguments: object, status: int = 2) -> str:
-    """The one line that a command says before it ends with this status."""
-    capsys.readouterr()
-    assert status_of_command(*arguments) == status
-    (line,) = [
-        line for line in capsys.readouterr().err.splitlines() if "compiling kernels" not in line
-    ]
-    return line
-
-
 # -- interruptions ---------------------------------------------------------------------------------
 
 STOPS: dict[str, list[str]] = {
@@ -119,7 +101,7 @@ def test_one_command_resumes_after_any_interruption(
             (folder / name).unlink()
     left = folder / f".results.json.{dead_process()}.part"
     left.write_text("{")
-    assert status_of_command(command, "--resume", folder, "--episodes", 2) == 0
+    assert status_of(command, "--resume", folder, "--episodes", 2) == 0
     assert not left.exists() and not list(folder.rglob("*.part"))
     for name in ("results.json", "learning_curve.png", "checkpoint.pt"):
         assert (folder / name).exists(), name
@@ -132,7 +114,7 @@ def test_one_command_resumes_after_any_interruption(
     assert rows[0] == rows[1]
 
 
-def test_a_complete_run_is_refused(
+def test_a_complete_run_is_refused_and_a_side_points_to_the_whole(
     finished: tuple[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     command, whole = finished
@@ -140,15 +122,8 @@ def test_a_complete_run_is_refused(
     for name in ("learning_curve.png", "replay.gif", "report.html"):
         (folder / name).touch()
     assert "complete; its budget is spent" in error_of(capsys, command, "--resume", folder)
-
-
-def test_a_side_of_self_play_points_to_both(
-    finished: tuple[str, Path], capsys: pytest.CaptureFixture[str]
-) -> None:
-    command, folder = finished
-    if command == "self-play":
-        for other in ("train", "self-play"):
-            assert f"give {folder}" in error_of(capsys, other, "--resume", folder / "chaser")
+    for other in ("train", "self-play") if command == "self-play" else ():
+        assert f"give {folder}" in error_of(capsys, other, "--resume", folder / "chaser")
 
 
 def test_a_folder_of_a_run_killed_before_its_settings_were_written_can_be_used(
@@ -164,9 +139,10 @@ def test_a_folder_of_a_run_killed_before_its_settings_were_written_can_be_used(
     assert not half.exists() and (folder / "config.json").exists()
 
 
-def kill_at_random(command: str, folder: Path, after: float) -> None:
+def begin_and_kill(command: str, folder: Path, after: float) -> None:
     """Begin a run in a process of its own, and kill it `after` seconds with its folder."""
-    given = [f"--{name.replace('_', '-')}={value}" for name, value in {**SMALL, **FRAMES}.items()]
+    flat = {**SMALL, **FRAMES, **({"snapshots": 2} if command == "self-play" else {})}
+    given = [f"--{name.replace('_', '-')}={value}" for name, value in flat.items()]
     process = subprocess.Popen(
         [sys.executable, "-m", "train.commands.main", command, *given, "--out", str(folder)],
         stdout=subprocess.DEVNULL,
@@ -179,21 +155,31 @@ def kill_at_random(command: str, folder: Path, after: float) -> None:
     process.wait()
 
 
+def learned_in(folder: Path) -> dict[str, list[Any]]:
+    """The learner of every role, and its games."""
+    trainee = load_checkpoint(folder)["trainee"]
+    sides = trainee.get("sides", {"alone": trainee})
+    return {role: [side["learner"], side["simulator"]] for role, side in sides.items()}
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("command", ["train", "self-play"])
-def test_kills_at_random_moments_leave_no_dead_end(command: str, tmp_path: Path) -> None:
-    generator = random.Random(0)
-    for number in range(20):
+def test_kills_at_any_moment_lead_to_the_same_end(command: str, tmp_path: Path) -> None:
+    """Seconds after the folder exists; most of them are while it is being filled."""
+    whole = start(KIND[command], MAKE[command](), tmp_path / "whole")
+    whole.train()
+    for number, after in enumerate((0.0, 0.1, 0.4, 1.0, 2.5, 6.0)):
         folder = tmp_path / str(number)
-        kill_at_random(command, folder, generator.uniform(0.0, 6.0) ** 2 / 6.0)
+        begin_and_kill(command, folder, after)
         if not (folder / "config.json").exists():
-            start(KIND[command], MAKE[command](), folder)
-        elif (status := status_of_command(command, "--resume", folder, "--episodes", 2)) == 2:
+            start(KIND[command], MAKE[command](), folder).train()
+        elif (status := status_of(command, "--resume", folder, "--episodes", 2)) == 2:
             assert (folder / "learning_curve.png").exists()  # it was complete
         else:
             assert status == 0
             load_results(folder)
         assert not list(folder.rglob("*.part"))
+        check_same(learned_in(whole.folder), learned_in(folder), f"killed after {after} s")
 
 
 # -- locks -----------------------------------------------------------------------------------------
@@ -252,12 +238,18 @@ def signals_at_first_row(monkeypatch: pytest.MonkeyPatch, *numbers: int) -> None
 
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_signal_ends_a_run_with_its_status_once_everything_is_saved(
-    number: int, status: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    number: int,
+    status: int,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     before = [signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)]
     start(RUN, MAKE["train"](), tmp_path / "run")
     signals_at_first_row(monkeypatch, number)
-    assert status_of_command("train", "--resume", tmp_path / "run", "--episodes", 2) == status
+    assert status_of("train", "--resume", tmp_path / "run", "--episodes", 2) == status
+    said = capsys.readouterr()
+    assert "interrupted" in said.err and "optimal" in said.out
     assert load_results(tmp_path / "run")["interrupted"]
     assert load_checkpoint(tmp_path / "run")["trainee"]["learner"]["frames"] < FRAMES["frames"]
     assert (tmp_path / "run" / "learning_curve.png").exists()
@@ -300,7 +292,7 @@ def test_a_run_without_readable_metrics_is_not_resumed(
 def test_a_second_signal_ends_it_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     start(RUN, MAKE["train"](), tmp_path / "run")
     signals_at_first_row(monkeypatch, signal.SIGINT, signal.SIGTERM)
-    assert status_of_command("train", "--resume", tmp_path / "run", "--episodes", 2) == 143
+    assert status_of("train", "--resume", tmp_path / "run", "--episodes", 2) == 143
     assert not (tmp_path / "run" / "results.json").exists()
 
 
@@ -335,7 +327,7 @@ def test_the_last_checkpoint_before_a_divergence_is_kept(
     assert (folder / "checkpoint.pt").read_bytes() == before
 
 
-@pytest.mark.parametrize("arguments", [["--help"], ["maze", "--help"], ["maze", "9x9"]])
+@pytest.mark.parametrize("arguments", [["--help"], ["maze", "9x9"]])
 def test_a_closed_pipe_gives_no_traceback(arguments: list[str]) -> None:
     reader, writer = os.pipe()
     os.close(reader)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from command_errors import error_of
 from self_play_runs import make_run
 
 import pursuit
@@ -100,16 +101,11 @@ def test_no_code_named_in_an_untrusted_file_is_run(
                 read(tmp_path / "run")  # type: ignore[operator]
     for command in ("evaluate run", "render run --out a.gif", "league run astar",
                     "train --resume run", "baseline --opponent run"):  # fmt: skip
-        with pytest.raises(SystemExit) as error:
-            main(command.split())
-        said = capsys.readouterr().err.splitlines()
-        assert error.value.code == 2 and "add --allow stranger" in said[-1]
+        assert "add --allow stranger" in error_of(capsys, *command.split())
     Path("sweep.toml").write_text(SWEEP.format(name="stranger:pay"))
     Path("ablation.toml").write_text('[[variants]]\nname = "a"\nrewards = "stranger:pay"\n')
     for command in ("sweep sweep.toml --dry-run", "ablate ablation.toml --dry-run"):
-        with pytest.raises(SystemExit):
-            main(command.split())
-        assert "toml: names 'stranger:pay'" in capsys.readouterr().err
+        assert "toml: names 'stranger:pay'" in error_of(capsys, *command.split())
     Path("model.zip").write_bytes(b"")
     description = {"task": {"rewards": "stranger:pay"}, "observation": "one_hot"}
     write_json(description_of(Path("model.zip")), description)
@@ -134,9 +130,7 @@ def test_leagues_and_evaluations_do_not_ask_for_a_sampling_rule(
         ("self-play --resume pair", "add --allow stranger"),
         ("league pair astar --maze 7x7", "maze='7x7', but pair has its own maze"),
     ):
-        with pytest.raises(SystemExit):
-            main(command.split())
-        assert told in capsys.readouterr().err
+        assert told in error_of(capsys, *command.split())
 
 
 def test_allowed_modules_are_imported(module: str, tmp_path: Path, capsys: Any) -> None:
@@ -144,16 +138,13 @@ def test_allowed_modules_are_imported(module: str, tmp_path: Path, capsys: Any) 
     run.train()
     run.results(2)
     forgotten(module)
-    with pytest.raises(SystemExit):
-        main(["evaluate", str(tmp_path / "run"), "--episodes", "2"])
+    assert f"--allow {module}" in error_of(capsys, "evaluate", tmp_path / "run", "--episodes", 2)
     main(["evaluate", str(tmp_path / "run"), "--episodes", "2", "--allow", module])
     assert "learned" in capsys.readouterr().out
     forgotten(module)
     parts._allowed.clear()
-    with pytest.raises(SystemExit):  # of who plays beside; all that comes before succeeds
-        play = ["play", "--against", str(tmp_path / "run"), "--beside", "nobody"]
-        main([*play, "--allow", module])
-    assert "'nobody': not a policy" in capsys.readouterr().err
+    play = ("play", "--against", tmp_path / "run", "--beside", "nobody", "--allow", module)
+    assert "'nobody': not a policy" in error_of(capsys, *play)  # all that comes before succeeds
     forgotten(module)
     pursuit.allow(module)
     assert load_settings(tmp_path / "run").task.rewards == f"{module}:pay"

@@ -1,4 +1,4 @@
-"""Self-play, sweeps of it and leagues from the command line."""
+"""Self-play and leagues from the command line."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from scripted_agents.environments import chosen_policies, roles_of_agent
 from train.commands.main import main
 from train.kinds import resume
 from train.play.setup import name_of
-from train.runs.folder import RESULTS, RUN
+from train.runs.folder import RUN
 from train.runs.opponents import opponents_of, policy_in_seat
 from train.runs.parts import contest_of, parts_of, settings_of
 from train.self_play.league import LeagueTable, enter, rate
@@ -42,13 +42,11 @@ def test_the_commands_from_self_play_to_league(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    run = ["self-play", "--maze", "3x3", "--frames", "20000", "--num-games", "64"]
+    run = ["self-play", "--maze", "3x3", "--frames", "4000", "--num-games", "64"]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         main([*run, "--minibatch-size", "512", "--out", "a"])
-        main(
-            [*run, "--minibatch-size", "512", "--seed", "1", "--sampling", "uniform", "--out", "b"]
-        )
+        main([*run, "--minibatch-size", "512", "--seed", "1", "--no-report", "--out", "b"])
     printed = capsys.readouterr().out
     assert "NashConv" in printed and "rows: chasers, columns: evaders" in printed
     results = json.loads((tmp_path / "a" / "results.json").read_text())
@@ -69,69 +67,12 @@ def test_the_commands_from_self_play_to_league(
     assert "optimal" in capsys.readouterr().out
 
 
-@pytest.mark.slow
-def test_sampling_schemes_are_compared_by_a_sweep(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    file = tmp_path / "schemes.toml"
-    file.write_text(SCHEMES)
-    command = ["sweep", str(file), "--out", str(tmp_path / "out"), "--workers", "2"]
-    main(command)
-    assert "4 complete" in capsys.readouterr().out
-    report = (tmp_path / "out" / "report" / "report.md").read_text()
-    assert "NashConv (discounted steps) [95 %]" in report and "| nash-mixture |" in report
-    assert (tmp_path / "out" / "report" / "learning_curves.png").stat().st_size > 10_000
-    done = {path: path.stat().st_mtime_ns for path in tmp_path.glob(f"out/runs/*/{RESULTS}")}
-    main(command)
-    assert len(done) == 4 and all(path.stat().st_mtime_ns == then for path, then in done.items())
-    some = next(iter(done)).parent
+def test_a_run_of_self_play_is_resumed_by_its_own_command(tmp_path: Path) -> None:
+    make_run(tmp_path / "run", frames=1000).train()
     with pytest.raises(ValueError, match="resume it by `pursuit self-play --resume"):
-        resume(some, RUN)
+        resume(tmp_path / "run", RUN)
     with pytest.raises(ValueError, match="one side of self-play"):
-        go_on(some / "chaser")
-
-
-SCHEMES = """
-title = "opponent sampling"
-kind = "self-play"
-seeds = [0, 1]
-settings = {maze = "3x3", frames = 6000, num_games = 64, minibatch_size = 512, snapshots = 5}
-grid = {sampling = ["latest", "nash-mixture"]}
-"""
-
-
-ONE_AXIS = """
-kind = "self-play"
-seeds = [0]
-episodes = 10
-[settings]
-task = "chase"
-maze = "2x2-tree"
-frames = 512
-num_games = 16
-minibatch_size = 64
-snapshots = 2
-[grid]
-{axis} = [{values}]
-[report]
-x = "{axis}"
-"""
-
-
-@pytest.mark.parametrize(
-    ("axis", "values"), [("max_steps", (5, 10)), ("chaser.entropy_coef", (0.02, 0.05))]
-)
-def test_a_sweep_of_self_play_with_one_axis_has_its_report(
-    axis: str, values: tuple[float, float], tmp_path: Path
-) -> None:
-    file = tmp_path / "axis.toml"
-    file.write_text(ONE_AXIS.format(axis=axis, values=f"{values[0]}, {values[1]}"))
-    main(["sweep", str(file), "--out", str(tmp_path / "out"), "--workers", "1"])
-    report = (tmp_path / "out" / "report" / "report.md").read_text()
-    assert all(f"| {value} | self-play | 1 |" in report for value in values)
-    assert "pursuit ablate" not in report  # it refuses self-play
-    assert "learning_curves" in report
-    assert "Mean curves end with their shortest run." in report
+        go_on(tmp_path / "run" / "chaser")
 
 
 @pytest.mark.parametrize(

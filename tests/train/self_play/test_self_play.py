@@ -203,7 +203,7 @@ def test_matchups_are_exact_and_agree_with_games() -> None:
 
 
 def test_self_play_becomes_far_less_exploitable(tmp_path: Path) -> None:
-    run = make_run(tmp_path / "run", hyper=replace(self_play_ppo(), num_games=256), frames=400_000)
+    run = make_run(tmp_path / "run", hyper=replace(self_play_ppo(), num_games=256), frames=200_000)
     run.train()
     content = run.results()
     found, before = content["evaluation"], content["at_start"]
@@ -238,27 +238,11 @@ def test_the_default_settings_come_near_an_equilibrium(tmp_path: Path) -> None:
     assert last["nash_conv"] < 0.03 * first["nash_conv"]
 
 
-@pytest.mark.parametrize(
-    "sampling",
-    [
-        "pfsp",
-        *(
-            pytest.param(name, marks=pytest.mark.slow)
-            for name in ("latest", "window", "uniform", "psro")
-        ),
-    ],
-)
-def test_a_killed_run_resumes_bit_for_bit(tmp_path: Path, sampling: str) -> None:
-    changes: dict[str, Any] = {
-        "sampling": sampling,
-        "members": ("astar",),
-        "pool_size": 3,
-        "frames": 24_000,
-    }
-    if sampling == "window":
-        changes["window"] = 3
-    if sampling == "psro":
-        changes["snapshots"] = 3
+def test_a_killed_run_resumes_bit_for_bit_and_a_complete_one_is_not_resumed(
+    tmp_path: Path,
+) -> None:
+    changes: dict[str, Any] = {"sampling": "pfsp", "members": ("astar",), "pool_size": 3}
+    changes["frames"] = 24_000
     whole = make_run(tmp_path / "whole", **changes)
     whole.train()
 
@@ -330,7 +314,7 @@ def test_an_evaluation_does_not_change_a_run(tmp_path: Path) -> None:
     [
         {"chaser": side_by("dqn"), "evader": side_by("a2c", "evader"), "frames": 30_000},
         pytest.param(
-            {"task": {"num_chasers": 2, "num_evaders": 2, "max_steps": 30}},
+            {"task": {"maze": "2x2", "num_chasers": 2, "num_evaders": 2, "max_steps": 30}},
             marks=pytest.mark.slow,
         ),
         pytest.param(
@@ -532,7 +516,6 @@ def test_a_fixed_side_has_no_settings_and_the_other_keeps_its_own() -> None:
         (["--chaser.algorithm", "dqn", "--evader", "astar", "--clip", "0.1"], "--clip"),
         (["--chaser.batch-size", "48"], "chaser: Unrecognized options: --batch-size"),
         (["--chaser.entropy-coef", "-1"], "chaser: entropy_coef=-1.0; must be finite"),
-        (["--chaser", "astar", "--chaser.clip", "1"], "chaser.clip with chaser='astar'"),
         (
             ["--chaser-batch-size", "48"],
             "give chaser.batch_size (as an option --chaser.batch-size)",

@@ -29,6 +29,12 @@ from train.self_play.parts import self_play_settings_of
 DISCOUNT = 0.95
 
 
+@pytest.fixture(autouse=True)
+def few_evaluations(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is tested here is what is learned: evaluating it 20 times takes half of the time."""
+    monkeypatch.setattr("train.runs.loop.EVALUATIONS", 2)
+
+
 # -- the chase in both forms -----------------------------------------------------------------------
 
 
@@ -137,18 +143,21 @@ RNAD = {"algorithm": "rnad", "reward_coef": 0.2, "reference_interval": 50}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("settings", [MMD, RNAD], ids=["mmd", "rnad"])
 @pytest.mark.parametrize(
-    ("name", "mixtures"),
-    [("biased", [[1 / 2, 1 / 3, 1 / 6]] * 2), ("pennies", [[1 / 3, 2 / 3], [1 / 3, 2 / 3]])],
+    ("settings", "name", "mixtures"),
+    [
+        (RNAD, "biased", [[1 / 2, 1 / 3, 1 / 6]] * 2),
+        (MMD, "pennies", [[1 / 3, 2 / 3], [1 / 3, 2 / 3]]),
+    ],
+    ids=["rnad", "mmd"],
 )
 def test_mmd_and_rnad_learn_the_mixtures_of_matrix_games(
-    tmp_path: Path, name: str, mixtures: Any, settings: Any
+    tmp_path: Path, settings: Any, name: str, mixtures: Any
 ) -> None:
-    """NashConv was at most 0.051 with one seed each; untrained policies have 0.67 and 1, PPO with
+    """NashConv was at most 0.104 with two seeds each; untrained policies have 0.67 and 1, PPO with
     its defaults ends at 0.22 and 0.21."""
     game = f"trained_games:Matrix(name={name})"
-    given = {**MANY_UPDATES, **settings, "frames": 1_000_000, "threads": 1}
+    given = {**MANY_UPDATES, **settings, "frames": 500_000, "threads": 1}
     run = start(SELF_PLAY, self_play_settings_of(game=game, **given), tmp_path)
     run.train()
     found = run.trainee.evaluate()
@@ -159,20 +168,11 @@ def test_mmd_and_rnad_learn_the_mixtures_of_matrix_games(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("settings", "most"),
-    [
-        ({"algorithm": "mmd", "magnet_coef": 0.05, "step_coef": 1.0, "reference_rate": 0.0}, 1.0),
-        ({"algorithm": "rnad", "reward_coef": 0.2}, 1.2),
-    ],
-    ids=["mmd", "rnad"],
-)
-def test_mmd_and_rnad_approach_the_equilibrium_of_goofspiel(
-    tmp_path: Path, settings: Any, most: float
-) -> None:
-    """NashConv was 0.62 and 0.81 points with one seed; it is 5.0 before training."""
-    given = {"standardize_advantages": False, "frames": 2_000_000, "threads": 1, **settings}
+def test_mmd_approaches_the_equilibrium_of_goofspiel(tmp_path: Path) -> None:
+    """NashConv was 0.62 points with one seed; it is 5.0 before training."""
+    given: dict[str, Any] = {"standardize_advantages": False, "frames": 2_000_000, "threads": 1}
+    given |= {"algorithm": "mmd", "magnet_coef": 0.05, "step_coef": 1.0, "reference_rate": 0.0}
     run = start(SELF_PLAY, self_play_settings_of(game="goofspiel", **given), tmp_path)
     run.train()
     assert run.rows[0]["nash_conv"] > 4.9
-    assert run.trainee.evaluate()["nash_conv"] < most
+    assert run.trainee.evaluate()["nash_conv"] < 1.0

@@ -45,9 +45,7 @@ def weights(run: Run) -> list[torch.Tensor]:
     [
         (2, 1, None),
         (2, 2, "gru"),
-        pytest.param(3, 1, "gru", marks=pytest.mark.slow),
         pytest.param(4, 1, "gru", marks=pytest.mark.slow),
-        pytest.param(2, 3, "gru", marks=pytest.mark.slow),
     ],
 )
 def test_teams_with_limited_views_end_with_results(

@@ -140,8 +140,10 @@ def test_a_budget_for_few_iterations_is_warned_of() -> None:
             settings_of(frames=frames + 1, max_steps=max_steps, **given)
 
 
-@pytest.mark.parametrize("task", [{}, {"task": "maze"}, {"task": "maze", "num_goals": 1}])
-@pytest.mark.parametrize("maze", ["3x3", "7x7", "9x9"])
+@pytest.mark.parametrize(
+    ("maze", "task"),
+    [("3x3", {"task": "maze", "num_goals": 1}), ("7x7", {"task": "maze"}), ("9x9", {})],
+)
 def test_small_budgets_have_fewer_games_and_longer_curricula(
     maze: str, task: dict[str, Any]
 ) -> None:

@@ -136,11 +136,8 @@ SMALL: dict[str, Any] = {
 }
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param("maze-replay", marks=pytest.mark.slow), "maze-learnability"]
-)
-def test_a_run_judges_its_mazes_and_plays_the_hard_ones(name: str, tmp_path: Path) -> None:
-    settings = settings_of(**SMALL, curriculum=name, score_every=250, num_scored=4)
+def test_a_run_judges_its_mazes_and_plays_the_hard_ones(tmp_path: Path) -> None:
+    settings = settings_of(**SMALL, curriculum="maze-learnability", score_every=250, num_scored=4)
     run = start(RUN, settings, tmp_path / "run")
     run.train()
     teacher = run.trainee.teacher

@@ -154,7 +154,8 @@ def test_settings_change_smoothly_with_the_size_of_the_maze(
 def test_options_are_checked_together_and_warnings_are_heard(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    common = "--frames 2048 --num-games 64 --minibatch-size 256 --threads 1 --episodes 5 --maze 3x3"
+    common = "--frames 1024 --num-games 64 --minibatch-size 256 --threads 1 --episodes 5 --maze 3x3"
+    common += " --no-report"
     main(
         f"train --task race {common} --curriculum level-replay --level-score learnability "
         f"--out {tmp_path / 'race'}".split()

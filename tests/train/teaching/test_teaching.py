@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +27,7 @@ from train.settings.curricula import CURRICULA, CurriculumSettings
 from train.teaching.axes import AXIS_MAKERS
 from train.teaching.teacher import LOG, Teacher
 
-QUICK = {"num_games": 64, "minibatch_size": 256, "threads": 1, "frames": 30_000}
+QUICK = {"num_games": 64, "minibatch_size": 256, "threads": 1, "frames": 20_000}
 MAZE = {"task": "maze", "maze": "5x5", "num_goals": 3, **QUICK}
 CHASE = {"task": "chase", "maze": "5x5", **QUICK}
 
@@ -212,21 +211,18 @@ def test_the_share_of_the_hardest_stage_counts_frames_not_episodes(tmp_path: Pat
 
 
 @pytest.mark.parametrize(
-    "algorithm, curriculum",
+    ("algorithm", "curriculum"),
     [
-        pytest.param(algorithm, curriculum, marks=[pytest.mark.slow] * (number % 2))
-        for number, (curriculum, algorithm) in enumerate(
-            product(
-                ("goal-spread-start", "level-replay"),
-                ("a2c", "reinforce", "dqn", "q_learning"),
-            )
-        )
+        ("a2c", "level-replay"),
+        ("reinforce", "goal-spread-start"),
+        pytest.param("dqn", "level-replay", marks=pytest.mark.slow),
+        pytest.param("q_learning", "goal-spread-start", marks=pytest.mark.slow),
     ],
 )
 def test_every_learner_can_be_taught(algorithm: str, curriculum: str, tmp_path: Path) -> None:
     small = {"batch_size": 64, "learning_starts": 100} if algorithm == "dqn" else {}
     settings = settings_of(
-        task="maze", maze="3x3", num_goals=2, frames=20_000, num_games=64, threads=1,
+        task="maze", maze="3x3", num_goals=2, frames=10_000, num_games=64, threads=1,
         algorithm=algorithm, curriculum=curriculum, **small,
     )  # fmt: skip
     run = start(RUN, settings, tmp_path)
@@ -351,7 +347,7 @@ def test_a_chaser_wins_by_catching_not_by_the_loss_of_all_goals() -> None:
 
 def test_the_command_line_teaches(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = tmp_path / "run"
-    options = "--task maze --maze 3x3 --frames 16384 --num-games 64 --minibatch-size 256"
+    options = "--task maze --maze 3x3 --frames 8192 --num-games 64 --minibatch-size 256"
     rest = "--threads 1 --curriculum level-replay --level-buffer 50 --episodes 20"
     main(["train", *options.split(), *rest.split(), "--out", str(folder)])
     told = capsys.readouterr().out

@@ -30,7 +30,7 @@ from train.experiments.replication import load_replication
 from train.experiments.stages import stages_of
 from train.experiments.study import shipped
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 PAGES = {
     str(page.relative_to(ROOT)): page.read_text(encoding="utf-8")

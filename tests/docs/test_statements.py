@@ -26,7 +26,7 @@ from scripted_agents import (
 )
 from train.settings.curricula import CURRICULA
 
-DOCS = Path(__file__).parents[1] / "docs"
+DOCS = Path(__file__).parents[2] / "docs"
 RESULTS = [page for page in sorted((DOCS / "results").glob("*.md")) if page.stem != "index"]
 REBASED = {"ec846a222f051d2d205b61bb0ee11373eac8a9c7"}
 """Commits of rows that a rebase has replaced, as the page of the rows says."""

@@ -19,7 +19,7 @@ import scripted_agents
 import train
 from pursuit import siblings
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 FOREIGN = ("train.py", "train/__init__.py", "curricula.py", "scripted_agents.py")
 RAISES = """
 from pathlib import Path

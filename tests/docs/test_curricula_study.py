@@ -13,7 +13,7 @@ import pytest
 from train.experiments.statistics import sign_flip_p
 from train.files import write_csv
 
-PAGE = Path(__file__).parents[1] / "docs" / "results" / "curricula.md"
+PAGE = Path(__file__).parents[2] / "docs" / "results" / "curricula.md"
 Row = dict[str, Any]
 
 

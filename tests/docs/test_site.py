@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-SITE = Path(__file__).parents[1] / "build" / "docs"
+SITE = Path(__file__).parents[2] / "build" / "docs"
 
 pytestmark = [
     pytest.mark.slow,

@@ -58,12 +58,3 @@ def test_the_files_that_contributing_names_exist() -> None:
     for code in re.findall(r"`([\w*./-]+(?:\.py|/))`", TEXTS["CONTRIBUTING.md"]):
         wanted = code.rstrip("/") + ("/*" if code.endswith("/") else "")
         assert fnmatch.filter(files, f"*{wanted}"), code
-
-
-def test_no_file_is_longer_than_contributing_says() -> None:
-    said = re.search(r"`(\S+)` has more than (\d+) lines", TEXTS["CONTRIBUTING.md"])
-    assert said
-    for name in files_of_the_repository():
-        if name.endswith(".py") and not name.startswith(("tests/", "tools/")) and name != said[1]:
-            lines = (ROOT / name).read_text(encoding="utf-8").count("\n")
-            assert lines <= int(said[2]), f"{name}: {lines} lines"

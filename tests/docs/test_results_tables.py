@@ -30,7 +30,7 @@ from train.reports.tables import Row
 from train.runs.parts import contest_of
 from train.settings.task import ReacherSettings
 
-RESULTS = Path(__file__).parents[1] / "docs" / "results"
+RESULTS = Path(__file__).parents[2] / "docs" / "results"
 NOT_KEPT = "Runs not kept"
 """What a page says of tables whose data are gone."""
 NUMBER = re.compile(r"(?<![\w.])[-+−]?\d+(?:,\d{3})*(?:\.\d+)?(?![\w])")

@@ -44,7 +44,7 @@ def rows() -> list[Row]:
     return found
 
 
-PAGE = Path(__file__).parents[1] / "docs" / "results" / "self_play_mixing.md"
+PAGE = Path(__file__).parents[2] / "docs" / "results" / "self_play_mixing.md"
 
 
 def test_the_tables_of_the_page_are_those_of_the_rows() -> None:
