@@ -4,6 +4,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 TRAINS := .venv/.trains
 SETUP := .venv/.complete
+KERNELS := .venv/.kernels
 
 .PHONY: setup train test test-all lint docs docs-test bench campaign clean
 
@@ -14,12 +15,17 @@ train: $(TRAINS)
 # of the other.
 PYTEST := $(BIN)/python -m pytest -n 2 --dist worksteal --ignore tests/docs
 
-test: $(SETUP)
+# Compiles kernels once for all workers; they stay compiled until the code changes.
+$(KERNELS): $(SETUP) $(shell find pursuit scripted_agents train -name '*.py')
+	PYTHONPATH=. $(BIN)/python tests/compile_kernels.py
+	@touch $(KERNELS)
+
+test: $(KERNELS)
 	$(PYTEST)
 
 # The slow ones too. New random examples each time; PROFILE=steady repeats those of `make test`.
 PROFILE ?= random
-test-all: $(SETUP)
+test-all: $(KERNELS)
 	$(PYTEST) --durations=25 -m "slow or not slow" --hypothesis-profile=$(PROFILE)
 
 lint: $(SETUP)

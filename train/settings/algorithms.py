@@ -226,6 +226,7 @@ class A2CSettings(RolloutSettings):
 class ReinforceSettings(ActorCriticSettings):
     """REINFORCE (Williams, 1992), which learns from whole episodes."""
 
+    ADDED: ClassVar[tuple[str, ...]] = ("standardize_advantages",)
     num_games: Count = 128
     """Episodes between two updates."""
     learning_rate: Positive = 2e-2

@@ -250,8 +250,9 @@ def test_entropy_bonuses_of_runners_and_chasers() -> None:
     near: list[dict[str, Any]] = [{"task": "maze", "maze": maze} for maze in ("3x3", "5x5", "9x9")]
     near += [{"task": "chase", "maze": "5x5"}]
     for flat in near:
-        runner: Any = settings_of(algorithm="a2c", frames=1, **flat).hyper
-        assert (runner.standardize_advantages, runner.entropy_coef) == (False, 0.04)
+        for algorithm in ("a2c", "reinforce"):
+            runner: Any = settings_of(algorithm=algorithm, frames=1, **flat).hyper
+            assert (runner.standardize_advantages, runner.entropy_coef) == (False, 0.04)
         ppo: Any = settings_of(algorithm="ppo", frames=1, **flat).hyper
         assert (ppo.entropy_coef, ppo.value_coef) == (0.1, 2.0)
     weights = [
