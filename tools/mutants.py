@@ -32,6 +32,7 @@ from time import perf_counter
 from typing import NamedTuple
 
 ROOT = Path(__file__).parents[1]
+CODE = ("pursuit", "scripted_agents", "train")
 LIMIT = 900.0
 """Seconds after which the tests of a mutant are ended; it then counts as noticed."""
 NOT_FOUND = (4, 5)
@@ -183,10 +184,11 @@ def tests_of(file: str) -> tuple[str, ...]:
 
 
 def copy_checkout(folder: Path) -> None:
-    """The files that git tracks or would add, as they are now."""
+    """The files that git tracks or would add, as they are now, and compiled kernels."""
     listed = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
     names = subprocess.run(listed, cwd=ROOT, check=True, capture_output=True, text=True).stdout
-    for name in filter(None, names.split("\0")):
+    kernels = [path for code in CODE for path in (ROOT / code).rglob("*.nb[ic]")]
+    for name in filter(None, [*names.split("\0"), *(str(k.relative_to(ROOT)) for k in kernels)]):
         if (ROOT / name).is_file():
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(ROOT / name, folder / name)

@@ -6,6 +6,7 @@ import fnmatch
 import re
 
 import pytest
+import torch
 from test_docs import ELSEWHERE, FENCE, ROOT, TEXTS
 
 
@@ -22,8 +23,8 @@ def files_of_the_repository() -> list[str]:
 
 @pytest.fixture(scope="module")
 def words_of_the_code() -> set[str]:
-    """All words of the code and of the names of its files."""
-    words: set[str] = set()
+    """All words of the code, of the names of its files, and of PyTorch's layers."""
+    words = set(dir(torch.nn))
     for name in files_of_the_repository():
         words.update(re.findall(r"\w+", name))
         if name.endswith((".py", ".toml", ".js", "Makefile")):
