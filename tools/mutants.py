@@ -48,6 +48,7 @@ MODULES: dict[str, tuple[str, ...]] = {
     "scripted_agents/joint": ("tests/scripted_agents/joint",),
     "scripted_agents/hidden": ("tests/scripted_agents/hidden",),
     "scripted_agents/tours": (
+        "tests/scripted_agents/duel/test_exact_references.py",
         "tests/scripted_agents/agents",
         "tests/scripted_agents/test_references.py",
         "tests/train/evaluation/test_objective_gap.py",

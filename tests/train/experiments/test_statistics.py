@@ -263,3 +263,9 @@ def test_the_p_value_of_several_tasks_is_that_of_all_splits_within_them() -> Non
     found = abs(probability_of_improvement(ours, theirs)[0] - 0.5)
     exact = float(np.mean(apart >= found - 1e-9))
     assert 0.01 < exact < 0.5 and permutation_p(ours, theirs) == pytest.approx(exact, abs=0.01)
+
+
+def test_the_mean_over_a_curve_is_its_area_over_its_range() -> None:
+    assert mean_over([0.0, 1.0, 3.0], [0.0, 2.0, 2.0]) == pytest.approx(5.0 / 3.0)
+    assert mean_over([0.0, 1.0, 1.0], [0.0, 2.0, 4.0]) == pytest.approx(1.0)
+    assert mean_over([2.0, 2.0], [1.0, 5.0]) == mean_over([2.0], [5.0]) == 5.0

@@ -30,6 +30,7 @@ from train.experiments.variants import (
     out_of_reach,
     paired_row,
     paired_verdict,
+    times_row,
 )
 
 Row = dict[str, Any]
@@ -291,3 +292,15 @@ def test_a_comparison_of_libraries_says_so_too(seeds: int) -> None:
     p = permutation_p([[float(n) for n in range(seeds)]], [[9.0 + n for n in range(seeds)]])
     runs: Any = [SimpleNamespace(seed=seed) for seed in range(seeds)]
     assert bool(out_of_reach(Study(Layout("a plan"), tuple(runs), pinned=True))) == (p >= 0.05)
+
+
+@pytest.mark.parametrize(
+    ("times", "median"),
+    [([40, 10, 30], 30.0), ([80, 10, 30, 40], 35.0), ([None, 10, 30, None], np.inf)],
+)
+def test_median_times_are_infinite_unless_most_runs_reach_the_gap(
+    times: list[float | None], median: float
+) -> None:
+    row = times_row([{"frames_to_5": time} for time in times], [5])
+    assert row["frames_to_5"] == median
+    assert row["reached_5"] == len(times) - times.count(None)
