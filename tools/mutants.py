@@ -302,7 +302,7 @@ def main() -> None:
             for _ in waiting:
                 mutant, by, seconds = rows.get()
                 with given.out.open("a", newline="") as file:
-                    csv.writer(file).writerow([*mutant[:3], by])
+                    csv.writer(file, lineterminator="\n").writerow([*mutant[:3], by])
                 print(
                     f"{seconds:6.0f} s  {mutant.file}:{mutant.line} {mutant.change}: {by}",
                     flush=True,

@@ -138,7 +138,7 @@ def test_a_sampled_interval_covers_the_exact_mean_95_times_in_100(
 def test_states_are_counted_as_formula_3_2_counts_them() -> None:
     counted = sum(len(list(placements(6, goals))) for goals in (1, 2, 3))
     assert tour.num_states(6, 3) == counted
-    assert tour.num_placements(25, 3) == 2300 * 22
+    assert tour.num_placements(25, 3) == 2300 * 22 and tour.num_placements(1, 0) == 1
 
 
 @pytest.mark.parametrize(
