@@ -250,7 +250,7 @@ def test_entropy_bonuses_of_runners_and_chasers() -> None:
     near: list[dict[str, Any]] = [{"task": "maze", "maze": maze} for maze in ("3x3", "5x5", "9x9")]
     near += [{"task": "chase", "maze": "5x5"}]
     for flat in near:
-        for algorithm in ("a2c", "reinforce"):
+        for algorithm in ("a2c", "reinforce") if flat["task"] == "maze" else ("a2c",):
             runner: Any = settings_of(algorithm=algorithm, frames=1, **flat).hyper
             assert (runner.standardize_advantages, runner.entropy_coef) == (False, 0.04)
         ppo: Any = settings_of(algorithm="ppo", frames=1, **flat).hyper
