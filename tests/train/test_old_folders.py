@@ -51,6 +51,7 @@ def test_there_are_archives() -> None:
     assert ARCHIVES and len(CASES) > 20
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("archive", "name"), CASES)
 def test_a_run_is_opened_evaluated_and_resumed(archive: Path, name: str, tmp_path: Path) -> None:
     folder = extracted(archive, name, tmp_path)

@@ -85,6 +85,7 @@ def run(package: Path) -> tuple[int, str]:
     return int(process.stdout), process.stderr
 
 
+@pytest.mark.slow
 def test_a_change_of_the_rules_recompiles_kernels_of_other_files(package: Path) -> None:
     assert run(package) == (10, ANNOUNCEMENT)
     assert list(package.glob("__pycache__/kernel.total-*.nbc"))

@@ -79,6 +79,7 @@ def duel() -> Replay:
     return random_replay(env, 3)
 
 
+@pytest.mark.slow
 def test_keys_and_mouse_show_the_states_of_the_simulator(
     browser: Any, duel: Replay, tmp_path: Path
 ) -> None:
@@ -266,6 +267,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return name
 
 
+@pytest.mark.slow
 def test_the_report_of_a_run(browser: Any, run: Path) -> None:
     report = run / "report.html"
     assert report.stat().st_size < 2_000_000

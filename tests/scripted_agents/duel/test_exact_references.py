@@ -44,6 +44,7 @@ def test_paths_are_as_short_as_the_distances_say(maze: Maze, seed: int) -> None:
         check_path(maze, path, start, goal)
 
 
+@pytest.mark.slow
 def test_a_path_is_shortest_on_a_million_cells() -> None:
     maze = random_maze(0, 1000, 1000, 0.7, 0.05)
     distances = maze.distances_from(maze.num_cells // 2)

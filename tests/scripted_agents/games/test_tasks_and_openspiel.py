@@ -132,6 +132,7 @@ def test_openspiel_plays_the_same_game() -> None:
         assert state.returns() == [total, -total]
 
 
+@pytest.mark.slow
 def test_an_equilibrium_of_openspiel_has_the_exact_value() -> None:
     """Counterfactual regret minimisation (Zinkevich et al., 2007) on the game in turns."""
     _, small, _ = duel(2)
@@ -187,6 +188,7 @@ def test_a_policy_of_openspiel_plays_in_a_seat() -> None:
     np.testing.assert_allclose(shares, rows.mean(axis=0), atol=0.03)
 
 
+@pytest.mark.slow
 def test_soccer_has_the_values_of_openspiels(monkeypatch: pytest.MonkeyPatch) -> None:
     openspiel = pytest.importorskip("scripted_agents.games.openspiel_games", exc_type=ImportError)
     monkeypatch.setattr(openspiel, "CHECKED", 5_000)  # all comparisons take half a minute

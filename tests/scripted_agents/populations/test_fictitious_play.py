@@ -50,6 +50,7 @@ def test_first_iterations_by_hand() -> None:
     assert third.nash_convs[-1] == pytest.approx(2 / 3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "iterations", "most"), [("5x5-tree", 300, 0.06), ("5x5", 300, 0.8)]
 )

@@ -68,6 +68,7 @@ def test_the_last_policies_of_plain_ppo_are_none() -> None:
     assert min(exploitability(BIASED, pair) for pair in policies) > 1.0
 
 
+@pytest.mark.slow
 def test_the_average_policies_of_fictitious_play_are_an_equilibrium() -> None:
     payoff, mixture = GAMES["dominated"]
     settings = {
@@ -221,6 +222,7 @@ def test_the_memory_of_a_network_and_teams_of_fictitious_play_are_refused() -> N
         self_play_settings_of(frames=1000, chaser={"algorithm": "nfsp"}, num_chasers=2)
 
 
+@pytest.mark.slow
 def test_what_a_run_of_fictitious_play_saves_and_evaluates_is_the_average(tmp_path: Path) -> None:
     small = {"num_games": 24, "batch_size": 32, "learning_starts": 0, "width": 8}
     given: Any = {"algorithm": "nfsp", **small}

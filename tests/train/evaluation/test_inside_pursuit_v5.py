@@ -54,6 +54,7 @@ def policy_in(
     return seat.policy(network, greedy)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("greedy", "recurrent"), [(True, None), (False, None), (False, "gru")])
 def test_a_policy_plays_there_as_here(
     monkeypatch: pytest.MonkeyPatch, greedy: bool, recurrent: str | None

@@ -173,6 +173,7 @@ def test_a_policy_plays_in_mazes_that_look_like_those_of_its_training() -> None:
             blind.action_probabilities(other)
 
 
+@pytest.mark.slow
 def test_a_run_is_judged_in_unseen_mazes(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -90,6 +90,7 @@ def test_all_variants_are_evaluated_at_the_same_final_difficulty(ablated: Path) 
     assert (stages < 3).all()
 
 
+@pytest.mark.slow
 def test_an_ablation_of_self_play_reports_nash_conv(tmp_path: Path) -> None:
     file = tmp_path / "tiny.toml"
     file.write_text(SELF_PLAY)

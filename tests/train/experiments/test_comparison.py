@@ -84,6 +84,7 @@ def told(folder: Path) -> list[dict[str, str]]:
 # -- a comparison --------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_small_comparison_runs_to_its_report_and_is_not_repeated(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -173,6 +174,7 @@ def test_options_of_the_command(capsys: pytest.CaptureFixture[str], tmp_path: Pa
 # -- what is compared ------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("version", ["short", "full"])
 @pytest.mark.parametrize("name", ["ppo", "ppo-frames"])
 def test_a_shipped_comparison_is_tuned_on_other_mazes_and_fits_its_time(

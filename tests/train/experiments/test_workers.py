@@ -59,6 +59,7 @@ def same(first: Any, second: Any) -> bool:
     return bool(first == second)
 
 
+@pytest.mark.slow
 def test_weights_are_those_of_another_process_bit_for_bit(tmp_path: Path) -> None:
     """Of the second one, too: nothing of the first is left."""
     _, elsewhere = folders_of(tmp_path, "elsewhere", SHORT)
@@ -81,6 +82,7 @@ def test_all_cores_may_be_used_where_the_system_does_not_say_which(
     assert usable_cores() == list(range(os.cpu_count() or 1))
 
 
+@pytest.mark.slow
 def test_exits_are_noticed_and_signals_reach_only_the_run(tmp_path: Path) -> None:
     first, second = folders_of(tmp_path, "out", LONG)
     stopped, killed = LocalJob(first, None), LocalJob(second, None)
@@ -117,6 +119,7 @@ def test_a_script_runs_a_study(tmp_path: Path) -> None:
     assert done.stdout.count("complete") == 1, done.stderr
 
 
+@pytest.mark.slow
 def test_a_process_that_imports_only_the_worker_knows_all_kinds_of_runs() -> None:
     code = "import train.experiments.executors, train.kinds; print(*sorted(train.kinds.KINDS))"
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -78,6 +78,7 @@ def test_nothing_on_a_page_leads_out_of_its_folder(tmp_path: Path) -> None:
     assert set(page.addresses) <= {"methods.md"} and "methods.md" in page.addresses
 
 
+@pytest.mark.slow
 def test_the_report_of_a_sweep_has_no_markup_of_others(tmp_path: Path) -> None:
     hostile = "[x](javascript:alert(1)) ![](http://localhost/x.png) <b>bold</b>"
     maze = tmp_path / f"{hostile.replace('/', '_')}.txt"

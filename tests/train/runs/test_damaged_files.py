@@ -159,6 +159,7 @@ def damage(path: Path, chance: random.Random) -> None:
         path.write_text("\n".join(",".join(cells) for cells in rows))
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*snapshot, left out of the pool")
 def test_damage_to_a_file_is_reported_in_one_line(runs: dict[str, Path], tmp_path: Path) -> None:
     """Every reader succeeds, or reports one line with the folder."""

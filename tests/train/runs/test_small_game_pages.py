@@ -67,6 +67,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return {path.name: path for path in root.iterdir()}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["text", "svg", "three", "hostile", "together", "pair"])
 def test_a_report_has_scores_curve_replay_and_settings(name: str, runs: dict[str, Path]) -> None:
     page = Parts(runs[name] / "report.html")

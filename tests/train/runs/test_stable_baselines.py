@@ -55,6 +55,7 @@ def models(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return {name: folder / f"{name}.zip" for name in ("ppo", "dqn")}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("algorithm", ["ppo", "dqn"])
 def test_stable_baselines_learns_and_its_model_is_a_table(
     algorithm: str, models: dict[str, Path]

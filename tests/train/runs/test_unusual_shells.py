@@ -36,6 +36,7 @@ def shell(text: str, folder: Path, **variables: str) -> subprocess.CompletedProc
     )
 
 
+@pytest.mark.slow
 def test_a_closed_standard_output_is_written_to_in_vain(tmp_path: Path) -> None:
     options = f"{TINY} --frames 512 --episodes 2 --no-report"
     done = shell(f"pursuit train {options} --out run >&-", tmp_path)
@@ -51,6 +52,7 @@ def test_a_current_folder_that_is_deleted_is_refused(tmp_path: Path) -> None:
     assert "the current folder cannot be read" in done.stderr
 
 
+@pytest.mark.slow
 def test_what_a_terminal_cannot_show_is_escaped(tmp_path: Path) -> None:
     maze = tmp_path / "mäze.txt"
     maze.write_text("+-+-+\n|S G|\n+-+-+", encoding="utf-8")

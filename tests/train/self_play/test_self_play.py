@@ -211,6 +211,7 @@ def test_self_play_becomes_far_less_exploitable(tmp_path: Path) -> None:
     assert found["evader_vs_astar"] > 1.5 * before["evader_vs_astar"]
 
 
+@pytest.mark.slow
 def test_psro_starts_new_learners_and_its_nash_mixture_improves(tmp_path: Path) -> None:
     task = {"maze": "3x3-tree", "rewards": "zero_sum"}
     settings: Any = {"sampling": "psro", "snapshots": 4, "pool_size": 4, "frames": 500_000}

@@ -80,6 +80,7 @@ def test_teams_with_limited_views_end_with_results(
         assert found["interval"]["bound"] <= found["interval"]["achieved"] <= found["steps"]
 
 
+@pytest.mark.slow
 def test_a_stopped_team_with_memory_resumes_and_its_results_are_short(tmp_path: Path) -> None:
     whole = tiny(tmp_path / "whole", "gru", num_chasers=2, num_evaders=2)
     whole.train()
