@@ -8,8 +8,8 @@ at random from the files of `MODULES`, and the tests of the module run on each u
 
 `--again` repeats the mutants of a file; the test that noticed a mutant runs first. Each row is
 written as it ends, and the mutants of rows that stand in the file are left out, so an interrupted
-command continues. Rows of mutants that survive have `survived` as the last column; whoever has
-shown that such a mutant is an equivalent program writes `equivalent: REASON` there.
+command continues. Rows of mutants that survive have `survived` as the last column, or
+`equivalent: REASON`, written by hand, where a mutant is shown to be an equivalent program.
 """
 
 from __future__ import annotations

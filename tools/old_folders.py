@@ -3,8 +3,8 @@
     PYTHONPATH=CHECKOUT python tools/old_folders.py tests/old_folders/VERSION.tar.xz
 
 `tests/train/test_old_folders.py` opens, evaluates, resumes and reports those of every version. Runs
-named `..._half` were stopped in the middle of their budget. What commands draw is left out. Whoever
-changes the form of a file adds the folders of the last version before the change.
+named `..._half` were stopped in the middle of their budget. What commands draw is left out. Before
+the form of a file is changed, add the folders of the last version.
 """
 
 from __future__ import annotations
