@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import os
 import shutil
@@ -364,9 +365,14 @@ def test_seconds_of_the_processor_pass_only_while_it_computes() -> None:
 def test_the_compilation_of_kernels_does_not_count(clock: str) -> None:
     """It happens once per machine, so the first run would have less of its budget than others."""
     budget, real = Budget(1.0, None, clock=clock), time.process_time
-    began, begun = budget.now(), real()
-    assert numba.njit(lambda values: values.sum() + values[::2].max())(np.ones(9)) == 10.0
-    assert budget.now() - began < 0.3 * (real() - begun)
+    numba.njit(lambda values: values.sum())(np.ones(9))  # what Numba sets up once does count
+    gc.disable()  # nor does the garbage of the tests before this one belong to the compilation
+    try:
+        began, begun = budget.now(), real()
+        assert numba.njit(lambda values: values.sum() + values[::2].max())(np.ones(9)) == 10.0
+        assert budget.now() - began < 0.5 * (real() - begun)
+    finally:
+        gc.enable()
 
 
 def test_a_run_counts_by_the_clock_of_its_settings(tmp_path: Path) -> None:
