@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
 from typing import Any
 
 import gymnasium
@@ -431,6 +433,24 @@ def test_wrong_drawings_are_refused(draw: Any, problem: str) -> None:
     env.reset(seed=0)
     with pytest.raises(ValueError, match=problem):
         env.render()
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
+@pytest.mark.parametrize("kind", ["single", "vector", "parallel"])
+def test_a_copy_goes_on_as_the_original(copied: Any, kind: str) -> None:
+    small = GAMES["chance"]()
+    policies = {"thief": uniform_table(small, "thief")}
+    env: Any = {
+        "single": lambda: SmallGameEnv(small, "guard", policies, encode=lambda state: [state[2]]),
+        "vector": lambda: SmallGameVectorEnv(small, "guard", policies, 4, max_steps=5),
+        "parallel": lambda: SmallGameParallelEnv(small),
+    }[kind]()
+    env.reset(seed=5)
+    twin = copied(env)
+    action: Any = {"single": 1, "vector": np.ones(4, int), "parallel": {"guard": 1, "thief": 0}}
+    for _ in range(12):
+        one, other = env.step(action[kind]), twin.step(action[kind])
+        assert gymnasium.utils.env_checker.data_equivalence(one, other, exact=True)
 
 
 def test_only_a_single_environment_of_a_task_is_recorded() -> None:
