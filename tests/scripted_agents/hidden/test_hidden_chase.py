@@ -284,6 +284,18 @@ def test_a_solution_goes_on() -> None:
     assert solution.lower >= lower and solution.upper <= upper + 1e-9
 
 
+def test_pruning_keeps_the_bounds_of_the_starts() -> None:
+    search = solve_hidden_chase("4x4", opponent(load_maze("4x4"), "chaser"), 0, seconds=0.3).search
+    search._explore(1000)
+    search.update_starts()
+    low, up, plans = search.roots.low.copy(), search.roots.up.copy(), search.num_plans
+    search.prune()
+    search.update_starts()
+    assert search.num_plans < plans
+    np.testing.assert_allclose(search.roots.up, up, rtol=1e-9)
+    np.testing.assert_allclose(search.roots.low, low, rtol=1e-9)
+
+
 def test_little_memory_is_kept_to_and_bounds_stay_bounds() -> None:
     table = opponent(load_maze("4x4"), "chaser")
     small = solve_hidden_chase("4x4", table, 0, seconds=1.0, memory=250_000)

@@ -6,6 +6,7 @@ Linear programs of SciPy, closed forms, exact best responses, and plain recursio
 from __future__ import annotations
 
 import itertools
+import re
 from functools import cache
 from typing import Any
 
@@ -32,12 +33,14 @@ from scripted_agents import (
     TablePolicy,
     best_response,
     evaluate_exactly,
+    evaluate_joint,
     evaluate_team,
     mean_over_starts,
     solve_chase,
     solve_in_turns,
     solve_matrix_game,
 )
+from scripted_agents.joint.matrix_games import optimize
 from train.evaluation.contest import GameContest
 from train.evaluation.matchups import match
 
@@ -103,6 +106,13 @@ def test_dominated_doubled_and_rank_one_matrix_games(seed: int, m: int, n: int, 
         if m > 1:
             assert solve_matrix_game(payoff).row[0] == 0.0
     check_matrix_game(payoff)
+
+
+def test_an_optimal_tableau_is_left_as_it_is() -> None:
+    """Also where another solution is as good, whose coefficient is 0."""
+    tableau, basis = np.array([[1.0, 1.0, 1.0], [0.0, 0.0, 0.5]]), np.array([1])
+    getattr(optimize, "py_func", optimize)(tableau, 1, 1, False, basis)
+    assert basis == [1] and tableau[1].tolist() == [0.0, 0.0, 0.5]
 
 
 def test_matrix_games_with_closed_forms() -> None:
@@ -296,6 +306,7 @@ def test_games_that_cannot_be_solved_say_why(arguments: Any, message: str) -> No
 
 def test_sizes_beyond_memory_are_refused_with_their_bytes(monkeypatch: pytest.MonkeyPatch) -> None:
     maze, table = load_maze("15x15"), np.zeros((225, 225, 4))
+    chase, both = make_task("chase"), {"chaser": AStarChaser(), "evader": AStarEvader()}
     assert memory.free_memory() > 10**7
     with pytest.raises(ValueError, match=r"needs 15,[0-9,]+ bytes .* limit is"):
         solve_chase(maze, num_chasers=2)
@@ -306,10 +317,15 @@ def test_sizes_beyond_memory_are_refused_with_their_bytes(monkeypatch: pytest.Mo
         lambda: solve_chase(maze),
         lambda: solve_in_turns(maze),
         lambda: best_response("chaser", maze, table),
-        lambda: evaluate_team(make_task("chase"), {"chaser": AStarChaser()}),
+        lambda: evaluate_team(chase, both),
     ):
         with pytest.raises(ValueError, match=r"needs [0-9,]+ bytes .* 1,000 are free here"):
             call()
+    with pytest.raises(ValueError, match=r"states .* needs [0-9,]+ bytes") as refused:
+        evaluate_joint(chase, both)
+    states, size = re.findall(r"([0-9,]+) (?:states|bytes)", str(refused.value))[:2]
+    # Two float64 of at least three expectations, that of steps and that of each agent's return.
+    assert int(size.replace(",", "")) > 3 * 2 * 8 * int(states.replace(",", ""))
 
 
 def test_long_solutions_say_how_far_they_are() -> None:

@@ -337,17 +337,20 @@ def test_refusals_name_value_rule_and_remedy() -> None:
         Simulator(race, 1).act([None, best.policy], np.zeros((1, 2), dtype=np.int32))
 
 
-class DrawnTogether:
-    """Two evaders as one player, whose joint distribution is the product of independent ones."""
+class DrawnAlways:
+    """An evader with fixed chances."""
 
-    def __init__(self) -> None:
-        self.own = np.array([0.1, 0.2, 0.3, 0.4])
+    own = np.array([0.1, 0.2, 0.3, 0.4])
 
     def act(self, view: Any) -> Any:  # only its distributions are evaluated
         raise AssertionError
 
     def distribution(self, task: Task, games: Any, seat: int) -> Any:
         return np.tile(self.own, (len(games.steps), 1))
+
+
+class DrawnTogether(DrawnAlways):
+    """Two evaders as one player, whose joint distribution is the product of independent ones."""
 
     def joint_distribution(self, task: Task, games: Any) -> Any:
         return np.tile(np.outer(self.own, self.own).ravel(), (len(games.steps), 1))
@@ -366,3 +369,20 @@ def test_evaders_that_draw_together_independently_play_as_independent_evaders() 
         assert found.steps[seat] == pytest.approx(expected.steps[seat], rel=1e-12)
         assert found.returns[seat] == pytest.approx(expected.returns[seat], rel=1e-12)
     assert found.length == pytest.approx(expected.length, rel=1e-12)
+
+
+class DrawnWhileFree(DrawnAlways):
+    """Rows of zeros where the evader is captured and plays no more."""
+
+    def distribution(self, task: Task, games: Any, seat: int) -> Any:
+        return np.where(games.active[:, seat, None] != 0, self.own, 0.0)
+
+
+def test_rows_of_captured_evaders_do_not_count() -> None:
+    task = make_task("chase", maze="3x3", num_evaders=2)
+    with np.errstate(invalid="raise"):
+        found, expected = (
+            evaluate_joint(task, {"chaser": AStarChaser(0.2), "evader": policy}, 50)
+            for policy in (DrawnWhileFree(), DrawnAlways())
+        )
+    assert found.returns == expected.returns and found.length == expected.length
