@@ -179,6 +179,7 @@ def test_large_turns_are_scaled_and_arms_in_reach_hold_still(method: str) -> Non
 def test_the_thesis_goes_straight_to_a_pose_at_the_target() -> None:
     arms = simulator(3, tolerance=1e-2)
     begin, policy = arms.angles.copy(), ThesisInverseKinematics()
+    assert repr(policy) == "ThesisInverseKinematics(0.001, 1000)"
     first = policy.act(arms.view())
     arms.step(first)
     whole = np.abs(first).max(axis=1) > 1.0 - 1e-9

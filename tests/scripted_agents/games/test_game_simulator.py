@@ -501,6 +501,18 @@ def test_sums_of_rows_are_those_of_each_row_alone() -> None:
     assert row_sums(np.zeros(0), np.zeros(1, dtype=int)).shape == (0,)
 
 
+def test_tables_that_do_not_fit_are_refused_with_their_bytes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    small = GAMES["chance"]()
+    tables = step_tables(small)
+    room = sum(array.nbytes for array in (tables.places, tables.after, tables.rewards, tables.sums))
+    monkeypatch.setattr(memory, "SMALL", 0)
+    monkeypatch.setattr(memory, "free_memory", lambda: room - 1)
+    with pytest.raises(ValueError, match=r"needs [0-9,]+ bytes of memory"):
+        step_tables(small)
+
+
 def test_the_actions_of_a_task_are_the_moves_of_its_simulator() -> None:
     small = game_of_task(make_task("chase", maze="2x2-tree"))
     places = step_tables(small).places
