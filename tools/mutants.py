@@ -33,19 +33,20 @@ from typing import NamedTuple
 
 ROOT = Path(__file__).parents[1]
 CODE = ("pursuit", "scripted_agents", "train")
-LIMIT = 900.0
+LIMIT = 300.0
 """Seconds after which the tests of a mutant are ended; it then counts as noticed."""
-NOT_FOUND = (4, 5)
-"""Exit statuses of pytest where a named test does not exist, and where no test is selected."""
+NO_TESTS = 5
+"""The exit status of pytest where no test is selected."""
 LEARNER_TESTS = ("tests/train/networks", "tests/train/algorithms")
 MODULES: dict[str, tuple[str, ...]] = {
+    "pursuit/rules/distances.py": ("tests/pursuit/rules", "tests/scripted_agents/agents"),
     "pursuit/rules": (
         "tests/pursuit/rules",
         "tests/pursuit/observations",
         "tests/pursuit/simulator",
     ),
     "scripted_agents/duel": ("tests/scripted_agents/duel",),
-    "scripted_agents/joint": ("tests/scripted_agents/joint",),
+    "scripted_agents/joint": ("tests/scripted_agents/joint", "tests/scripted_agents/populations"),
     "scripted_agents/hidden": ("tests/scripted_agents/hidden",),
     "scripted_agents/tours": (
         "tests/scripted_agents/duel/test_exact_references.py",
@@ -217,7 +218,7 @@ def run_tests(folder: Path, tests: tuple[str, ...], marked: str, limit: float | 
         if child.poll() is None:
             os.killpg(child.pid, signal.SIGKILL)
             child.wait()
-    if child.returncode in (0, *NOT_FOUND):
+    if child.returncode in (0, NO_TESTS) or "ERROR: not found" in printed:
         return ""
     failed = [line for line in printed.splitlines() if line.startswith(("FAILED", "ERROR "))]
     return failed[0].split()[1] if failed else f"pytest ended with status {child.returncode}"

@@ -281,6 +281,7 @@ def test_a_solution_goes_on() -> None:
     message: list[Any] = []
     solution.improve(0.3, report=lambda *now: message.append(now))
     assert message and solution.seconds > seconds and solution.policy is not policy
+    assert "array" not in repr(solution)
     assert solution.lower >= lower and solution.upper <= upper + 1e-9
 
 
@@ -294,6 +295,24 @@ def test_pruning_keeps_the_bounds_of_the_starts() -> None:
     assert search.num_plans < plans
     np.testing.assert_allclose(search.roots.up, up, rtol=1e-9)
     np.testing.assert_allclose(search.roots.low, low, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("low", "up", "width"),
+    [
+        (0.5, 2.0, 3.0),
+        (2.0, 3.0, 0.5),
+        (-3.0, -2.0, 0.5),
+        (-1.0, 1.0, np.inf),
+        (1.0, np.inf, np.inf),
+    ],
+)
+def test_the_width_is_relative_to_the_bound_nearer_to_0(
+    low: float, up: float, width: float
+) -> None:
+    search = solve_hidden_chase(LINE, opponent(LINE, "chaser"), 1, seconds=0.1).search
+    search.roots.low[:], search.roots.up[:] = low, up
+    assert search.width == pytest.approx(width, rel=1e-6)
 
 
 def test_little_memory_is_kept_to_and_bounds_stay_bounds() -> None:

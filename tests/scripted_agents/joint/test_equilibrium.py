@@ -130,6 +130,12 @@ def test_matrix_games_with_closed_forms() -> None:
     assert constant.value == 7.5 and constant.pure
 
 
+def test_a_game_that_ends_in_its_first_step_needs_few_sweeps() -> None:
+    corridor = Maze.from_text("+-+-+\n|   |\n+-+-+")
+    game = solve_chase(corridor, 0.9)
+    assert game.mean_over_starts == 1.0 and 1 <= game.sweeps <= 3
+
+
 @pytest.mark.parametrize(
     ("payoff", "message"),
     [([1.0, 2.0], "shape"), (np.zeros((0, 3)), "shape"), ([[1.0, np.nan]], "finite")],

@@ -386,3 +386,11 @@ def test_rows_of_captured_evaders_do_not_count() -> None:
             for policy in (DrawnWhileFree(), DrawnAlways())
         )
     assert found.returns == expected.returns and found.length == expected.length
+
+
+def test_a_policy_of_states_plays_the_first_action_where_a_game_is_over() -> None:
+    task = make_task("chase", maze="2x2", num_evaders=2)
+    policy = solve_joint(task, "chaser_0", SCRIPTED, None, 0.9).policy
+    simulator = Simulator(task, 1, auto_restart=False)
+    simulator.active[:, 1:] = 0
+    assert policy.distribution(task, simulator.games, 0).tolist() == [[1.0, 0.0, 0.0, 0.0]]
