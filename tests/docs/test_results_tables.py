@@ -596,3 +596,28 @@ def test_a_page_says_which_runs_are_not_kept(page: str) -> None:
     first = (RESULTS / f"{page}.md").read_text(encoding="utf-8").split("\n\n")[1]
     whole = all((page, place) in TABLES for place in range(len(tables_of(page))))
     assert whole or NOT_KEPT in first
+
+
+def test_gaps_after_several_budgets_are_those_of_the_runs() -> None:
+    text = " ".join((RESULTS / "speed.md").read_text(encoding="utf-8").split())
+    rows, found = data("budgets/runs"), data("budgets/cross_entropy_search")
+    learners = {row["learner"] for row in rows}
+    assert learners == {"ppo", "a2c", "reinforce", "dqn", "q_learning", "cross_entropy"}
+    assert len(rows) == len(learners) * 4 * 5
+    assert {row["gap_percent"] for row in rows if row["learner"] != "cross_entropy"} == {"0.00"}
+    gaps = {
+        frames: [
+            float(row["gap_percent"])
+            for row in rows
+            if (row["learner"], row["frames"]) == ("cross_entropy", frames)
+        ]
+        for frames in ("4000000", "2000000", "500000")
+    }
+    low, high = min(gaps["4000000"]), max(gaps["4000000"])
+    assert f"needs 4 million (gaps of {low} to {high:.2f} %)" in text
+    assert f"{min(gaps['2000000']):,.0f} to {max(gaps['2000000']):,.0f} %" in text
+    assert f"{min(gaps['500000']):,.0f} to {max(gaps['500000']):,.0f} %" in text
+    least = min(float(row["gap_percent"]) for row in found)
+    assert (
+        f"Of {len(found)} random settings at 2 million frames the best has {least:,.0f} %" in text
+    )

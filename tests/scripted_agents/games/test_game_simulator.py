@@ -501,23 +501,6 @@ def test_sums_of_rows_are_those_of_each_row_alone() -> None:
     assert row_sums(np.zeros(0), np.zeros(1, dtype=int)).shape == (0,)
 
 
-def test_no_draw_lies_above_the_sum_of_the_chances_of_a_single_outcome() -> None:
-    class Rounded:
-        players = ("p",)
-
-        def starts(self) -> Any:
-            return [(1.0, 0)]
-
-        def legal_actions(self, state: Any, player: int) -> Any:
-            return (0,)
-
-        def transitions(self, state: Any, actions: Any) -> Any:
-            return [(1.0 - 1e-10, state + 1, (0.0,), state == 2)]
-
-    sums = step_tables(enumerate_game(Rounded())).sums
-    assert len(sums) > 0 and (sums == 1.0).all()
-
-
 def test_tables_that_do_not_fit_are_refused_with_their_bytes(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
