@@ -2,9 +2,9 @@
 
 A *part* is a reward scheme or function, an observation, a network, a policy, an axis, a curriculum
 or an algorithm; each kind has one `Registry`. A name given in Python or on the command line is
-trusted, and its module is imported. A name in a *file* is not trusted: `check_trusted` refuses it
-before anything is imported, unless its module is allowed (by `allow`, the option --allow, or the
-environment variable PURSUIT_ALLOW).
+trusted, and its module is imported. A name in a *file* is not trusted: while the content of a file
+is used (`reading`), a name is imported only if its module is allowed (by `allow`, the option
+--allow, or the environment variable PURSUIT_ALLOW).
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import os
 import re
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import cache
 from importlib import import_module
 from importlib.machinery import PathFinder
@@ -38,8 +39,10 @@ _NAME = r"[^\W\d]\w*"
 _REFERENCE = re.compile(rf"({_NAME}(?:\.{_NAME})*):({_NAME})")
 _allowed: set[str] = set()
 _folders: list[str] = []
-_resolved: set[str] = set()
-"""References imported in this process at the request of the user; files may name them, too."""
+_named: set[str] = set()
+"""References that the user of this process has given; files may name them, too."""
+_files: list[str] = []
+"""The files whose content is used, the latest last."""
 
 
 def is_reference(name: object) -> bool:
@@ -73,46 +76,43 @@ def allowed() -> tuple[str, ...]:
     return tuple(sorted(_allowed | given))
 
 
-def check_trusted(where: object, content: object) -> None:
-    """Raise ValueError if a file names code that is not allowed; nothing is imported.
+class _NotAllowed(Exception):
+    """A file names code that is not allowed. It is no ValueError until it leaves `reading`, so that
+    no reader takes it for a wrong value."""
+
+
+@contextmanager
+def reading(where: object, given: Sequence[str] = ()) -> Iterator[None]:
+    """While the content of a file is used, names are imported only if they are allowed.
 
     Args:
         where: the file, for the message.
-        content: the plain values read from the file.
+        given: texts of the user (such as the arguments of a command); what they name is allowed.
 
     Raises:
-        ValueError: a `package.module:Name` of a module that is not allowed.
+        ValueError: the file names `package.module:Name` of a module that is not allowed.
     """
+    for text in given:
+        _named.update(found[0] for found in _REFERENCE.finditer(text))
+    _files.append(str(where))
+    try:
+        yield
+    except _NotAllowed as error:
+        raise ValueError(str(error)) from None
+    finally:
+        _files.pop()
+
+
+def _check_allowed(name: str) -> None:
+    """Raise _NotAllowed if a file is read and the module of `package.module:Name` not allowed."""
     known = tuple(f"{module}." for module in allowed())
-    names = [
-        name
-        for name in dict.fromkeys(references(content))
-        if not f"{module_of(name)}.".startswith(known) and name not in _resolved
-    ]
-    if names:
-        tops = list(dict.fromkeys(module_of(name).partition(".")[0] for name in names))
-        raise ValueError(
-            f"{where}: names {', '.join(map(repr, names))}, code that is not part of Pursuit; if "
-            f"you trust it, add {' '.join(f'--allow {top}' for top in tops)} (in Python "
-            f"pursuit.allow({', '.join(map(repr, tops))}), or {ALLOW}={','.join(tops)})"
-        )
-
-
-def references(content: Any) -> Iterator[str]:
-    """Every `package.module:Name` in nested plain values, also with arguments in parentheses."""
-    name = content.partition("(")[0].strip() if isinstance(content, str) else None
-    if is_reference(name):
-        yield str(name)
-    elif isinstance(content, Mapping):
-        for key, value in content.items():
-            yield from references(key)
-            if key == "game":
-                games = value if isinstance(value, list | tuple) else [value]
-                value = [name for name in games if not str(name).startswith(OPENSPIEL)]
-            yield from references(value)
-    elif isinstance(content, list | tuple):
-        for value in content:
-            yield from references(value)
+    if not _files or name in _named or f"{module_of(name)}.".startswith(known):
+        return
+    top = module_of(name).partition(".")[0]
+    raise _NotAllowed(
+        f"{_files[-1]}: names {name!r}, code that is not part of Pursuit; if you trust it, add "
+        f"--allow {top} (in Python pursuit.allow({top!r}), or {ALLOW}={top})"
+    )
 
 
 # -- functions of train ----------------------------------------------------------------------------
@@ -157,7 +157,7 @@ def _search_path() -> list[str]:
 
 def environment() -> dict[str, str]:
     """Environment variables that pass the allowed modules and their folders to a subprocess."""
-    sources = (source_of(module_of(name)) for name in sorted(_resolved))
+    sources = (source_of(module_of(name)) for name in sorted(_named))
     homes = [str(found[0]) for found in sources if found and "site-packages" not in found[0].parts]
     folders = dict.fromkeys([*_custom_folders(), *homes])
     return {ALLOW: ",".join(allowed()), LOOK_IN: os.pathsep.join(folders)}
@@ -285,7 +285,7 @@ class Registry(Generic[Part]):
             return self._parts[name]
         if is_reference(name):
             found = self._checked(repr(name), self._import(name, name))
-            _resolved.add(name)
+            _named.add(name)
             return found
         if name in installed(self.group):
             value = installed(self.group)[name]
@@ -336,6 +336,8 @@ class Registry(Generic[Part]):
 
     def _import(self, name: str, reference: str) -> Any:
         """Import the object of a reference; ValueError (one line) if that fails."""
+        if name == reference:  # else it is that of an installed package
+            _check_allowed(name)
         module_name, _, attribute = reference.partition(":")
         missing = [folder for folder in _search_path() if folder not in sys.path]
         sys.path.extend(missing)  # at the end, and only for custom modules

@@ -51,7 +51,7 @@ def own(monkeypatch: pytest.MonkeyPatch) -> None:
     """The user's module can be imported; nothing is allowed, or was named before."""
     monkeypatch.syspath_prepend(str(OWN))
     monkeypatch.setattr(parts, "_allowed", set())
-    monkeypatch.setattr(parts, "_resolved", set())
+    monkeypatch.setattr(parts, "_named", set())
 
 
 # -- rewards ---------------------------------------------------------------------------------------
@@ -295,7 +295,7 @@ def test_an_own_network_is_one_file(
     assert before.keys() == after.keys() and any(".first.network." in name for name in after)
     main(["evaluate", str(tmp_path / "run"), "--episodes", "20"])
     assert more.get("task", "chase") in capsys.readouterr().out
-    parts._resolved.clear()
+    parts._named.clear()
     with pytest.raises(ValueError, match="add --allow my_parts"):
         resume(tmp_path / "run", RUN)
 

@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from pursuit.plugins import check_trusted
+from pursuit.plugins import reading
 from pursuit.validation import as_path, check, one_of, shortened
 from train.files import Plain, hold, remove_leftovers
 from train.runs.folder import (
@@ -148,9 +148,9 @@ def read_settings(folder: Path | str) -> tuple[str, WholeSettings]:
     """The kind of a run and its settings; ValueError without a run, or for a side of self-play."""
     folder = Path(folder)
     kind, plain = read_config(folder)
-    check_trusted(folder / CONFIG, plain)
     check(kind in KINDS, f"{folder}: one side of self-play, not a whole run; give {folder.parent}")
-    return kind, KINDS[kind].from_plain(plain, str(folder / CONFIG))
+    with reading(folder / CONFIG):
+        return kind, KINDS[kind].from_plain(plain, str(folder / CONFIG))
 
 
 def open_run(folder: Path | str) -> Run:
@@ -167,7 +167,8 @@ def open_run(folder: Path | str) -> Run:
     remove_leftovers(folder)
     state = load_checkpoint(folder) if (folder / CHECKPOINT).exists() else None
     try:
-        run: Run = own.run_of(own.parts_of(settings), folder, state)
+        with reading(folder / CONFIG):
+            run: Run = own.run_of(own.parts_of(settings), folder, state)
     except ValueError as error:
         raise error if str(folder) in str(error) else ValueError(f"{folder}: {error}") from None
     run.lock = lock

@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 
 import msgspec
 
+from pursuit.plugins import reading
 from pursuit.validation import did_you_mean
 
 Form = TypeVar("Form")
@@ -40,10 +41,12 @@ def read_as(form: type[Form], content: object, where: object, remedy: str) -> Fo
         remedy: what the user can do, the end of every message.
 
     Raises:
-        ValueError: a field is missing, unknown, of another type, or refused by the schema.
+        ValueError: a field is missing, unknown, of another type, or refused by the schema; code
+            that is not allowed.
     """
     try:
-        made: Form = msgspec.convert(content, form)
+        with reading(where):  # a dataclass may look its values up
+            made: Form = msgspec.convert(content, form)
     except msgspec.ValidationError as error:
         raise ValueError(f"{where}: {_in_words(str(error), form)}; {remedy}") from None
     if is_dataclass(form) and isinstance(content, dict):

@@ -5,6 +5,8 @@ from __future__ import annotations
 import ast
 import re
 from functools import lru_cache
+from inspect import signature
+from pkgutil import resolve_name
 from typing import Any
 
 from pursuit.plugins import OPENSPIEL, Registry, accepts
@@ -45,20 +47,40 @@ def arguments_of(text: str, given: str) -> dict[str, Any]:
     """
     rule = (
         f"game={shortened(text)}; give arguments as name=value, each once, with numbers and texts "
-        "(in quotes unless a word)"
+        "(in quotes unless a word), in one pair of parentheses"
     )
     values: dict[str, Any] = {}
     try:
         call: Any = ast.parse(f"f({given})", mode="eval").body
-        check(not call.args, rule)
+        one = isinstance(call, ast.Call) and isinstance(call.func, ast.Name)
+        check(one and not call.args, rule)
         for each in call.keywords:
             word = each.value.id if isinstance(each.value, ast.Name) else None
             value = ast.literal_eval(each.value) if word is None else word
             check(each.arg is not None and each.arg not in values, rule)
             values[each.arg] = {"true": True, "false": False}.get(word or "", value)
-    except (SyntaxError, ValueError, AttributeError):  # no call at all has no keywords
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
         raise ValueError(rule) from None
     return values
+
+
+def game_key(text: str) -> tuple[object, ...]:
+    """Equal for names of one game: without spaces and the order of arguments, and with defaults.
+
+    Raises:
+        ValueError: as `game_named`.
+    """
+    name, given = split_name(text)
+    if name.startswith(OPENSPIEL):
+        return ("".join(str(text).split()),)
+    make, values = maker_of(name), arguments_of(text, given)
+    defaults = {key: each.default for key, each in signature(make).parameters.items()}
+    return (name, *sorted((key, repr(value)) for key, value in {**defaults, **values}.items()))
+
+
+def maker_of(name: str) -> Any:
+    """The class or function of a shipped or user-defined game; ValueError if there is none."""
+    return resolve_name(f"pursuit.{SHIPPED[name]}") if name in SHIPPED else GAMES.get(name)
 
 
 @lru_cache(maxsize=KEPT)
@@ -72,7 +94,7 @@ def game_named(text: str) -> Game | SmallGame:
     if name.startswith(OPENSPIEL):
         return openspiel_game(str(text).strip().removeprefix(OPENSPIEL))
     values = arguments_of(text, given)
-    make = GAMES.get(SHIPPED.get(name, name))
+    make = maker_of(name)
     check(
         accepts(make, **values),
         f"game={shortened(text)}: {name} does not accept the arguments {shortened(given)}; see its "

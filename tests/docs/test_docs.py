@@ -77,7 +77,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.setattr(parts, "_allowed", set())
-    monkeypatch.setattr(parts, "_resolved", set())
+    monkeypatch.setattr(parts, "_named", set())
     monkeypatch.setattr(parts, "_folders", [])
     modules, rewards = set(sys.modules), set(REWARDS.names())
     yield tmp_path

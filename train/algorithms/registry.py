@@ -191,7 +191,7 @@ def register(algorithm: Algorithm) -> None:
 
 def entry(name: str) -> Algorithm:
     """An algorithm by name, built-in or user-defined; ValueError for an unknown one."""
-    if name in ALGORITHMS:
+    if isinstance(name, str) and name in ALGORITHMS:  # files may hold anything
         return ALGORITHMS[name]
     custom = LEARNERS.get(name)
     check(isinstance(custom, Algorithm), f"algorithm {name!r} is {custom!r}; give {LEARNERS.needs}")

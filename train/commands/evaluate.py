@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -34,7 +33,7 @@ from train.evaluation.suite_contest import SuiteContest
 from train.evaluation.suite_report import summary_of
 from train.files import Plain, check_folder, reserved, write_json
 from train.reports.tables import ResultTable, numeric, print_table, words
-from train.runs.folder import CONFIG, SELF_PLAY, SIDE, read_config
+from train.runs.folder import SELF_PLAY, read_config
 from train.runs.tasks import agent_of, game_of, task_of
 from train.runs.unused_settings import check_unused_task_settings
 from train.settings.checks import Settings, check_default
@@ -81,15 +80,17 @@ class EvaluateCommand(Evaluated):
     """
 
     opponent: Annotated[str | None, AGENT] = None
-    """Other opponents than in training, as for `pursuit train`. None: those of training; for one
-    player of self-play in a small game the other players of the run."""
+    """Other opponents, as for `pursuit train`. None: those of training; for one side of self-play
+    the other sides of the run."""
     teammates: Annotated[str | None, choice("learned", "scripted")] = None
     """The other agents of the same role: learned, so that the whole team is evaluated, or scripted.
     None: learned if the run trained the whole team, as self-play does, otherwise scripted."""
     opponent_policy: Annotated[str | None, choice("sampled", "greedy")] = None
-    """Policy of learned opponents: sampled or greedy; by default that of training."""
+    """Policy of learned opponents: sampled or greedy; by default that of training, or sampled for
+    self-play."""
     opponent_epsilon: float | None = None
-    """Probability of random moves of the opponents; by default that of training."""
+    """Probability of random moves of the opponents; by default that of the end of training, or 0
+    for self-play."""
     maze: str | None = None
     """Another maze than in training, or a suite of mazes such as suite:7x7-test. In a suite results
     are compared with the exact optimum of each maze, and with those in the training mazes."""
@@ -255,10 +256,11 @@ def load_run(given: EvaluateCommand) -> Loaded:
     from train.algorithms.registry import entry  # torch is slow to import
     from train.networks.policy import NO_WALLS
     from train.runs.opponents import load_policy
-    from train.runs.saved import load_settings, trains_team
+    from train.runs.saved import evaluated_settings, trains_team
 
     with print_warnings():
-        settings, policy = load_settings(given.run), load_policy(given.run)
+        settings = evaluated_settings(given.run, others=given.opponent is not None)
+        policy = load_policy(given.run)
     whole_team = trains_team(given.run)
     check(
         whole_team or given.teammates != "learned",
@@ -272,14 +274,6 @@ def load_run(given: EvaluateCommand) -> Loaded:
             not isinstance(settings.task, ReacherSettings),
             f"{option}, but {given.run} moves an arm; leave it out",
         )
-    small = isinstance(settings.task, SmallGameSettings)
-    if small and "opponent" not in changed and read_config(given.run)[0] == SIDE:
-        whole = Path(os.path.relpath(given.run.resolve().parent))
-        check(
-            (whole / CONFIG).exists(),
-            f"{given.run}: the other players of self-play are not in {whole}; give --opponent",
-        )
-        changed = {"opponent": str(whole), "opponent_epsilon": 0.0} | changed
     if changed:
         task: Any = replace(settings.task, **changed)
         check_unused_task_settings(task)

@@ -14,7 +14,7 @@ from importlib import import_module
 from pathlib import Path
 
 import pursuit
-from pursuit.plugins import Registry, look_in
+from pursuit.plugins import Registry, look_in, reading
 from train.commands.parse import fail
 from train.files import check_utf8
 from train.runs.interruption import Diverged, Signals, Stopped
@@ -144,7 +144,8 @@ def run_command(given: list[str]) -> None:
         return
     name, rest = given[0], given[1:]
     look_in(Path.cwd())  # for user-defined parts
-    command(name)(rest)
+    with reading("a file", given):
+        command(name)(rest)
 
 
 def message_of(error: Exception) -> str:

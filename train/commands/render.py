@@ -66,12 +66,12 @@ def render(arguments: Sequence[str]) -> None:
         )
     from train.runs.opponents import load_policy  # torch is slow to import
     from train.runs.parts import contest_of
-    from train.runs.saved import load_settings, trains_team
+    from train.runs.saved import evaluated_settings, trains_team
 
     policy: Any  # of the kind of its contest
     if given.run is not None:
         with print_warnings():
-            policy, task = load_policy(given.run), load_settings(given.run).task
+            policy, task = load_policy(given.run), evaluated_settings(given.run).task
             contest = contest_of(task, 2, team=trains_team(given.run))
     else:
         check_unused_task_settings(given.task)

@@ -62,7 +62,7 @@ def view(arguments: Sequence[str]) -> None:
 
 def report_again(folder: Path, out: Path | None) -> Path:
     """Write the report of a run again, from the files in its folder."""
-    from train.kinds import KINDS, open_run  # torch is slow to import
+    from train.kinds import KINDS, open_run, read_settings  # torch is slow to import
     from train.runs.opponents import load_policy
     from train.runs.parts import contest_of
     from train.runs.saved import load_settings, trains_team
@@ -70,7 +70,7 @@ def report_again(folder: Path, out: Path | None) -> Path:
     from train.self_play.small_game_report import write_small_game_report
     from train.self_play.small_games import SmallGamePlay
 
-    kind, _ = read_config(folder)
+    kind, _ = read_settings(folder)
     check(
         (folder / RESULTS).exists(),
         f"{folder}: no results yet; continue with {KINDS[kind].again} --resume {folder}",
@@ -107,9 +107,9 @@ def add_run(builder: Builder, folder: Path, episodes: int) -> None:
     """The first episodes of the evaluation of a run."""
     from train.runs.opponents import load_policy  # torch is slow to import
     from train.runs.parts import contest_of
-    from train.runs.saved import load_settings, trains_team
+    from train.runs.saved import evaluated_settings, trains_team
 
-    settings = load_settings(folder)
+    settings = evaluated_settings(folder)
     policy = load_policy(folder, greedy=settings.evaluate == "greedy")
     contest = contest_of(settings.task, max(episodes, 2), team=trains_team(folder))
     games = {f"{folder.name}, episode {number + 1}": number for number in range(episodes)}

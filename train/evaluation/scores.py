@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any, ClassVar, Generic, Literal, Self, TypeVar
 
 import numpy as np
@@ -94,9 +94,8 @@ class Score:
         success_rate: share of episodes won: all evaders caught, the evader not caught, all goals
             collected; in a race, more goals than each other runner.
         episodes: number of sampled episodes; not used if `exact`.
-        exact: whether `mean_steps` is an exact expectation over all starts. So is the success rate,
-            but for the optimum: in a duel it is that of the policy of the first step, in a team
-            chase that of the sampled episodes.
+        exact: whether `mean_steps` is an exact expectation over all starts, and so are the other
+            numbers but for those that `apart` names.
         discounted_steps, discounted_ci95: mean discounted steps and half width of the interval, if
             there is a certified bound, which is in discounted steps; None otherwise.
         solved_gap: achieved / optimal - 1 over the solved starts, for a single runner; None
@@ -106,6 +105,8 @@ class Score:
         outcome: with exits, the mean number of captures minus escapes, of all evaders for a chaser,
             else of the evader; exact like the steps, and for the optimum. None without exits.
         capture_rate, escape_rate, timeout_rate: shares of these evaders, of sum 1.
+        apart: of an optimum whose measure is exact, which other numbers are sampled, or of the
+            policy of its first step alone; empty if there are none.
     """
 
     name: str
@@ -123,10 +124,11 @@ class Score:
     capture_rate: float | None = None
     escape_rate: float | None = None
     timeout_rate: float | None = None
+    apart: str = field(default="", kw_only=True)
 
     def plain(self) -> Plain:
-        """As a dict, without what there is only with exits."""
-        hidden = () if self.rates else ("outcome", *RATES)
+        """As a dict, without what there is only with exits or for optima."""
+        hidden = (*(() if self.rates else ("outcome", *RATES)), *(() if self.apart else ("apart",)))
         return {name: value for name, value in asdict(self).items() if name not in hidden}
 
     @property
@@ -225,9 +227,10 @@ def _reference(kind: str, best: Score, learned: Score, measure: Measure) -> Refe
 
 
 def label_of(policy: object) -> str:
-    """The label of a policy: its `repr`, or the name of its class if it has no own `repr`."""
-    plain = type(policy).__repr__ is object.__repr__
-    return type(policy).__name__ if plain else repr(policy)
+    """The label of a policy: its `repr`; without an own one its `name`, or that of its class."""
+    if type(policy).__repr__ is not object.__repr__:
+        return repr(policy)
+    return str(getattr(policy, "name", type(policy).__name__))
 
 
 def beside_of(teammates: Mapping[str, str]) -> str:

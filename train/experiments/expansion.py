@@ -10,6 +10,7 @@ from dataclasses import asdict, fields, replace
 from pursuit.validation import check, one_of
 from train.experiments.contestant_runs import CONTESTANT
 from train.experiments.identity import fingerprint, frozen_mazes, inputs_of
+from train.experiments.recorded import MEASURED
 from train.experiments.runs import Study, TrainingRun, job_name
 from train.experiments.search import draw_samples
 from train.experiments.study import (
@@ -20,6 +21,7 @@ from train.experiments.study import (
     Table,
     check_table,
     choose_version,
+    content_of,
     read_file,
 )
 from train.kinds import KINDS
@@ -33,8 +35,6 @@ from train.settings.task import SmallGameSettings, TaskSettings
 
 MAX_RUNS = 100_000
 """Maximum number of runs of a study, to catch typing errors."""
-MEASURED = {"seconds": "budget_seconds", "frames": "budget_frames"}
-"""New names of settings whose names are those of measurements in the table of runs."""
 NO_SETTINGS = ("name", "trial", "rung")
 """Names in labels that are no settings."""
 EQUAL = (
@@ -71,7 +71,7 @@ def load_study(
             list, a version that the file does not have, or a combination that cannot run.
     """
     path, file = read_file(name, kind, StudyFile)
-    try:
+    with content_of(path):
         file = change(choose_version(file, version))
         check(
             kind != "ablation" or file.control is not None,
@@ -84,8 +84,6 @@ def load_study(
             "compare` runs",
         )
         return multiply_out(file, path.stem, tuned or {})
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
 
 
 def multiply_out(file: StudyFile, stem: str, tuned: Tuned) -> Study:

@@ -15,10 +15,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pursuit.validation import check
+from scripted_agents.games.named import game_key
 from train.experiments.expansion import Tuned, alternating, check_ablation, runs_of
 from train.experiments.rows import read_all
 from train.experiments.runs import LAYOUT, Study, TrainingRun
-from train.experiments.study import Layout, StudyFile, Table, Trials, Tuning
+from train.experiments.study import Layout, StudyFile, Table, Trials, Tuning, judged
 from train.experiments.tuning import FIRST_TRIAL_SEED, draws_of, mazes_of
 from train.reports.tables import Row
 from train.runs.folder import RUN
@@ -61,8 +62,9 @@ class Halving:
             )
         frames = self.trials.frames
         check(frames is not None, "seconds in [tuning]; rungs are counted in frames: give frames")
-        used = {*(self.file.grid or {}).get("game", [])} & {*self.tuning.games}
-        check(not used, f"games {sorted(used)} of [tuning] are those of the study; give others")
+        keys = {game_key(game) for game in judged(self.file, "game")}
+        used = sorted(game for game in self.tuning.games if game_key(game) in keys)
+        check(not used, f"games {used} of [tuning] are those of the study; give others")
 
     @property
     def trials(self) -> Trials:
@@ -93,7 +95,9 @@ class Halving:
         common.pop("seconds", None)
         common["frames"] = int(trials.frames or 0) * 2**rung
         of = "game" if self.tuning.games else "maze"
-        units = self.tuning.games[: trials.mazes] or mazes_of(self.tuning, trials, common)
+        units = self.tuning.games[: trials.mazes] or mazes_of(
+            self.tuning, trials, common, judged(self.file, "maze")
+        )
         runs: list[TrainingRun] = []
         for variant in self.file.variants or ():
             name = str(variant["name"])

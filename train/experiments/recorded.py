@@ -7,6 +7,7 @@ everything that affects the results.
 from __future__ import annotations
 
 import csv
+import math
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
@@ -18,30 +19,103 @@ from train.reports.tables import Row
 
 FIRST = ("run", "kind", "status")
 """The first columns. The settings of the study file that vary follow, then "seed" and the rest."""
+MEASURED = {"seconds": "budget_seconds", "frames": "budget_frames"}
+"""New names of settings whose names are those of measurements in the table of runs."""
 TEXTS = {"run", "kind", "status", "variant", "game", "maze", "commit", "machine", "error"}
 """Columns that are never numbers."""
+WORDS = {"objective", "unit", "scripted", "curve"}
+"""Results that are no numbers, or several."""
+Cells = dict[str, dict[str, object]]
+"""By run, what its row says of its settings."""
+REMEDY = "correct it, or remove the row so that the run is repeated"
 
 
-def read_recorded(path: Path | None) -> dict[str, Row]:
+def read_recorded(path: Path | None, planned: Cells | None = None) -> dict[str, Row]:
     """The rows by the name of the run, with numbers, booleans and None for empty cells; nothing if
     there is no such file.
 
+    Args:
+        path: of the file.
+        planned: the settings of the runs of a study, which the rows of these runs must have.
+
     Raises:
-        ValueError: no rows of runs.
+        ValueError: no rows of runs, a run twice, text or an infinite number where a result is a
+            number, or other settings than those of the study; with the line and the column.
     """
     if path is None or not path.exists():
         return {}
+    rows, lines = list[dict[str, str]](), [1]
     try:
         with path.open(encoding="utf-8", newline="") as file:
-            rows = list(csv.DictReader(file, strict=True))
+            reader = csv.DictReader(file, strict=True)
+            for cells in reader:
+                lines.append(reader.line_num)
+                whole = None not in cells and None not in cells.values()
+                check(
+                    whole and {*FIRST, "seed"} <= set(cells),
+                    f"{path}, line {lines[-1]}: no row of a run; give a file written by --rows, or "
+                    "a new one",
+                )
+                nul = [name for name, cell in cells.items() if "\0" in cell]
+                where = f"{path}, line {lines[-1]}, column {', '.join(nul)}"
+                check(not nul, f"{where}: a NUL byte; {REMEDY}")
+                rows.append(cells)
     except (UnicodeDecodeError, csv.Error) as error:
-        raise ValueError(f"{path}: no CSV file ({error}); give one written by --rows") from None
-    for row in rows:
-        whole = None not in row and None not in row.values() and {*FIRST, "seed"} <= set(row)
-        check(whole, f"{path}: no rows of runs; give a file written by --rows, or a new one")
-    columns = {name: typed(name, [row[name] for row in rows]) for name in (rows[0] if rows else ())}
-    typed_rows = [{name: columns[name][place] for name in columns} for place in range(len(rows))]
-    return {str(row["run"]): row for row in typed_rows}
+        where = f"{path}, after line {lines[-1]}"
+        raise ValueError(f"{where}: no CSV file ({error}); give one written by --rows") from None
+    names, known = list(rows[0]) if rows else [], dict[str, Row]()
+    results = names[names.index("seed") + 1 :] if rows else []
+    numbers = [name for name in results if holds_numbers(name, rows)]
+    columns = {name: typed(name, [cells[name] for cells in rows]) for name in names}
+    for place, (cells, line) in enumerate(zip(rows, lines[1:], strict=True)):
+        where, run = f"{path}, line {line}", cells["run"]
+        check(run not in known, f"{where}: a second row of the run {run}; remove one of them")
+        for name in numbers:
+            check(
+                cells[name] == "" or is_number(cells[name]),
+                f"{where}, column {name}: {cells[name]!r} is no finite number; {REMEDY}",
+            )
+        for name, value in (planned or {}).get(run, {}).items():
+            own = cells.get(name)
+            check(
+                own is not None or value is None,
+                f"{where}: the column {name} is missing; {REMEDY}",
+            )
+            check(
+                same(own or "", value),
+                f"{where}, column {name}: {own!r}, but the study has {value!r}; {REMEDY}",
+            )
+        known[run] = {name: columns[name][place] for name in names}
+    return known
+
+
+def holds_numbers(name: str, rows: list[dict[str, str]]) -> bool:
+    """Whether a column of results holds numbers: the measure does, and each with a number in it."""
+    if name in TEXTS | WORDS or name.endswith("_version"):
+        return False
+    cells = [row[name] for row in rows]
+    measured = name in {row.get("objective") for row in rows}
+    return measured or any(is_number(cell) or is_infinite(cell) for cell in cells)
+
+
+def is_infinite(text: str) -> bool:
+    """Whether a cell is an infinite number."""
+    return text.strip().lstrip("+-").lower() in ("inf", "infinity")
+
+
+def is_number(text: str) -> bool:
+    """Whether a cell is a number, or a boolean; not infinite. NaN is "not known"."""
+    try:
+        return text in ("True", "False") or not math.isinf(float(text))
+    except ValueError:
+        return False
+
+
+def same(text: str, value: object) -> bool:
+    """Whether a cell holds a value."""
+    if value is None or isinstance(value, str | bool):
+        return text == ("" if value is None else str(value))
+    return is_number(text) and float(text) == value
 
 
 def typed(name: str, values: list[str]) -> list[object]:
@@ -57,9 +131,10 @@ def typed(name: str, values: list[str]) -> list[object]:
     return [value or None for value in values]
 
 
-def complete_in(path: Path | None) -> set[str]:
+def complete_in(path: Path | None, planned: Cells | None = None) -> set[str]:
     """The names of the runs that are complete by their rows, as `read_recorded`."""
-    return {name for name, row in read_recorded(path).items() if row["status"] == "complete"}
+    rows = read_recorded(path, planned)
+    return {name for name, row in rows.items() if row["status"] == "complete"}
 
 
 def record(path: Path, row: Row) -> None:

@@ -13,6 +13,7 @@ from pathlib import Path
 import msgspec
 
 from pursuit.mazes.maze import Maze
+from pursuit.plugins import reading
 from pursuit.validation import check, one_of, unknown
 from train.experiments.claims import cells_of
 from train.experiments.expansion import flat_plain, load_study
@@ -128,7 +129,8 @@ def replication_stages(plan: Replication, out: Path) -> list[Stage]:
     """The search, then every study; each with the settings found when it starts."""
     stages = []
     if plan.tuning is not None:
-        search = search_of(plan.tuning, plan.version)
+        with reading(plan.name):
+            search = search_of(plan.tuning, plan.version)
         stages.append(Stage("settings", lambda: search, out / TUNING))
     for study in plan.studies:
         if not study.exact:

@@ -16,10 +16,9 @@ from statistics import fmean
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.plugins import references
 from pursuit.validation import check
-from train.experiments.expansion import MEASURED, flat_plain
-from train.experiments.recorded import FIRST, read_recorded, settings_in
+from train.experiments.expansion import flat_plain
+from train.experiments.recorded import FIRST, MEASURED, read_recorded, settings_in
 from train.experiments.runs import ERROR, read_label, read_layout, status_of
 from train.experiments.statistics import first_below, mean_over
 from train.experiments.study import Layout
@@ -36,7 +35,7 @@ from train.runs.folder import (
     read_config,
     read_metrics,
 )
-from train.runs.provenance import check_sources
+from train.runs.provenance import check_sources, recorded_parts
 from train.runs.tasks import maze_of
 from train.self_play.names import entry_names
 from train.settings.self_play import ROLES
@@ -105,7 +104,13 @@ def read_all(out: Path) -> StudyRows:
         folders = [folder for folder in folders if folder.name in layout.runs]
     here, known = {folder.name for folder in folders}, list[Row]()
     if layout.rows is not None and layout.runs is not None:
-        of_file = read_recorded(Path(layout.rows))
+        path = out / layout.rows
+        path = path if path.exists() else Path(layout.rows)  # so before version 0.2.0
+        check(
+            path.exists(),
+            f"{out}: the file with its finished runs, {out / layout.rows}, is missing; put it back",
+        )
+        of_file = read_recorded(path, layout.planned)
         known = [of_file[n] for n in layout.runs if n in of_file and n not in here]
     check(
         bool(folders or known),
@@ -265,7 +270,9 @@ def settings_row(folder: Path) -> Row:
     """The settings of one run, with values and file names as the study file gives them."""
     kind, plain = read_config(folder)
     check_sources(folder / CONFIG, plain)
-    if not any(references(plain)):  # user-defined parts are not imported to read their settings
+    if not recorded_parts(
+        folder / CONFIG
+    ):  # user-defined parts are not imported to read their settings
         kind, settings = read_settings(folder)
         plain = asdict(settings)
     task, label = plain["task"], read_label(folder)

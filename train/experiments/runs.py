@@ -7,6 +7,7 @@ resumed. Reports read the folders.
 from __future__ import annotations
 
 import contextlib
+import os
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -18,7 +19,7 @@ import msgspec
 from pursuit.validation import check
 from train.experiments import contestant_runs  # noqa: F401 (adds its kind of run)
 from train.experiments.identity import INPUTS, Input, copied_input, fingerprint, with_policies
-from train.experiments.recorded import complete_in
+from train.experiments.recorded import MEASURED, Cells, complete_in
 from train.experiments.study import Layout, Table
 from train.files import LOCK, read_json, write_json
 from train.kinds import read_settings, write_config
@@ -67,6 +68,15 @@ class TrainingRun:
         """The seed of the settings."""
         return int(self.settings.seed)
 
+    @property
+    def cells(self) -> Table:
+        """What the row of the run says of its settings."""
+        label = {MEASURED.get(n, n): own for n, own in self.label.items() if type(own) is not list}
+        budget = {column: getattr(self.settings, name) for name, column in MEASURED.items()}
+        game = getattr(getattr(self.settings, "task", None), "game", None)
+        own = {} if game is None else {"game": game}
+        return {**own, **budget, **label, "kind": self.kind, "seed": self.seed}
+
     def write(self, folder: Path, study: Path) -> None:
         """Write `config.json` and `run.json`, and copy the policies that it loads.
 
@@ -108,6 +118,11 @@ class Study:
     pinned: bool = False
     rows: Path | None = None
 
+    @property
+    def planned(self) -> Cells:
+        """By run, what its row says of its settings."""
+        return {run.name: run.cells for run in self.runs}
+
 
 def job_name(label: Table, seed: int, print_: str, without: str) -> str:
     """A readable and unique folder name; `without` replaces an empty label."""
@@ -133,7 +148,7 @@ def prepare(study: Study, out: Path | str) -> list[tuple[TrainingRun, Path]]:
     out = Path(out)
     check(not out.is_file(), f"{out}: a file; give a folder")
     there = {path.name for path in out.iterdir()} if out.is_dir() else set[str]()
-    if there - {LOCK, INPUTS, TUNING} and "runs" not in there:
+    if there - {LOCK, INPUTS, TUNING} and not there & {"runs", LAYOUT}:
         raise ValueError(f"{out}: not empty, and not a sweep; give a new folder")
     found = FORMAT
     with contextlib.suppress(ValueError):  # a damaged `sweep.json` is written again
@@ -145,10 +160,12 @@ def prepare(study: Study, out: Path | str) -> list[tuple[TrainingRun, Path]]:
     )
     out.mkdir(parents=True, exist_ok=True)
     names = [run.name for run in study.runs]
-    rows = None if study.rows is None else str(study.rows)
-    layout = msgspec.structs.replace(study.layout, format=FORMAT, runs=names, rows=rows)
+    planned = study.planned
+    done = complete_in(study.rows, planned)
+    layout = msgspec.structs.replace(study.layout, format=FORMAT, runs=names)
+    if study.rows is not None:
+        layout.rows, layout.planned = os.path.relpath(study.rows, out), planned
     write_json(out / LAYOUT, msgspec.to_builtins(layout))
-    done = complete_in(study.rows)
     folders = [(run, folder_of(out, run.name)) for run in study.runs if run.name not in done]
     for run, folder in folders:
         run.write(folder, out)
@@ -188,7 +205,7 @@ def status_of(folder: Path) -> str:
 
 def statuses_of(study: Study, out: Path) -> dict[str, str]:
     """The status of every run by name."""
-    done = complete_in(study.rows)
+    done = complete_in(study.rows, study.planned)
     return {
         run.name: "complete" if run.name in done else status_of(folder_of(out, run.name))
         for run in study.runs

@@ -17,7 +17,7 @@ from train.experiments.expansion import Change, load_study
 from train.experiments.halving import Halving
 from train.experiments.report import report_on
 from train.experiments.runs import TUNING, Study
-from train.experiments.study import StudyFile, choose_version, read_file
+from train.experiments.study import StudyFile, choose_version, content_of, read_file
 from train.experiments.tuning import best_trials, search_of
 
 RUN_ROWS = "runs"
@@ -71,7 +71,7 @@ def stages_of(
     if content.tuning is None:
         study = replace(load_study(name, kind, version, change), rows=known[RUN_ROWS])
         return [Stage(path.stem, lambda: study, out)]
-    try:
+    with content_of(path):
         file, tuning = change(choose_version(content, version)), content.tuning
         check(
             kind != "sweep", "[tuning] is for ablations, comparisons and replications; leave it out"
@@ -85,8 +85,6 @@ def stages_of(
         else:
             search = search_of(tuning, version, file)
             stages = [Stage("search", lambda: search, out / TUNING)]
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
 
     def tuned() -> Study:
         found = halving.chosen() if kind == "ablation" else best_trials(out)[1]

@@ -9,13 +9,14 @@ that their runs decide.
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
 import msgspec
 
-from pursuit.plugins import check_trusted
+from pursuit.plugins import reading
 from pursuit.validation import check, one_of
 from train.schemas import read_as
 from train.settings.self_play import ROLES, unnested_sides
@@ -167,13 +168,15 @@ class Layout(msgspec.Struct):
         x, group: columns of the table of runs.
         variants: their names, in order.
         control, primary, margin, threshold: as `StudyFile`.
-        rows: the file with the rows of finished runs, if there is one.
+        rows: the file with the rows of finished runs, if there is one, relative to the folder.
+        planned: by run the columns of its row that the study sets.
     """
 
     title: str
     format: int = 1
     runs: list[str] | None = None
     rows: str | None = None
+    planned: dict[str, Table] = msgspec.field(default_factory=dict)
     x: str | None = None
     group: list[str] = msgspec.field(default_factory=list)
     control: str | None = None
@@ -284,8 +287,7 @@ def read_file(name: str, kind: str, form: type[Form]) -> tuple[Path, Form]:
     """The path and the content of a TOML file, or of the shipped one of that name.
 
     Raises:
-        ValueError: no such file, invalid TOML, user-defined parts that are not trusted, or content
-            of another form.
+        ValueError: no such file, invalid TOML, or content of another form.
     """
     path, names = Path(name), shipped(kind)
     if not path.is_file() and name in names:  # a folder of that name may hold an earlier run
@@ -295,9 +297,27 @@ def read_file(name: str, kind: str, form: type[Form]) -> tuple[Path, Form]:
         content = tomllib.loads(path.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise ValueError(f"{path}: not TOML: {error}; {REMEDY}") from None
-    check_trusted(path, content)
     check("arms" not in content, f"{path}: [[arms]] was renamed; give [[variants]]")
     return path, read_as(form, unnested_tables(content), path, REMEDY)
+
+
+def judged(file: StudyFile, name: str) -> list[str]:
+    """The mazes or games (`name` "maze" or "game") of the runs of a study, wherever the file sets
+    them."""
+    tables = [file.settings or {}, *(file.variants or ()), file.grid or {}, file.search or {}]
+    values = [table[name] for table in tables if name in table]
+    each = [value if isinstance(value, list) else [value] for value in values]
+    return [value for several in each for value in several if isinstance(value, str)]
+
+
+@contextmanager
+def content_of(path: Path) -> Iterator[None]:
+    """While the content of a study file is used: what it names must be allowed; errors name it."""
+    with reading(path):
+        try:
+            yield
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}") from None
 
 
 def unnested_tables(content: Table, small: bool = False) -> Table:

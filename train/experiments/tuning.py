@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 from pursuit.mazes.maze import load_maze
@@ -19,7 +20,7 @@ from train.experiments.expansion import Tuned, alternating, runs_of
 from train.experiments.rows import read_all
 from train.experiments.runs import TUNING, Study, TrainingRun, read_label
 from train.experiments.search import draw_samples
-from train.experiments.study import Layout, StudyFile, Table, Trials, Tuning, check_once
+from train.experiments.study import Layout, StudyFile, Table, Trials, Tuning, check_once, judged
 from train.reports.tables import Row
 from train.runs.folder import RUN
 
@@ -57,8 +58,9 @@ def search_of(tuning: Tuning, version: str | None, file: StudyFile | None = None
     common = {**common, "seconds": trials.seconds, "frames": trials.frames}
     drawn = {name: draws_of(tuning, trials, name) for name in names}
     runs: list[TrainingRun] = []
+    studied = [] if file is None else judged(file, "maze")
     for number, task in itertools.product(range(trials.samples), tasks):
-        for place, maze in enumerate(mazes_of(tuning, trials, {**common, **task})):
+        for place, maze in enumerate(mazes_of(tuning, trials, {**common, **task}, studied)):
             seed = FIRST_TRIAL_SEED + 1000 * number + place
             own = {**common, **{key: value for key, value in task.items() if key != "name"}}
             for name in names:
@@ -86,37 +88,48 @@ def draws_of(tuning: Tuning, trials: Trials, name: str) -> list[Table]:
     return defaults + drawn
 
 
-def mazes_of(tuning: Tuning, trials: Trials, task: Table) -> list[str]:
+def mazes_of(tuning: Tuning, trials: Trials, task: Table, others: Sequence[str] = ()) -> list[str]:
     """The mazes on which the settings of a task are searched.
 
+    Args:
+        tuning, trials: the search.
+        task: the settings of its runs.
+        others: further mazes of the study.
+
     Raises:
-        ValueError: none, one given twice (also rotated or mirrored), or the maze of the task.
+        ValueError: none, one given twice (also rotated or mirrored), or a maze of the study.
     """
     name, mazes = str(task.get("name", "")), tuning.mazes
     if isinstance(mazes, dict):
         mazes = mazes.get(name, [])
-    own = task.get("maze")
+    own = [maze for maze in (task.get("maze"), *others) if isinstance(maze, str)]
     where = f"mazes of {name!r} in [tuning]" if name else "mazes in [tuning]"
     chosen = mazes[: trials.mazes]
     check(bool(chosen), f"{where}: none; give mazes for the search")
-    copies = {least_copy_of(own): own} if isinstance(own, str) else {}
+    studied = {key for maze in own for key in copies_in(maze)}
+    copies: dict[bytes, str] = {}
     for maze in chosen:
-        before = copies.get(least_copy_of(maze))
-        check(
-            before is None or before != own,
-            f"{where}: {maze!r} is the maze of the study; give another",
-        )
+        key = least_copy_of(maze)
+        check(key not in studied, f"{where}: {maze!r} is a maze of the study; give another")
+        before = copies.get(key)
         same = "is given twice" if before == maze else f"is a copy of {before!r}"
         check(before is None, f"{where}: {maze!r} {same}; give each once")
-        copies[least_copy_of(maze)] = maze
+        copies[key] = maze
     return chosen
 
 
+def copies_in(name: str) -> list[bytes]:
+    """By maze of a name, a key that is equal for its rotated and mirrored copies."""
+    return [
+        least_copy(maze) for maze in (load_suite(name) if is_suite(name) else [load_maze(name)])
+    ]
+
+
 def least_copy_of(maze: str) -> bytes:
-    """A key that is equal for a maze and its rotated and mirrored copies."""
-    found = load_suite(maze) if is_suite(maze) else (load_maze(maze),)
+    """The key of a name of one maze."""
+    found = copies_in(maze)
     check(len(found) == 1, f"maze={maze!r} is several mazes; give one of them, as {maze}/0")
-    return least_copy(found[0])
+    return found[0]
 
 
 # -- the choice ------------------------------------------------------------------------------------

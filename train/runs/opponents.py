@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from pursuit.plugins import check_trusted
+from pursuit.plugins import reading
 from pursuit.simulator.policy import Policy
 from pursuit.tasks.task import Task
 from pursuit.validation import as_path, check, check_bool, shortened
@@ -58,12 +58,13 @@ def load_policy(folder: Path | str, greedy: bool = True) -> Any:
         greedy or algorithm.learns_distribution,
         f"{folder}: {settings.algorithm} learns no distribution over actions; use greedy=True",
     )
-    seat = player_of(settings)
-    try:
-        check_learned(algorithm.name, state["trainee"], seat)
-        return algorithm.load(settings.hyper, seat, state["trainee"]["learner"], greedy)
-    except MISFITS as error:
-        raise misfit(folder, error) from None
+    with reading(folder / CONFIG):
+        seat = player_of(settings)
+        try:
+            check_learned(algorithm.name, state["trainee"], seat)
+            return algorithm.load(settings.hyper, seat, state["trainee"]["learner"], greedy)
+        except MISFITS as error:
+            raise misfit(folder, error) from None
 
 
 def load_opponent(path: Path | str, played: str = "sampled", **trained: Any) -> Policy:
@@ -82,8 +83,10 @@ def load_opponent(path: Path | str, played: str = "sampled", **trained: Any) -> 
     if os.path.isdir(path):  # unlike Path.is_dir() also for names that are too long
         settings = load_settings(path)
         in_maze(settings.task, str(path))
-        sampled = entry(settings.algorithm).learns_distribution
-        return load_policy(path, played == "greedy" or not sampled)
+        greedy = played == "greedy" or not entry(settings.algorithm).learns_distribution
+        policy = load_policy(path, greedy)
+        policy.name = played_name(path, greedy)
+        return policy
     check(
         path.suffix == ".zip",
         f"{shortened(str(path))}: not a policy; give one of {', '.join(AGENTS)} (or learn, in "
@@ -162,21 +165,27 @@ def player_policy(
             f"{name}: a run of self-play without a player {player}; give a run of this game",
         )
         if isinstance(fixed := plain["players"][player], str):
-            check_trusted(folder / CONFIG, plain)
             epsilon = epsilon or plain["task"].get("opponent_epsilon", 0.0)
             greedy = greedy or plain["task"].get("opponent_policy") == "greedy"
-            return player_policy(fixed, task, player, epsilon, greedy)
+            with reading(folder / CONFIG):
+                return player_policy(fixed, task, player, epsilon, greedy)
     settings = load_settings(path)
     check(
         isinstance(settings.task, SmallGameSettings),
         f"{name}: a run of task {settings.task.task!r}; give a run of this game",
     )
-    learned = load_policy(path, greedy or not entry(settings.algorithm).learns_distribution)
+    greedy = greedy or not entry(settings.algorithm).learns_distribution
+    learned = load_policy(path, greedy)
     check(
         learned.agent == player,
         f"{name}: is a policy of {learned.agent}, not of {player}; give another",
     )
-    return TableAgent(task, player, learned.table(task), epsilon, name)
+    return TableAgent(task, player, learned.table(task), epsilon, played_name(path, greedy))
+
+
+def played_name(path: Path, greedy: bool) -> str:
+    """The name of a learned policy in tables and results."""
+    return f"{path} ({'greedy' if greedy else 'sampled'})"
 
 
 def policy_in_seat(

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from pursuit.observations.custom import AGENT_ID, is_builtin, without_id
-from pursuit.plugins import check_trusted
+from pursuit.plugins import reading
 from pursuit.validation import check
 from train.algorithms.registry import entry
 from train.files import Plain
@@ -100,9 +101,39 @@ def load_settings(folder: Path | str) -> AgentSettings:
         kind in (RUN, SIDE),
         f"{folder}: a run of kind {kind!r}, with a policy for each role; give {' or '.join(roles)}",
     )
-    check_trusted(folder / CONFIG, plain)
     check_sources(folder / CONFIG, plain)
-    return from_plain(plain, str(folder / CONFIG))
+    with reading(folder / CONFIG):
+        return from_plain(plain, str(folder / CONFIG))
+
+
+def evaluated_settings(folder: Path | str, others: bool = False) -> AgentSettings:
+    """The settings of a run with the opponents of its evaluation.
+
+    Of a single run these are the opponents of the training with their final share of random moves.
+    Of one side of self-play they are the policies of the other sides that the run is judged by.
+
+    Args:
+        folder: as of `load_settings`.
+        others: whether other opponents will be put in their place.
+
+    Raises:
+        ValueError: as `load_settings`, or the other sides of self-play are not beside the folder.
+    """
+    folder, settings = Path(folder), load_settings(folder)
+    if others or read_config(folder)[0] != SIDE:
+        return settings
+    task: Any = settings.task
+    place = Path(os.path.relpath(folder.resolve().parent))
+    how: Plain = {"opponent_policy": "sampled"}
+    if isinstance(task, TaskSettings):  # random moves are those of scripted teammates
+        place /= next(role for role in ROLES if role != task.role)
+    else:
+        how["opponent_epsilon"] = 0.0
+    check(
+        (place / CONFIG).exists(),
+        f"{folder}: is one side of self-play, and {place} does not exist; give --opponent",
+    )
+    return replace(settings, task=replace(task, opponent=str(place), **how))
 
 
 def trains_team(folder: Path | str) -> bool:

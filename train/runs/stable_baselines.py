@@ -18,7 +18,7 @@ from typing import Any
 import torch
 from gymnasium.spaces import Discrete
 
-from pursuit.plugins import check_trusted
+from pursuit.plugins import reading
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task
 from pursuit.validation import check, check_bool
@@ -106,10 +106,11 @@ def load_stable_baselines(
     where = description_of(path)
     if where.is_file():
         content = read_json(where)
-        check_trusted(where, content)
         described = read_as(Description, content, where, RESTORE)
         settings = read_as(TaskSettings, described.task, f"{where}: task", RESTORE)
-        task, observation = task_of(settings), described.observation
+        with reading(where):
+            task = task_of(settings)
+        observation = described.observation
         agent, mask_bumps = agent_of(settings, task), settings.mask_bumps
     check(
         task is not None and agent is not None and observation is not None,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import re
 import sys
 from collections.abc import Callable
@@ -22,6 +23,7 @@ from scripted_agents.games import (
     SmallGame,
     enumerate_game,
     equilibrium,
+    load_game,
     nash_conv,
     respond,
     returns_of,
@@ -33,8 +35,10 @@ from scripted_agents.games.library.goofspiel import Goofspiel
 from scripted_agents.games.library.oshi_zumo import oshi_zumo
 from scripted_agents.games.library.rock_paper_scissors import RockPaperScissors
 from scripted_agents.games.library.soccer import Soccer
+from scripted_agents.games.named import game_named
 
-PAGE = Path(__file__).parents[3] / "docs" / "environments" / "small_games.md"
+ROOT = Path(__file__).parents[3]
+PAGE = ROOT / "docs" / "environments" / "small_games.md"
 OURS = (BorderControl, Goofspiel, RockPaperScissors, Soccer)
 
 
@@ -56,6 +60,54 @@ def uniform(game: SmallGame) -> dict[str, Any]:
 
 
 # -- all games -------------------------------------------------------------------------------------
+
+
+def names_in_results() -> set[str]:
+    """The names of games in the rows of the results."""
+    found: set[str] = set()
+    for path in sorted((ROOT / "docs" / "results" / "data").rglob("*.csv")):
+        with path.open(newline="", encoding="utf-8") as lines:
+            found |= {row.get("game") or "" for row in csv.DictReader(lines)}
+    return found - {""}
+
+
+@pytest.mark.parametrize("text", sorted(names_in_results()))
+def test_games_of_the_results_are_loaded_by_their_names(text: str) -> None:
+    if text.startswith("oshi_zumo"):
+        pytest.importorskip("pyspiel", exc_type=ImportError)
+    assert isinstance(game_named(text), Game | SmallGame)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "soccer(rows=4).x(columns=4)",
+        "soccer(rows=4)(columns=4)",
+        "soccer(rows=4)[0]",
+        "soccer(rows=4) + 1",
+        "soccer(rows=4) # tall",
+        "soccer(rows=4",
+        "soccer(4)",
+        "soccer(*[4])",
+        "soccer(**{'rows': 4})",
+        "soccer(rows=4, rows=4)",
+        "soccer(rows=2 * 2)",
+        "soccer(rows=len('four'))",
+        "soccer(rows=goofspiel(cards=3))",
+        "soccer(rows=4 if 1 else 5)",
+        "soccer(rows:=4)",
+        f"soccer(rows={'-' * 3000}4)",
+        f"soccer(rows={'(' * 3000}4{')' * 3000})",
+        f"soccer(rows={'[' * 3000}4{']' * 3000})",
+        "soccer(rows=4\0)",
+        "soccer soccer",
+        "(rows=4)",
+    ],
+)
+def test_a_name_is_one_call_with_keywords(text: str) -> None:
+    with pytest.raises(ValueError, match=r"game=.*; give (arguments as name=value|a name)") as told:
+        load_game(text)
+    assert len(str(told.value)) < 400
 
 
 @pytest.mark.parametrize("name", SHIPPED)

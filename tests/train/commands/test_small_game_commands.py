@@ -470,7 +470,7 @@ def test_the_game_of_somebody_elses_run_is_imported_only_if_allowed(
     runs: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(plugins, "_allowed", {"small_games"})
-    monkeypatch.setattr(plugins, "_resolved", set())
+    monkeypatch.setattr(plugins, "_named", set())
     monkeypatch.delenv(plugins.ALLOW, raising=False)
     (tmp_path / "foreign_nim.py").write_text(
         "open('imported', 'w')\nfrom small_games import Nim\n"

@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import msgspec
 import pytest
 
 from train.experiments.expansion import load_study
@@ -74,6 +76,7 @@ def test_the_better_half_goes_on_with_twice_the_frames(tmp_path: Path) -> None:
             failed = rung == 0 and (variant, trial) == failing
             row = {"run": run.name, "kind": run.kind, "status": "failed" if failed else "complete"}
             row |= {**run.label, "seed": run.seed, "payoff_range": 2.0}
+            row["budget_frames"] = run.settings.frames
             record(
                 tmp_path / "tuning.csv",
                 row | {"played_nash_conv": conv(variant, trial, game, rung)},
@@ -160,3 +163,29 @@ def test_what_cannot_be_searched_is_refused(
     assert old in FILE
     with pytest.raises(ValueError, match=message):
         halving(tmp_path, FILE.replace(old, new))
+
+
+@pytest.mark.parametrize("place", ["settings", "grid", "search"])
+@pytest.mark.parametrize(
+    ("game", "same"),
+    [
+        ("soccer", "soccer( rows=4, columns=5 )"),
+        ("goofspiel(order=descending, cards=4)", "goofspiel(cards=4,order='descending')"),
+        ("maze_game(maze='3x3')", "maze_game( maze = '3x3' )"),
+    ],
+)
+def test_a_game_of_the_study_is_not_searched_wherever_it_stands(
+    place: str, game: str, same: str
+) -> None:
+    tables: dict[str, Any] = {"settings": {"frames": 10}}
+    tables["variants"] = [{"name": "a"}, {"name": "b"}]
+    tables[place] = {**tables.get(place, {}), "game": game if place == "settings" else [game]}
+    tables["report"] = {"x": "game"} if place == "grid" else {}
+    trials = {"samples": 2, "frames": 10}
+    tuning: dict[str, Any] = {"space": {"all": {}}, "short": trials, "full": trials}
+    for games, refused in (([same], True), (["border_control", same], True), (["nim:A"], False)):
+        found = msgspec.convert(
+            {**tables, "control": "a", "tuning": {**tuning, "games": games}}, StudyFile
+        )
+        with pytest.raises(ValueError, match="are those of the study" if refused else "nim"):
+            Halving(found.tuning, None, found, Path("nowhere"), None)

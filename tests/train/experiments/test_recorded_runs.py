@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import csv
+import re
+import shutil
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import pytest
+from command_errors import error_of
 from executed_here import executed_here
 from hypothesis import given
 from hypothesis import strategies as st
@@ -155,6 +159,69 @@ def test_a_file_without_rows_of_runs_is_refused(tmp_path: Path, text: str) -> No
     path.write_text(text, encoding="latin-1")
     with pytest.raises(ValueError, match=r"runs\.csv.*give"):
         read_recorded(path)
+
+
+def test_a_report_from_another_folder_has_the_runs_of_the_rows(
+    executed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The path of the rows is relative to the folder of the study, which may also be moved."""
+    whole = tmp_path / "whole"
+    shutil.copytree(executed / "rows", whole / "rows")
+    monkeypatch.chdir(whole)
+    (whole / "rows.toml").write_text(FILE)
+    main(["ablate", "rows.toml", "--rows", "rows", "--out", "out"])
+    expected = (whole / "out" / "report" / "table.csv").read_text()
+    whole.rename(tmp_path / "elsewhere")
+    monkeypatch.chdir("/")
+    main(["report", str(tmp_path / "elsewhere" / "out")])
+    assert (tmp_path / "elsewhere" / "out" / "report" / "table.csv").read_text() == expected
+    (tmp_path / "elsewhere" / "rows" / "runs.csv").unlink()
+    with pytest.raises(SystemExit):
+        main(["report", str(tmp_path / "elsewhere" / "out")])
+    assert (tmp_path / "elsewhere" / "out" / "report" / "table.csv").read_text() == expected
+
+
+DAMAGE: dict[str, tuple[Callable[[list[dict[str, str]]], Any], str]] = {
+    "text": (
+        lambda rows: rows[1].update(nash_conv="high"),
+        "line 3, column nash_conv: 'high'",
+    ),
+    "infinite": (lambda rows: rows[2].update(nash_conv="inf"), "line 4, column nash_conv: 'inf'"),
+    "minus": (lambda rows: rows[0].update(steps="-Infinity"), "line 2, column steps"),
+    "doubled": (lambda rows: rows.append(dict(rows[0])), "line 6: a second row of the run"),
+    "game": (lambda rows: rows[0].update(game="soccer"), "line 2, column game: 'soccer', but"),
+    "budget": (lambda rows: rows[3].update(budget_frames="9"), "line 5, column budget_frames: '9'"),
+    "seed": (lambda rows: rows[0].update(seed="7"), "line 2, column seed: '7', but"),
+    "kind": (lambda rows: rows[0].update(kind="single"), "line 2, column kind: 'single', but"),
+    "variant": (lambda rows: rows[0].update(variant="first"), "line 2, column variant: 'first'"),
+    "rate": (lambda rows: [row.update(learning_rate="1") for row in rows], "column learning_rate"),
+    "missing": (lambda rows: [row.pop("game") for row in rows], "the column game is missing"),
+    "nameless": (lambda rows: [row.pop("seed") for row in rows], "line 2: no row of a run"),
+    "NUL": (lambda rows: rows[0].update(commit="\0"), "line 2, column commit: a NUL byte"),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGE)
+def test_damaged_or_contradictory_rows_are_refused_with_their_place(
+    damage: str, executed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """By the command of the study and by its report; nothing that is there is changed."""
+    shutil.copytree(executed / "rows", tmp_path / "rows")
+    command = [*study(tmp_path), "--out", str(tmp_path / "out")]
+    main(command)
+    path = tmp_path / "rows" / "runs.csv"
+    with path.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    change, told = DAMAGE[damage]
+    change(rows)
+    with path.open("w", newline="") as file:
+        writer = csv.DictWriter(file, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+    kept = {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file() and p.suffix != ".lock"}
+    for arguments in (command, ["report", str(tmp_path / "out")]):
+        assert re.search(told, error_of(capsys, *arguments, longest=700)) is not None
+    assert {p: p.read_bytes() for p in kept} == kept
 
 
 @pytest.mark.parametrize("below", ["", "new/folder"])

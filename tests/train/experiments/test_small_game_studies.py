@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy.stats import ttest_rel
 
-from pursuit.plugins import _allowed, _resolved, allow
+from pursuit.plugins import _allowed, _named, allow
 from train.experiments.contestant_runs import settings_of
 from train.experiments.executors import perform
 from train.experiments.expansion import load_study
@@ -97,7 +97,7 @@ def games(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     yield tmp_path
     sys.modules.pop("study_games", None)
     _allowed.discard("study_games")
-    _resolved.difference_update([name for name in _resolved if name.startswith("study_games:")])
+    _named.difference_update([name for name in _named if name.startswith("study_games:")])
 
 
 def study_in(folder: Path, text: str, kind: str = "sweep") -> Study:

@@ -42,7 +42,7 @@ LEARNERS: dict[str, dict[str, Any]] = {
 def own(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "own_parts"))
     monkeypatch.setattr(plugins, "_allowed", set())
-    monkeypatch.setattr(plugins, "_resolved", set())
+    monkeypatch.setattr(plugins, "_named", set())
     monkeypatch.setattr("train.runs.single.EPISODES", 10)
 
 

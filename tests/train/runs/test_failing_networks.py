@@ -48,7 +48,7 @@ class Failing(nn.Module):
 @pytest.fixture
 def failing(monkeypatch: pytest.MonkeyPatch) -> str:
     monkeypatch.setattr(plugins, "_allowed", set())
-    monkeypatch.setattr(plugins, "_resolved", set())
+    monkeypatch.setattr(plugins, "_named", set())
     monkeypatch.setitem(sys.modules, "failing", sys.modules[FAILING])
     monkeypatch.setattr("train.runs.loop.EVALUATIONS", 20)
     monkeypatch.setattr("train.runs.single.EPISODES", 10)

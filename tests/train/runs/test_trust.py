@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
+import itertools
 import json
 import sys
+import tarfile
+import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +19,12 @@ from self_play_runs import make_run
 
 import pursuit
 from pursuit import plugins as parts
+from pursuit.tasks.rewards import REWARDS
 from train.commands.main import main
 from train.experiments.identity import fingerprint
 from train.experiments.rows import read_run
 from train.files import write_json
-from train.kinds import open_run, resume, start
+from train.kinds import open_run, read_settings, resume, start
 from train.runs.folder import RUN, read_config
 from train.runs.opponents import load_policy
 from train.runs.parts import settings_of
@@ -43,7 +49,7 @@ rewards = "{name}"
 
 @pytest.fixture(autouse=True)
 def nothing_allowed(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("_allowed", "_resolved"):
+    for name in ("_allowed", "_named"):
         monkeypatch.setattr(parts, name, set())
     monkeypatch.setattr(parts, "_folders", [])
     monkeypatch.setattr(sys, "path", [*sys.path])
@@ -70,48 +76,191 @@ def edited(module: str, scale: int) -> None:
 def forgotten(module: str) -> None:
     """As in a new process."""
     sys.modules.pop(module, None)
-    parts._resolved.clear()
+    parts._named.clear()
 
 
 # -- untrusted files -------------------------------------------------------------------------------
 
 
-def test_no_code_named_in_an_untrusted_file_is_run(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """However it is read: every name in every file, and every command."""
-    trap = tmp_path / "sprung"
-    (tmp_path / "stranger.py").write_text(f"open({str(trap)!r}, 'w')\n")
+SYNTAXES = (
+    "stranger:Ok",
+    "stranger:Ok+id",
+    "walls+stranger:Ok",
+    "stranger:Ok(size=3)",
+    "stranger:Ok,A",
+    "openspiel:stranger:Ok",
+    "maze_game(maze='2x2', rewards='stranger:Ok')",
+    "maze_game(maze='2x2', rewards='stran' 'ger:Ok')",
+    "maze_game(maze='2x2', rewards='stranger\\x3aOk')",
+    ["stranger:Ok"],
+    {"stranger:Ok": "stranger:Ok"},
+)
+"""Ways to write a name in a file."""
+READERS = (
+    "evaluate {run} --episodes 2",
+    "view {run} --out page.html",
+    "render {run} --out a.gif",
+    "export {run} --out a.onnx",
+    "league {run} astar --games 2",
+    "report {run} --out report",
+    "train --resume {run}",
+    "self-play --resume {run}",
+    "baseline --opponent {run} --episodes 2",
+    "solve --game {run}",
+    "sweep {run}/config.json --dry-run",
+)
+STUDY_KEYS = (
+    ["settings"],
+    ["grid"],
+    ["search"],
+    ["variants", 0],
+    ["tuning"],
+    ["tuning", "settings"],
+)
+STUDY: dict[str, Any] = {
+    "settings": {"seconds": 1},
+    "variants": [{"name": "a"}, {"name": "b"}],
+    "grid": {}, "search": {},
+}  # fmt: skip
+STUDY_TUNING = {
+    "space": {"all": {"learning_rate": [0.1, 0.2]}}, "mazes": ["3x3"], "settings": {},
+    "short": {"samples": 2, "frames": 10}, "full": {"samples": 2, "frames": 10},
+}  # fmt: skip
+
+
+@pytest.fixture
+def trap(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A file that exists once `stranger.py`, in the working folder, has been imported."""
+    path = tmp_path / "sprung"
+    (tmp_path / "stranger.py").write_text(f"open({str(path)!r}, 'w')\nOk = dict\n")
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
+    return path
+
+
+def places_of(content: Any, above: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """The places of all values in nested plain values that may be a text."""
+    if isinstance(content, dict | list):
+        pairs = content.items() if isinstance(content, dict) else enumerate(content)
+        for key, value in pairs:
+            yield from places_of(value, (*above, key))
+    if isinstance(content, str | list | dict | None) and above:
+        yield above
+
+
+def with_value(content: Any, place: tuple[Any, ...], value: Any) -> Any:
+    found = json.loads(json.dumps(content))
+    inner = found
+    for key in place[:-1]:
+        inner = inner[key]
+    inner[place[-1]] = value
+    return found
+
+
+def toml(value: Any) -> str:
+    if isinstance(value, dict):
+        return (
+            "{" + ", ".join(f"{json.dumps(key)} = {toml(own)}" for key, own in value.items()) + "}"
+        )
+    if isinstance(value, list):
+        return f"[{', '.join(map(toml, value))}]"
+    return json.dumps(value)
+
+
+def tried(*arguments: str) -> None:
+    """Run a command, which may refuse its input in one line."""
+    with contextlib.suppress(SystemExit):
+        main(arguments)
+
+
+def old_folders(out: Path) -> list[Path]:
+    """The folders of an earlier version: every kind of run, and studies."""
+    archive = sorted((Path(__file__).parents[2] / "old_folders").glob("*.tar.xz"))[-1]
+    with tarfile.open(archive) as tar:
+        tar.extractall(out, filter="data")
+    return sorted(out.iterdir())
+
+
+@pytest.mark.slow
+def test_no_setting_of_a_run_imports_a_name(
+    trap: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Every value in every syntax; one command after the other reads them."""
+    number, known = 0, set[tuple[Any, ...]]()
+    for file in sorted(path / "config.json" for path in old_folders(tmp_path / "old")):
+        if not file.exists():
+            continue
+        content = json.loads(file.read_text())
+        read_settings(file.parent)
+        for place in places_of(content):
+            if place in known:
+                continue
+            known.add(place)
+            for value in SYNTAXES:
+                write_json(file, with_value(content, place, value))
+                with contextlib.suppress(ValueError):
+                    read_settings(file.parent)
+                assert not trap.exists(), (place, value)
+            reader = READERS[number % len(READERS)].format(run=file.parent)
+            number += 1
+            write_json(file, with_value(content, place, SYNTAXES[number % len(SYNTAXES)]))
+            tried(*reader.split())
+            assert not trap.exists(), (place, reader)
+        write_json(file, content)
+    assert number > 50 and "stranger" not in sys.modules
+
+
+@pytest.mark.slow
+def test_no_setting_in_a_study_file_imports_a_name(
+    trap: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    old_folders(tmp_path / "old")
+    configs = [json.loads(p.read_text()) for p in tmp_path.glob("old/*/config.json")]
+    names = {place[-1] for config in configs for place in places_of(config)}
+    assert {"rewards", "critic_observation", "sampling", "game"} <= names
+    commands = "sweep s.toml --dry-run", "ablate s.toml --dry-run", "compare s.toml --dry-run"
+    texts = sorted(name for name in names | {"games", "contestant"} if isinstance(name, str))
+    for number, (name, value) in enumerate(itertools.product(texts, SYNTAXES)):
+        table = STUDY_KEYS[number % len(STUDY_KEYS)]
+        content = json.loads(json.dumps(STUDY))
+        if table[0] == "tuning":
+            content["tuning"] = json.loads(json.dumps(STUDY_TUNING))
+        inner: Any = content
+        for key in table:
+            inner = inner[key]
+        inner[name] = [value] if table[0] in ("grid", "search") else value
+        Path("s.toml").write_text("\n".join(f"{key} = {toml(own)}" for key, own in content.items()))
+        tomllib.loads(Path("s.toml").read_text())
+        tried(*commands[number % len(commands)].split())
+        assert not trap.exists(), (name, value, table)
+    assert "stranger" not in sys.modules
+
+
+def test_no_code_named_in_an_untrusted_file_is_run(
+    trap: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     run = start(RUN, settings_of(**FLAT), tmp_path / "run")
     run.train()
     run.results(2)
     good = json.loads(Path("run/config.json").read_text())
-    for place in (("task", "rewards"), ("task", "opponent"), ("observation",), ("algorithm",),
-                  ("curriculum",), ("curriculum_settings", "axis"), ("anything",)):  # fmt: skip
-        bad = json.loads(json.dumps(good))
-        inner = bad
-        for name in place[:-1]:
-            inner = inner[name]
-        inner[place[-1]] = "stranger:pay"
-        write_json(tmp_path / "run/config.json", bad)
+    for place in (("task", "rewards"), ("observation",), ("algorithm",), ("curriculum",)):
+        write_json(tmp_path / "run/config.json", with_value(good, place, "stranger:pay"))
         for read in (load_settings, load_policy, open_run, lambda path: resume(path, RUN)):
             with pytest.raises(ValueError, match=r"config\.json: names 'stranger:pay'"):
                 read(tmp_path / "run")  # type: ignore[operator]
-    for command in ("evaluate run", "render run --out a.gif", "league run astar",
-                    "train --resume run", "baseline --opponent run"):  # fmt: skip
-        assert "add --allow stranger" in error_of(capsys, *command.split())
+        for command in READERS[:9]:
+            if "self-play" not in command:
+                said = error_of(capsys, *command.format(run="run").split())
+                assert "config.json: names 'stranger:pay'" in said and "--allow stranger" in said
     Path("sweep.toml").write_text(SWEEP.format(name="stranger:pay"))
-    Path("ablation.toml").write_text('[[variants]]\nname = "a"\nrewards = "stranger:pay"\n')
-    for command in ("sweep sweep.toml --dry-run", "ablate ablation.toml --dry-run"):
-        assert "toml: names 'stranger:pay'" in error_of(capsys, *command.split())
+    assert "toml: names 'stranger:pay'" in error_of(capsys, "sweep", "sweep.toml", "--dry-run")
     Path("model.zip").write_bytes(b"")
-    description = {"task": {"rewards": "stranger:pay"}, "observation": "one_hot"}
-    write_json(description_of(Path("model.zip")), description)
-    with pytest.raises(ValueError, match=r"model\.json: names 'stranger:pay'"):
+    task = with_value(good, ("task", "rewards"), "stranger:pay")["task"]
+    write_json(description_of(Path("model.zip")), {"task": task, "observation": "one_hot"})
+    with pytest.raises(ValueError, match=r"model\.json: task: names 'stranger:pay'"):
         load_stable_baselines(Path("model.zip"))
     assert not trap.exists() and "stranger" not in sys.modules
+    write_json(tmp_path / "run/config.json", with_value(good, ("observation",), "stranger:pay"))
     parts.allow("strange")  # another module, whose name is only like it
     with pytest.raises(ValueError, match="stranger"):
         load_settings(tmp_path / "run")
@@ -154,13 +303,21 @@ def test_allowed_modules_are_imported(module: str, tmp_path: Path, capsys: Any) 
 
 
 def test_the_environment_allows_as_well(module: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    parts.check_trusted("a file", {"maze": "C:x/y", "schedule_points": "0:1,0.5:0.2"})
-    with pytest.raises(ValueError, match=r"--allow a --allow b \(.*allow\('a', 'b'\), .*=a,b\)"):
-        parts.check_trusted("a file", {"rewards": "a:f", "members": ["b.deep:f", "a:g"]})
+    def read(name: str) -> None:
+        with parts.reading("a file"):
+            REWARDS.get(name)
+
+    with pytest.raises(ValueError, match=r"a file: .* --allow a \(.*allow\('a'\), .*=a\)"):
+        read("a.deep:f")
     with pytest.raises(ValueError, match="a file: names"):
-        parts.check_trusted("a file", [{"members": ["astar", f"{module}.deep:f"]}])
+        read(f"{module}:pay")
     monkeypatch.setenv(parts.ALLOW, f"other, {module}")
-    parts.check_trusted("a file", [{"members": ["astar", f"{module}.deep:f"]}])
+    read(f"{module}:pay")
+    monkeypatch.delenv(parts.ALLOW)
+    read(f"{module}:pay")  # this process has it already
+    forgotten(module)
+    with parts.reading("a file", ["--rewards", f"game(x='{module}:pay')"]):  # named by the user
+        REWARDS.get(f"{module}:pay")
 
 
 # -- provenance ------------------------------------------------------------------------------------
