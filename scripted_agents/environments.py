@@ -238,7 +238,7 @@ def single_agent_arguments(
     """The task, agent and policies of a single-agent environment of the named task.
 
     Args:
-        task_name: "chase", "maze", "race" or "heist".
+        task_name: "chase", "maze", "race", "heist" or "escape".
         agent: your agent, by name or role.
         maze: as in `pursuit.Task`.
         opponent_epsilon: probability of random moves of the scripted opponents.
@@ -266,7 +266,7 @@ def make_env(
     """Any agent of any named task as a Gymnasium environment, with scripted opponents by default.
 
     Args:
-        task: "chase", "maze", "race" or "heist".
+        task: "chase", "maze", "race", "heist" or "escape".
         agent: your agent, by name or role.
         observation: one of `pursuit.observations.observations.ENCODINGS`.
         render_mode: None, "ansi", "rgb_array" or "human".

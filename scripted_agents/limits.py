@@ -12,7 +12,7 @@ from math import comb
 from pursuit.mazes.maze import MAX_TABLE_CELLS, Maze
 from pursuit.memory import check_memory
 from pursuit.rules import layout
-from pursuit.tasks.task import ROLES, Task, checked_task
+from pursuit.tasks.task import MOVE_ORDERS, ROLES, Task, checked_task
 from pursuit.validation import one_of, whole
 
 # -- with what a result is compared ----------------------------------------------------------------
@@ -198,6 +198,21 @@ def bytes_to_solve(maze: Maze, num_chasers: int, stay_action: bool) -> int:
 
 
 # -- reasons ---------------------------------------------------------------------------------------
+
+
+def check_duel_order(move_order: str) -> None:
+    """Check the order of moves of a game that is solved over the cells of the agents.
+
+    Raises:
+        ValueError: an unknown order, or "turns", where the side to move is part of the state.
+    """
+    orders = [order for order in MOVE_ORDERS if order != "turns"]
+    if move_order not in orders:
+        advice = "; in turns, use solve_joint, solve_joint_game or solve_in_turns"
+        raise ValueError(
+            f"move_order={move_order!r}; give {' or '.join(map(repr, orders))}"
+            f"{advice if move_order == 'turns' else ''}"
+        )
 
 
 def is_single_runner(task: Task) -> bool:

@@ -242,7 +242,8 @@ class PursuitParallelEnv(MazeGames, SimulatorParallelEnv):
         observation: one of `pursuit.observations.observations.ENCODINGS`.
         render_mode: None, "ansi", "rgb_array" or "human".
         mask_bumps: the info of each agent holds "action_mask", [actions] int8: 1 for the moves that
-            change its cell and for staying, all 1 once it is captured or its game terminated. Many
+            change its cell and for staying; all 1 once it is captured or its game terminated, and
+            without `stay_action` where no move can change its cell. Many
             libraries apply this mask automatically. Without `stay_action`, moving into a wall is
             the only way to wait, so the mask forbids waiting (and warns). In turns
             (`move_order="turns"`) there is always a mask; the side that waits can only stay.

@@ -29,9 +29,10 @@ EVERY_SEAT = slice(None)
 def bump_masks(maze: Maze, num_actions: int) -> NDArray[np.bool_]:
     """[cells, actions] bool: True if an action changes the cell, or is stay.
 
-    All are True in an enclosed cell without such an action.
+    All are True in an enclosed cell without stay.
     """
-    return _masks_of(lay_out((maze,)).world.moves, maze.num_moves, num_actions)
+    masks = _masks_of(lay_out((maze,)).world.moves, maze.num_moves, num_actions)
+    return masks | ~masks.any(axis=1, keepdims=True)
 
 
 def has_masks(task: Task, mask_bumps: bool) -> bool:
@@ -49,9 +50,9 @@ def action_masks(
     """[games, seats, actions] bool, a new array: the actions that are not moves into a wall.
 
     Nor are they moves into a cell that is certainly blocked, of what the agent sees; in turns the
-    side that is not to move can only stay. All are True for captured agents, in enclosed cells and
-    in games that are `terminated`. A truncated game keeps its masks, as learners evaluate the
-    actions of its last state.
+    side that is not to move can only stay. All are True for captured agents, in games that are
+    `terminated`, and without stay for agents that cannot move. A truncated game keeps its masks, as
+    learners evaluate the actions of its last state.
 
     Args:
         games: the games.
@@ -60,50 +61,61 @@ def action_masks(
         seats: the indices of the agents.
         terminated: [games] bool.
     """
-    cells = world.first_cell[games.maze][:, None] + games.position[:, seats]
-    moves = world.moves[cells] * games.active[:, seats]
-    if terminated is not None:
-        moves[terminated] = 0
-    free = moves.copy()
+    free = world.moves[world.first_cell[games.maze][:, None] + games.position[:, seats]]
     if task.options.block:
         for column, seat in enumerate(range(task.num_agents)[seats]):
             free[:, column] &= ~_blocked_moves(games, world, task, seat)
     masks = _masks_of(free, task.num_moves, task.num_actions)
-    if task.options.block:
-        masks[(free == 0) & (moves != 0), : task.num_moves] = not task.stay_action
     if task.options.turns:
         chases = np.arange(task.num_agents)[seats] < task.num_chasers
-        waits = ((games.steps[:, None] & 1) == chases) & (moves != 0)
-        masks[waits, : task.num_moves] = False
+        masks[(games.steps[:, None] & 1) == chases, : task.num_moves] = False
+    over = (games.active[:, seats] == 0) | ~masks.any(axis=2)
+    masks[over if terminated is None else over | terminated[:, None]] = True
     return masks
 
 
 def _blocked_moves(games: Games, world: World, task: Task, seat: int) -> NDArray[np.int32]:
     """[games] int32: the bit mask of the moves into cells of solid agents that the agent sees.
 
-    If chasers move first, they may leave their cells before an evader moves, or capture another
-    one, so no move of an evader is blocked for certain.
+    Where chasers move first, they may leave their cells before an evader moves, and other evaders
+    may be captured; only those are certain to be there that too few chasers can reach.
     """
     seen, blocked = task.sight.observed_games(games, seat), np.zeros_like(games.steps)
     here = world.first_cell[games.maze] + games.position[:, seat]
-    roles, role = task.seat_roles, task.seat_roles[seat]
-    for other, its in enumerate(roles):
+    role, chasers_first = task.seat_roles[seat], task.move_order == "chasers_first"
+    for other, its in enumerate(task.seat_roles):
         across = task.capture != "cell" and {role, its} == {"chaser", "evader"}
-        gone = role == "evader" and task.move_order == "chasers_first"
+        gone = across and role == "evader" and chasers_first
         if other == seat or gone or not (its == role or across):
             continue
         present = seen.active[:, other] != 0
+        if role == "evader" and chasers_first:
+            present &= ~_can_be_captured(seen, world, task, other)
         for action in range(task.num_moves):
             held = present & (world.neighbors[here, action] == seen.position[:, other])
             blocked |= held.astype(np.int32) << action
     return blocked
 
 
+def _can_be_captured(seen: Games, world: World, task: Task, evader: int) -> NDArray[np.bool_]:
+    """[games] bool: whether enough chasers may capture an evader by their next move; those out of
+    view may."""
+    first, target = world.first_cell[seen.maze][:, None], seen.position[:, evader, None]
+    near = np.zeros(len(seen.steps), dtype=np.int64)
+    for chaser in range(task.num_chasers):
+        cells = np.maximum(seen.position[:, chaser, None], 0)
+        steps = 1 if task.capture == "cell" else 2
+        for _ in range(steps):
+            after = world.neighbors[first + cells].reshape(len(cells), -1)
+            cells = np.concatenate([cells, after], axis=1)
+        near += (seen.active[:, chaser] == 0) | (cells == target).any(axis=1)
+    return near >= (1 if task.capture == "surround" else task.n_catch)
+
+
 def _masks_of(moves: NDArray[np.int32], num_moves: int, num_actions: int) -> NDArray[np.bool_]:
-    """[..., actions] bool: the masks of sets of moves that change the cell; all True if empty."""
+    """[..., actions] bool: the masks of sets of moves that change the cell; stay is True."""
     masks = (moves[..., None] >> np.arange(num_actions) & 1).astype(bool)
     masks[..., num_moves:] = True
-    masks |= moves[..., None] == 0
     return masks
 
 

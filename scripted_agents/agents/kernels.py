@@ -59,7 +59,7 @@ def mask_fleeing(
     """First steps of shortest paths to the cells within the look radius farthest from `threat`.
 
     If no cell is farther than the own cell: staying if that is an action, else every move.
-    `threat` is nearer than the alert distance; `settings` as of `fill_greedy_table`.
+    `threat` is another cell, nearer than the alert distance; `settings` as of `fill_greedy_table`.
     """
     _, alert, look_radius, stay_action = settings
     reach = alert + look_radius  # at least the distance between `threat` and any of these cells
@@ -263,7 +263,7 @@ def entry_for(kind: int) -> Any:
                 elif by_table:
                     mask = towards_nearest(world, maze, own, targets, count, greedy)
                 elif kind == EVADER:
-                    if 0 <= field.distance[own] < alert:
+                    if 0 < field.distance[own] < alert:
                         threat = np.int64(targets[owner[own]])
                         mask = moves_away(world, maze, own, threat, greedy, scratch, settings)
                 elif kind != RANDOM:

@@ -13,6 +13,7 @@ from pursuit.mazes.maze import Maze, load_maze
 from pursuit.rules import captured
 from pursuit.validation import whole
 from scripted_agents.duel.best_response import MoveOrder, best_response, checked_table
+from scripted_agents.limits import check_duel_order
 from scripted_agents.tolerances import EQUAL_VALUES
 
 Outcome = tuple[int, NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]
@@ -57,6 +58,7 @@ def action_values(
         ValueError: as `best_response`.
     """
     maze, horizon = load_maze(maze), whole("horizon", horizon, 1, 2**31)
+    check_duel_order(move_order)
     table = checked_table(maze, opponent_table, "opponent_table")
     actions = table.shape[2] if stay_action is None else maze.num_moves + bool(stay_action)
     cells = maze.num_cells

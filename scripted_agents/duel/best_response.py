@@ -7,6 +7,7 @@ for equal cells are ignored, as no game continues with both agents in one cell.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from typing import Any, Literal
@@ -18,7 +19,6 @@ from pursuit.mazes.maze import MAX_TABLE_CELLS, Maze, load_maze
 from pursuit.memory import check_memory
 from pursuit.observations.masks import bump_masks
 from pursuit.rules.captures import Duel
-from pursuit.tasks.task import MOVE_ORDERS
 from pursuit.validation import as_array, check_bool, check_discount, whole
 from scripted_agents.duel.pair_kernels import (
     Pairs,
@@ -29,9 +29,14 @@ from scripted_agents.duel.pair_kernels import (
     spread_capture,
 )
 from scripted_agents.duel.value_iteration import iterate
-from scripted_agents.limits import MAX_DUEL_ENTRIES
+from scripted_agents.limits import MAX_DUEL_ENTRIES, check_duel_order
 
 MoveOrder = Literal["simultaneous", "chasers_first"]
+
+
+SMALL_COST = 2.0**-20
+"""The cost of a game that is not over at the horizon, in steps, for `BestResponse.captured`: so
+small that it decides between equally good actions only."""
 
 
 class PairValues(np.ndarray[tuple[int, int], np.dtype[np.float64]]):
@@ -63,6 +68,7 @@ class BestResponse:
         horizon: number of steps, or None for the problem with infinite horizon.
         sweeps: number of steps of backward induction.
         num_actions: the moves, 4 in a maze, and stay if it is an action.
+        open_share: a function without arguments: see `captured`.
     """
 
     role: str
@@ -74,6 +80,15 @@ class BestResponse:
     move_order: str
     num_actions: int
     sweeps: int
+    open_share: Callable[[], NDArray[np.float64]] = field(repr=False)
+
+    @cached_property
+    def captured(self) -> NDArray[np.float64]:
+        """[chaser cell, evader cell] float64, the probability of a capture within the horizon if
+        the optimal action of every step is taken (`actions` are those of the first); 1 on the
+        diagonal. Of equally good ones the chaser takes those with more captures, the evader those
+        with fewer."""
+        return np.asarray(1.0 - self.open_share())
 
     @cached_property
     def policy(self) -> NDArray[np.float64]:
@@ -150,11 +165,24 @@ def best_response(
     actions = np.empty((maze.num_cells, maze.num_cells), dtype=np.int8)
     choose(next_values, pairs, actions)
     actions = np.take_along_axis(instead, actions, axis=1)
-    values = 0.0 + sign * last_values.take(pairs.width + pairs.spots, axis=1)
-    if role == "evader":
-        values = np.ascontiguousarray(values.T)
-    rest = (horizon, discount, move_order, num_actions, sweeps)
-    return BestResponse(role, maze, values, actions, *rest)
+
+    def by_pair(found: NDArray[np.float64]) -> NDArray[np.float64]:
+        values = 0.0 + sign * found.take(pairs.width + pairs.spots, axis=1)
+        return np.ascontiguousarray(values.T) if role == "evader" else values
+
+    def open_share() -> NDArray[np.float64]:
+        """The share of games that are not over at the horizon: the values with a small cost of
+        these, less the values, over the cost."""
+        if horizon is None or discount != 1.0:
+            raise ValueError("captures are counted with a horizon and without discount")
+        start = np.zeros(shape)
+        sweep(np.zeros(shape), start, 0, shape[0])  # 1 in all games that are not over
+        start *= SMALL_COST
+        with_cost, _, _ = iterate(sweep, shape, horizon, 1.0, start)
+        return np.clip((by_pair(with_cost) - by_pair(last_values)) / SMALL_COST, 0.0, 1.0)
+
+    rest = (horizon, discount, move_order, num_actions, sweeps, open_share)
+    return BestResponse(role, maze, by_pair(last_values), actions, *rest)
 
 
 def evaluate_exactly(
@@ -240,8 +268,7 @@ def _check_settings(maze: Maze, horizon: int | None, discount: float, move_order
     if horizon is not None:
         whole("horizon", horizon, 1)
     check_discount(discount)
-    if move_order not in MOVE_ORDERS:
-        raise ValueError(f"move_order={move_order!r}; give 'simultaneous' or 'chasers_first'")
+    check_duel_order(move_order)
 
 
 def checked_table(maze: Maze, table: ArrayLike, name: str) -> NDArray[np.float64]:

@@ -33,9 +33,13 @@ LARGEST_PLAIN_DISCOUNT = 0.99
 
 
 def iterate(
-    sweep: Sweep, shape: tuple[int, int], horizon: int | None, discount: float = 1.0
+    sweep: Sweep,
+    shape: tuple[int, int],
+    horizon: int | None,
+    discount: float = 1.0,
+    start: NDArray[np.float64] | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
-    """Backward induction, or value iteration, from values of 0. Bellman (1957).
+    """Backward induction, or value iteration. Bellman (1957).
 
     Args:
         sweep: (values, target, first, last) -> largest change; writes the next values of the rows
@@ -44,6 +48,7 @@ def iterate(
         horizon: number of sweeps; None for as many as needed until the values are within about
             DUEL_TOLERANCE (relative to the largest) of the fixed point.
         discount: factor by which a sweep reduces differences, or more.
+        start: of the shape, the first values; None for 0.
 
     Returns:
         The values, those before the last sweep, and the number of sweeps. Values do not depend on
@@ -52,7 +57,8 @@ def iterate(
     Raises:
         ValueError: no convergence within MAX_DUEL_SWEEPS and MAX_DUEL_UPDATES.
     """
-    values, target = np.zeros(shape), np.zeros(shape)
+    values = np.zeros(shape) if start is None else start
+    target = np.zeros(shape)
     threads = min(os.cpu_count() or 1, MAX_THREADS) if shape[0] >= THREADED_ROWS else 1
     bounds = [shape[0] * i // threads for i in range(threads + 1)]
     most = horizon or min(MAX_DUEL_SWEEPS, MAX_DUEL_UPDATES // values.size)

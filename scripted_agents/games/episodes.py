@@ -17,9 +17,11 @@ from scripted_agents.games.solve import (
     chain_of,
     check_game,
     check_objective,
+    replies_of,
     respond,
     returns_of,
 )
+from scripted_agents.tolerances import TIE
 
 NEGLIGIBLE = 1e-15
 """Probability that an episode still goes on, below which further steps are not counted."""
@@ -54,6 +56,27 @@ def play_of(game: SmallGame, policies: Policies, max_steps: int) -> Played:
         if at.sum() < NEGLIGIBLE:
             break
     return Played(returns, steps, min(max(1.0 - float(at.sum()), 0.0), 1.0))
+
+
+def play_of_response(
+    game: SmallGame, player: str, policies: Policies, max_steps: int
+) -> tuple[float, float, float]:
+    """The exact expectations of an episode in which a player plays its best response within the
+    time limit, which may depend on the time: its return, the steps, and the probability of an end.
+
+    Of equally good actions it takes the first. Arguments and errors are those of `respond`.
+    """
+    replies = replies_of(game, [player], policies)
+    stops = 1.0 - replies.step.sum(axis=1)
+    gained = np.stack([replies.rewards, np.ones_like(stops), stops], axis=1)
+    totals = np.zeros((game.num_states, 3))
+    for _ in range(whole("max_steps", max_steps, 1)):
+        chosen = replies.best(totals[:, 0], 1.0, TIE)
+        before, totals = totals, gained[chosen] + replies.step[chosen] @ totals
+        if np.array_equal(totals, before):
+            break
+    mean, steps, ended = (game.start @ totals).tolist()
+    return mean, steps, min(max(ended, 0.0), 1.0)
 
 
 def values_along(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,6 +102,49 @@ def chain_of(game: SmallGame, policies: Policies) -> tuple[csr_array, Values]:
     return weights @ game.following, np.asarray(weights @ game.rewards)
 
 
+class Replies(NamedTuple):
+    """What a player, or several as one, can choose in each state against fixed policies.
+
+    Attributes:
+        options: [states + 1] int64, the first option of each state; options are the joint choices
+            of the players, the last player's counting fastest.
+        sizes: [states, players] int64, how many choices each has.
+        step: [options, states] the chances of the next states.
+        rewards: [options] float64, the expected sum of their rewards.
+    """
+
+    options: NDArray[np.int64]
+    sizes: NDArray[np.int64]
+    step: csr_array
+    rewards: Values
+
+    def best(self, later: Values, discount: float, tie: float) -> NDArray[np.int64]:
+        """[states] the first of the options that are best up to `tie`, with values [states] `later`
+        of the next step."""
+        worth = self.rewards + discount * (self.step @ later)
+        best = np.maximum.reduceat(worth, self.options[:-1])
+        slack = tie * np.maximum(1.0, np.abs(best))
+        good = np.flatnonzero(worth >= np.repeat(best - slack, np.diff(self.options)))
+        return np.asarray(good[np.searchsorted(good, self.options[:-1])])
+
+
+def replies_of(game: SmallGame, team: Sequence[str], policies: Policies) -> Replies:
+    """The replies of `team` to the policies of all other players."""
+    indices = [game.player(name) for name in team]
+    others = [name for name in game.players if name not in team]
+    chances = joint_chances(game, policies, others)
+    sizes = np.stack([np.diff(game.offsets(index)) for index in indices], axis=1)
+    options = np.concatenate([[0], np.cumsum(sizes.prod(axis=1))])
+    state = game.owners
+    option = np.zeros(len(state), dtype=np.int64)
+    for place, index in enumerate(indices):
+        option = option * sizes[state, place] + game.choices[:, index]
+    option += options[state]
+    weights = csr_array((chances, (option, np.arange(len(state)))), shape=(options[-1], len(state)))
+    rewards = weights @ game.rewards[:, indices].sum(axis=1)
+    return Replies(options, sizes, weights @ game.following, rewards)
+
+
 def respond(
     game: SmallGame,
     players: str | Sequence[str],
@@ -121,34 +165,16 @@ def respond(
     indices = [game.player(name) for name in team]
     if not team or len(set(team)) < len(team):
         raise ValueError(f"players={players!r}; give one player, or several different ones")
-    others = [name for name in game.players if name not in team]
-    chances = joint_chances(game, policies, others)
-    # The options of a state are the choices of the team, the last player's counting fastest.
-    sizes = np.stack([np.diff(game.offsets(index)) for index in indices], axis=1)
-    options = np.concatenate([[0], np.cumsum(sizes.prod(axis=1))])
-    state = game.owners
-    option = np.zeros(len(state), dtype=np.int64)
-    for place, index in enumerate(indices):
-        option = option * sizes[state, place] + game.choices[:, index]
-    option += options[state]
-    weights = csr_array((chances, (option, np.arange(len(state)))), shape=(options[-1], len(state)))
-    step, rewards = weights @ game.following, weights @ game.rewards[:, indices].sum(axis=1)
+    replies = replies_of(game, team, policies)
+    options, sizes, step, rewards = replies
 
     def back_up(values: Values) -> Values:
         return np.maximum.reduceat(rewards + discount * (step @ values), options[:-1])
 
-    def best_options(later: Values, tie: float) -> NDArray[np.int64]:
-        """[states] the first of the options that are best up to `tie`."""
-        worth = rewards + discount * (step @ later)
-        best = np.maximum.reduceat(worth, options[:-1])
-        slack = tie * np.maximum(1.0, np.abs(best))
-        good = np.flatnonzero(worth >= np.repeat(best - slack, np.diff(options)))
-        return np.asarray(good[np.searchsorted(good, options[:-1])])
-
     def improved(values: Values) -> Values:
         """Policy iteration; every policy is better than the last."""
         while True:
-            chosen = best_options(values, 0.0)
+            chosen = replies.best(values, discount, 0.0)
             before, values = values, _solved(step[chosen], rewards[chosen], discount)
             largest = max(1.0, float(np.abs(values).max()))
             if (values - before).max() <= SMALL_GAME_TOLERANCE * largest:
@@ -158,7 +184,7 @@ def respond(
     values = later = iterate(back_up, nothing, discount, horizon, improved)
     if horizon is not None:
         later = iterate(back_up, nothing, discount, horizon - 1, improved)
-    first = best_options(later, TIE) - options[:-1]
+    first = replies.best(later, discount, TIE) - options[:-1]
     tables = {}
     for place in range(len(team) - 1, -1, -1):
         offsets = game.offsets(indices[place])

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from pursuit.mazes.maze import Maze
 from pursuit.memory import check_memory
 from pursuit.rules import captured
-from pursuit.tasks.task import MOVE_ORDERS
 from pursuit.tasks.visibility import visible_cells
 from pursuit.validation import Flag, Rule, Whole, as_array, check_fields, choice, number, whole
 from scripted_agents.duel.best_response import MoveOrder, random_starts
 from scripted_agents.hidden.layout import MIXED, NONE, Model, Roots
+from scripted_agents.limits import check_duel_order
 from scripted_agents.tolerances import SUM_TOLERANCE
 
 Role = Literal["chaser", "evader"]
@@ -33,12 +33,13 @@ class VisibilityRules:
     view_radius: Annotated[int | None, Rule(whole)] = None
     line_of_sight: Flag = False
     discount: Annotated[float, Rule(number)] = 0.95
-    move_order: Annotated[MoveOrder, choice(*MOVE_ORDERS)] = "simultaneous"
+    move_order: MoveOrder = "simultaneous"
     stay_action: Flag = False
     min_start_distance: Whole = 1
 
     def __post_init__(self) -> None:
         check_fields(self)
+        check_duel_order(self.move_order)
 
     def __str__(self) -> str:
         radius = "all" if self.view_radius is None else f"radius {self.view_radius}"

@@ -26,7 +26,7 @@ from scripted_agents.joint.shapley_iteration import (
 )
 from scripted_agents.joint.states import joint_states_of
 from scripted_agents.joint.sweeps import Quantity
-from scripted_agents.limits import MAX_CHASE_BYTES, bytes_to_solve
+from scripted_agents.limits import MAX_CHASE_BYTES, bytes_to_solve, check_duel_order
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,6 +115,7 @@ def solve_chase(
         ValueError: an argument outside these limits, or a game that does not fit into memory.
     """
     maze = load_maze(maze)
+    check_duel_order(move_order)
     if horizon is not None:
         discount, horizon = 1.0, whole("horizon", horizon, 1)
     elif not 0.0 < number("discount", discount) < 1.0:

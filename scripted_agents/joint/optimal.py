@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from pursuit.mazes.maze import Maze, load_maze
 from pursuit.rules.layout import Games
 from pursuit.simulator.policy import GameView, TabularPolicy, role_of
-from pursuit.tasks.task import MOVE_ORDERS, Task
-from pursuit.validation import check_bool, check_discount, check_probability, one_of
+from pursuit.tasks.task import Task
+from pursuit.validation import check_bool, check_discount, check_probability
 from scripted_agents.agents.table_policy import TablePolicy
 from scripted_agents.duel.best_response import MoveOrder, best_response
 from scripted_agents.joint.equilibrium import solve_chase
 from scripted_agents.joint.policy import JointTable
 from scripted_agents.joint.states import joint_states_of
-from scripted_agents.limits import check_optimal
+from scripted_agents.limits import check_duel_order, check_optimal
 
 Role = Literal["chaser", "evader"]
 
@@ -48,7 +48,8 @@ class ExactAgent(ABC):
         self.role: Role = role
         self.epsilon = check_probability("epsilon", epsilon)
         self.discount = check_discount(discount)
-        self.move_order: MoveOrder = one_of("move_order", move_order, MOVE_ORDERS)
+        check_duel_order(move_order)
+        self.move_order = move_order
         self._players: dict[tuple[Maze, bool, str], TablePolicy] = {}
         self._teams: dict[tuple[Maze, bool, str, int], JointTable] = {}
 

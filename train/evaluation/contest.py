@@ -22,7 +22,6 @@ from scripted_agents import (
     HiddenChaseSolution,
     JointResponse,
     RandomAgent,
-    TablePolicy,
     TeamResponse,
     best_team_response,
     mean_over_starts,
@@ -175,12 +174,10 @@ class GameContest(MazeContest):
         return best_reply(self.task, self.role, table, horizon, mask_bumps=mask_bumps)
 
     def _score_of(self, name: str, best: BestResponse) -> Score:
-        """The score of a best response, with the success rate of the policy of the first step."""
-        maze = self.task.mazes[0]
-        mean = mean_over_starts(best.values, maze, self.task.min_start_distance)
-        found = exact_match(self.task, self.with_policy(TablePolicy(maze, best.policy)))
-        assert found is not None  # the games of `is_table_duel`
-        return self._exact_score(name, mean, found.caught)
+        """The score of a best response."""
+        starts = (self.task.mazes[0], self.task.min_start_distance)
+        mean, caught = (mean_over_starts(each, *starts) for each in (best.values, best.captured))
+        return self._exact_score(name, mean, caught)
 
     def best_team_response(self) -> TeamResponse | None:
         """The best response of this agent in a team chase; None if that is not solved, and with
@@ -205,7 +202,8 @@ class GameContest(MazeContest):
             return self._score_of("optimal", best)
         if kind == "team" and (team := self.best_team_response()) is not None:
             mean, (_, won) = team.mean_over_starts, self.play(team.policy)
-            return Score("optimal", mean, 0.0, float(won.mean()), self.episodes, True)
+            share = float(won.mean())
+            return Score("optimal", mean, 0.0, share, self.episodes, True, apart="success: sampled")
         if kind == "joint" and self.best_of_steps is not None:
             return self._joint_score(self.best_of_steps, BY_STEPS)
         if kind != "tour" or self.tours is None:
@@ -290,9 +288,11 @@ class GameContest(MazeContest):
         mean, ci95, share = float(in_steps.mean()), half_width(in_steps), float(won.mean())
         means = dict(zip(("mean_return", "mean_goals"), self._means(simulator), strict=True))
         means |= {} if left is None else left.rates()
+        others = "success: sampled"
         if measure is not BY_STEPS:
             means[measure.column] = float(expected.mean())
-        return Score(name, mean, ci95, share, self.episodes, False, **means)
+            others = "sampled"
+        return Score(name, mean, ci95, share, self.episodes, False, **means, apart=others)
 
     def optimal_in(self, measure: Measure) -> Score | None:
         """The best response in returns, in the goals of a runner in a race, or in captures minus

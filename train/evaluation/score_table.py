@@ -21,7 +21,8 @@ def score_table(
     """Scores with the gap to the optimum, or to its proven interval.
 
     A measure other than steps is the first column, followed by the difference to the optimum if
-    that is known. Names end with `beside`, the teammates; `success` heads the success rates.
+    that is known. Names end with `beside`, the teammates; `success` heads the success rates. What
+    is not exact in the row of an exact optimum is said beside the interval.
     """
     by_steps = measure.name == "steps"
     optimum = next((score for score in scores if score.name == "optimal"), None)
@@ -29,7 +30,8 @@ def score_table(
     best = next((score for score in scores if score.name in names), None)
     rows: list[Row] = []
     for score in scores:
-        row: Row = asdict(score) | {"interval": "exact" if score.exact else f"± {score.ci95:.3f}"}
+        interval = "exact" if score.exact else f"± {score.ci95:.3f}"
+        row: Row = asdict(score) | {"interval": ", ".join(filter(None, (interval, score.apart)))}
         row["value"] = measure.of(score)
         if score is not best:
             row["missing"] = measure.distance(score, best)
@@ -39,6 +41,8 @@ def score_table(
             row["name"] = "optimal steps"
         if certificate is not None and score.discounted_steps is not None:
             row["certified_gap"] = certificate.gap(score.discounted_steps)
+        if score.name == measure.optimum and score.apart and not by_steps:
+            row["name"] += " (exact)"
         row["name"] += beside
         if score.success_rate == 1.0:
             row["solved_gap"] = None

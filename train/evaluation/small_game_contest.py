@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pursuit.rendering.rendering import Drawable
 from scripted_agents.games.agents import EQUILIBRIUM, UNIFORM, named_agent
-from scripted_agents.games.episodes import play_of
+from scripted_agents.games.episodes import play_of, play_of_response
 from scripted_agents.games.rendering import scene_of
 from scripted_agents.games.simulator import GameSimulator, GameTask, StatePolicy
 from scripted_agents.games.solve import SmallResponse, nash_conv, respond
@@ -112,9 +112,10 @@ class SmallGameContest(Contest[StatePolicy, GameSimulator]):
         """Uniform play, the equilibrium of a zero-sum game of two, and the best response."""
         names = [UNIFORM, *([EQUILIBRIUM] if self.task.game.zero_sum else [])]
         scores = [self.score(name, named_agent(name, self.task, self.agent)) for name in names]
-        # Steps and ends are those of the policy of its first step.
-        first = self._score(BEST_RETURN, self.best.policies[self.agent])
-        return [*scores, replace(first, mean_return=self.best.mean_over_starts)]
+        rest = (self.task.game, self.agent, self.tables, self.task.max_steps)
+        mean, steps, ended = play_of_response(*rest)
+        best = Score(BEST_RETURN, steps, 0.0, ended, self.episodes, True, mean_return=mean)
+        return [*scores, best]
 
     def reference(self, scores: Sequence[Score], learned: Score) -> Reference | None:
         """As `Contest`."""

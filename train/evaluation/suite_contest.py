@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,7 +56,7 @@ class InMazes:
         returns, goals = (
             None if found is None else float(found.mean()) for found in (self.returns, self.goals)
         )
-        rest = {"mean_return": returns, "mean_goals": goals}
+        rest: dict[str, Any] = {"mean_return": returns, "mean_goals": goals}
         rest |= {} if self.left is None else self.left.rates()
         return Score(self.name, mean, ci95, won, episodes, self.exact, **rest)
 
@@ -204,18 +205,16 @@ class SuiteContest(MazeContest):
         return self._over_mazes("optimal", np.minimum(lengths, task.max_steps), within)
 
     def _best_responses(self) -> InMazes:
-        """The optimum of a duel; its success rate is that of the policy of the first step."""
-        solved = list(self._solutions.values())
-        success = self._exactly("optimal", (found.policy for found in solved)).success
+        """The optimum of a duel."""
+        solved = list(zip(self._solutions.values(), self.part.mazes, strict=True))
+        least = self.task.min_start_distance
+        caught = np.array([mean_over_starts(each.captured, maze, least) for each, maze in solved])
+        success = 1.0 - caught if self.role == "evader" else caught
         if not self.is_computed and (found := self._best_lengths()) is not None:
             lengths = np.minimum(found, self.task.max_steps)
             steps = lengths.reshape(len(self.played), -1).mean(axis=1)
             return InMazes("optimal", steps, success, False, lengths)
-        least = self.task.min_start_distance
-        means = [
-            mean_over_starts(found.values, maze, least)
-            for found, maze in zip(solved, self.part.mazes, strict=True)
-        ]
+        means = [mean_over_starts(each.values, maze, least) for each, maze in solved]
         return InMazes("optimal", np.array(means), success, True)
 
     @cached_property

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import warnings
+from itertools import product
 from typing import Any, Literal
 
 import numpy as np
 import pytest
 import torch
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
 from masked_games import count_bumps, torchrl_env
+from random_mazes import random_maze, seeds
 from tensordict.nn import ProbabilisticTensorDictModule, TensorDictModule
 from tensordict.nn import ProbabilisticTensorDictSequential as Sequential
 from torchrl.collectors import Collector
@@ -21,7 +25,7 @@ from pursuit.mazes.maze import Maze, load_maze
 from pursuit.mazes.maze_arrays import lay_out
 from pursuit.observations.masks import action_masks, bump_masks
 from pursuit.simulator.simulator import Simulator
-from pursuit.tasks.task import make_task
+from pursuit.tasks.task import Task, make_task
 from scripted_agents import AStarChaser, AStarEvader, best_response, mean_over_starts
 from scripted_agents.environments import make_env, make_vector_env
 from train.networks.actor_critic import ActorCritic
@@ -47,9 +51,98 @@ def test_a_mask_allows_what_changes_the_cell_and_never_forbids_everything(num_ac
         masks = bump_masks(maze, num_actions)
         for cell in range(maze.num_cells):
             moves = [maze.neighbors[cell, action] != cell for action in range(4)]
-            expected = [*moves, *[True] * (num_actions - 4)] if any(moves) else [True] * num_actions
-            assert masks[cell].tolist() == expected
+            expected = [*moves, *[True] * (num_actions - 4)]
+            assert masks[cell].tolist() == (expected if any(expected) else [True] * 4)
     assert bump_masks(ENCLOSED, 4)[0].all() and bump_masks(CORRIDOR, 4)[0].tolist() == [0, 0, 1, 0]
+
+
+MAZES = st.builds(
+    random_maze, seeds, st.integers(1, 3), st.integers(2, 3), st.floats(0, 1), st.floats(0, 0.4)
+)
+RULES = st.fixed_dictionaries(
+    {
+        "num_chasers": st.integers(1, 2),
+        "num_evaders": st.integers(1, 2),
+        "stay_action": st.booleans(),
+        "move_order": st.sampled_from(["simultaneous", "chasers_first", "turns"]),
+        "capture": st.sampled_from(["cell", "adjacent", "surround"]),
+        "n_catch": st.integers(1, 2),
+        "collisions": st.sampled_from(["share", "block"]),
+    }
+)
+
+
+@settings(max_examples=300, deadline=None)
+@given(RULES, MAZES, seeds, st.integers(0, 1), st.booleans())
+def test_a_mask_forbids_what_has_no_effect_whatever_the_others_do(
+    rules: dict[str, Any], maze: Maze, seed: int, step: int, captured: bool
+) -> None:
+    """The positions after every joint action of a state show which actions have an effect."""
+    assume(maze.num_cells >= rules["num_chasers"] + rules["num_evaders"])
+    rules["n_catch"] = min(rules["n_catch"], rules["num_chasers"])
+    rules["stay_action"] |= rules["move_order"] == "turns"
+    if rules["capture"] == "surround" or {"cell", "block"} <= set(map(str, rules.values())):
+        rules["n_catch"] = 1
+    task = Task(maze=maze, **rules)
+    actions = range(task.num_actions)
+    joint = np.array(list(product(actions, repeat=task.num_agents)), dtype=np.int32)
+    simulator = Simulator(task, len(joint), auto_restart=False)
+    games, rng = simulator.games, np.random.default_rng(seed)
+    games.steps[:] = step if task.options.turns else 0
+    cells = rng.permutation(maze.num_cells)[: task.num_agents]
+    if not task.options.block:
+        cells = rng.integers(maze.num_cells, size=task.num_agents)
+    games.position[:] = cells
+    if captured and task.num_evaders == 2:
+        games.active[:, -1] = 0
+    masks = action_masks(games, lay_out(task.mazes).world, task)[0]
+    active = games.active[0] != 0
+    simulator.step(joint)
+    for agent in range(task.num_agents):
+        moved = games.position[:, agent] != cells[agent]
+        effect = [bool(moved[joint[:, agent] == action].any()) for action in actions]
+        mask = masks[agent].tolist()
+        # What chasers do before the move of an evader, masks say only where it is simple.
+        after_chasers = task.num_chasers and task.move_order == "chasers_first"
+        if after_chasers and task.seat_roles[agent] == "evader":
+            assert all(allowed or not has for allowed, has in zip(mask, effect, strict=True))
+            continue
+        if task.stay_action:
+            effect[-1] = True
+        assert mask == (effect if active[agent] and any(effect) else [True] * task.num_actions)
+
+
+def test_evaders_block_each_other_unless_one_may_be_captured_first() -> None:
+    corridor = Maze.from_text("+-+-+-+-+-+-+\n|           |\n+-+-+-+-+-+-+")
+    rules: dict[str, Any] = {"move_order": "chasers_first", "collisions": "block"}
+    for chaser, capture, free in (
+        (5, "cell", False),
+        (3, "cell", True),
+        (4, "adjacent", True),
+        (5, "adjacent", False),
+    ):
+        task = make_task("chase", maze=corridor, num_evaders=2, capture=capture, **rules)
+        simulator = Simulator(task, 1)
+        simulator.place([chaser, 1, 2])
+        mask = action_masks(simulator.games, lay_out(task.mazes).world, task)[0, 1]
+        assert mask.tolist() == [False, False, free, True]  # the way to the other evader is east
+
+
+def test_only_staying_is_allowed_where_nothing_else_has_an_effect() -> None:
+    """In an enclosed cell, between solid agents and for the side that waits; without stay, where
+    nothing has an effect, everything is allowed."""
+    for stay in (False, True):
+        task = make_task("chase", maze=ENCLOSED, stay_action=stay)
+        simulator = Simulator(task, 1)
+        simulator.place([0, 2])
+        masks = action_masks(simulator.games, lay_out(task.mazes).world, task)[0]
+        assert masks[0].tolist() == ([False] * 4 + [True] if stay else [True] * 4)
+        rules: dict[str, Any] = {"capture": "adjacent", "n_catch": 3, "collisions": "block"}
+        task = make_task("chase", maze=CORRIDOR, num_chasers=3, stay_action=stay, **rules)
+        simulator = Simulator(task, 1)
+        simulator.place([0, 1, 2, 4])
+        masks = action_masks(simulator.games, lay_out(task.mazes).world, task)[0]
+        assert masks[0].tolist() == ([False] * 4 + [True] if stay else [True] * 4)
 
 
 def test_masks_of_a_batch_are_those_of_its_cells() -> None:

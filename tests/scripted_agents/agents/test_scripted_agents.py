@@ -259,6 +259,36 @@ def test_evaders_flee_from_the_nearest_chaser() -> None:
             assert set(actions) == plain.fleeing(cells[seat], cells[:3])
 
 
+@pytest.mark.parametrize("tables", [True, False])
+@pytest.mark.parametrize(
+    "rules",
+    [
+        {"num_chasers": 2, "n_catch": 2},
+        {"num_chasers": 2, "capture": "surround"},
+        {"num_chasers": 1, "move_order": "chasers_first", "capture_check": "after_chasers"},
+    ],
+)
+def test_moves_are_random_in_the_cell_of_the_other(
+    rules: dict[str, Any], tables: bool, without_tables: Callable[[], None]
+) -> None:
+    """Of an evader with a chaser in its cell, and of a chaser with an evader in its own."""
+    if not tables:
+        without_tables()
+    maze = Maze.from_text(MAZE.to_text())
+    task = Task(maze=maze, num_evaders=1, **rules)
+    assert bool(len(lay_out(task.mazes).tables)) == tables
+    for shared in range(maze.num_cells):
+        moves = {action for action, after in enumerate(maze.neighbors[shared]) if after != shared}
+        far = int(MAZE.distances[shared].argmax())
+        cells = [shared, far, shared] if task.num_chasers == 2 else [shared, shared]
+        for seat, policy in ((task.num_agents - 1, AStarEvader()), (0, AStarChaser())):
+            if seat == 0 and task.capture == "surround":
+                continue  # goes to a cell of its own
+            simulator = Simulator(task, 200, seed=11)
+            simulator.games.position[:] = cells
+            assert set(policy.act(simulator.view(seat))) == moves
+
+
 def test_nearest_goal_runners_head_for_the_nearest_goal_that_is_left() -> None:
     plain = Plain(MAZE)
     rng = np.random.default_rng(1)

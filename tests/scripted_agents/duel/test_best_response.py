@@ -341,3 +341,42 @@ def test_what_is_computed_from_exact_values_is_plain() -> None:
     assert json.loads(json.dumps((2 * values).tolist()))[0][0] == 0.0
     assert type(values.mean(axis=0)) is np.ndarray and type(values + 1) is np.ndarray
     assert values.values.mean() == values.mean()
+
+
+# -- captures --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize("role", ROLES)
+@pytest.mark.parametrize("horizon", [1, 4, 9])
+def test_captures_are_those_of_the_actions_of_every_step(
+    order: MoveOrder, role: Any, horizon: int
+) -> None:
+    """Of equally good actions those with more captures for chasers, with fewer for evaders."""
+    maze, sign = RING, 1.0 if role == "chaser" else -1.0
+    table = random_table(3, maze, sharp=3.0)
+    pairs = list(itertools.permutations(range(maze.num_cells), 2))
+    found = solver.best_response(role, maze, table, horizon, move_order=order)
+    steps, still = dict.fromkeys(pairs, 0.0), dict.fromkeys(pairs, 1.0)
+    for _ in range(horizon):
+        best = {}
+        for chaser, evader in pairs:
+            own, other = (chaser, evader) if role == "chaser" else (evader, chaser)
+            options = []
+            for action in range(4):
+                mean = np.zeros(2)
+                for reply, chance in enumerate(table[other, own]):
+                    moves = (action, reply) if role == "chaser" else (reply, action)
+                    after = transitions(maze, order, chaser, evader, *moves)
+                    if after is not None:
+                        mean += chance * np.array([steps[after], still[after]])
+                options.append((round(sign * mean[0], 9), sign * mean[1], *mean))
+            best[chaser, evader] = min(options)
+        steps = {pair: 1.0 + each[2] for pair, each in best.items()}
+        still = {pair: each[3] for pair, each in best.items()}
+    for pair in pairs:
+        assert found.values[pair] == pytest.approx(steps[pair], rel=1e-9)
+        assert found.captured[pair] == pytest.approx(1.0 - still[pair], abs=1e-6)
+    assert (np.diag(found.captured) == 1.0).all()
+    with pytest.raises(ValueError, match="with a horizon"):
+        _ = solver.best_response(role, maze, table, None, 0.9).captured
