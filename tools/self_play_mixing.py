@@ -170,6 +170,42 @@ def slopes(rows: Sequence[Row]) -> list[Row]:
     return found
 
 
+def contrary(rows: Sequence[Row], matrix: Sequence[Row]) -> list[Row]:
+    """What does not fit the slope, or depends on settings: slopes by HC3, geometric means of ratios
+    with their intervals, and rank correlations."""
+    ppo, mmd, share = logs_of(rows, PPO), logs_of(rows, MMD), shares(rows)
+    own, default = ratios(ppo, mmd), logs_of(rows, RIVALS[1])
+    every = [*rows, *matrix]
+    above = {game: value for game, value in own.items() if stratum(share[game]) == STRATA[-1][0]}
+    scaled = [row["scaled_range"] for row in map(properties().__getitem__, own)]
+    found: list[Row] = [
+        {"what": what, "games": len(logs), "value": slope_of(logs, by)["slope"]}
+        for what, logs, by in (
+            ("slope of PPO / MMD, games above 5 % only", above, share),
+            ("slope of PPO / MMD, with the two matrix games",
+             ratios(logs_of(every, PPO), logs_of(every, MMD)), shares(every)),
+            ("slope of PPO by default / MMD", ratios(default, mmd), share),
+            ("slope of PPO by default / PPO", ratios(default, ppo), share),
+        )
+    ]  # fmt: skip
+    for what, logs in (
+        ("PPO / MMD, games above 5 %", above),
+        ("PSRO / PPO, upper bound of PSRO", ratios(logs_of(rows, "psro"), ppo)),
+        ("PSRO / PPO, lower bound of PSRO", ratios(logs_of(rows, "psro", "mixture_low"), ppo)),
+    ):
+        values = [*logs.values()]
+        ends = np.exp([fmean(values), *mean_interval([values])]).tolist()
+        found.append({"what": what, "games": len(values), "value": ends})
+    for what, by in (
+        ("the mixed share", [share[game] for game in own]),
+        ("the range of scaled returns", scaled),
+    ):
+        rho = float(spearmanr(by, [*own.values()]).statistic)
+        found.append({"what": f"rank correlation of PPO / MMD with {what}", "games": len(own),
+                      "value": rho})  # fmt: skip
+    return found
+
+
 def properties() -> dict[str, Row]:
     """The rows of games.csv by game; see `measure_games`."""
     with (DATA / "games.csv").open(encoding="utf-8", newline="") as file:
@@ -360,6 +396,7 @@ def tables() -> dict[str, str]:
     matrix = judged(matrix=True)
     found = {
         "Slope of log(PPO / MMD)": slopes(rows),
+        "What depends on settings and games": contrary(rows, matrix),
         "NashConv by stratum, % of the range": by_stratum(rows),
         "Comparisons": comparisons(rows),
         "NashConv at the end / at half of the frames": improved(rows),

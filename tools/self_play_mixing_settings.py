@@ -154,7 +154,8 @@ def measure_games() -> None:
 
     "weighted_gap" is the mean over the visits of equilibrium play of minimax minus maximin over
     pure actions, "purified" NashConv of the most probable actions of the equilibrium, both in
-    shares of the range of returns.
+    shares of the range of returns. "scaled_range" is the range of the returns as training scales
+    them, so that the largest is 1.
     """
     _, file = read_file(FILES[0], "ablation", StudyFile)
     games = [name for name in file.full.grid["game"] if not name.startswith(MATRIX)]  # type: ignore[union-attr, index]
@@ -178,6 +179,7 @@ def measure_games() -> None:
             "value": (solution.mean - low) / size,
             "mixed_share": mixed_share(game, 0.95, None, solution),
             "weighted_gap": gap, "purified": nash_conv(game, pure, 0.95).nash_conv / size,
+            "scaled_range": size / max(abs(low), abs(high)),
         })  # fmt: skip
     write_csv(DATA / "games.csv", found)
 

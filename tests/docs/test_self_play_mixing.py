@@ -58,28 +58,43 @@ def test_the_tables_of_the_page_are_those_of_the_rows() -> None:
 
 
 def test_the_answer_follows_from_the_rows() -> None:
-    own = analysis.judged()
+    own, matrix = analysis.judged(), analysis.judged(matrix=True)
     logs = analysis.ratios(analysis.logs_of(own, "ppo"), analysis.logs_of(own, "mmd"))
     share = analysis.shares(own)
-    pure, half = (analysis.ratio_at(logs, share, at)[0] for at in (0.0, 0.5))
+    page = " ".join(PAGE.read_text(encoding="utf-8").split())
+    above = [game for game in logs if share[game] > 0.05]
+    behind = [game for game in above if logs[game] >= 0.0]
+    least, most = (100 * end(share[game] for game in above) for end in (min, max))
+    assert f"in {len(above) - len(behind)} of {len(above)} fully observed zero-sum games" in page
+    assert f"with {least:.0f} to {most:.0f} % mixing" in page
+    values = {row["what"]: row["value"] for row in analysis.contrary(own, matrix)}
+    ratio, low, high = values["PPO / MMD, games above 5 %"]
+    assert f"ends at {ratio:.2f} [{low:.2f}, {high:.2f}] times the NashConv of MMD" in page
+    exchanged = import_module("self_play_entropy").by_stratum(own)
+    ppo, small, large, mmd = (row["above 5 %"] for row in exchanged)
+    assert (
+        f"the NashConv of PPO there by {ppo / small:.2f}, and that of MMD by {large / mmd:.2f}"
+        in page
+    )
     slope, low, high = analysis.bootstrapped(logs, share)
-    page = PAGE.read_text(encoding="utf-8").replace("\n", " ")
-    assert f"{pure:.1f} times that of MMD at a mixed share of 0" in page
-    assert f"and {half:.2f} times at 50 %" in page
-    assert f"(slope of the logarithm {slope:.1f}, 95 % interval {low:.1f} to {high:.1f};" in page
-    each, large, small, ppo, _ = import_module("self_play_entropy").slopes(own)
-    slopes = [round(row["slope"][0], 1) for row in (each, large, small, ppo)]
-    assert slopes == [-4.0, -1.6, -0.4, -3.6]
-    assert "a slope of -3.6, PPO against MMD with equal bonuses one of -1.6 or -0.4" in page
+    assert f"negative: {slope:.1f}, 95 % interval {low:.1f} to {high:.1f}." in page
+    assert (
+        f"Between the two settings of PPO it is {values['slope of PPO by default / PPO'][0]:.1f}"
+        in page
+    )
+    ranges = [about["scaled_range"] for about in analysis.properties().values()]
+    assert f"up to {max(ranges) / min(ranges):.1f} times as strong" in page
+    settings = import_module("self_play_mixing_settings")
+    leads = []
+    for method in ("ppo", "mmd"):
+        scores = sorted(settings.score(runs) for runs in settings.trials()[method].values())
+        leads.append(exp(scores[1] - scores[0]))
+    assert f"by a factor of {leads[0]:.1f} (PPO) and {leads[1]:.1f} (MMD)" in page
     lines = {row["what"]: row for row in analysis.comparisons(own)}
     passed = [what for what, row in lines.items() if row["p_holm"] < 0.05]
-    none, much = (
-        1.0 / lines[f"mmd / ppo, mixed share {name}"]["ratio"][0] for name in ("0", "above 5 %")
-    )
-    assert f"means of games: {none:.1f} times at 0, {much:.2f} times above 5 %" in page
-    above = [f"{method} / ppo, mixed share above 5 %" for method in ("mmd", "rnad", "pfsp")]
+    likely = [f"{method} / ppo, mixed share above 5 %" for method in ("mmd", "rnad", "pfsp")]
     populations = ["psro / ppo", "nfsp / ppo"]
-    assert passed == ["ppo: threshold / no threshold", *above, *populations]
+    assert passed == ["ppo: threshold / no threshold", *likely, *populations]
 
 
 def test_slopes_are_those_of_the_rows() -> None:

@@ -8,7 +8,9 @@ import subprocess
 from collections import Counter
 from collections.abc import Sequence
 from itertools import permutations, product
+from math import exp, log
 from pathlib import Path
+from statistics import fmean
 
 import pytest
 from scipy.stats import binomtest, mannwhitneyu
@@ -16,6 +18,7 @@ from test_results_tables import data, elo_orders, elo_pairs, thesis_claims
 
 from pursuit.mazes.maze import load_maze
 from pursuit.mazes.suites import load_suite
+from pursuit.tasks.task import TASK_NAMES
 from scripted_agents import (
     AStarChaser,
     AStarEvader,
@@ -24,6 +27,7 @@ from scripted_agents import (
     mean_over_starts,
     solve_chase,
 )
+from scripted_agents.environments import make_env, single_agent_arguments
 from train.settings.curricula import CURRICULA
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -199,3 +203,79 @@ def test_what_is_said_of_elo() -> None:
     near, *_, far = ([*row[1], *row[2]] for row in elo_pairs())
     assert f"{near[0]:.0f} % of the pairs of chasers and {near[1]:.0f} % of evaders" in said
     assert f"at least 16 apart, {far[0]:.1f} and {far[1]:.1f} %" in said
+
+
+def test_the_first_page_says_which_runs_are_behind_the_scripted_agent() -> None:
+    """Means stand beside medians nowhere: the table has medians; single runs are said."""
+    rows = data("front_page/runs")
+    behind = []
+    for name in dict.fromkeys(row["variant"] for row in rows):
+        own = [row for row in rows if row["variant"] == name]
+        gaps = [100 * float(row["optimality_gap"]) for row in own]
+        scripted = 100 * (float(own[0]["scripted_steps"]) / float(own[0]["optimal_steps"]) - 1)
+        if scripted > 0.0 and max(gaps) > scripted:
+            assert sum(gap > scripted for gap in gaps) == 1
+            behind.append(f"{max(gaps):.2f} against {scripted:.2f} %")
+    assert len(behind) == 2
+    for page in ("results/front_page.md", "../README.md"):
+        assert all(each in text_of(page) for each in behind), page
+
+
+def test_places_of_ours_in_frames_are_those_of_the_runs() -> None:
+    places: dict[str, list[int]] = {}
+    rows = data("libraries/runs")
+    for task, way, gap in product(
+        dict.fromkeys(row["task"] for row in rows), ("greedy", "sampled"), (5, 2, 1)
+    ):
+        frames: dict[str, list[float]] = {}
+        for row in rows:
+            if row["task"] == task:
+                reached = float(row[f"frames_to_{gap}_percent_{way}"] or "inf")
+                frames.setdefault(row["contestant"], []).append(reached)
+        middle = {name: sorted(own)[2] for name, own in frames.items()}
+        place = 1 + sum(value < middle["ours"] for value in middle.values())
+        places.setdefault(task, []).append(place)
+    first = sum(place == 1 for own in places.values() for place in own)
+    one_goal = places["runner, 5x5, 1 goal"]
+    assert (min(one_goal), max(one_goal), len(one_goal)) == (2, 4, 6)
+    said = f"first in {first} of 18 comparisons, with one goal second to fourth of four in all six"
+    assert said in text_of("results/libraries.md") and said in text_of("results/index.md")
+
+
+def test_under_which_rules_mappo_is_nearer_than_ippo() -> None:
+    units: dict[tuple[str, str], dict[tuple[str, str], dict[str, str]]] = {}
+    for row in data("teams/runs"):
+        units.setdefault((row["kind"], row["seed"]), {})[row["learner"], row["rule"]] = row
+    whole = [unit for unit in units.values() if len(unit) == 15]
+    rules = ("cell", "n_catch", "surround")
+
+    def ratio(column: str, *rules: str) -> float:
+        return fmean(
+            log(float(unit["mappo", rule][column]) / float(unit["ippo", rule][column]))
+            for unit in whole
+            for rule in rules
+        )
+
+    cell, n_catch, surround = (exp(ratio("optimality_gap", rule)) for rule in rules)
+    said = text_of("results/teams.md")
+    assert f"{n_catch:.2f} times the gap under `n_catch`" in said
+    assert f"{surround:.2f} times under `surround`, but {cell:.2f} times under `cell`" in said
+    assert f"takes {exp(ratio('seconds', *rules)):.1f} times the processor seconds" in said
+
+
+def test_files_of_tests_that_texts_name_exist() -> None:
+    root = Path(__file__).parents[2]
+    listed = subprocess.run(
+        ["git", "ls-files"], cwd=root, capture_output=True, text=True, check=True
+    ).stdout.split()
+    for name in listed:
+        if name.endswith((".py", ".md", ".toml", ".yml", "Makefile")) and "mutants" not in name:
+            text = (root / name).read_text(encoding="utf-8") if (root / name).exists() else ""
+            for file in re.findall(r"\btests/[a-z0-9_/]+\.py\b", text):
+                assert (root / file).exists(), (name, file)
+
+
+def test_docstrings_name_every_task() -> None:
+    for function in (make_env, single_agent_arguments):
+        for name in TASK_NAMES:
+            assert f'"{name}"' in (function.__doc__ or ""), (function.__name__, name)

@@ -46,7 +46,8 @@ def make_env(games: int, seed: int = 0) -> SimulatorEnv:
 
 
 NOT_FUSED = Hidden(16, activation="tanh")
-"""Layers whose draws and gradients are not written out: see tests/test_fused_actor_critic.py."""
+"""Layers whose draws and gradients are not written out; for those see
+tests/train/networks/test_fused_actor_critic.py."""
 
 
 def make_network(env: SimulatorEnv, form: Any = ActorCritic, hidden: Hidden | None = None) -> Any:
