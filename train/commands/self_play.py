@@ -18,7 +18,7 @@ from train.commands.progress import (
     finish_run,
     start_or_resume,
 )
-from train.evaluation.scores import OUTCOME
+from train.evaluation.scores import OUTCOMES, UNTIL_CAPTURE
 from train.files import Plain
 from train.reports.tables import print_table
 from train.runs.folder import CURVE, REPORT, SELF_PLAY
@@ -271,7 +271,7 @@ def show(run: Run[SelfPlay], content: Plain) -> None:
     exact = not any(row["games"] for row in matches)
     exits = any("outcome" in row for row in matches)
     print(
-        f"\n{OUTCOME if exits else 'steps until capture'}, at most {run.trainee.task.max_steps} "
+        f"\n{OUTCOMES if exits else UNTIL_CAPTURE}, at most {run.trainee.task.max_steps} "
         f"({'exact' if exact else 'sampled' if exits else '± is the 95 % interval'}); "
         "rows: chasers, columns: evaders"
     )

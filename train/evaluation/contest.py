@@ -115,7 +115,8 @@ class GameContest(MazeContest):
             if found.escaped is None:
                 return score
             rates: Any = rates_of(found.caught, found.escaped, self.task.num_evaders)
-            return replace(score, **rates)
+            share = found.escaped if self.role == "evader" else found.caught
+            return replace(score, **rates, success_rate=share, value_ci95=0.0)
         simulator = self.starts()
         lengths, won, left = self.played_out(simulator, policy)
         rates = {} if left is None else left.rates()
@@ -123,7 +124,12 @@ class GameContest(MazeContest):
             certain = discounted(self.task, self.role, policy, self.opponent_table(), lengths)
         mean, ci95, share = float(lengths.mean()), half_width(lengths), float(won.mean())
         more = (*certain, self._gap_of(lengths, won), *self._means(simulator))
-        return Score(name, mean, ci95, share, len(lengths), False, *more, **rates)
+        half = self._value_ci95(self.measured(simulator, lengths, left))
+        return Score(name, mean, ci95, share, len(lengths), False, *more, **rates, value_ci95=half)
+
+    def _value_ci95(self, values: NDArray[np.float64]) -> float | None:
+        """The half width of the interval of values in the measure; None if that is steps."""
+        return None if self.measure.name == "steps" else half_width(values)
 
     def _exact_score(self, name: str, steps: float, caught: float, *certain: float | None) -> Score:
         """The score of these expectations over all starts."""
@@ -288,11 +294,14 @@ class GameContest(MazeContest):
         mean, ci95, share = float(in_steps.mean()), half_width(in_steps), float(won.mean())
         means = dict(zip(("mean_return", "mean_goals"), self._means(simulator), strict=True))
         means |= {} if left is None else left.rates()
-        others = "success: sampled"
+        values, others = self.measured(simulator, lengths, left), "success: sampled"
         if measure is not BY_STEPS:
             means[measure.column] = float(expected.mean())
-            others = "sampled"
-        return Score(name, mean, ci95, share, self.episodes, False, **means, apart=others)
+            others = "the rest sampled"
+        if measure == self.measure:
+            values = expected
+        more: Any = means | {"value_ci95": self._value_ci95(values), "apart": others}
+        return Score(name, mean, ci95, share, self.episodes, False, **more)
 
     def optimal_in(self, measure: Measure) -> Score | None:
         """The best response in returns, in the goals of a runner in a race, or in captures minus

@@ -125,10 +125,10 @@ def all_caught(simulator: Simulator, escaped: Flags | None = None) -> Flags:
 def won_by(simulator: Simulator, seat: int, escaped: Flags | None = None) -> Flags:
     """[num_games] bool: whether the agent with index `seat` has won, in games that have just ended.
 
-    Chasers win if all evaders are captured. Evaders win if they are not captured (they escape, or
-    time is up) and no goal is left, if there are goals. A single runner wins if no goal is left. If
-    several agents collect goals, a runner wins if it has more than each of the others (a draw has
-    no winner).
+    Chasers win if all evaders are captured. Evaders win if they escape; in games without exits if
+    they are not captured and no goal is left, if there are goals. A single runner wins if no goal
+    is left. If several agents collect goals, a runner wins if it has more than each of the others
+    (a draw has no winner).
 
     Args:
         simulator: the games.
@@ -148,7 +148,7 @@ def won_by(simulator: Simulator, seat: int, escaped: Flags | None = None) -> Fla
         return all_caught(simulator, escaped)
     if role == "evader" and task.most_exits:
         escaped = escapes_now(simulator) if escaped is None else escaped
-        own = own | escaped[:, seat - task.num_chasers]
+        return np.asarray(escaped[:, seat - task.num_chasers])
     if role == "evader" and not task.num_goals:
         return own
     return np.asarray(simulator.terminated & own)

@@ -188,9 +188,17 @@ class MazeContest(Contest[Policy, Simulator]):
         return lengths
 
     def values(self, policy: Policy) -> NDArray[np.float64]:
-        """[episodes] goals, return or outcome of the agent, depending on the measure."""
+        """[episodes] steps, or goals, return or outcome of the agent, depending on the measure."""
         simulator = self.starts()
-        _, _, left = self.played_out(simulator, policy)
+        lengths, _, left = self.played_out(simulator, policy)
+        return self.measured(simulator, lengths, left)
+
+    def measured(
+        self, simulator: Simulator, lengths: NDArray[np.int64], left: Departures | None
+    ) -> NDArray[np.float64]:
+        """[episodes] the results of `played_out` in the measure."""
+        if self.measure.name == "steps":
+            return lengths.astype(float)
         if self.measure.name == "outcome" and left is not None:
             return left.outcome
         found = simulator.collected if self.measure == BY_GOALS else simulator.returns

@@ -21,8 +21,8 @@ def score_table(
     """Scores with the gap to the optimum, or to its proven interval.
 
     A measure other than steps is the first column, followed by the difference to the optimum if
-    that is known. Names end with `beside`, the teammates; `success` heads the success rates. What
-    is not exact in the row of an exact optimum is said beside the interval.
+    that is known, and by its interval. Names end with `beside`, the teammates; `success` heads the
+    success rates. What is not exact in the row of an exact optimum is said beside the interval.
     """
     by_steps = measure.name == "steps"
     optimum = next((score for score in scores if score.name == "optimal"), None)
@@ -30,7 +30,8 @@ def score_table(
     best = next((score for score in scores if score.name in names), None)
     rows: list[Row] = []
     for score in scores:
-        interval = "exact" if score.exact else f"± {score.ci95:.3f}"
+        half = score.ci95 if by_steps or score.value_ci95 is None else score.value_ci95
+        interval = "exact" if score.exact or half == 0.0 else f"± {half:.3f}"
         row: Row = asdict(score) | {"interval": ", ".join(filter(None, (interval, score.apart)))}
         row["value"] = measure.of(score)
         if score is not best:
@@ -41,8 +42,6 @@ def score_table(
             row["name"] = "optimal steps"
         if certificate is not None and score.discounted_steps is not None:
             row["certified_gap"] = certificate.gap(score.discounted_steps)
-        if score.name == measure.optimum and score.apart and not by_steps:
-            row["name"] += " (exact)"
         row["name"] += beside
         if score.success_rate == 1.0:
             row["solved_gap"] = None
@@ -53,11 +52,10 @@ def score_table(
         if best is not None:
             side = "above" if measure.less_is_better else "below"
             columns.append(numeric(f"{side} the best", "missing", "z.3f"))
-    columns += [
-        numeric("steps", "mean_steps", ".3f"),
-        Column("95 % interval", lambda row: str(row["interval"])),
-        numeric(success, "success_rate", ".1f", 100, " %"),
-    ]
+    steps = numeric("steps", "mean_steps", ".3f")
+    half_widths = Column("95 % interval", lambda row: str(row["interval"]))
+    columns += [steps, half_widths] if by_steps else [half_widths, steps]
+    columns.append(numeric(success, "success_rate", ".1f", 100, " %"))
     if any(score.rates for score in scores):
         columns += [numeric(f"{name[:-5]}s", name, ".1f", 100, " %") for name in RATES]
     if by_steps:

@@ -90,7 +90,7 @@ class Score:
     Attributes:
         name: of the policy.
         mean_steps: mean episode length, including truncated episodes.
-        ci95: half width of the 95 % confidence interval of the mean; 0 if it is exact.
+        ci95: half width of the 95 % confidence interval of `mean_steps`; 0 if it is exact.
         success_rate: share of episodes won: all evaders caught, the evader not caught, all goals
             collected; in a race, more goals than each other runner.
         episodes: number of sampled episodes; not used if `exact`.
@@ -105,6 +105,8 @@ class Score:
         outcome: with exits, the mean number of captures minus escapes, of all evaders for a chaser,
             else of the evader; exact like the steps, and for the optimum. None without exits.
         capture_rate, escape_rate, timeout_rate: shares of these evaders, of sum 1.
+        value_ci95: half width of the interval of the value in the measure of the contest, if that
+            is not steps; 0 if it is exact.
         apart: of an optimum whose measure is exact, which other numbers are sampled, or of the
             policy of its first step alone; empty if there are none.
     """
@@ -124,11 +126,14 @@ class Score:
     capture_rate: float | None = None
     escape_rate: float | None = None
     timeout_rate: float | None = None
+    value_ci95: float | None = field(default=None, kw_only=True)
     apart: str = field(default="", kw_only=True)
 
     def plain(self) -> Plain:
-        """As a dict, without what there is only with exits or for optima."""
-        hidden = (*(() if self.rates else ("outcome", *RATES)), *(() if self.apart else ("apart",)))
+        """As a dict, without what there is only with exits, for optima or other measures."""
+        hidden: tuple[str, ...] = () if self.rates else ("outcome", *RATES)
+        hidden += () if self.apart else ("apart",)
+        hidden += () if self.value_ci95 is not None else ("value_ci95",)
         return {name: value for name, value in asdict(self).items() if name not in hidden}
 
     @property
@@ -143,6 +148,8 @@ def optimality_gap(achieved: Score, optimum: Score | None) -> float | None:
 
 
 OUTCOME = "captures - escapes"
+UNTIL_CAPTURE, OUTCOMES = "steps until capture", f"{OUTCOME} (chasers want more)"
+"""Units of what chasers and evaders play for."""
 BY_STEPS, BY_GOALS = Measure(), Measure("goals", False)
 BY_MOST_STEPS, BY_RETURN = Measure("steps", False), Measure("return", False)
 DISCOUNTED = "discounted steps"

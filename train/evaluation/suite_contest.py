@@ -57,7 +57,8 @@ class InMazes:
             None if found is None else float(found.mean()) for found in (self.returns, self.goals)
         )
         rest: dict[str, Any] = {"mean_return": returns, "mean_goals": goals}
-        rest |= {} if self.left is None else self.left.rates()
+        if self.left is not None:
+            rest |= {**self.left.rates(), "value_ci95": half_width(self.left.outcome)}
         return Score(self.name, mean, ci95, won, episodes, self.exact, **rest)
 
     def values(self, measure: Measure) -> NDArray[np.float64] | None:

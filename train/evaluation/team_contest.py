@@ -197,7 +197,7 @@ def team_results(
         "measure": measure.name,
         measure.name: value,
         "exact": exact,
-        "ci95": 0.0 if exact else score.ci95,
+        "ci95": 0.0 if exact else score.ci95 if measure.name == "steps" else score.value_ci95,
         **_beside(measure, value, best),
         "reason": contest.full.exact_reference.reason if best is None else "",
         "full_view": contest.is_limited,
@@ -231,7 +231,7 @@ def describe_team(found: Plain) -> list[str]:
 
     full = FULL_VIEW if found["full_view"] else ""
     how = "exact" if found["exact"] else "sampled"
-    how = f"± {found['ci95']:.3f}" if name == "steps" and not found["exact"] else how
+    how = f"± {found['ci95']:.3f}" if not found["exact"] and found["ci95"] is not None else how
     lines = [f"team of {found['size']} {found['role']}s: {found[name]:.3f} {unit} ({how})"]
     interval, of_known, known = found.get("interval"), "", 0.0
     if interval is not None:

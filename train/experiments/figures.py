@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from train.experiments.rows import StudyRows, column_of, longer_is_better
 from train.experiments.statistics import NAN, distance_interval
-from train.experiments.summary import Measure, size_of
+from train.experiments.summary import REFERENCES, REGRET, Measure, size_of
 from train.experiments.variants import by_variant
-from train.reports.curves import SINGLE_RUNS, Panel, Series, draw_panels
-from train.reports.figures import GREY, PALETTE, Estimate, draw_intervals, time_scale
+from train.reports.curves import SINGLE_RUNS, Level, LineStyle, Panel, Series, draw_panels
+from train.reports.figures import BLACK, GREEN, GREY, PALETTE, Estimate, draw_intervals, time_scale
 from train.reports.tables import Row
 
 COLUMNS = 4
@@ -23,6 +23,12 @@ LINES = (
     f"{SINGLE_RUNS}. Grey: the control. Dotted: the optimum (horizontal), and for each run the "
     "start of its last stage (vertical)"
 )
+LEVELS: dict[str, tuple[str, LineStyle]] = {
+    "random": (GREY, "--"),
+    "scripted": (BLACK, ":"),
+    "optimal": (GREEN, "--"),
+}
+"""Colours and styles of the references of returns, goals and outcomes."""
 COLORS = tuple(color for color in PALETTE if color != GREY)
 POLICIES = [
     Measure(policy, policy, f"gap to the optimum, %, {policy}", "gap", 100.0)
@@ -63,12 +69,27 @@ def draw_curves(
                 color = PALETTE[place % len(PALETTE)]
                 if curves:
                     series.append(Series(curves, name, color, interval=measure.interval))
+            here = [row for row in study.rows if row["_x"] == value]
             title = f"{str(study.x).replace('_', ' ')} {value}" if study.x else ""
             first = measure.label if not len(panels) % COLUMNS else ""
-            panels.append(Panel(series, first, title, measure.scale))
+            levels = levels_of(measure, here)
+            panels.append(Panel(series, first, title, measure.scale, levels=levels))
     grid = [panels[first : first + COLUMNS] for first in range(0, len(panels), COLUMNS)]
     title = study.layout.title
     draw_panels(path, grid, unit, title, beside=True, log=log, note=SINGLE_RUNS)
+
+
+def levels_of(measure: Measure, rows: Sequence[Row]) -> list[Level]:
+    """Lines of the references in the measure of these runs: their means."""
+    if measure.references is REFERENCES or measure is REGRET:
+        return []
+    levels = []
+    for name, (color, dash) in LEVELS.items():
+        values = [row.get(measure.references[name]) for row in rows]
+        if values and None not in values:
+            mean = float(np.mean([float(value) for value in values if value is not None]))
+            levels.append(Level(mean, f"{name}: {mean:z.2f}", color, dash))
+    return levels
 
 
 def draw_final(

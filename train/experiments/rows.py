@@ -230,11 +230,15 @@ def read_run(folder: Path) -> tuple[Row, list[str], list[Row]]:
         results |= {f"nash_conv_{name}": value for name, value in convs.items()}
         for end, value in zip(("low", "high"), content.get("mixture_nash_conv", ()), strict=False):
             results[f"mixture_{end}"] = value
+        column = content["objective"]["column"]
         for score in content["scores"]:
             if score["name"] in SCORES:
                 results[SCORES[score["name"]]] = score["mean_steps"]
             elif not score["name"].startswith(("learned", "optimal")):
                 results |= {"scripted": score["name"], "scripted_steps": score["mean_steps"]}
+            name = {"random": "random", results.get("scripted"): "scripted"}.get(score["name"])
+            if name is not None and column not in ("mean_steps", "nash_conv") and column in score:
+                results[f"{name}_{column.removeprefix('mean_')}"] = score[column]
         members = [own["gap"] for own in content.get("team", {}).get("members", {}).values()]
         results |= {"members_gap": fmean(members)} if members else {}
         results |= {"objective": content["objective"]["column"]}

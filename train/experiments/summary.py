@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from train.evaluation.scores import OUTCOMES, UNTIL_CAPTURE
 from train.experiments.contestants import CONTESTANTS
 from train.experiments.rows import StudyRows
 from train.experiments.statistics import (
@@ -33,7 +34,7 @@ REFERENCES = {
     "chaser vs A*": "chaser_vs_astar",
     "evader vs A*": "evader_vs_astar",
 }
-"""Further columns of tables, if the runs have them: means over seeds."""
+"""Those of measures in steps, and of self-play: steps."""
 HEADS = {
     "objective_gap": "gap of the objective's optimum, %",
     "success": "success, %",
@@ -66,6 +67,18 @@ class Measure:
         """The 95 % interval of the mean over runs; other measures than returns are not negative."""
         signed = self.column in ("mean_return", "outcome")
         return mean_interval([values]) if signed else distance_interval([values])
+
+    @property
+    def references(self) -> dict[str, str]:
+        """Further columns of tables, if the runs have them, by their heads: means over seeds of the
+        same quantity."""
+        if self is REGRET:
+            return {"return": "mean_return"}
+        if self.column not in ("mean_goals", "mean_return", "outcome"):
+            return REFERENCES
+        name = self.column.removeprefix("mean_")
+        found = {each: f"{each}_{name}" for each in ("random", "scripted", "optimal")}
+        return {**found, "behind the optimum": f"{name}_regret"}
 
 
 REGRET = Measure("return_regret", "return_regret", "return regret", "from 0")
@@ -117,7 +130,7 @@ def summary(rows: list[Row], x: str | None) -> list[Row]:
 
         line: Row = {x: value} if x else {}
         line |= {"group": name, "seeds": len(chosen)}
-        shown = {"return": "mean_return"} if measure is REGRET else REFERENCES
+        shown = measure.references
         line |= {word: mean(column) for word, column in shown.items() if column in known}
         values = [measure.factor * row[measure.column] for row in chosen]
         line |= bounded(measure.name, float(np.mean(values)), measure.interval(values))
@@ -184,7 +197,9 @@ def sweep_notes(rows: list[Row]) -> list[str]:
         lines.append(note("sweep.steps", kinds=kinds))
     elif measure.name == "nash_conv":
         games = any(row.get("game") is not None for row in rows)
-        lines.append(note("sweep.game" if games else "sweep.nash_conv"))
+        exits = any(row.get("outcome") is not None for row in rows)
+        unit = OUTCOMES if exits else UNTIL_CAPTURE
+        lines.append(note("sweep.game") if games else note("sweep.nash_conv", unit=unit))
     elif measure is REGRET:
         lines.append(note("sweep.regret"))
     if measure is GAP and all(row.get("objective_gap") is not None for row in rows):

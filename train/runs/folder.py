@@ -39,6 +39,8 @@ FINAL = "final"
 REPORT, REPLAYS = "report.html", "replays.json"
 FORMAT = 6
 """Version of `config.json` and `checkpoint.pt`; raised when older ones can no longer be read."""
+RESULTS_FORMAT = 2
+"""Version of `results.json`. 2: success in escapes is that at an exit alone."""
 
 RUN, SIDE, SELF_PLAY = "single", "side", "self-play"
 """Kinds of runs: a single agent; one role of self-play, saved as a policy; self-play."""
@@ -111,10 +113,22 @@ def load_final(folder: Path) -> forms.Final:
 
 
 def load_results(folder: Path | str) -> Plain:
-    """The content of `results.json`; ValueError if it is missing or damaged."""
+    """The content of `results.json` in the present form; ValueError if it is missing, damaged, or
+    of a later version."""
     path = Path(folder) / RESULTS
     content = read_json(path)
     found = read_as(forms.Results, content, path, forms.AGAIN)
+    check(
+        found.format <= RESULTS_FORMAT,
+        f"{path}: has format {found.format}, this version of pursuit reads up to {RESULTS_FORMAT}; "
+        "use the version that wrote it",
+    )
+    if found.format == 1 and found.objective.column == "outcome" and found.objective.less_is_better:
+        for each in (content["evaluation"], *content.get("scores", ())):  # counted time-outs
+            each["success_rate"] = each.get("escape_rate", each["success_rate"])
+        content["evaluation"]["unsolved_share"] = 1.0 - content["evaluation"]["success_rate"]
+        found = read_as(forms.Results, content, path, forms.AGAIN)
+    content["format"] = RESULTS_FORMAT
     if found.kind == RUN:
         read_as(forms.Evaluation, content["evaluation"], f"{path}: evaluation", forms.AGAIN)
     column = found.objective.column

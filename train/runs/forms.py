@@ -73,8 +73,9 @@ class Machine(msgspec.Struct):
 
 
 class Results(msgspec.Struct, kw_only=True):
-    """`results.json` of every kind of run."""
+    """`results.json` of every kind of run; files of the first format have no number of it."""
 
+    format: int = 1
     kind: str
     task: str
     maze: str | None

@@ -28,6 +28,7 @@ from train.runs.folder import (
     MISFITS,
     REPLAY,
     RESULTS,
+    RESULTS_FORMAT,
     misfit,
     read_metrics,
     save_checkpoint,
@@ -320,6 +321,7 @@ class Run(Generic[T]):
         if (self.folder / CHECKPOINT).exists():  # the last save may have been interrupted
             trainee.save_beside(self.folder)
         content = {
+            "format": RESULTS_FORMAT,
             "kind": trainee.kind,
             **trainee.results(self.stopped, episodes),
             "objective": asdict(trainee.objective),

@@ -20,6 +20,7 @@ from scripted_agents.environments import AGENTS, agent_name, is_agent, named_pol
 from scripted_agents.limits import MAX_EVALUATED_WORK, MAX_FINAL_WORK
 from train.evaluation.games import half_width, other_role
 from train.evaluation.matchups import can_solve, match, pair_payoffs
+from train.evaluation.scores import OUTCOMES, UNTIL_CAPTURE
 from train.evaluation.team_contest import TeamContest
 from train.files import Plain
 from train.reports.tables import Row
@@ -40,9 +41,6 @@ from train.settings.checks import evaluation_seed
 from train.settings.self_play import ROLES
 from train.settings.task import SmallGameSettings, TaskSettings, in_maze
 
-STEPS, ESCAPES = "steps until capture", "escapes - captures"
-"""Units of payoffs."""
-
 
 @dataclass(frozen=True)
 class Entry:
@@ -57,7 +55,8 @@ class Entry:
 class LeagueTable:
     """The results of a league; payoffs are steps until capture, truncated at the horizon.
 
-    With exits they are escapes minus captures; in a small game returns of the second player.
+    With exits they are escapes minus captures, and shown with the other sign; in a small game
+    returns of the second player.
 
     Attributes:
         payoff, ci95: [chasers, evaders] float64; the half width is 0 for exact payoffs.
@@ -65,7 +64,7 @@ class LeagueTable:
             float64.
         chasers, evaders: their names; in a small game those of the first and the second player.
         horizon: steps after which a game is truncated; None for no limit, and with exits.
-        unit: of the payoffs.
+        unit: of the payoffs that are shown.
         roles: those of the rows and of the columns.
         first: [chasers, evaders] float64, the payoffs of the first role where they are not the
             opposite of those of the second: a general-sum game; None otherwise.
@@ -77,9 +76,19 @@ class LeagueTable:
     ci95: NDArray[np.float64]
     lengths: NDArray[np.int64] | NDArray[np.float64]
     horizon: int | None = None
-    unit: str = STEPS
+    unit: str = UNTIL_CAPTURE
     roles: tuple[str, str] = ROLES
     first: NDArray[np.float64] | None = None
+
+    @property
+    def sign(self) -> float:
+        """The factor of payoffs, which the columns maximise, where they are shown."""
+        return -1.0 if self.unit == OUTCOMES else 1.0
+
+    @property
+    def shown(self) -> NDArray[np.float64]:
+        """The payoffs in `unit`."""
+        return self.sign * self.payoff
 
 
 def enter(
@@ -230,7 +239,7 @@ def play_league(
                 payoff[i, j] = lengths[i, j].mean()
                 ci95[i, j] = half_width(lengths[i, j])
     names = [[entry.name for entry in sides[role]] for role in ROLES]
-    how = (None, ESCAPES) if task.most_exits else (task.max_steps, STEPS)
+    how = (None, OUTCOMES) if task.most_exits else (task.max_steps, UNTIL_CAPTURE)
     return LeagueTable(names[0], names[1], payoff, ci95, lengths, *how)
 
 
@@ -243,7 +252,6 @@ def team_rows(task: Task, entries: Sequence[Entry], table: LeagueTable) -> list[
         "gap" (`Measure.gap`); or None and the "reason".
     """
     rows: list[Row] = []
-    sign = -1.0 if table.unit == ESCAPES else 1.0
     for role in [role for role in ROLES if task.count(role) > 1]:
         for other in [entry for entry in entries if entry.role == other_role(role)]:
             how: Plain = {"most_work": MAX_EVALUATED_WORK}
@@ -252,8 +260,8 @@ def team_rows(task: Task, entries: Sequence[Entry], table: LeagueTable) -> list[
             for entry in [entry for entry in entries if entry.role == role]:
                 at = (entry.name, other.name) if role == ROLES[0] else (other.name, entry.name)
                 place = table.chasers.index(at[0]), table.evaders.index(at[1])
-                payoff = float(table.payoff[place])
-                gap = None if best is None else contest.measure.gap(sign * payoff, best)
+                payoff = float(table.shown[place])
+                gap = None if best is None else contest.measure.gap(payoff, best)
                 rows.append(
                     {
                         "role": role,
@@ -261,7 +269,7 @@ def team_rows(task: Task, entries: Sequence[Entry], table: LeagueTable) -> list[
                         "against": other.name,
                         "payoff": payoff,
                         "ci95": float(table.ci95[place]),
-                        "best_response": None if best is None else sign * best,
+                        "best_response": best,
                         "gap": gap,
                         "full_view": contest.is_limited,
                         "reason": contest.full.exact_reference.reason,
@@ -317,15 +325,15 @@ def rate(table: LeagueTable, seed: int = 0) -> Plain:
     content: Plain = {
         policies_of(first): table.chasers,
         policies_of(second): table.evaders,
-        "payoff": table.payoff.tolist(),
+        "payoff": table.shown.tolist(),
         "ci95": table.ci95.tolist(),
         "games": table.lengths.shape[2],
         **(survival(table) if table.roles == ROLES else {}),
-        **({} if table.unit == STEPS else {"unit": table.unit}),
+        **({} if table.unit == UNTIL_CAPTURE else {"unit": table.unit}),
     }
     average = nash_average(table.payoff)
     content["nash"] = {
-        "value": average.value,
+        "value": table.sign * average.value,
         f"{first}_mixture": average.column.tolist(),
         f"{second}_mixture": average.row.tolist(),
     }
@@ -342,7 +350,7 @@ def rate(table: LeagueTable, seed: int = 0) -> Plain:
                 "elo": elo[n][0],
                 "elo_low": elo[n][1],
                 "elo_high": elo[n][2],
-                f"{against}_against_nash": float(nash[n]),
+                f"{against}_against_nash": table.sign * float(nash[n]),
             }
             for n, name in enumerate(names)
         ]

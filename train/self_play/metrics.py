@@ -122,10 +122,10 @@ def format_row(row: Mapping[str, float]) -> list[str]:
         parts.append(f"NashConv {row['nash_conv']:z6.3f}")
     if "chaser_exploitability" in row:
         each = [f"{role} {row[f'{role}_exploitability']:z.3f}" for role in ROLES]
-        parts.append(f"({', '.join(each)})")
+        parts.append(f"(lost to a best response: {', '.join(each)})")
     parts.append(f"{row['steps']:6.1f} steps")
     if "outcome" in row:
-        parts.append(f"{OUTCOME} {row['outcome']:5.2f}")
+        parts.append(f"{OUTCOME} (chasers want more) {row['outcome']:5.2f}")
     parts += [
         f"{role} vs A* {row[f'{role}_vs_astar']:6.{2 if 'outcome' in row else 1}f}"
         for role in ROLES

@@ -6,10 +6,11 @@ from collections.abc import Iterable, Sequence
 from functools import partial
 from pathlib import Path
 
+from train.evaluation.scores import UNTIL_CAPTURE
 from train.files import Plain
 from train.reports.figures import draw_matrix
 from train.reports.tables import Column, ResultTable, Row, numeric, words
-from train.self_play.league import STEPS, LeagueTable
+from train.self_play.league import LeagueTable
 from train.settings.self_play import ROLES
 
 
@@ -99,7 +100,7 @@ def teams_table(rows: Sequence[Row], unit: str) -> ResultTable:
         words("against", "against"),
         numeric(unit, "payoff", "z.3f"),
         numeric(f"best team response{full}", "best_response", "z.3f"),
-        gap if unit == STEPS else numeric("difference", "gap", "z.3f"),
+        gap if unit == UNTIL_CAPTURE else numeric("difference", "gap", "z.3f"),
     ]
     return ResultTable(known, columns)
 
@@ -120,7 +121,7 @@ def draw_league(path: Path, table: LeagueTable, title: str) -> None:
     """The payoff matrix as a heat map; in a general-sum game also that of the first role, in a
     second file."""
     names = [*zip(table.roles, (table.chasers, table.evaders), strict=True)]
-    draw_matrix(path, table.payoff, names[0], names[1], table.unit, title)
+    draw_matrix(path, table.shown, names[0], names[1], table.unit, title)
     if table.first is not None:
         role = table.roles[0]
         path = path.with_stem(f"{path.stem}_{role}")

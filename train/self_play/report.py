@@ -14,7 +14,7 @@ from pursuit.tasks.task import Task
 from scripted_agents.limits import MAX_EXACT_WORK
 from train.evaluation.contest import GameContest
 from train.evaluation.recordings import MOST_OVERLAY_CELLS, recorded, sides_of
-from train.evaluation.scores import OUTCOME
+from train.evaluation.scores import OUTCOME, OUTCOMES, UNTIL_CAPTURE
 from train.evaluation.team_contest import describe_team
 from train.files import Plain, read_json
 from train.reports.curves import Panel, Series, draw_panels
@@ -62,7 +62,8 @@ def draw_self_play(
     label, scale = (OUTCOME, "linear") if exits else ("steps until capture (log)", "log")
     panels = [Panel(known(rows, unit, AGAINST_SCRIPTED), label, scale=scale)]
     if exploitability := known(rows, unit, EXPLOITABILITY):
-        label = f"exploitability, exact\n({OUTCOME if exits else 'discounted steps'})"
+        unit_of = OUTCOME if exits else "discounted steps"
+        label = f"exploitability, exact: lost to a\nbest response ({unit_of})"
         panels.insert(0, Panel(exploitability, label, scale="from 0"))
     draw_panels(path, [[panel] for panel in panels], unit, title)
 
@@ -116,6 +117,7 @@ def write_self_play_report(
     draw_league(payoff, league, f"{league.unit}: snapshots against each other")
     players = {row[role] for row in results["matches"] for role in ROLES}
     legend = legend_of(players, trainee.settings.task.opponent_epsilon)
+    unit = f"Mean {OUTCOMES if task.most_exits else UNTIL_CAPTURE}."
     title = title_of(results)
     about = f"Run {folder.name}: {results['algorithm']}, opponents {results['sampling']}."
     parts = [
@@ -123,7 +125,7 @@ def write_self_play_report(
         *describe_exploitability(results),
         PLAYER_ELEMENT,
         *section("Exploitability over time", picture(folder / CURVE, "exploitability over time")),
-        *section("Matches at the end", matches_table(results["matches"]).markdown(), legend),
+        *section("Matches at the end", matches_table(results["matches"]).markdown(), unit, legend),
         *section(
             "Snapshots against each other",
             picture(payoff, "payoff matrix of snapshots"),
@@ -155,7 +157,8 @@ def describe_exploitability(results: Plain) -> list[str]:
     if fixed:
         part = found.get(f"{fixed[0]}_exploitability")
         shown = "" if part is None else f" {part:z.3f}"
-        meaning = f"exact; {fixed[0]} fixed: its exploitability{shown} cannot fall"
+        lost = f"exploitability{shown}, lost to a best response,"
+        meaning = f"exact; {fixed[0]} fixed: its {lost} cannot fall"
     if limited:
         meaning = (
             "exact for best responses with full view, so an upper bound with a limited view, where "

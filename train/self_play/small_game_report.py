@@ -50,13 +50,14 @@ def describe_small_game(results: Plain) -> list[str]:
     gains = ", ".join(f"{name} {found[f'{name}_gain']:z.4f}" for name in players)
     lines = [
         f"NashConv {found['nash_conv']:z.4f}{before}, exact, in returns {how}; {zero}.",
-        f"What a best response would gain: {gains}.",
+        f"Gain, by which a best response of the player beats its policy: {gains}.",
     ]
     if "game_value" in found:
         each = ", ".join(f"{name} {found[f'{name}_exploitability']:z.4f}" for name in players)
         lines.append(
             f"Return of {players[0]}: {found[f'{players[0]}_return']:z.4f}; value of the game: "
-            f"{found['game_value']:z.4f}. Exploitability: {each}."
+            f"{found['game_value']:z.4f}. Exploitability, lost to a best response: "
+            f"{each}."
         )
     lines += describe_snapshots(results)
     if "frames" in results:

@@ -13,8 +13,10 @@ from command_errors import error_of
 
 from train.commands.main import main
 from train.evaluation.recordings import players_of
+from train.kinds import start
+from train.runs.folder import RUN, load_results
 from train.runs.opponents import load_policy
-from train.runs.parts import contest_of
+from train.runs.parts import contest_of, settings_of
 from train.runs.saved import evaluated_settings, load_settings
 
 ARCHIVE = sorted((Path(__file__).parents[2] / "old_folders").glob("*.tar.xz"))[-1]
@@ -68,6 +70,30 @@ def test_a_single_run_meets_the_opponents_of_its_training(runs: Path) -> None:
         config = folder / "config.json"
         if config.exists() and json.loads(config.read_text())["kind"] == "single":
             assert evaluated_settings(folder) == load_settings(folder)
+
+
+def test_results_of_earlier_formats_are_converted_and_of_later_ones_refused(
+    tmp_path: Path,
+) -> None:
+    """Time-outs counted as successes of evaders in escapes."""
+    flat = {"task": "escape", "role": "evader", "maze": "2x2", "num_exits": 1, "max_steps": 2}
+    small = {"algorithm": "ppo", "frames": 64, "num_games": 16, "rollout_steps": 4, "width": 8}
+    run = start(RUN, settings_of(**flat, **small, minibatch_size=64), tmp_path / "run")
+    run.train()
+    run.results(20)
+    present = load_results(tmp_path / "run")
+    assert present["format"] == 2
+    path = tmp_path / "run" / "results.json"
+    former = json.loads(path.read_text())
+    del former["format"]
+    for each in (former["evaluation"], *former["scores"]):
+        each["success_rate"] = 1.0 - each["capture_rate"]
+    assert former["evaluation"]["success_rate"] > present["evaluation"]["success_rate"]
+    path.write_text(json.dumps(former))
+    assert load_results(tmp_path / "run") == present
+    path.write_text(json.dumps({**former, "format": 99}))
+    with pytest.raises(ValueError, match="has format 99, this version of pursuit reads up to 2"):
+        load_results(tmp_path / "run")
 
 
 def test_a_side_without_its_run_needs_an_opponent(

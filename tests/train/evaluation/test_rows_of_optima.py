@@ -11,6 +11,7 @@ import pytest
 from small_games import GAMES, RandomGame, random_tables
 
 from pursuit.tasks.task import make_task
+from scripted_agents import RandomAgent
 from scripted_agents.games import GameTask, TableAgent, enumerate_game
 from train.commands.main import main
 from train.evaluation.small_game_contest import SmallGameContest
@@ -97,8 +98,8 @@ def test_the_optimum_of_a_duel_has_the_captures_of_its_own_steps() -> None:
     ("options", "row"),
     [
         ("--task chase --num-chasers 2 --maze 3x3", r"optimal .* exact, success: sampled "),
-        ("--task escape --role chaser --maze 3x3 --num-exits 1", r"outcome .*\n\(exact\) "),
-        ("--task race --maze 3x3 --num-goals 1", r"optimal goals \(exact\)"),
+        ("--task escape --role chaser --maze 3x3 --num-exits 1", r"0\.410 +exact, the +5\.300"),
+        ("--task race --maze 3x3 --num-goals 1", r"optimal goals .* the rest sampled "),
     ],
 )
 def test_rows_say_what_is_sampled_beside_an_exact_optimum(
@@ -107,3 +108,26 @@ def test_rows_say_what_is_sampled_beside_an_exact_optimum(
     main(["baseline", *options.split(), "--max-steps", "20", "--episodes", "20"])
     said = capsys.readouterr().out
     assert re.search(row, said) and "sampled" in said
+
+
+class Played:
+    """A random agent of which only games are known, and no distribution."""
+
+    def act(self, view: Any) -> Any:
+        return RandomAgent().act(view)
+
+
+@pytest.mark.parametrize("role", ["chaser", "evader"])
+def test_an_evader_wins_escapes_at_an_exit_alone(role: str) -> None:
+    """Exactly and in sampled games; the interval is that of captures minus escapes."""
+    settings = TaskSettings(task="escape", role=role, maze="3x3", max_steps=3)
+    exact: Any = contest_of(settings, 4000)
+    score, drawn = (exact.score("random", policy) for policy in (RandomAgent(), Played()))
+    for one in (score, drawn):
+        own = one.capture_rate if role == "chaser" else one.escape_rate
+        assert one.success_rate == own and one.timeout_rate > 0.05
+    assert score.exact and score.value_ci95 == 0.0 and not drawn.exact
+    assert (
+        drawn.value_ci95 is not None and abs(drawn.outcome - score.outcome) < 3 * drawn.value_ci95
+    )
+    assert drawn.value_ci95 != drawn.ci95

@@ -16,6 +16,7 @@ from pursuit.mazes.maze import load_maze
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import make_task
 from scripted_agents import (
+    AStarChaser,
     AStarEvader,
     OptimalChaser,
     OptimalEvader,
@@ -25,13 +26,15 @@ from scripted_agents import (
 )
 from scripted_agents.environments import chosen_policies, roles_of_agent
 from train.commands.main import main
+from train.evaluation.matchups import match
 from train.kinds import resume
 from train.play.setup import name_of
 from train.runs.folder import RUN
 from train.runs.opponents import opponents_of, policy_in_seat
 from train.runs.parts import contest_of, parts_of, settings_of
-from train.self_play.league import LeagueTable, enter, rate
+from train.self_play.league import Entry, LeagueTable, enter, play_league, rate, team_rows
 from train.self_play.parts import self_play_parts, self_play_settings_of
+from train.self_play.payoffs import payoff_tables
 from train.settings.task import TaskSettings
 
 # -- the commands ----------------------------------------------------------------------------------
@@ -286,3 +289,32 @@ def test_equilibrium_is_refused_where_it_is_not_known(capsys: pytest.CaptureFixt
             main(arguments)
         error = capsys.readouterr().err
         assert message in error and error.count("\n") == 1
+
+
+def test_payoffs_of_escapes_have_the_sign_of_self_play(tmp_path: Path) -> None:
+    """Captures minus escapes: in the table, in the figures, against the Nash mixture, and for teams
+    beside their best response."""
+    task = make_task("escape", maze="3x3", num_chasers=2, max_steps=12)
+    agents: list[tuple[str, Any]] = [("astar", 0.1), ("weak", 0.9)]
+    entries = [
+        Entry(name, role, form(epsilon))
+        for role, form in (("chaser", AStarChaser), ("evader", AStarEvader))
+        for name, epsilon in agents
+    ]
+    table = play_league(task, entries, 400, 0)
+    content = rate(table)
+    assert content["unit"] == table.unit == "captures - escapes (chasers want more)"
+    for i, chaser in enumerate(entries[:2]):
+        for j, evader in enumerate(entries[2:]):
+            found = match(task, chaser.policy, evader.policy)
+            assert content["payoff"][i][j] == found.shown == found.outcome == table.shown[i, j]
+    strong, weak = content["chaser_ratings"]
+    assert strong["elo"] > weak["elo"] and strong["steps_against_nash"] > weak["steps_against_nash"]
+    assert np.min(content["payoff"]) <= content["nash"]["value"] <= np.max(content["payoff"])
+    for row in team_rows(task, entries, table):
+        other = next(e for e in entries[2:] if e.name == row["against"])
+        own = next(e for e in entries[:2] if e.name == row["team"])
+        assert row["payoff"] == match(task, own.policy, other.policy).outcome
+        assert row["best_response"] >= row["payoff"] and row["gap"] >= 0.0
+    drawn = payoff_tables(table, content)["table"].markdown()
+    assert f"{table.shown[0, 0]:.2f}" in drawn

@@ -365,11 +365,12 @@ def test_a_frozen_side_stays_as_it_is(tmp_path: Path) -> None:
     first.train()
     assert "evader_vs_astar" not in first.rows[-1]
     row = {**first.rows[-1], "chaser_exploitability": -1e-12}
-    assert "(chaser 0.000, evader" in " ".join(format_row(row))
+    assert "(lost to a best response: chaser 0.000, evader" in " ".join(format_row(row))
     results = first.results(20)
     told = describe_exploitability(results)
     fixed = results["evaluation"]["evader_exploitability"]
-    assert told[0].endswith(f"exact; evader fixed: its exploitability {fixed:.3f} cannot fall.")
+    lost = f"exploitability {fixed:.3f}, lost to a best response,"
+    assert told[0].endswith(f"exact; evader fixed: its {lost} cannot fall.")
     assert any(line.startswith("The evader escapes from every start") for line in told)
     frozen = str(tmp_path / "first" / "chaser")
     second = make_run(tmp_path / "second", chaser=frozen, frames=8000)
