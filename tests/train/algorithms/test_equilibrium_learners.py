@@ -54,6 +54,7 @@ def test_exploitability_is_0_at_the_equilibrium_only(game: str) -> None:
     assert exploitability(payoff, uniform) == pytest.approx(expected)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "game"), MOST)
 def test_the_last_policies_are_an_equilibrium(name: str, game: str) -> None:
     payoff, mixture = GAMES[game]

@@ -133,6 +133,7 @@ def test_settings_of_all_are_drawn_alike_for_every_variant(tmp_path: Path) -> No
         assert hyper.learning_rate == common[run.label["trial"]]["learning_rate"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [n for n in shipped("ablation") if not n.startswith("self-play")])
 def test_trials_have_the_task_of_the_study_and_the_curriculum_of_their_variant(name: str) -> None:
     file = choose_version(read_file(name, "ablation", StudyFile)[1], "full")

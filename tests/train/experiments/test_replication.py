@@ -387,6 +387,7 @@ def test_every_algorithm_has_the_same_search_budget(tmp_path: Path) -> None:
             assert not {run.settings.seed for run in runs} & {run.seed for run in trials}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("version", ["short", "full"])
 @pytest.mark.parametrize("file", ["thesis", "optimum"])
 def test_every_claim_is_about_runs_that_its_study_has(

@@ -169,6 +169,7 @@ def test_episodes_of_both_are_logged(tmp_path: Path, monkeypatch: pytest.MonkeyP
 # -- resumption ------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "flat",
     [
@@ -300,6 +301,7 @@ def test_divergence_is_reported_as_with_one_process(tmp_path: Path) -> None:
     assert not multiprocessing.active_children()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/comm").exists(), reason="processes are found by /proc")
 @pytest.mark.parametrize(
     "number", [pytest.param(signal.SIGKILL, marks=pytest.mark.slow), signal.SIGINT]

@@ -169,6 +169,7 @@ def test_every_learner_resumes(algorithm: str, tmp_path: Path) -> None:
     check_resumption(RUN, tiny(algorithm, **game), tmp_path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "flat",
     [
@@ -216,6 +217,7 @@ def taught(algorithm: str, curriculum: str, **flat: Any) -> Any:
     return tiny(algorithm, curriculum=curriculum, **ARM, hold=3, **flat)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "curriculum",
     [pytest.param(name, marks=[pytest.mark.slow] * name.startswith("maze-")) for name in CURRICULA],
@@ -267,6 +269,7 @@ def both(task: dict[str, Any] | None = None, **changes: Any) -> SelfPlaySettings
     return SelfPlaySettings(task=TaskSettings(**game), **given)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sampling", SAMPLING)
 def test_every_scheme_of_self_play_resumes(sampling: str, tmp_path: Path) -> None:
     size = 7 if sampling in NASH_SAMPLING else 3
@@ -289,6 +292,7 @@ def test_a_self_play_killed_before_its_first_iteration_resumes(
     check_same_runs(tmp_path / "whole", tmp_path / "parts")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("algorithm", [name for name in ALGORITHMS if name not in SINGLE])
 def test_every_learner_of_self_play_resumes(algorithm: str, tmp_path: Path) -> None:
     side = LearningSide(algorithm, entry(algorithm).settings(**smallest(algorithm)))

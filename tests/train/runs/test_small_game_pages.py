@@ -85,6 +85,7 @@ def test_a_report_has_scores_curve_replay_and_settings(name: str, runs: dict[str
     assert not (runs[name] / "replays.json").exists()
 
 
+@pytest.mark.slow
 def test_the_page_names_the_policies_and_values_match_the_results(runs: dict[str, Path]) -> None:
     def item_and_evaluation(name: str) -> tuple[Any, Any]:
         results = json.loads((runs[name] / "results.json").read_text())

@@ -310,6 +310,7 @@ def test_an_evaluation_does_not_change_a_run(tmp_path: Path) -> None:
     assert torch.equal(torch.get_rng_state(), before)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "changes",
     [

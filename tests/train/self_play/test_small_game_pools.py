@@ -102,6 +102,7 @@ def test_without_a_mixture_the_last_policies_are_what_is_played(tmp_path: Path) 
 # -- pools -----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("game", "sampling"),
     [*zip(cycle((TWICE, THREE)), RULES), (TWICE, "nash-mixture"), (TWICE, "psro")],
