@@ -285,7 +285,7 @@ def test_a_solution_goes_on() -> None:
     assert solution.lower >= lower and solution.upper <= upper + 1e-9
 
 
-def test_pruning_keeps_the_bounds_of_the_starts() -> None:
+def test_pruning_never_loosens_the_bounds_of_the_starts() -> None:
     search = solve_hidden_chase("4x4", opponent(load_maze("4x4"), "chaser"), 0, seconds=0.0).search
     search._bound_starts()
     kept = []
@@ -296,8 +296,7 @@ def test_pruning_keeps_the_bounds_of_the_starts() -> None:
         search.prune()
         search.update_starts()
         kept.append(search.num_plans / plans)
-        np.testing.assert_allclose(search.roots.up, up, rtol=1e-9)
-        np.testing.assert_allclose(search.roots.low, low, rtol=1e-9)
+        assert (search.roots.up <= up + 1e-9).all() and (search.roots.low >= low - 1e-9).all()
     assert min(kept) < 0.9
 
 
