@@ -21,7 +21,7 @@ class Evaluation:
         mean_steps: mean episode length; a truncated episode counts with all its steps.
         ci95: half width of the 95 % confidence interval of `mean_steps`; 0 if it is exact.
         success_rate: share of successful episodes: all evaders captured (chaser), escaped or
-            not captured until truncation (evader), or all goals collected (runner).
+            in games without exits not captured (evader), or all goals collected (runner).
         optimal_steps: mean episode length of the optimal policy; None if unknown.
         gap: mean_steps / optimal_steps - 1. Evaders maximise episode length, so their exact
             gap is at most 0; a sampled one can be above.

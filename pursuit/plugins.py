@@ -103,10 +103,13 @@ def reading(where: object, given: Sequence[str] = ()) -> Iterator[None]:
         _files.pop()
 
 
-def _check_allowed(name: str) -> None:
-    """Raise _NotAllowed if a file is read and the module of `package.module:Name` not allowed."""
+def check_allowed(name: str) -> None:
+    """Raise an error, a ValueError outside of `reading`, if a file is read and the module of
+    `package.module:Name` is not allowed; other names are not checked."""
     known = tuple(f"{module}." for module in allowed())
-    if not _files or name in _named or f"{module_of(name)}.".startswith(known):
+    if not _files or not is_reference(name) or name in {*_named, *allowed()}:
+        return
+    if f"{module_of(name)}.".startswith(known):
         return
     top = module_of(name).partition(".")[0]
     raise _NotAllowed(
@@ -160,7 +163,9 @@ def environment() -> dict[str, str]:
     sources = (source_of(module_of(name)) for name in sorted(_named))
     homes = [str(found[0]) for found in sources if found and "site-packages" not in found[0].parts]
     folders = dict.fromkeys([*_custom_folders(), *homes])
-    return {ALLOW: ",".join(allowed()), LOOK_IN: os.pathsep.join(folders)}
+    tops = tuple(f"{module}." for module in allowed())
+    own = (name for name in sorted(_named) if not f"{module_of(name)}.".startswith(tops))
+    return {ALLOW: ",".join([*allowed(), *own]), LOOK_IN: os.pathsep.join(folders)}
 
 
 def source_of(module: str) -> tuple[Path, list[Path]] | None:
@@ -337,12 +342,14 @@ class Registry(Generic[Part]):
     def _import(self, name: str, reference: str) -> Any:
         """Import the object of a reference; ValueError (one line) if that fails."""
         if name == reference:  # else it is that of an installed package
-            _check_allowed(name)
+            check_allowed(name)
         module_name, _, attribute = reference.partition(":")
         missing = [folder for folder in _search_path() if folder not in sys.path]
         sys.path.extend(missing)  # at the end, and only for custom modules
+        used = _files[:]
         try:
             siblings.check_hidden(module_name)
+            _files.clear()  # what an allowed module names itself is not from a file
             module = import_module(module_name)
         except (Exception, SystemExit) as error:  # the module may raise anything
             raise ValueError(
@@ -350,6 +357,8 @@ class Registry(Generic[Part]):
                 f"({raised(error)}); fix it, or add its folder to PYTHONPATH. A file my_file.py is "
                 "named my_file:Name"
             ) from error
+        finally:
+            _files[:] = used
         if not hasattr(module, attribute):
             public = [known for known in dir(module) if not known.startswith("_")]
             top = module_name.partition(".")[0]

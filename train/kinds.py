@@ -29,7 +29,7 @@ from train.runs.folder import (
 from train.runs.forms import Final
 from train.runs.loop import Run, build_parts, build_run
 from train.runs.parts import parts_of, settings_of
-from train.runs.provenance import check_sources
+from train.runs.provenance import check_parts, check_sources
 from train.runs.saved import from_plain
 from train.runs.single import single_agent
 from train.runs.tasks import maze_text_of
@@ -149,6 +149,7 @@ def read_settings(folder: Path | str) -> tuple[str, WholeSettings]:
     folder = Path(folder)
     kind, plain = read_config(folder)
     check(kind in KINDS, f"{folder}: one side of self-play, not a whole run; give {folder.parent}")
+    check_parts(folder / CONFIG, plain)
     with reading(folder / CONFIG):
         return kind, KINDS[kind].from_plain(plain, str(folder / CONFIG))
 

@@ -88,7 +88,9 @@ class BestResponse:
         the optimal action of every step is taken (`actions` are those of the first); 1 on the
         diagonal. Of equally good ones the chaser takes those with more captures, the evader those
         with fewer."""
-        return np.asarray(1.0 - self.open_share())
+        found = np.asarray(1.0 - self.open_share())
+        object.__setattr__(self, "open_share", None)  # its arrays are large
+        return found
 
     @cached_property
     def policy(self) -> NDArray[np.float64]:

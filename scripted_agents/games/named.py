@@ -59,13 +59,14 @@ def arguments_of(text: str, given: str) -> dict[str, Any]:
             value = ast.literal_eval(each.value) if word is None else word
             check(each.arg is not None and each.arg not in values, rule)
             values[each.arg] = {"true": True, "false": False}.get(word or "", value)
-    except (SyntaxError, ValueError, RecursionError, MemoryError):
+    except (SyntaxError, ValueError, TypeError, RecursionError, MemoryError):
         raise ValueError(rule) from None
     return values
 
 
 def game_key(text: str) -> tuple[object, ...]:
-    """Equal for names of one game: without spaces and the order of arguments, and with defaults.
+    """Equal for names of one game: without spaces and the order of arguments, and with defaults; of
+    OpenSpiel's games without spaces only.
 
     Raises:
         ValueError: as `game_named`.

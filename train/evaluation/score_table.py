@@ -30,8 +30,9 @@ def score_table(
     best = next((score for score in scores if score.name in names), None)
     rows: list[Row] = []
     for score in scores:
-        half = score.ci95 if by_steps or score.value_ci95 is None else score.value_ci95
-        interval = "exact" if score.exact or half == 0.0 else f"± {half:.3f}"
+        half = score.ci95 if by_steps else score.value_ci95
+        certain = score.exact or (half == 0.0 and score.apart)
+        interval = "exact" if certain else "" if half is None else f"± {half:.3f}"
         row: Row = asdict(score) | {"interval": ", ".join(filter(None, (interval, score.apart)))}
         row["value"] = measure.of(score)
         if score is not best:

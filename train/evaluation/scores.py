@@ -91,8 +91,8 @@ class Score:
         name: of the policy.
         mean_steps: mean episode length, including truncated episodes.
         ci95: half width of the 95 % confidence interval of `mean_steps`; 0 if it is exact.
-        success_rate: share of episodes won: all evaders caught, the evader not caught, all goals
-            collected; in a race, more goals than each other runner.
+        success_rate: share of episodes won: all evaders caught; the evader not caught, with exits
+            escaped; all goals collected; in a race, more goals than each other runner.
         episodes: number of sampled episodes; not used if `exact`.
         exact: whether `mean_steps` is an exact expectation over all starts, and so are the other
             numbers but for those that `apart` names.

@@ -226,6 +226,7 @@ class SuiteContest(MazeContest):
         for number, table in zip(self.played.tolist(), others, strict=True):
             maze, horizon = task.mazes[number], task.max_steps
             found[number] = best_reply(task, self.role, table, horizon, maze=maze)
+            _ = found[number].captured  # computed now, as what it needs is large
         return found
 
     @cached_property

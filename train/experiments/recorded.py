@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import math
+import re
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
@@ -115,7 +116,9 @@ def same(text: str, value: object) -> bool:
     """Whether a cell holds a value."""
     if value is None or isinstance(value, str | bool):
         return text == ("" if value is None else str(value))
-    return is_number(text) and float(text) == value
+    if isinstance(value, int) and re.fullmatch(r"-?\d+", text):
+        return int(text) == value
+    return is_number(text) and text not in ("True", "False") and float(text) == value
 
 
 def typed(name: str, values: list[str]) -> list[object]:
@@ -140,6 +143,7 @@ def complete_in(path: Path | None, planned: Cells | None = None) -> set[str]:
 def record(path: Path, row: Row) -> None:
     """Add the row of a run, or replace the one that is there, atomically; several processes may."""
     path.parent.mkdir(parents=True, exist_ok=True)
+    row = {n: None if isinstance(v, float) and math.isinf(v) else v for n, v in row.items()}
     with FileLock(path.with_name(f".{path.name}{LOCK}")):
         rows = {**read_recorded(path), str(row["run"]): row}
         write_csv(path, list(rows.values()), columns_of(rows.values()))

@@ -104,10 +104,10 @@ def read_all(out: Path) -> StudyRows:
         folders = [folder for folder in folders if folder.name in layout.runs]
     here, known = {folder.name for folder in folders}, list[Row]()
     if layout.rows is not None and layout.runs is not None:
-        path = out / layout.rows
+        path = out.resolve() / layout.rows
         path = path if path.exists() else Path(layout.rows)  # so before version 0.2.0
         check(
-            path.exists(),
+            path.exists() or here >= set(layout.runs),
             f"{out}: the file with its finished runs, {out / layout.rows}, is missing; put it back",
         )
         of_file = read_recorded(path, layout.planned)

@@ -70,12 +70,13 @@ class TrainingRun:
 
     @property
     def cells(self) -> Table:
-        """What the row of the run says of its settings."""
-        label = {MEASURED.get(n, n): own for n, own in self.label.items() if type(own) is not list}
+        """What the row of the run says of its game, budget and seed; its name has a fingerprint of
+        all settings."""
         budget = {column: getattr(self.settings, name) for name, column in MEASURED.items()}
         game = getattr(getattr(self.settings, "task", None), "game", None)
         own = {} if game is None else {"game": game}
-        return {**own, **budget, **label, "kind": self.kind, "seed": self.seed}
+        named = {"variant": self.label["variant"]} if "variant" in self.label else {}
+        return {**own, **budget, **named, "kind": self.kind, "seed": self.seed}
 
     def write(self, folder: Path, study: Path) -> None:
         """Write `config.json` and `run.json`, and copy the policies that it loads.
@@ -164,7 +165,7 @@ def prepare(study: Study, out: Path | str) -> list[tuple[TrainingRun, Path]]:
     done = complete_in(study.rows, planned)
     layout = msgspec.structs.replace(study.layout, format=FORMAT, runs=names)
     if study.rows is not None:
-        layout.rows, layout.planned = os.path.relpath(study.rows, out), planned
+        layout.rows, layout.planned = os.path.relpath(study.rows.resolve(), out.resolve()), planned
     write_json(out / LAYOUT, msgspec.to_builtins(layout))
     folders = [(run, folder_of(out, run.name)) for run in study.runs if run.name not in done]
     for run, folder in folders:

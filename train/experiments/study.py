@@ -305,7 +305,8 @@ def judged(file: StudyFile, name: str) -> list[str]:
     """The mazes or games (`name` "maze" or "game") of the runs of a study, wherever the file sets
     them."""
     tables = [file.settings or {}, *(file.variants or ()), file.grid or {}, file.search or {}]
-    values = [table[name] for table in tables if name in table]
+    values: list[Any] = [table[name] for table in tables if name in table]
+    values = [value["choices"] if isinstance(value, dict) else value for value in values]
     each = [value if isinstance(value, list) else [value] for value in values]
     return [value for several in each for value in several if isinstance(value, str)]
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 from pathlib import Path
 
 from pursuit.mazes.maze import load_maze
@@ -118,6 +119,7 @@ def mazes_of(tuning: Tuning, trials: Trials, task: Table, others: Sequence[str] 
     return chosen
 
 
+@lru_cache(maxsize=64)
 def copies_in(name: str) -> list[bytes]:
     """By maze of a name, a key that is equal for its rotated and mirrored copies."""
     return [

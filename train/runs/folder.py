@@ -81,7 +81,7 @@ def save_config(
 def read_config(folder: Path) -> tuple[str, Plain]:
     """The kind of a run, and its settings; a maze file is replaced by its text, with its name.
 
-    User-defined parts are not checked: call `check_trusted` before one is loaded.
+    User-defined parts are not checked: see `provenance.check_parts`.
 
     Raises:
         ValueError: no run in this folder, or a damaged one.
@@ -123,10 +123,8 @@ def load_results(folder: Path | str) -> Plain:
         f"{path}: has format {found.format}, this version of pursuit reads up to {RESULTS_FORMAT}; "
         "use the version that wrote it",
     )
-    if found.format == 1 and found.objective.column == "outcome" and found.objective.less_is_better:
-        for each in (content["evaluation"], *content.get("scores", ())):  # counted time-outs
-            each["success_rate"] = each.get("escape_rate", each["success_rate"])
-        content["evaluation"]["unsolved_share"] = 1.0 - content["evaluation"]["success_rate"]
+    if found.format == 1:
+        upgrade(content)
         found = read_as(forms.Results, content, path, forms.AGAIN)
     content["format"] = RESULTS_FORMAT
     if found.kind == RUN:
@@ -138,6 +136,23 @@ def load_results(folder: Path | str) -> Plain:
     )
     lists = ("scores", "matches", "at_start", "approximate_best_response")
     return {**content, **{name: msgspec.to_builtins(getattr(found, name)) for name in lists}}
+
+
+def upgrade(content: Plain) -> None:
+    """Bring a valid `results.json` of format 1 to the present form, in place.
+
+    Success of one evader in escapes counted time-outs, and the interval of a team was that of the
+    steps whatever the measure.
+    """
+    aim, team = content["objective"], content.get("team")
+    if isinstance(team, dict) and team.get("measure") not in (None, "steps"):
+        team["ci95"] = None
+    if aim["column"] == "outcome" and aim["less_is_better"] and team is None:
+        for each in (content["evaluation"], *content.get("scores", ())):
+            if each.get("escape_rate") is not None:
+                each["success_rate"] = each["escape_rate"]
+        if content["evaluation"].get("success_rate") is not None:
+            content["evaluation"]["unsolved_share"] = 1.0 - content["evaluation"]["success_rate"]
 
 
 def is_complete(folder: Path) -> bool:

@@ -11,7 +11,15 @@ from pathlib import Path
 from typing import Any, TypedDict
 
 from pursuit.observations.custom import OBSERVATIONS
-from pursuit.plugins import OPENSPIEL, Registry, is_reference, module_of, sha256_of
+from pursuit.plugins import (
+    OPENSPIEL,
+    Registry,
+    check_allowed,
+    is_reference,
+    module_of,
+    reading,
+    sha256_of,
+)
 from pursuit.tasks.rewards import REWARDS
 from scripted_agents.environments import POLICIES
 from scripted_agents.games.named import GAMES, split_name
@@ -76,6 +84,14 @@ def origin_of(setting: str, name: str) -> str | None:
     if setting == "game":
         name = "" if name.startswith(OPENSPIEL) else split_name(name)[0]
     return KINDS.get(setting, POLICIES).origin(name) if name else None
+
+
+def check_parts(config: Path, plain: Plain) -> None:
+    """ValueError if the settings in a file name parts of modules that are not allowed, also parts
+    that are used later."""
+    with reading(config):
+        for _, name, _ in own_parts(plain):
+            check_allowed(name)
 
 
 def provenance(settings: WholeSettings | Plain) -> Records:

@@ -18,7 +18,7 @@ from train.networks.policy import Seat
 from train.networks.small_game_policy import AnySeat, SmallGameSeat
 from train.runs.folder import CONFIG, RUN, SIDE, read_config
 from train.runs.forms import RESTORE
-from train.runs.provenance import check_sources
+from train.runs.provenance import check_parts, check_sources
 from train.runs.tasks import DEFAULTS_BY, agent_of, default_settings, game_of, player_in, task_of
 from train.settings.algorithms import JOINT, SHARED
 from train.settings.common import with_memory
@@ -101,6 +101,7 @@ def load_settings(folder: Path | str) -> AgentSettings:
         kind in (RUN, SIDE),
         f"{folder}: a run of kind {kind!r}, with a policy for each role; give {' or '.join(roles)}",
     )
+    check_parts(folder / CONFIG, plain)
     check_sources(folder / CONFIG, plain)
     with reading(folder / CONFIG):
         return from_plain(plain, str(folder / CONFIG))
@@ -125,8 +126,16 @@ def evaluated_settings(folder: Path | str, others: bool = False) -> AgentSetting
     task: Any = settings.task
     place = Path(os.path.relpath(folder.resolve().parent))
     how: Plain = {"opponent_policy": "sampled"}
-    if isinstance(task, TaskSettings):  # random moves are those of scripted teammates
-        place /= next(role for role in ROLES if role != task.role)
+    check(
+        (place / CONFIG).exists(),
+        f"{folder}: is one side of self-play, and the run {place} does not exist; give --opponent",
+    )
+    if isinstance(task, TaskSettings):  # random moves are those of scripted agents
+        other = next(role for role in ROLES if role != task.role)
+        fixed = read_config(place)[1].get(other)
+        if isinstance(fixed, str):
+            return replace(settings, task=replace(task, opponent=fixed))
+        place /= other
     else:
         how["opponent_epsilon"] = 0.0
     check(

@@ -105,13 +105,13 @@ def load_stable_baselines(
     check(path.is_file(), f"{path}: no such file; give a saved model (.zip)")
     where = description_of(path)
     if where.is_file():
-        content = read_json(where)
-        described = read_as(Description, content, where, RESTORE)
-        settings = read_as(TaskSettings, described.task, f"{where}: task", RESTORE)
         with reading(where):
-            task = task_of(settings)
-        observation = described.observation
-        agent, mask_bumps = agent_of(settings, task), settings.mask_bumps
+            content = read_json(where)
+            described = read_as(Description, content, where, RESTORE)
+            settings = read_as(TaskSettings, described.task, f"{where}: task", RESTORE)
+            task, observation = task_of(settings), described.observation
+            agent, mask_bumps = agent_of(settings, task), settings.mask_bumps
+            return _load(path, Seat(task, agent, observation, mask_bumps), greedy)
     check(
         task is not None and agent is not None and observation is not None,
         f"{path}: its description file {where.name} is missing; give the task and observation of "
@@ -119,7 +119,11 @@ def load_stable_baselines(
         "or save it with train.runs.stable_baselines.save_stable_baselines",
     )
     assert task is not None and agent is not None and observation is not None
-    seat = Seat(task, agent, observation, mask_bumps)
+    return _load(path, Seat(task, agent, observation, mask_bumps), greedy)
+
+
+def _load(path: Path, seat: Seat, greedy: bool | None) -> NetworkPolicy:
+    """The model of a seat; see `load_stable_baselines`."""
     policy = _policy_in(path, seat)
     draws = not hasattr(policy, "q_net")
     greedy = not draws if greedy is None else check_bool("greedy", greedy)

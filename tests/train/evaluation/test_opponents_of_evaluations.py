@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 from command_errors import error_of
+from self_play_runs import make_run
 
 from train.commands.main import main
 from train.evaluation.recordings import players_of
@@ -63,6 +64,15 @@ def test_one_side_of_self_play_meets_the_judged_policy_of_the_other(
     main(["evaluate", side, "--episodes", "4", "--opponent", "random"] if "game" not in side else
          ["evaluate", side, "--episodes", "4", "--opponent", "uniform"])  # fmt: skip
     assert other not in capsys.readouterr().out
+
+
+def test_a_side_against_a_fixed_policy_meets_it_again(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = make_run(tmp_path / "fixed", evader="random", frames=2000)
+    run.train()
+    main(["evaluate", str(tmp_path / "fixed" / "chaser"), "--episodes", "4"])
+    assert "RandomAgent" in capsys.readouterr().out.splitlines()[0]
 
 
 def test_a_single_run_meets_the_opponents_of_its_training(runs: Path) -> None:

@@ -194,7 +194,6 @@ DAMAGE: dict[str, tuple[Callable[[list[dict[str, str]]], Any], str]] = {
     "seed": (lambda rows: rows[0].update(seed="7"), "line 2, column seed: '7', but"),
     "kind": (lambda rows: rows[0].update(kind="single"), "line 2, column kind: 'single', but"),
     "variant": (lambda rows: rows[0].update(variant="first"), "line 2, column variant: 'first'"),
-    "rate": (lambda rows: [row.update(learning_rate="1") for row in rows], "column learning_rate"),
     "missing": (lambda rows: [row.pop("game") for row in rows], "the column game is missing"),
     "nameless": (lambda rows: [row.pop("seed") for row in rows], "line 2: no row of a run"),
     "NUL": (lambda rows: rows[0].update(commit="\0"), "line 2, column commit: a NUL byte"),

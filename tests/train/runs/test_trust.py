@@ -26,7 +26,7 @@ from train.experiments.rows import read_run
 from train.files import write_json
 from train.kinds import open_run, read_settings, resume, start
 from train.runs.folder import RUN, read_config
-from train.runs.opponents import load_policy
+from train.runs.opponents import load_opponent, load_policy
 from train.runs.parts import settings_of
 from train.runs.provenance import provenance
 from train.runs.saved import load_settings
@@ -243,7 +243,8 @@ def test_no_code_named_in_an_untrusted_file_is_run(
     run.train()
     run.results(2)
     good = json.loads(Path("run/config.json").read_text())
-    for place in (("task", "rewards"), ("observation",), ("algorithm",), ("curriculum",)):
+    for place in (("task", "rewards"), ("task", "opponent"), ("observation",), ("algorithm",),
+                  ("curriculum",)):  # fmt: skip
         write_json(tmp_path / "run/config.json", with_value(good, place, "stranger:pay"))
         for read in (load_settings, load_policy, open_run, lambda path: resume(path, RUN)):
             with pytest.raises(ValueError, match=r"config\.json: names 'stranger:pay'"):
@@ -259,6 +260,12 @@ def test_no_code_named_in_an_untrusted_file_is_run(
     write_json(description_of(Path("model.zip")), {"task": task, "observation": "one_hot"})
     with pytest.raises(ValueError, match=r"model\.json: task: names 'stranger:pay'"):
         load_stable_baselines(Path("model.zip"))
+    write_json(
+        description_of(Path("model.zip")), {"task": good["task"], "observation": "stranger:Ok"}
+    )
+    for load in (load_stable_baselines, lambda path: load_opponent(path, task=None)):
+        with pytest.raises(ValueError, match=r"names 'stranger:Ok'|model\.zip: damaged"):
+            load(Path("model.zip"))
     assert not trap.exists() and "stranger" not in sys.modules
     write_json(tmp_path / "run/config.json", with_value(good, ("observation",), "stranger:pay"))
     parts.allow("strange")  # another module, whose name is only like it
@@ -300,6 +307,22 @@ def test_allowed_modules_are_imported(module: str, tmp_path: Path, capsys: Any) 
     for wrong in ("", "a b", "../x"):
         with pytest.raises(ValueError, match="give the name of a module"):
             pursuit.allow(wrong)
+
+
+def test_what_code_of_the_user_names_is_not_from_a_file(
+    module: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A command of one's own, and a module that names another one when it is imported."""
+    Path("mine.py").write_text(
+        "from pursuit.tasks.rewards import REWARDS\n"
+        f"FOUND = REWARDS.get('{module}:pay')\n"
+        f"def run(rest):\n    print(REWARDS.get('{module}:pay') is FOUND)\n"
+    )
+    main(["mine:run"])
+    assert capsys.readouterr().out == "True\n"
+    forgotten(module)
+    with parts.reading("a file", ["mine:FOUND"]):
+        assert callable(REWARDS.get("mine:FOUND"))
 
 
 def test_the_environment_allows_as_well(module: str, monkeypatch: pytest.MonkeyPatch) -> None:
