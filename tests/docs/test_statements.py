@@ -28,6 +28,7 @@ from scripted_agents import (
     solve_chase,
 )
 from scripted_agents.environments import make_env, single_agent_arguments
+from train.settings.algorithms import HYPERPARAMETERS
 from train.settings.curricula import CURRICULA
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -279,3 +280,9 @@ def test_docstrings_name_every_task() -> None:
     for function in (make_env, single_agent_arguments):
         for name in TASK_NAMES:
             assert f'"{name}"' in (function.__doc__ or ""), (function.__name__, name)
+
+
+def test_every_learner_has_a_row_of_its_speed() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "results" / "speed.md").read_text(encoding="utf-8")
+    rows = set(re.findall(r"^\| (\w+) \| (?:maze|chaser|arm|team|self-play)", page, re.MULTILINE))
+    assert rows >= set(HYPERPARAMETERS)
