@@ -168,23 +168,37 @@ def best_response(
     choose(next_values, pairs, actions)
     actions = np.take_along_axis(instead, actions, axis=1)
 
-    def by_pair(found: NDArray[np.float64]) -> NDArray[np.float64]:
-        values = 0.0 + sign * found.take(pairs.width + pairs.spots, axis=1)
-        return np.ascontiguousarray(values.T) if role == "evader" else values
-
-    def open_share() -> NDArray[np.float64]:
-        """The share of games that are not over at the horizon: the values with a small cost of
-        these, less the values, over the cost."""
-        if horizon is None or discount != 1.0:
-            raise ValueError("captures are counted with a horizon and without discount")
-        start = np.zeros(shape)
-        sweep(np.zeros(shape), start, 0, shape[0])  # 1 in all games that are not over
-        start *= SMALL_COST
-        with_cost, _, _ = iterate(sweep, shape, horizon, 1.0, start)
-        return np.clip((by_pair(with_cost) - by_pair(last_values)) / SMALL_COST, 0.0, 1.0)
-
+    values = _by_pair(role, pairs, last_values)
+    open_share = partial(_open_share, role, pairs, shape, horizon, discount, values)
     rest = (horizon, discount, move_order, num_actions, sweeps, open_share)
-    return BestResponse(role, maze, by_pair(last_values), actions, *rest)
+    return BestResponse(role, maze, values, actions, *rest)
+
+
+def _by_pair(role: str, pairs: Pairs, found: NDArray[np.float64]) -> NDArray[np.float64]:
+    """[chaser cell, evader cell] values of a role."""
+    sign = -1.0 if role == "evader" else 1.0
+    values = 0.0 + sign * found.take(pairs.width + pairs.spots, axis=1)
+    return np.ascontiguousarray(values.T) if role == "evader" else values
+
+
+def _open_share(
+    role: str,
+    pairs: Pairs,
+    shape: tuple[int, int],
+    horizon: int | None,
+    discount: float,
+    values: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """The share of games that are not over at the horizon: the values with a small cost of these,
+    less the values, over the cost."""
+    if horizon is None or discount != 1.0:
+        raise ValueError("captures are counted with a horizon and without discount")
+    sweep = partial(respond, pairs, -1.0 if role == "evader" else 1.0, discount)
+    start = np.zeros(shape)
+    sweep(np.zeros(shape), start, 0, shape[0])  # 1 in all games that are not over
+    start *= SMALL_COST
+    with_cost, _, _ = iterate(sweep, shape, horizon, 1.0, start)
+    return np.clip((_by_pair(role, pairs, with_cost) - values) / SMALL_COST, 0.0, 1.0)
 
 
 def evaluate_exactly(

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from train.self_play.league import LeagueTable
 
 LEAGUE = "league.json"
+FORMAT = 2
+"""Of this file; the first had escapes minus captures and no number."""
 
 
 @dataclass(frozen=True)
@@ -103,6 +105,7 @@ def league(arguments: Sequence[str]) -> None:
     play = play_league if given.game is None else play_game_league
     table = play(task, entered, given.games, given.seed)
     content = rate(table, given.seed) | {
+        "format": FORMAT,
         **where,
         "max_steps": task.max_steps,
         "seed": given.seed,
@@ -121,7 +124,7 @@ def league(arguments: Sequence[str]) -> None:
     if table.first is None:
         tables |= {policies_of(role): ratings_table(role, content) for role in table.roles}
     if any(row["best_response"] is not None for row in teams):
-        tables["teams"] = teams_table(teams, table.unit)
+        tables["teams"] = teams_table(teams, table.measure)
     for stem, each in tables.items():
         each.write(out, stem)
     _print(place, task.max_steps, table, tables, content)
@@ -145,9 +148,9 @@ def _print(
     first, second = table.roles
     both = table.first is not None
     several = "{}s" if table.roles == ROLES else "policies of {}"
+    unit = f"returns of {first}, then of {second}," if both else table.measure.unit
     print(
-        f"{f'returns of {first}, then of {second},' if both else table.unit} {place}, at most "
-        f"{max_steps} ({exact}); rows: {several.format(first)}, "
+        f"{unit} {place}, at most {max_steps} ({exact}); rows: {several.format(first)}, "
         f"columns: {several.format(second)}"
     )
     for each in tables.values():

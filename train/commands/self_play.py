@@ -271,7 +271,7 @@ def show(run: Run[SelfPlay], content: Plain) -> None:
     exact = not any(row["games"] for row in matches)
     exits = any("outcome" in row for row in matches)
     print(
-        f"\n{OUTCOMES if exits else UNTIL_CAPTURE}, at most {run.trainee.task.max_steps} "
+        f"\n{(OUTCOMES if exits else UNTIL_CAPTURE).unit}, at most {run.trainee.task.max_steps} "
         f"({'exact' if exact else 'sampled' if exits else '± is the 95 % interval'}); "
         "rows: chasers, columns: evaders"
     )

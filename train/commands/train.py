@@ -143,7 +143,7 @@ def present(run: Run[SingleAgent], content: Plain) -> None:
         title,
         teacher.rows if teacher is not None else None,
         teacher.describes if teacher is not None else "",
-        content["objective"]["column"],
+        trainee.objective,
         settings.budget_unit,
     )
     save_animation(folder / REPLAY, contest.scenes(trainee.policy))

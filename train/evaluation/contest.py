@@ -129,7 +129,7 @@ class GameContest(MazeContest):
 
     def _value_ci95(self, values: NDArray[np.float64]) -> float | None:
         """The half width of the interval of values in the measure; None if that is steps."""
-        return None if self.measure.name == "steps" else half_width(values)
+        return None if self.measure.by_steps else half_width(values)
 
     def _exact_score(self, name: str, steps: float, caught: float, *certain: float | None) -> Score:
         """The score of these expectations over all starts."""

@@ -116,7 +116,7 @@ def _compared(contest: ArmContest | GameContest, policy: Any) -> Evaluation:
         half = half_width(lengths - (gap + 1.0) * least) / optimum
         interval = (gap - half, gap + half)
     measure, value, reached = "steps", mean, optimum
-    if game is not None and game.measure.name != "steps":
+    if game is not None and not game.measure.by_steps:
         measure, value = game.measure.name, float(game.values(policy).mean())
         best = game.optimal_in(game.measure)
         reached = None if best is None else game.measure.of(best)

@@ -197,7 +197,7 @@ class MazeContest(Contest[Policy, Simulator]):
         self, simulator: Simulator, lengths: NDArray[np.int64], left: Departures | None
     ) -> NDArray[np.float64]:
         """[episodes] the results of `played_out` in the measure."""
-        if self.measure.name == "steps":
+        if self.measure.by_steps:
             return lengths.astype(float)
         if self.measure.name == "outcome" and left is not None:
             return left.outcome

@@ -24,7 +24,7 @@ def score_table(
     that is known, and by its interval. Names end with `beside`, the teammates; `success` heads the
     success rates. What is not exact in the row of an exact optimum is said beside the interval.
     """
-    by_steps = measure.name == "steps"
+    by_steps = measure.by_steps
     optimum = next((score for score in scores if score.name == "optimal"), None)
     names = (measure.optimum, measure.optimum + FULL_VIEW)
     best = next((score for score in scores if score.name in names), None)
@@ -49,7 +49,7 @@ def score_table(
         rows.append(row)
     columns = [words("", "name")]
     if not by_steps:
-        columns.append(numeric(measure.label, "value", "z.3f"))
+        columns.append(numeric(measure.unit, "value", "z.3f"))
         if best is not None:
             side = "above" if measure.less_is_better else "below"
             columns.append(numeric(f"{side} the best", "missing", "z.3f"))

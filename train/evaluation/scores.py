@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any, ClassVar, Generic, Literal, Self, TypeVar
+from typing import Any, ClassVar, Generic, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,33 +30,66 @@ FULL_VIEW = ", full view"
 """Suffix of an optimum with full view, which is a bound for an agent with a limited view."""
 
 
+OUTCOME = "captures - escapes"
+DISCOUNTED = "discounted steps"
+
+
 @dataclass(frozen=True)
 class Measure:
-    """The measure by which policies of a contest are compared, and its direction.
+    """What policies or runs are compared by: its name, unit, sign and direction.
+
+    Tables, reports, figures and files take these from here. `results.json` has its fields as
+    "objective", and files of rows the first two.
 
     Attributes:
-        name: "steps", "goals" of the agent, its "return", or the "outcome", captures minus escapes;
-            means over episodes.
+        column: of `metrics.csv`, of results and of rows; the attribute of `Score`, if it has one.
+        unit: of its values; "%" for ratios, which are drawn and printed in per cent.
         less_is_better: whether smaller values are better.
     """
 
-    name: Literal["steps", "goals", "return", "outcome"] = "steps"
+    column: str
+    unit: str
     less_is_better: bool = True
 
     @property
-    def column(self) -> str:
-        """The name of the attribute of `Score` and of the column of `metrics.csv`."""
-        return self.name if self.name == "outcome" else f"mean_{self.name}"
+    def name(self) -> str:
+        """The column without the kind of average: "steps", "goals", "outcome", "gap", ..."""
+        return self.column.removeprefix("mean_").removeprefix("optimality_")
 
     @property
-    def label(self) -> str:
-        """The name in words."""
-        return OUTCOME if self.name == "outcome" else self.name
+    def by_steps(self) -> bool:
+        """Whether it is the length of episodes."""
+        return self.name == "steps"
+
+    @property
+    def title(self) -> str:
+        """Name and unit in words, for tables and axes."""
+        if self.unit.startswith("%"):
+            return f"gap to the optimum, {self.unit}"
+        name = "NashConv" if self.name == "nash_conv" else self.name.replace("_", " ")
+        return name if self.unit in name else f"{name} ({self.unit})"
+
+    @property
+    def is_signed(self) -> bool:
+        """Whether values of both signs are usual; others are at least 0, but for rounding."""
+        return self.name in ("return", "outcome")
+
+    @property
+    def factor(self) -> float:
+        """The factor of values where they are printed and drawn."""
+        return 100.0 if self.unit.startswith("%") else 1.0
+
+    @property
+    def scale(self) -> str:
+        """That of its axis (`Panel.scale`)."""
+        if self.unit.startswith("%"):
+            return "gap"
+        return "log" if self.by_steps else "linear" if self.is_signed else "from 0"
 
     @property
     def optimum(self) -> str:
         """The name of the score of the exact optimum in this measure."""
-        return "optimal" if self.name == "steps" else f"optimal {self.name}"
+        return "optimal" if self.by_steps else f"optimal {self.name}"
 
     def of(self, score: Score) -> float | None:
         """The value of a score in this measure; None if it is unknown."""
@@ -78,9 +111,16 @@ class Measure:
 
     def gap(self, value: float, most: float) -> float:
         """The distance of a value to the best one, as `distance`."""
-        if self.name == "steps":
+        if self.by_steps:
             return value / most - 1.0
         return value - most if self.less_is_better else most - value
+
+
+BY_STEPS, BY_MOST_STEPS = Measure("mean_steps", "steps"), Measure("mean_steps", "steps", False)
+BY_GOALS, BY_RETURN = Measure("mean_goals", "goals", False), Measure("mean_return", "return", False)
+UNTIL_CAPTURE = Measure("mean_steps", "steps until capture")
+OUTCOMES = Measure("outcome", f"{OUTCOME} (chasers want more)", False)
+"""What chasers and evaders play for, with the direction of chasers."""
 
 
 @dataclass(frozen=True)
@@ -147,18 +187,10 @@ def optimality_gap(achieved: Score, optimum: Score | None) -> float | None:
     return None if optimum is None else achieved.mean_steps / optimum.mean_steps - 1.0
 
 
-OUTCOME = "captures - escapes"
-UNTIL_CAPTURE, OUTCOMES = "steps until capture", f"{OUTCOME} (chasers want more)"
-"""Units of what chasers and evaders play for."""
-BY_STEPS, BY_GOALS = Measure(), Measure("goals", False)
-BY_MOST_STEPS, BY_RETURN = Measure("steps", False), Measure("return", False)
-DISCOUNTED = "discounted steps"
-
-
 def measure_of(task: Task, role: str) -> Measure:
     """The measure of an agent of a role in a task; see `MazeContest.measure`."""
     if task.most_exits and task.num_goals == 0:
-        return Measure("outcome", role == "evader")
+        return Measure("outcome", OUTCOME, role == "evader")
     if task.num_goals == 0:
         return BY_MOST_STEPS if role == "evader" else BY_STEPS
     if role != "runner":
@@ -230,7 +262,7 @@ def strongest_reference(
 
 def _reference(kind: str, best: Score, learned: Score, measure: Measure) -> Reference:
     value, distance = measure.of(best), measure.distance(learned, best)
-    return Reference(kind, best.name, measure.label, float(value or 0.0), float(distance or 0.0))
+    return Reference(kind, best.name, measure.unit, float(value or 0.0), float(distance or 0.0))
 
 
 def label_of(policy: object) -> str:

@@ -63,7 +63,7 @@ class InMazes:
 
     def values(self, measure: Measure) -> NDArray[np.float64] | None:
         """[mazes] the mean of a measure in each maze; None if it was not sampled."""
-        if measure.name == "steps":
+        if measure.by_steps:
             return self.steps
         found = self.goals if measure.name == "goals" else self.returns
         if measure.name == "outcome":

@@ -52,7 +52,7 @@ def maze_rows(contest: SuiteContest, policies: Sequence[InMazes]) -> list[Plain]
             row[f"{name}_steps"] = float(found.steps[number])
             row[f"{name}_success"] = float(found.success[number])
             measured = found.values(contest.measure)
-            if contest.measure.name != "steps" and measured is not None:
+            if not contest.measure.by_steps and measured is not None:
                 row[f"{name}_{contest.measure.name}"] = float(measured[number])
             if contest.best is not None:
                 row[f"{name}_gap"] = float(gaps_of(found, contest.best)[number])
@@ -75,7 +75,7 @@ def summary_of(contest: SuiteContest, found: InMazes) -> Plain:
         "solved_mazes": float((found.success >= SOLVED).mean()),
     }
     measured = found.values(contest.measure)
-    if contest.measure.name != "steps" and measured is not None:
+    if not contest.measure.by_steps and measured is not None:
         summary[contest.measure.column] = float(measured.mean())
     if contest.best is not None:
         gaps = gaps_of(found, contest.best)

@@ -151,7 +151,7 @@ class TeamContest(GameContest):
         task = self.by_outcome if self.measure.name == "outcome" else task
         found = {}
         for name in (task.agent_names[seat] for seat in self.seats):
-            how: Plain = {"objective": "steps" if self.measure.name == "steps" else "return"}
+            how: Plain = {"objective": "steps" if self.measure.by_steps else "return"}
             best = solve_joint(task, name, played, task.max_steps, counted=self.agent, **how)
             found[name] = self._in_measure(best.mean_over_starts)
         return found
@@ -197,7 +197,7 @@ def team_results(
         "measure": measure.name,
         measure.name: value,
         "exact": exact,
-        "ci95": 0.0 if exact else score.ci95 if measure.name == "steps" else score.value_ci95,
+        "ci95": 0.0 if exact else score.ci95 if measure.by_steps else score.value_ci95,
         **_beside(measure, value, best),
         "reason": contest.full.exact_reference.reason if best is None else "",
         "full_view": contest.is_limited,

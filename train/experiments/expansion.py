@@ -345,7 +345,7 @@ def check_measures(file: StudyFile, runs: Sequence[TrainingRun]) -> None:
             "game without goals for evaders",
         )
         check(
-            contest.measure.name == "steps",
+            contest.measure.by_steps,
             f"task {task.task!r} is scored by {contest.measure.name}, but an ablation needs the "
             "gap in steps; use a single runner, or a chase",
         )

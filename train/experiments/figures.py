@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from train.evaluation.scores import Measure
 from train.experiments.rows import StudyRows, column_of, longer_is_better
 from train.experiments.statistics import NAN, distance_interval
-from train.experiments.summary import REFERENCES, REGRET, Measure, size_of
+from train.experiments.summary import interval_of, references_of, size_of
 from train.experiments.variants import by_variant
 from train.reports.curves import SINGLE_RUNS, Level, LineStyle, Panel, Series, draw_panels
 from train.reports.figures import BLACK, GREEN, GREY, PALETTE, Estimate, draw_intervals, time_scale
@@ -30,10 +32,7 @@ LEVELS: dict[str, tuple[str, LineStyle]] = {
 }
 """Colours and styles of the references of returns, goals and outcomes."""
 COLORS = tuple(color for color in PALETTE if color != GREY)
-POLICIES = [
-    Measure(policy, policy, f"gap to the optimum, %, {policy}", "gap", 100.0)
-    for policy in ("greedy", "sampled")
-]
+POLICIES = [Measure(policy, f"%, {policy}") for policy in ("greedy", "sampled")]
 """The measures of contestants."""
 
 
@@ -68,10 +67,12 @@ def draw_curves(
                 curves = [curve for curve in found if len(curve[0])]
                 color = PALETTE[place % len(PALETTE)]
                 if curves:
-                    series.append(Series(curves, name, color, interval=measure.interval))
+                    series.append(
+                        Series(curves, name, color, interval=partial(interval_of, measure))
+                    )
             here = [row for row in study.rows if row["_x"] == value]
             title = f"{str(study.x).replace('_', ' ')} {value}" if study.x else ""
-            first = measure.label if not len(panels) % COLUMNS else ""
+            first = measure.title if not len(panels) % COLUMNS else ""
             levels = levels_of(measure, here)
             panels.append(Panel(series, first, title, measure.scale, levels=levels))
     grid = [panels[first : first + COLUMNS] for first in range(0, len(panels), COLUMNS)]
@@ -81,11 +82,11 @@ def draw_curves(
 
 def levels_of(measure: Measure, rows: Sequence[Row]) -> list[Level]:
     """Lines of the references in the measure of these runs: their means."""
-    if measure.references is REFERENCES or measure is REGRET:
+    if measure.name not in ("steps", "goals", "return", "outcome"):
         return []
-    levels = []
+    references, levels = references_of(measure), list[Level]()
     for name, (color, dash) in LEVELS.items():
-        values = [row.get(measure.references[name]) for row in rows]
+        values = [row.get(references[name]) for row in rows]
         if values and None not in values:
             mean = float(np.mean([float(value) for value in values if value is not None]))
             levels.append(Level(mean, f"{name}: {mean:z.2f}", color, dash))

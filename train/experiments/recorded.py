@@ -17,6 +17,7 @@ from filelock import FileLock
 from pursuit.validation import check
 from train.files import LOCK, write_csv
 from train.reports.tables import Row
+from train.runs.folder import RESULTS_FORMAT
 
 FIRST = ("run", "kind", "status")
 """The first columns. The settings of the study file that vary follow, then "seed" and the rest."""
@@ -76,6 +77,7 @@ def read_recorded(path: Path | None, planned: Cells | None = None) -> dict[str, 
                 cells[name] == "" or is_number(cells[name]),
                 f"{where}, column {name}: {cells[name]!r} is no finite number; {REMEDY}",
             )
+        check_format(where, cells)
         for name, value in (planned or {}).get(run, {}).items():
             own = cells.get(name)
             check(
@@ -88,6 +90,25 @@ def read_recorded(path: Path | None, planned: Cells | None = None) -> dict[str, 
             )
         known[run] = {name: columns[name][place] for name in names}
     return known
+
+
+def check_format(where: str, cells: dict[str, str]) -> None:
+    """Check that a row is one of this version; rows of the first format have no number of it.
+
+    Raises:
+        ValueError: a later format, or outcomes in the first, where time-outs were successes.
+    """
+    found = int(cells.get("format") or 1) if (cells.get("format") or "1").isdigit() else 0
+    check(
+        1 <= found <= RESULTS_FORMAT,
+        f"{where}: has format {cells.get('format')}, this version of pursuit reads 1 to "
+        f"{RESULTS_FORMAT}; use the version that wrote it",
+    )
+    check(
+        found > 1 or cells.get("objective") != "outcome",
+        f"{where}: has format 1, where time-outs of escapes counted as successes; remove the row "
+        "so that the run is repeated",
+    )
 
 
 def holds_numbers(name: str, rows: list[dict[str, str]]) -> bool:

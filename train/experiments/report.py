@@ -99,8 +99,7 @@ def sweep_content(study: StudyRows, folder: Path, unit: str, log: bool) -> Conte
     names, measure = ["learning_curves.png"], summary.measure_of(study.rows)
     table = summary.sweep_table(study.rows, study.x)
     if study.x and len({row["_x"] for row in study.rows}) > 1:
-        scale = "gap" if measure is summary.GAP else "linear"
-        panels = {measure.label: (scale, measure.name, "each_run")}
+        panels = {measure.title: (measure.scale, measure.name, "each_run")}
         figures.draw_final(folder / "final.png", study, table.rows, study.x, panels)
         names.insert(0, "final.png")
     figures.draw_curves(folder / "learning_curves.png", study, [measure], unit, log)

@@ -242,7 +242,7 @@ def read_run(folder: Path) -> tuple[Row, list[str], list[Row]]:
         members = [own["gap"] for own in content.get("team", {}).get("members", {}).values()]
         results |= {"members_gap": fmean(members)} if members else {}
         results |= {"objective": content["objective"]["column"]}
-        results |= {"unit": content["objective"]["unit"]}
+        results |= {"unit": content["objective"]["unit"], "format": content["format"]}
         results |= curve_measures(settings | results, evaluations)
         results |= {f"{name}_version": value for name, value in content["versions"].items()}
         results["commit"] = results.pop("commit_version", None)

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from train.evaluation.scores import OUTCOMES, UNTIL_CAPTURE
+from train.evaluation.scores import OUTCOMES, UNTIL_CAPTURE, Measure
 from train.experiments.contestants import CONTESTANTS
 from train.experiments.rows import StudyRows
 from train.experiments.statistics import (
@@ -46,44 +45,7 @@ SPENT = 0.8
 """Variants with a smaller share of frames on the hardest stage are marked."""
 
 
-@dataclass(frozen=True)
-class Measure:
-    """The measure by which runs are compared.
-
-    Attributes:
-        name: in tables.
-        column: in the tables of runs and of their evaluations, to be multiplied by `factor`.
-        label: in figures and headers.
-        scale: of its axis (`Panel.scale`).
-    """
-
-    name: str
-    column: str
-    label: str
-    scale: str
-    factor: float = 1.0
-
-    def interval(self, values: Sequence[float]) -> Interval:
-        """The 95 % interval of the mean over runs; other measures than returns are not negative."""
-        signed = self.column in ("mean_return", "outcome")
-        return mean_interval([values]) if signed else distance_interval([values])
-
-    @property
-    def references(self) -> dict[str, str]:
-        """Further columns of tables, if the runs have them, by their heads: means over seeds of the
-        same quantity."""
-        if self is REGRET:
-            return {"return": "mean_return"}
-        if self.column not in ("mean_goals", "mean_return", "outcome"):
-            return REFERENCES
-        name = self.column.removeprefix("mean_")
-        found = {each: f"{each}_{name}" for each in ("random", "scripted", "optimal")}
-        return {**found, "behind the optimum": f"{name}_regret"}
-
-
-REGRET = Measure("return_regret", "return_regret", "return regret", "from 0")
-GAP = Measure("gap", "optimality_gap", "gap to the optimum, %", "gap", 100.0)
-STEPS = Measure("steps", "mean_steps", "steps", "log")
+GAP, REGRET = Measure("optimality_gap", "%"), Measure("return_regret", "return")
 
 
 def measure_of(rows: list[Row]) -> Measure:
@@ -96,15 +58,27 @@ def measure_of(rows: list[Row]) -> Measure:
     """
     objectives = {(row["objective"], row["unit"]) for row in rows}
     column, unit = objectives.pop() if len(objectives) == 1 else ("steps", "steps")
-    if column == "mean_steps":
-        known = all(row.get("optimality_gap") is not None for row in rows)
-        return GAP if known else STEPS
+    if column == "mean_steps" and all(row.get("optimality_gap") is not None for row in rows):
+        return GAP
     if column == "mean_return" and all(row.get("game") is not None for row in rows):
         return REGRET
-    name = "NashConv" if column == "nash_conv" else column.replace("_", " ")
-    label = name if name.endswith(unit) else f"{name} ({unit})"
-    signed = column in ("mean_return", "outcome")
-    return Measure(column, column, label, "linear" if signed else "from 0")
+    return Measure(column, unit)
+
+
+def interval_of(measure: Measure, values: Sequence[float]) -> Interval:
+    """The 95 % interval of the mean over runs."""
+    return mean_interval([values]) if measure.is_signed else distance_interval([values])
+
+
+def references_of(measure: Measure) -> dict[str, str]:
+    """Further columns of tables, if the runs have them, by their heads: means over seeds of the
+    same quantity."""
+    if measure == REGRET:
+        return {"return": "mean_return"}
+    if measure.name not in ("goals", "return", "outcome"):
+        return REFERENCES
+    found = {each: f"{each}_{measure.name}" for each in ("random", "scripted", "optimal")}
+    return {**found, "behind the optimum": f"{measure.name}_regret"}
 
 
 def size_of(value: object) -> tuple[float, str]:
@@ -130,10 +104,10 @@ def summary(rows: list[Row], x: str | None) -> list[Row]:
 
         line: Row = {x: value} if x else {}
         line |= {"group": name, "seeds": len(chosen)}
-        shown = measure.references
+        shown = references_of(measure)
         line |= {word: mean(column) for word, column in shown.items() if column in known}
         values = [measure.factor * row[measure.column] for row in chosen]
-        line |= bounded(measure.name, float(np.mean(values)), measure.interval(values))
+        line |= bounded(measure.name, float(np.mean(values)), interval_of(measure, values))
         line[f"{measure.name}_iqm"] = interquartile_mean(values)
         line["each_run"] = values
         before = f"{measure.column}_at_start"
@@ -141,9 +115,9 @@ def summary(rows: list[Row], x: str | None) -> list[Row]:
             ratios = [row[measure.column] / row[before] if row[before] else 1.0 for row in chosen]
             less = [100.0 * (1.0 - ratio) for ratio in ratios]
             line |= {"less": float(np.mean(less)), "least": min(less)}
-        if measure is GAP and "objective_gap" in known:
+        if measure == GAP and "objective_gap" in known:
             line["objective_gap"] = 100.0 * mean("objective_gap")
-        if "success_rate" in known and measure is not REGRET:
+        if "success_rate" in known and measure != REGRET:
             line["success"] = 100.0 * mean("success_rate")
         table.append(line | {"seconds": mean("seconds"), "frames": mean("frames")})
     return table
@@ -153,7 +127,7 @@ def sweep_table(rows: list[Row], x: str | None) -> ResultTable:
     """The summary of runs as a table."""
     table, measure = summary(rows, x), measure_of(rows)
     unit = measure.name
-    heads = HEADS | {unit: f"{measure.label} [95 %]", f"{unit}_iqm": "interquartile mean"}
+    heads = HEADS | {unit: f"{measure.title} [95 %]", f"{unit}_iqm": "interquartile mean"}
     columns = []
     for name in table[0]:
         head = heads.get(name, name.replace("_", " "))
@@ -191,18 +165,18 @@ def sweep_notes(rows: list[Row]) -> list[str]:
     """The explanation of the table and the figures."""
     measure, single = measure_of(rows), all(row["kind"] == RUN for row in rows)
     lines = [note("sweep.intervals", test=" (`pursuit ablate` makes one)" if single else "")]
-    lines += [note("gaps.cut")] if measure is GAP else []
+    lines += [note("gaps.cut")] if measure == GAP else []
     kinds = policies_of(rows)
-    if measure in (GAP, STEPS) and kinds:
+    if measure.name in ("gap", "steps") and kinds:
         lines.append(note("sweep.steps", kinds=kinds))
     elif measure.name == "nash_conv":
         games = any(row.get("game") is not None for row in rows)
         exits = any(row.get("outcome") is not None for row in rows)
-        unit = OUTCOMES if exits else UNTIL_CAPTURE
+        unit = (OUTCOMES if exits else UNTIL_CAPTURE).unit
         lines.append(note("sweep.game") if games else note("sweep.nash_conv", unit=unit))
-    elif measure is REGRET:
+    elif measure == REGRET:
         lines.append(note("sweep.regret"))
-    if measure is GAP and all(row.get("objective_gap") is not None for row in rows):
+    if measure == GAP and all(row.get("objective_gap") is not None for row in rows):
         lines.append(note("sweep.objective"))
     return lines
 

@@ -5,12 +5,10 @@ Files may have further fields, as later versions may add some.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import msgspec
 
 from pursuit.validation import check
-from train.evaluation.scores import Score
+from train.evaluation.scores import Measure, Score
 from train.files import Plain
 
 RESTORE = "restore it from a copy"
@@ -33,15 +31,6 @@ class Config(msgspec.Struct, kw_only=True):
     task: Plain
     maze_text: str | None
     final: Final = Final()
-
-
-@dataclass(frozen=True)
-class Objective:
-    """The objective of a run: a column of `metrics.csv`."""
-
-    column: str
-    unit: str
-    less_is_better: bool
 
 
 class Evaluation(msgspec.Struct):
@@ -82,7 +71,7 @@ class Results(msgspec.Struct, kw_only=True):
     algorithm: str
     seed: int
     evaluation: dict[str, float | bool | None]
-    objective: Objective
+    objective: Measure
     frames: int
     seconds: float
     clock: str = "wall"

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from train.evaluation.scores import OUTCOME
+from train.evaluation.scores import BY_STEPS, Measure
 from train.files import Plain
 from train.reports.curves import Level, Panel, Series, draw_panels
 from train.reports.figures import BLACK, GREEN, GREY, ORANGE, PINK, SKY, YELLOW, time_scale
@@ -15,11 +15,6 @@ from train.reports.figures import BLACK, GREEN, GREY, ORANGE, PINK, SKY, YELLOW,
 COLORS = {"optimal": GREEN, "random": GREY}
 OTHERS = ((ORANGE, "--"), (YELLOW, "-."), (BLACK, ":"), (SKY, "--"), (PINK, "-."))
 """Colour and line style of the other references, in their order."""
-LABELS = {
-    "mean_steps": "mean episode length\n(steps, log)",
-    "mean_goals": "mean goals collected",
-    "outcome": OUTCOME,
-}
 
 
 def draw_learning_curve(
@@ -29,7 +24,7 @@ def draw_learning_curve(
     title: str,
     stages: list[Plain] | None = None,
     taught: str = "",
-    column: str = "mean_steps",
+    measure: Measure = BY_STEPS,
     unit: str = "frames",
 ) -> None:
     """The objective over training time with references as lines; gap and curriculum below.
@@ -41,22 +36,21 @@ def draw_learning_curve(
         title: of the figure.
         stages: rows of `curriculum.csv`; None without a curriculum.
         taught: the label of their values.
-        column: of the objective in `rows` and `scores`.
+        measure: the objective of the run.
         unit: of the axis: that of the budget, frames or seconds.
     """
     times = np.array([row[unit] for row in rows]) * time_scale(unit)
     levels, others = [], itertools.cycle(OTHERS)
     for score in scores:
-        name, value = score["name"], score.get(column)
+        name, value = score["name"], score.get(measure.column)
         if not name.startswith("learned") and value is not None:
             color, dash = (COLORS[name], "--") if name in COLORS else next(others)
             levels.append(Level(value, f"{name}: {value:z.2f}", color, dash))
-    of_steps = column == "mean_steps"
-    measured = Series([(times, np.array([row[column] for row in rows]))], "learned")
-    label = LABELS.get(column, "mean return")
-    panels = [Panel([measured], label, scale="log" if of_steps else "linear", levels=levels)]
+    measured = Series([(times, np.array([row[measure.column] for row in rows]))], "learned")
+    label = f"mean {measure.unit}" + ("\n(log)" if measure.scale == "log" else "")
+    panels = [Panel([measured], label, scale=measure.scale, levels=levels)]
     optimum = any(score["name"] == "optimal" for score in scores)
-    if of_steps and optimum and any("optimality_gap" in row for row in rows):
+    if measure.by_steps and optimum and any("optimality_gap" in row for row in rows):
         gap = 100 * np.array([row.get("optimality_gap", np.nan) for row in rows])
         panels.append(Panel([Series([(times, gap)])], "gap to the\noptimum (%)", scale="gap"))
     if stages:

@@ -23,7 +23,6 @@ from train.evaluation.team_contest import TeamContest, team_results
 from train.files import Plain, write_csv
 from train.runs.data_parallel import OtherProcesses
 from train.runs.folder import RUN, game_digest
-from train.runs.forms import Objective
 from train.runs.loop import BRIEF_EPISODES, BRIEF_STEPS
 from train.runs.parts import Parts
 from train.runs.trainee import Clock
@@ -70,8 +69,7 @@ class SingleAgent:
             self.teacher.scored_policy = self.learner.policy(greedy=not draws)
         self.contest: AnyContest = parts.world.contest(EPISODES)
         self.optimum = self.contest.optimal()
-        measure = self.contest.measure
-        self.objective = Objective(measure.column, measure.label, measure.less_is_better)
+        self.objective = self.contest.measure
 
     @property
     def frames(self) -> int:
@@ -130,9 +128,9 @@ class SingleAgent:
         if "stage" in row:
             parts.append(f"stage {row['stage']:5.2f}")
         name, measure = self.evaluated, self.contest.measure
-        of_steps = measure.name == "steps"
+        of_steps = measure.by_steps
         if not of_steps:
-            parts.append(f"{name} {measure.label} {row[measure.column]:6.2f}")
+            parts.append(f"{name} {measure.unit} {row[measure.column]:6.2f}")
         if "nash_conv" in row:
             parts.append(f"below the best {row['return_regret']:z7.3f}")
             parts.append(f"NashConv {row['nash_conv']:z7.3f}")

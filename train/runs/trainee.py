@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import ClassVar, Protocol, Self
 
+from train.evaluation.scores import Measure
 from train.files import Plain
-from train.runs.forms import Objective
 from train.settings.self_play import WholeSettings
 
 
@@ -29,7 +29,7 @@ class Trainee(Protocol):
     """
 
     kind: ClassVar[str]
-    objective: Objective
+    objective: Measure
     evaluates_first: ClassVar[bool]
 
     @property

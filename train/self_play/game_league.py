@@ -14,6 +14,7 @@ from scripted_agents.games.agents import AGENTS
 from scripted_agents.games.episodes import play_of
 from scripted_agents.games.simulator import GameSimulator, GameTask, StatePolicy
 from train.evaluation.games import stepper
+from train.evaluation.scores import Measure
 from train.runs.opponents import player_policy
 from train.runs.saved import load_settings
 from train.runs.tasks import game_of, player_in
@@ -107,8 +108,10 @@ def play_game_league(
             sampled[i, j] = sampled_returns(task, (one, two), games, evaluation_seed(seed))
     names = [[entry.name for entry in side] for side in sides]
     own = None if task.game.zero_sum else exact[0]
-    how = (None, f"return of {second}", (first, second), own)
-    return LeagueTable(names[0], names[1], exact[1], np.zeros(shape), sampled, *how)
+    measure = Measure("mean_return", f"return of {second}")
+    return LeagueTable(
+        names[0], names[1], exact[1], np.zeros(shape), sampled, None, measure, (first, second), own
+    )
 
 
 def sampled_returns(

@@ -20,7 +20,7 @@ from scripted_agents.environments import AGENTS, agent_name, is_agent, named_pol
 from scripted_agents.limits import MAX_EVALUATED_WORK, MAX_FINAL_WORK
 from train.evaluation.games import half_width, other_role
 from train.evaluation.matchups import can_solve, match, pair_payoffs
-from train.evaluation.scores import OUTCOMES, UNTIL_CAPTURE
+from train.evaluation.scores import OUTCOMES, UNTIL_CAPTURE, Measure
 from train.evaluation.team_contest import TeamContest
 from train.files import Plain
 from train.reports.tables import Row
@@ -64,7 +64,7 @@ class LeagueTable:
             float64.
         chasers, evaders: their names; in a small game those of the first and the second player.
         horizon: steps after which a game is truncated; None for no limit, and with exits.
-        unit: of the payoffs that are shown.
+        measure: of the payoffs that are shown, with the direction of the first role.
         roles: those of the rows and of the columns.
         first: [chasers, evaders] float64, the payoffs of the first role where they are not the
             opposite of those of the second: a general-sum game; None otherwise.
@@ -76,18 +76,18 @@ class LeagueTable:
     ci95: NDArray[np.float64]
     lengths: NDArray[np.int64] | NDArray[np.float64]
     horizon: int | None = None
-    unit: str = UNTIL_CAPTURE
+    measure: Measure = UNTIL_CAPTURE
     roles: tuple[str, str] = ROLES
     first: NDArray[np.float64] | None = None
 
     @property
     def sign(self) -> float:
         """The factor of payoffs, which the columns maximise, where they are shown."""
-        return -1.0 if self.unit == OUTCOMES else 1.0
+        return 1.0 if self.measure.less_is_better else -1.0
 
     @property
     def shown(self) -> NDArray[np.float64]:
-        """The payoffs in `unit`."""
+        """The payoffs in `measure`."""
         return self.sign * self.payoff
 
 
@@ -329,7 +329,7 @@ def rate(table: LeagueTable, seed: int = 0) -> Plain:
         "ci95": table.ci95.tolist(),
         "games": table.lengths.shape[2],
         **(survival(table) if table.roles == ROLES else {}),
-        **({} if table.unit == UNTIL_CAPTURE else {"unit": table.unit}),
+        "unit": table.measure.unit,
     }
     average = nash_average(table.payoff)
     content["nash"] = {

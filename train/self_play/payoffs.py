@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from functools import partial
 from pathlib import Path
 
-from train.evaluation.scores import UNTIL_CAPTURE
+from train.evaluation.scores import Measure
 from train.files import Plain
 from train.reports.figures import draw_matrix
 from train.reports.tables import Column, ResultTable, Row, numeric, words
@@ -85,12 +85,12 @@ def ratings_table(role: str, content: Plain) -> ResultTable:
         words(role, "name"),
         Column("Elo [95 %]", lambda r: f"{r['elo']:.0f} [{r['elo_low']:.0f}, {r['elo_high']:.0f}]"),
         Column("Nash share", lambda r: f"{100 * r['nash_share']:.1f} %"),
-        numeric(f"{content.get('unit', 'steps')} against Nash", *against),
+        numeric(f"{content['unit']} against Nash", *against),
     ]
     return ResultTable(sorted(rows, key=lambda row: -row["elo"]), columns)
 
 
-def teams_table(rows: Sequence[Row], unit: str) -> ResultTable:
+def teams_table(rows: Sequence[Row], measure: Measure) -> ResultTable:
     """The rows of `team_rows` with a best response."""
     known = [row for row in rows if row["best_response"] is not None]
     full = ", full view" if any(row["full_view"] for row in known) else ""
@@ -98,9 +98,9 @@ def teams_table(rows: Sequence[Row], unit: str) -> ResultTable:
     columns = [
         words("team", "team"),
         words("against", "against"),
-        numeric(unit, "payoff", "z.3f"),
+        numeric(measure.unit, "payoff", "z.3f"),
         numeric(f"best team response{full}", "best_response", "z.3f"),
-        gap if unit == UNTIL_CAPTURE else numeric("difference", "gap", "z.3f"),
+        gap if measure.by_steps else numeric("difference", "gap", "z.3f"),
     ]
     return ResultTable(known, columns)
 
@@ -121,7 +121,7 @@ def draw_league(path: Path, table: LeagueTable, title: str) -> None:
     """The payoff matrix as a heat map; in a general-sum game also that of the first role, in a
     second file."""
     names = [*zip(table.roles, (table.chasers, table.evaders), strict=True)]
-    draw_matrix(path, table.shown, names[0], names[1], table.unit, title)
+    draw_matrix(path, table.shown, names[0], names[1], table.measure.unit, title)
     if table.first is not None:
         role = table.roles[0]
         path = path.with_stem(f"{path.stem}_{role}")

@@ -114,10 +114,10 @@ def write_self_play_report(
     league = snapshots_league(trainee, task, pair)
     path = path or folder / REPORT
     payoff = path.with_name(PAYOFF)
-    draw_league(payoff, league, f"{league.unit}: snapshots against each other")
+    draw_league(payoff, league, f"{league.measure.unit}: snapshots against each other")
     players = {row[role] for row in results["matches"] for role in ROLES}
     legend = legend_of(players, trainee.settings.task.opponent_epsilon)
-    unit = f"Mean {OUTCOMES if task.most_exits else UNTIL_CAPTURE}."
+    unit = f"Mean {(OUTCOMES if task.most_exits else UNTIL_CAPTURE).unit}."
     title = title_of(results)
     about = f"Run {folder.name}: {results['algorithm']}, opponents {results['sampling']}."
     parts = [

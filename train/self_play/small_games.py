@@ -13,8 +13,8 @@ from scripted_agents.games.agents import UNIFORM
 from scripted_agents.games.episodes import play_of, return_range
 from scripted_agents.games.simulator import GameTask
 from scripted_agents.games.solve import nash_conv, returns_of
+from train.evaluation.scores import Measure
 from train.files import Plain
-from train.runs.forms import Objective
 from train.runs.tasks import horizon_of
 from train.self_play.mixing import MOST_SOLVED, known_mixed_share
 from train.self_play.mixtures import value_in
@@ -77,8 +77,8 @@ class SmallGamePlay(SelfPlay):
             f"actions), {', '.join(self.parts.roles)}"
         )
 
-    def _objective(self) -> Objective:
-        return Objective("nash_conv", "return", less_is_better=True)
+    def _objective(self) -> Measure:
+        return Measure("nash_conv", "return")
 
     def _exact(self, tables: Mapping[str, Any]) -> tuple[float, ...]:
         """The expected return of every player."""

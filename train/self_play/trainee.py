@@ -16,10 +16,9 @@ from scripted_agents.limits import MAX_FINAL_WORK, MAX_SNAPSHOT_CELLS, MAX_WORK
 from scripted_agents.references import is_exact_team
 from train.evaluation.games import other_role
 from train.evaluation.matchups import discounted_steps, match
-from train.evaluation.scores import OUTCOME
+from train.evaluation.scores import DISCOUNTED, OUTCOME, Measure
 from train.files import Plain
 from train.runs.folder import CONFIG, SELF_PLAY, SIDE, game_digest, save_checkpoint, save_config
-from train.runs.forms import Objective
 from train.runs.loop import BRIEF_STEPS
 from train.runs.tasks import maze_text_of
 from train.runs.trainee import Clock
@@ -100,12 +99,12 @@ class SelfPlay:
         self._update_sampling()
         self.objective = self._objective()
 
-    def _objective(self) -> Objective:
+    def _objective(self) -> Measure:
         # It depends on the game alone: every learned policy is a table.
         exact = has_nash_conv(self.task, self.policy("chaser"), self.policy("evader"))
-        unit = OUTCOME if self.task.most_exits else "discounted steps"
+        unit = OUTCOME if self.task.most_exits else DISCOUNTED
         column, unit = ("nash_conv", unit) if exact else ("steps", "steps")
-        return Objective(column, unit, less_is_better=True)
+        return Measure(column, unit)
 
     def payoff(self, chaser: Policy, evader: Policy) -> float:
         """The payoff of two policies, which evaders maximise: `discounted_steps`."""

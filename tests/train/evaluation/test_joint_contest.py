@@ -319,7 +319,9 @@ def test_a_run_is_judged_by_the_measure_of_its_contest(
     row = read_run(tmp_path)[0]
     measure = measure_of_rows([row])
     assert measure.column == column and row[column] == found[column]
-    draw_learning_curve(tmp_path / "c.png", rows, content["scores"], "", column=column)
+    draw_learning_curve(
+        tmp_path / "c.png", rows, content["scores"], "", measure=run.trainee.objective
+    )
 
 
 @pytest.mark.parametrize(

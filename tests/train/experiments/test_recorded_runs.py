@@ -196,6 +196,12 @@ DAMAGE: dict[str, tuple[Callable[[list[dict[str, str]]], Any], str]] = {
     "variant": (lambda rows: rows[0].update(variant="first"), "line 2, column variant: 'first'"),
     "missing": (lambda rows: [row.pop("game") for row in rows], "the column game is missing"),
     "nameless": (lambda rows: [row.pop("seed") for row in rows], "line 2: no row of a run"),
+    "later": (lambda rows: rows[1].update(format="99"), "line 3: has format 99, this version"),
+    "no number": (lambda rows: rows[1].update(format="two"), "line 3, column format: 'two'"),
+    "time-outs": (
+        lambda rows: rows[2].update(format="", objective="outcome"),
+        "line 4: has format 1, where time-outs of escapes counted as successes",
+    ),
     "NUL": (lambda rows: rows[0].update(commit="\0"), "line 2, column commit: a NUL byte"),
 }
 

@@ -24,7 +24,7 @@ from train.experiments.statistics import (
     permutation_p,
     probability_of_improvement,
 )
-from train.experiments.summary import measure_of
+from train.experiments.summary import interval_of, measure_of
 
 SPREAD: dict[str, tuple[float, Callable[..., Any]]] = {
     "normal": (0.0, lambda rng, size: rng.normal(size=size)),
@@ -80,9 +80,9 @@ def test_the_interval_of_returns_goes_beyond_0() -> None:
     values = [-4.0, -1.0, 0.5]
     returns = measure_of([{"objective": "mean_return", "unit": "return"}])
     goals = measure_of([{"objective": "mean_goals", "unit": "goals"}])
-    assert returns.interval(values) == mean_interval([values])
-    assert returns.interval(values)[1] > 0.0
-    assert goals.interval([0.1, 0.2, 1.5])[0] == 0.0
+    assert interval_of(returns, values) == mean_interval([values])
+    assert interval_of(returns, values)[1] > 0.0
+    assert interval_of(goals, [0.1, 0.2, 1.5])[0] == 0.0
 
 
 def test_three_against_three_never_gives_an_interval_of_width_0() -> None:

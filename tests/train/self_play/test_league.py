@@ -303,7 +303,7 @@ def test_payoffs_of_escapes_have_the_sign_of_self_play(tmp_path: Path) -> None:
     ]
     table = play_league(task, entries, 400, 0)
     content = rate(table)
-    assert content["unit"] == table.unit == "captures - escapes (chasers want more)"
+    assert content["unit"] == table.measure.unit == "captures - escapes (chasers want more)"
     for i, chaser in enumerate(entries[:2]):
         for j, evader in enumerate(entries[2:]):
             found = match(task, chaser.policy, evader.policy)
