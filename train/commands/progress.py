@@ -138,6 +138,14 @@ def start_or_resume(
     return run, final
 
 
+def kept(run: Run) -> str:
+    """What an interrupted run has saved, in words."""
+    if run.progress >= 1.0:
+        return "trained and saved, the final evaluation is missing"
+    saved = run.saved_frames
+    return f"saved at {saved:,} frames, {100 * run.progress:.0f} %" if saved else "nothing is saved"
+
+
 def finish_run(
     run: Run[T],
     episodes: int,
@@ -145,7 +153,7 @@ def finish_run(
     present: Callable[[Run[T], Plain], None] | None,
     before: Callable[[], None] = lambda: None,
 ) -> Plain:
-    """Train until the end of the budget or Ctrl-C; then evaluate, draw, and return the results.
+    """Train until the end of the budget; then evaluate, draw, and return the results.
 
     For a complete run the existing results are drawn and returned.
 
@@ -160,25 +168,16 @@ def finish_run(
     run.present = present
     content = load_results(run.folder) if is_complete(run.folder) else None
     if content is None:
-        if run.progress < 1.0:
-            with TrainingProgress() as watch:
-                run.train(watch)
-        if run.stopped:
-            again += allow_options(run.folder / CONFIG)
-            print(f"interrupted; resume with: {again} --resume {run.folder}", file=sys.stderr)
         try:
+            if not run.is_trained:
+                with TrainingProgress() as watch:
+                    run.train(watch)
             before()
             content = run.results(episodes)
         except KeyboardInterrupt:
-            hint = f"interrupted before the final evaluation; resume with: {again} --resume"
-            print(f"{hint} {run.folder}", file=sys.stderr)
+            again += f"{allow_options(run.folder / CONFIG)} --resume {run.folder}"
+            print(f"interrupted; {kept(run)}; resume with: {again}", file=sys.stderr)
             raise
     if present is not None:
         present(run, content)
     return content
-
-
-def exit_after_signal(run: Run) -> None:
-    """Exit with the status of the signal that stopped the run, if any."""
-    if run.exit_status:
-        sys.exit(run.exit_status)

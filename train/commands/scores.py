@@ -52,9 +52,9 @@ def print_team(results: Plain) -> None:
         print(*describe_team(results["team"]), sep="\n")
 
 
-def announce_solution(contest: AnyContest, interrupted: bool) -> None:
+def announce_solution(contest: AnyContest) -> None:
     """Print to stderr that a whole game is being solved, if this takes seconds or more."""
-    if not isinstance(contest, GameContest) or contest.task.num_agents == 1 or interrupted:
+    if not isinstance(contest, GameContest) or contest.task.num_agents == 1:
         return
     solved = contest.with_full_view.solved_up_to(MAX_EVALUATED_WORK)
     kinds = ("team", "joint") if isinstance(contest, TeamContest) else ("joint",)

@@ -14,7 +14,6 @@ from train.commands.parse import default_budget, options_in, parse, parse_known
 from train.commands.progress import (
     ProgressLine,
     RunCommand,
-    exit_after_signal,
     finish_run,
     start_or_resume,
 )
@@ -145,7 +144,6 @@ def self_play(arguments: Sequence[str]) -> None:
     drawn = present if given.report else None
     content = finish_run(run, final.episodes, "pursuit self-play", drawn)
     show(run, content)
-    exit_after_signal(run)
 
 
 def parsed(arguments: Sequence[str]) -> tuple[SelfPlayCommand, SelfPlayBase]:

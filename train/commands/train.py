@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
 
 from pursuit.rendering.animation import save_animation
 from train.commands.parse import default_budget, default_task, options_in, parse, parse_known
-from train.commands.progress import RunCommand, exit_after_signal, finish_run, start_or_resume
+from train.commands.progress import RunCommand, finish_run, start_or_resume
 from train.commands.scores import (
     announce_solution,
     print_bounds,
@@ -90,10 +90,9 @@ def train(arguments: Sequence[str]) -> None:
         final.episodes,
         "pursuit train",
         present if given.report else None,
-        lambda: announce_solution(trainee.contest, run.stopped),
+        lambda: announce_solution(trainee.contest),
     )
     show(run, content)
-    exit_after_signal(run)
 
 
 def team_hint(given: AnyTask) -> str:

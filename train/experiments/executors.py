@@ -32,6 +32,7 @@ from train.files import only_one, write_text
 from train.kinds import open_run
 from train.machine import usable_cores
 from train.runs.folder import load_final
+from train.runs.interruption import Stopped
 from train.runs.loop import Run
 
 LOG = "log.txt"
@@ -127,10 +128,12 @@ def train(folder: Path) -> None:
         if row:  # the checkpoint and its files have been written
             write_text(folder / PROGRESS, str(run.progress))
 
-    if run.progress < 1.0:
-        run.train(report)
-    if not run.stopped:
-        run.results(load_final(folder).episodes)
+    try:
+        if not run.is_trained:
+            run.train(report)
+    except Stopped:  # it has saved
+        return
+    run.results(load_final(folder).episodes)
 
 
 def perform_here(folder: str, variables: Mapping[str, str]) -> int:

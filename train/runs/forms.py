@@ -77,6 +77,7 @@ class Results(msgspec.Struct, kw_only=True):
     clock: str = "wall"
     frames_per_second: float
     interrupted: bool
+    outdated: bool = False
     versions: dict[str, str | None]
     machine: Machine
     scores: list[Score] = []

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
 import signal
+import sys
+from collections.abc import Iterator
 from threading import current_thread, main_thread
 from types import FrameType
 from typing import Any, Self
 
 
 class Stopped(KeyboardInterrupt):
-    """A signal that ends the work at once.
+    """A signal that ends the work: a run has saved what it learned.
+
+    Like `KeyboardInterrupt`, `except Exception` does not catch it, so that a loop over runs ends.
 
     Attributes:
         status: the exit status for the signal: 130 for Ctrl-C, 143 for SIGTERM.
@@ -25,18 +30,16 @@ class Diverged(ArithmeticError):
 
 
 class Signals:
-    """A context in which Ctrl-C and SIGTERM raise `Stopped`.
-
-    Args:
-        patient: whether the first signal only sets `asked`.
+    """A context in which Ctrl-C and SIGTERM raise `Stopped`, at once or after a `held` part.
 
     Attributes:
         status: the exit status for the last signal; 0 before the first one.
-        asked: whether there was a signal.
+        count: the number of signals.
     """
 
-    def __init__(self, patient: bool = False) -> None:
-        self.status, self.asked, self.patient = 0, False, patient
+    def __init__(self) -> None:
+        self.status, self.count = 0, 0
+        self._holds: str | None = None
         self._previous: dict[int, Any] = {}
 
     def __enter__(self) -> Self:
@@ -49,8 +52,24 @@ class Signals:
         for number, handler in self._previous.items():
             signal.signal(number, handler)
 
+    @contextlib.contextmanager
+    def held(self, told: str = "") -> Iterator[None]:
+        """A part that the first signal does not end: `Stopped` is raised after it.
+
+        Args:
+            told: printed to stderr at the signal, unless it is empty.
+        """
+        self._holds = told
+        try:
+            yield
+        finally:
+            self._holds = None
+        if self.count:
+            raise Stopped(self.status - 128)
+
     def _note(self, number: int, frame: FrameType | None) -> None:
-        self.status = 128 + number
-        if self.asked or not self.patient:
+        self.status, self.count = 128 + number, self.count + 1
+        if self.count > 1 or self._holds is None:
             raise Stopped(number)
-        self.asked = True
+        if self._holds:
+            print(f"\n{self._holds}", file=sys.stderr, flush=True)

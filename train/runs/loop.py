@@ -29,11 +29,12 @@ from train.runs.folder import (
     REPLAY,
     RESULTS,
     RESULTS_FORMAT,
+    load_results,
     misfit,
     read_metrics,
     save_checkpoint,
 )
-from train.runs.interruption import Diverged, Signals
+from train.runs.interruption import Diverged, Signals, Stopped
 from train.runs.provenance import recorded_parts
 from train.runs.threads import (
     ThreadChoice,
@@ -119,8 +120,9 @@ class Run(Generic[T]):
         trainee, folder, budget: the arguments.
         seconds: training time by the budget's clock, without evaluations and compilation.
         rows: the evaluations, of `metrics.csv`.
-        stopped: whether it was interrupted before the end of its budget.
-        exit_status: 0, or the exit status for the signal that interrupted it.
+        figures: of the last iteration.
+        stopped: set by the user, to end training after the current iteration.
+        saved_frames: those of the checkpoint; 0 without one.
         lock: the lock of the folder, if any.
         present: (run, results) writes the figures and the report of a finished run; None if there
             are none. A dry run calls it before training.
@@ -130,22 +132,23 @@ class Run(Generic[T]):
         self, trainee: T, folder: Path, budget: Budget, state: Plain | None = None
     ) -> None:
         self.trainee, self.folder, self.budget, self.stopped = trainee, folder, budget, False
-        self.seconds, self.evaluations, self.exit_status = 0.0, 0, 0
+        self.seconds, self.evaluations, self.figures = 0.0, 0, dict[str, float]()
         self.lock: BaseFileLock | None = None
         self.present: Callable[[Run[T], Plain], None] | None = None
         self.rows: list[dict[str, float]] = []
-        self._saved_frames = 0
+        self.saved_frames = 0
         if state is not None:
             self.seconds, self.evaluations = state["seconds"], state["evaluations"]
+            self.figures = state.get("figures", {})
             set_random_states(state)
-            self._saved_frames = trainee.frames
-            self.rows = self._rows_of_checkpoint()
+            self.saved_frames = trainee.frames
+            self.rows = self._rows_of_checkpoint() if state.get("rows", 1) else []
 
     def _rows_of_checkpoint(self) -> list[dict[str, float]]:
         """The rows of `metrics.csv` up to the checkpoint: later evaluations will be repeated.
 
-        A last row that was added by an interruption is dropped: other runs do not have it. The file
-        must exist, as every checkpoint follows a row.
+        A last row that is not due, of a run that its user stopped, is dropped: other runs do not
+        have it.
         """
         rows = read_metrics(self.folder, self.trainee.objective.column)
         rows = [row for row in rows if row["frames"] <= self.trainee.frames]
@@ -162,49 +165,68 @@ class Run(Generic[T]):
         """Share of the budget used, in [0, 1]."""
         return self.budget.progress(self.seconds, self.trainee.frames)
 
+    @property
+    def due(self) -> int:
+        """The number of evaluations that are due so far, except one before training."""
+        return int(self.progress * EVALUATIONS)
+
+    @property
+    def is_trained(self) -> bool:
+        """Whether the budget is spent and the last evaluation made."""
+        return self.progress >= 1.0 and self.evaluations >= self.due
+
     def train(self, report: Report[T] = lambda run, row: None) -> None:
-        """Train until the end of the budget; Ctrl-C or SIGTERM stops after the current iteration.
+        """Train until the end of the budget, or until `stopped` is set by `report`.
+
+        After Ctrl-C or SIGTERM the run is saved without an evaluation, at once or after the current
+        iteration. A second signal ends it without saving.
 
         Args:
             report: called with every row of `metrics.csv`, and with {} after every iteration.
 
         Raises:
             Diverged: a value is not finite; the last checkpoint is kept.
+            Stopped: after a signal, a kind of `KeyboardInterrupt`.
         """
+        with Signals() as signals, contextlib.closing(self.trainee), self._tensorboard() as board:
+            try:
+                self._train(signals, board, report)
+            except Stopped:
+                # After a second signal the learner may be in the middle of an iteration.
+                if signals.count == 1 and self.trainee.frames > self.saved_frames:
+                    self.save()
+                raise
+
+    def _train(self, signals: Signals, board: TensorboardLogger, report: Report[T]) -> None:
         trainee, cores = self.trainee, os.cpu_count() or 1
         # Results depend on the number of threads in the last bits, so it may be fixed.
         free = self.budget.free_threads and cores > 1
-        choice = ThreadChoice(cores) if free else None
-        with (
-            Signals(patient=True) as signals,
-            contextlib.closing(trainee),
-            self._tensorboard() as board,
-        ):
-            if trainee.evaluates_first and not self.rows:
-                self._record({}, board, report)
-            self.dry_run()
-            while self.progress < 1.0 and not self.stopped:
+        choice, spent = ThreadChoice(cores) if free else None, 0.0
+        if trainee.evaluates_first and not self.rows:
+            self._record(signals, board, report)
+        self.dry_run()
+        while True:
+            # Counted by progress, so that a resumed run has the same evaluations.
+            if self.due > self.evaluations or self.stopped:
+                self._record(signals, board, report)
+            if self.progress >= 1.0 or self.stopped:
+                return
+            last = f"the last one took {spent:.0f} s" if spent else "the first one compiles kernels"
+            told = f"saving after this iteration ({last}); another signal ends without saving"
+            with signals.held("" if 0.0 < spent < 1.0 else told):
                 if choice is not None:
                     choice.choose()
                 began = self.budget.now()
                 with self._watched():
-                    figures = trainee.iterate(self)
+                    self.figures = trainee.iterate(self)
                 spent = self.budget.now() - began
                 self.seconds += spent
                 if choice is not None:
                     choice.learn(spent)
-                for name, value in figures.items():
+                for name, value in self.figures.items():
                     if not abs(value) < float("inf"):
                         raise self._diverged(f"{name} is {value:g}")
-                self.stopped, self.exit_status = signals.asked, signals.status
-                report(self, {})
-                # Counted by progress, so that a resumed run has the same evaluations.
-                done = int(self.progress * EVALUATIONS)
-                if done > self.evaluations:
-                    self.evaluations = done
-                    self._record(figures, board, report)
-                elif self.stopped:
-                    self._record(figures, board, report, due=False)
+            report(self, {})
 
     def dry_run(self) -> None:
         """Build the results once, with tiny sizes, and draw them, in a temporary folder.
@@ -228,36 +250,33 @@ class Run(Generic[T]):
         torch.set_num_threads(threads)
         set_random_states(states)
 
-    def _record(
-        self,
-        figures: dict[str, float],
-        board: TensorboardLogger,
-        report: Report[T],
-        due: bool = True,
-    ) -> None:
+    def _record(self, signals: Signals, board: TensorboardLogger, report: Report[T]) -> None:
         """Evaluate, and save the row and the checkpoint.
 
-        An evaluation that is not `due`, at an interruption, leaves no trace in a resumed run.
+        One that is not due, where `report` stopped the run, leaves no trace in a resumed run.
         """
-        frames = self.trainee.frames
+        frames, due = self.trainee.frames, self.due > self.evaluations
+        due = due or frames == 0
         with self._watched():
             row = {
                 "frames": float(frames),
                 "seconds": self.seconds,
                 "frames_per_second": frames / max(self.seconds, 1e-9),
                 **self.trainee.evaluate(),
-                **figures,
+                **self.figures,
             }
         self._check_learned()
-        self.rows.append(row)
-        write_csv(self.folder / METRICS, self.rows)
-        if due:
-            self.trainee.forget_episodes()
-        self.save()
-        if due:
-            with self._writes_tensorboard():
-                for name, value in row.items():
-                    board.log_scalar(name, value, step=frames)
+        with signals.held():
+            self.rows.append(row)
+            write_csv(self.folder / METRICS, self.rows)
+            if due:
+                self.evaluations = self.due
+                self.trainee.forget_episodes()
+            self.save()
+            if due:
+                with self._writes_tensorboard():
+                    for name, value in row.items():
+                        board.log_scalar(name, value, step=frames)
         report(self, row)
 
     @contextlib.contextmanager
@@ -297,7 +316,7 @@ class Run(Generic[T]):
             raise self._diverged(f"{where} is not finite")
 
     def _diverged(self, how: str) -> Diverged:
-        kept = f"its checkpoint at {self._saved_frames:,} frames is kept"
+        kept = f"its checkpoint at {self.saved_frames:,} frames is kept"
         has = (self.folder / CHECKPOINT).exists()
         return Diverged(
             f"{self.folder}: training diverged at frame {self.trainee.frames:,}, after "
@@ -306,11 +325,15 @@ class Run(Generic[T]):
         )
 
     def save(self) -> None:
-        """Write the checkpoint, from which a resumed run continues exactly."""
-        state = {"seconds": self.seconds, "evaluations": self.evaluations, **random_states()}
+        """Write the checkpoint, from which a resumed run continues exactly; earlier results are
+        marked as outdated."""
+        state: Plain = {"seconds": self.seconds, "evaluations": self.evaluations}
+        state |= {"rows": len(self.rows), "figures": self.figures, **random_states()}
         save_checkpoint(self.folder, {"trainee": self.trainee.state_dict(), **state})
-        self._saved_frames = self.trainee.frames
+        self.saved_frames = self.trainee.frames
         self.trainee.save_beside(self.folder)
+        if (self.folder / RESULTS).exists():
+            write_json(self.folder / RESULTS, load_results(self.folder) | {"outdated": True})
 
     def results(self, episodes: int = 1000) -> Plain:
         """Evaluate the trained policy and the references, and write `results.json`.
@@ -323,13 +346,13 @@ class Run(Generic[T]):
         content = {
             "format": RESULTS_FORMAT,
             "kind": trainee.kind,
-            **trainee.results(self.stopped, episodes),
+            **trainee.results(episodes),
             "objective": asdict(trainee.objective),
             "frames": trainee.frames,
             "seconds": round(self.seconds, 3),
             "clock": self.budget.clock,
             "frames_per_second": round(trainee.frames / max(self.seconds, 1e-9), 1),
-            "interrupted": self.stopped,
+            "interrupted": self.progress < 1.0,
             "parts": recorded_parts(self.folder / CONFIG),
             "versions": versions(),
             "machine": machine(),

@@ -11,7 +11,7 @@ import numpy as np
 
 from pursuit.validation import check
 from scripted_agents.environments import AGENTS
-from scripted_agents.limits import MAX_EVALUATED_WORK, MAX_WORK
+from scripted_agents.limits import MAX_EVALUATED_WORK
 from train.algorithms.ppo import PPO
 from train.evaluation.contest import GameContest
 from train.evaluation.contests import AnyContest
@@ -60,7 +60,6 @@ class SingleAgent:
         self.parts, self.evaluated = parts, evaluate
         self.replicas: OtherProcesses | None = None
         self._final: AnyContest | None = None
-        self._solved_work = 0
         self.env, self.teacher, self.learner = build_env_and_learner(parts, state)
         self.simulator = self.env.simulator
         self.policy: Any = self.learner.policy(greedy=evaluate == "greedy")  # as its contest needs
@@ -139,22 +138,17 @@ class SingleAgent:
             parts.append(f"gap {100 * row['optimality_gap']:+7.2f} %")
         return parts
 
-    def final_contest(self, episodes: int, most_work: int = MAX_WORK) -> AnyContest:
-        """The contest of the final results, with exact solutions of games of up to `most_work`.
-
-        It is cached with its solutions for later calls with at most this work.
-        """
+    def final_contest(self, episodes: int) -> AnyContest:
+        """The contest of the final results, kept with its solutions for later calls."""
         kept = self._final
-        if kept is None or kept.episodes != episodes or self._solved_work < most_work:
-            kept = self._final = self.parts.world.contest(episodes).solved_up_to(most_work)
-            self._solved_work = most_work
+        if kept is None or kept.episodes != episodes:
+            kept = self.parts.world.contest(episodes).solved_up_to(MAX_EVALUATED_WORK)
+            self._final = kept
         return kept
 
-    def results(self, interrupted: bool, episodes: int) -> Plain:
+    def results(self, episodes: int) -> Plain:
         """Scores of the references and of the trained policy, greedy and sampled."""
-        # An interrupted run should end soon.
-        most = MAX_WORK if interrupted else MAX_EVALUATED_WORK
-        contest = self.final_contest(episodes, most)
+        contest = self.final_contest(episodes)
         policies: dict[str, Any] = {"learned": self.learner.policy()}
         if self.parts.algorithm.learns_distribution:
             policies["learned, sampled"] = self.learner.policy(greedy=False)
@@ -189,7 +183,6 @@ class SingleAgent:
         if isinstance(contest, SmallGameContest):
             contest = replace(contest, task=replace(contest.task, max_steps=BRIEF_STEPS))
         small.contest = small._final = contest
-        small._solved_work = MAX_EVALUATED_WORK
         return small
 
     def state_dict(self) -> Plain:

@@ -52,7 +52,7 @@ class Trainee(Protocol):
     def log_fields(self, row: dict[str, float]) -> list[str]:
         """The fields of the log line of an evaluation."""
 
-    def results(self, interrupted: bool, episodes: int) -> Plain:
+    def results(self, episodes: int) -> Plain:
         """The final evaluation as plain values: "task", "maze", "algorithm", "evaluation" ..."""
 
     def brief(self) -> Self:

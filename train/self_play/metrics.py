@@ -193,8 +193,6 @@ def approximate_best_responses(trainee: Any, episodes: int) -> dict[str, float]:
             what = f"approximate best response against the {role}"
             if not trainee.limits.is_dry_run:
                 run.train(lambda run, row, what=what: trainee.tell(what, run.progress))  # type: ignore[misc]
-            if run.stopped:
-                raise KeyboardInterrupt
             chaser, evader = (run.trainee.policy(side) for side in ROLES)
             steps[f"against_{role}"] = match(trainee.task, chaser, evader, episodes).shown
     return steps

@@ -127,15 +127,14 @@ class SmallGamePlay(SelfPlay):
         parts += [f"{role} {row[f'{role}_return']:z7.3f}" for role in self.parts.roles]
         return [*parts, f"{row['steps']:6.1f} steps"]
 
-    def results(self, interrupted: bool, episodes: int) -> Plain:
+    def results(self, episodes: int) -> Plain:
         """NashConv, returns of all pairs of learned and named policies, and the pools; in zero-sum
         games of two also NashConv of mixtures of snapshots (`snapshot_results`)."""
         dry = self.limits.is_dry_run
         evaluation = dict(self.last) if dry and self.last else self.evaluate()
         played = {"returns": self.all_returns()}
         content = self.content(described(self.task, self.parts.discount), evaluation, played)
-        if not interrupted:
-            self.add_snapshot_results(content, {role: self.policy(role) for role in self.pools})
+        self.add_snapshot_results(content, {role: self.policy(role) for role in self.pools})
         return content
 
     def all_returns(self) -> list[Plain]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from pursuit.simulator.policy import Policy
 from scripted_agents.games.simulator import GameTask
-from scripted_agents.limits import MAX_FINAL_WORK, MAX_SNAPSHOT_CELLS, MAX_WORK
+from scripted_agents.limits import MAX_FINAL_WORK, MAX_SNAPSHOT_CELLS
 from scripted_agents.references import is_exact_team
 from train.evaluation.games import other_role
 from train.evaluation.matchups import discounted_steps, match
@@ -230,7 +230,7 @@ class SelfPlay:
         """As `format_row`."""
         return format_row(row)
 
-    def results(self, interrupted: bool, episodes: int) -> Plain:
+    def results(self, episodes: int) -> Plain:
         """Exploitability, matches between all policies, pools; for teams best responses to each
         side, exact if the game is small enough, otherwise approximate, and `team_results`."""
         settings, limits = self.settings, self.limits
@@ -258,16 +258,15 @@ class SelfPlay:
             most = limits.whole_game_work
             content["whole_game"] = whole_game(self.task, pair, self.parts.discount, most)
         small = self.task.max_cells <= MAX_SNAPSHOT_CELLS
-        if known and small and not limited and not interrupted:
+        if known and small and not limited:
             self.add_snapshot_results(content, pair)
         if exact_team:
             solved = is_exact_team(self.task, pair, limits.response_work)
             learned = {role: pair[role] for role in self.sides if solved}
             content["exact_best_response"] = exact_best_responses(self.task, learned, self.tell)
-        elif not known and settings.best_response_seconds and not interrupted:
+        elif not known and settings.best_response_seconds:
             content["approximate_best_response"] = approximate_best_responses(self, episodes)
-        most = MAX_WORK if interrupted else limits.team_work  # an interrupted run should end soon
-        how = (episodes, most, content.get("exact_best_response", {}), self.tell)
+        how = (episodes, limits.team_work, content.get("exact_best_response", {}), self.tell)
         return content | team_references(self.task, pair, [*self.sides], *how)
 
     def content(self, game: Plain, evaluation: dict[str, float], played: Plain) -> Plain:

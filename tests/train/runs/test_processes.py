@@ -321,9 +321,9 @@ def test_signals_end_both_processes_of_the_command(number: int, tmp_path: Path) 
     wait_until((folder / CHECKPOINT).exists, process)
     found = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
     (os.kill if killed else os.killpg)(process.pid, number)
-    output, errors = process.communicate(timeout=PATIENCE)
+    _, errors = process.communicate(timeout=PATIENCE)
     assert process.returncode == (-number if killed else 130), errors
-    assert killed or (b"optimal" in output and b"interrupted" in errors)
+    assert killed or b"interrupted; saved at " in errors
     assert b"Traceback" not in errors
     wait_until(lambda: not any(map(is_running, found)))
     assert found and memory_files() <= before

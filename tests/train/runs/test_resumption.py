@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import signal
 from collections.abc import Callable
 from dataclasses import fields, replace
 from itertools import cycle
@@ -20,7 +21,8 @@ from tensorboard.backend.event_processing.event_multiplexer import EventMultiple
 
 from train.algorithms.registry import ALGORITHMS, entry
 from train.kinds import resume, start
-from train.runs.folder import RUN, SELF_PLAY, load_checkpoint, read_metrics
+from train.runs.folder import RESULTS, RUN, SELF_PLAY, load_checkpoint, read_metrics
+from train.runs.interruption import Stopped
 from train.runs.loop import Run
 from train.runs.parts import settings_of
 from train.runs.threads import random_states, set_random_states
@@ -81,8 +83,25 @@ def carry_on(run: Run, until: float, end: Callable[[Run], object]) -> None:
     run.train(report)
 
 
-def stop(run: Run) -> None:
-    run.stopped = True
+def stop_in(run: Run, place: str, progress: float) -> None:
+    """Train, and send a signal in the first iteration or evaluation from this progress on: the run
+    saves without evaluating, and `Stopped` is raised."""
+    trainee: Any = run.trainee
+    work, evaluate, evaluated = getattr(trainee, place), trainee.evaluate, []
+
+    def interrupted(*given: Any) -> Any:
+        if run.progress >= progress:
+            evaluated.clear()
+            signal.raise_signal(signal.SIGTERM)
+        return work(*given)
+
+    trainee.evaluate = lambda: evaluated.append(run.progress) or evaluate()
+    setattr(trainee, place, interrupted)
+    with pytest.raises(Stopped) as stopped:
+        run.train()
+    assert stopped.value.status == 143 and not evaluated
+    assert run.saved_frames == trainee.frames and progress <= run.progress < 1.0
+    assert not (run.folder / RESULTS).exists()
 
 
 def kill(run: Run) -> None:
@@ -90,11 +109,12 @@ def kill(run: Run) -> None:
 
 
 def check_resumption(kind: str, settings: Any, folder: Path) -> None:
-    """An uninterrupted run, and one that is stopped at 35 %, between two evaluations, and killed at
-    60 % of its budget."""
+    """An uninterrupted run, and one that is stopped in an iteration and in an evaluation, and
+    killed at 60 % of its budget."""
     whole, parts = folder / "whole", folder / "parts"
     start(kind, settings, whole).train()
-    carry_on(start(kind, settings, parts), 0.35, stop)
+    stop_in(start(kind, settings, parts), "iterate", 0.2)
+    stop_in(resume(parts, kind), "evaluate", 0.5)
     with pytest.raises(KilledError):
         carry_on(resume(parts, kind), 0.6, kill)
     resume(parts, kind).train()

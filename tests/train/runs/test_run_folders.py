@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import gc
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -29,12 +31,15 @@ from train.kinds import open_run, start
 from train.runs.folder import (
     RUN,
     SELF_PLAY,
+    is_complete,
     load_checkpoint,
     load_results,
     read_metrics,
 )
+from train.runs.interruption import Stopped
 from train.runs.loop import Budget
 from train.runs.parts import settings_of
+from train.runs.single import SingleAgent
 from train.self_play import report as self_play_report
 from train.self_play.parts import self_play_settings_of
 
@@ -249,12 +254,36 @@ def test_a_signal_ends_a_run_with_its_status_once_everything_is_saved(
     start(RUN, MAKE["train"](), tmp_path / "run")
     signals_at_first_row(monkeypatch, number)
     assert status_of("train", "--resume", tmp_path / "run", "--episodes", 2) == status
-    said = capsys.readouterr()
-    assert "interrupted" in said.err and "optimal" in said.out
-    assert load_results(tmp_path / "run")["interrupted"]
-    assert load_checkpoint(tmp_path / "run")["trainee"]["learner"]["frames"] < FRAMES["frames"]
-    assert (tmp_path / "run" / "learning_curve.png").exists()
+    said, run = capsys.readouterr(), tmp_path / "run"
+    assert re.search(r"interrupted; saved at \d+ frames, \d+ %; resume with: ", said.err)
+    frames = load_checkpoint(run)["trainee"]["learner"]["frames"]
+    assert 0 < frames < FRAMES["frames"]
+    assert not (run / "results.json").exists() and not (run / "learning_curve.png").exists()
     assert [signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)] == before
+    assert status_of("evaluate", run, "--episodes", 2) == 0  # what is missing can be made up for
+    assert "optimal" in capsys.readouterr().out
+    assert status_of("report", run, "--out", tmp_path / "report") == 0
+    assert load_results(run)["interrupted"] and load_results(run)["frames"] == frames
+    again = open_run(run)
+    again.train(lambda run, row: run.__setattr__("stopped", True))
+    assert load_results(run)["outdated"] and not is_complete(run)
+    assert again.lock is not None
+    again.lock.release()
+    status_of("report", run, "--out", tmp_path / "report")
+    assert load_results(run)["frames"] == again.trainee.frames
+    assert status_of("train", "--resume", run) == 0
+    assert is_complete(run) and "outdated" not in load_results(run)
+
+
+def test_a_loop_over_runs_ends_with_the_first_one_that_is_stopped(tmp_path: Path) -> None:
+    begun = []
+    with pytest.raises(Stopped):
+        for seed in range(3):
+            run = start(RUN, replace(MAKE["train"](), seed=seed), tmp_path / str(seed))
+            begun.append(seed)
+            with contextlib.suppress(Exception):
+                run.train(lambda run, row: signal.raise_signal(signal.SIGINT))
+    assert begun == [0]
 
 
 @pytest.mark.parametrize("command", ["train", "self-play"])
@@ -270,8 +299,8 @@ def test_a_run_that_was_interrupted_has_the_rows_of_one_that_was_not(
     whole = start(kind, settings, tmp_path / "whole")
     whole.train()
     run = start(kind, settings, tmp_path / "run")
-    run.train(interrupted)
-    assert run.stopped and run.rows[-1]["frames"] % 512 != 0
+    with pytest.raises(Stopped):
+        run.train(interrupted)
     run.lock.release()
     run = open_run(tmp_path / "run")
     run.train()
@@ -290,11 +319,26 @@ def test_a_run_without_readable_metrics_is_not_resumed(
     assert "metrics.csv: cannot be read" in error_of(capsys, finished[0], "--resume", folder)
 
 
-def test_a_second_signal_ends_it_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_second_signal_ends_it_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Without saving, as the learner may be in the middle of an iteration."""
+    iterate, iterations = SingleAgent.iterate, []
+
+    def interrupted(trainee: SingleAgent, clock: Any) -> dict[str, float]:
+        iterations.append(iterate(trainee, clock))
+        if len(iterations) == 2:
+            signal.raise_signal(signal.SIGINT)
+            signal.raise_signal(signal.SIGTERM)
+        return iterations[-1]
+
+    monkeypatch.setattr(SingleAgent, "iterate", interrupted)
+    monkeypatch.setattr("train.runs.loop.EVALUATIONS", 1)
     start(RUN, MAKE["train"](), tmp_path / "run")
-    signals_at_first_row(monkeypatch, signal.SIGINT, signal.SIGTERM)
     assert status_of("train", "--resume", tmp_path / "run", "--episodes", 2) == 143
-    assert not (tmp_path / "run" / "results.json").exists()
+    assert "interrupted; nothing is saved; resume with" in capsys.readouterr().err
+    left = {path.name for path in (tmp_path / "run").iterdir()}
+    assert left <= {".lock", "config.json", "tensorboard"}
 
 
 @pytest.mark.parametrize("algorithm", ["ppo", "a2c", "dqn"])
