@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter, strftime
@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Self, TypeVar
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from train.commands.parse import print_warnings
+from pursuit.validation import check
+from train.commands.parse import options_in, print_warnings
 from train.files import Plain, check_folder
 from train.runs.folder import CONFIG, check_new, is_complete, load_final, load_results
 from train.runs.forms import Final
@@ -98,12 +99,27 @@ class RunCommand:
     out: Path | None = None
     """New folder for the run. None: runs/NAME-TIME."""
     resume: Path | None = None
-    """Resume the run in this folder. All other options are taken from it."""
+    """Resume the run in this folder, with its settings; only --episodes, --report and --allow may
+    be given as well."""
     episodes: int | None = None
     """Episodes of the final evaluation, if it is not exact. None: 1000; with --resume that of
     the first command."""
     report: bool = True
     """Write figures, a replay and a report at the end; --resume adds them after --no-report."""
+
+
+def check_resumed(arguments: Sequence[str]) -> None:
+    """Refuse options beside --resume that a resumed run does not apply; ValueError naming them."""
+    given = options_in(arguments)
+    if given.get("resume", "None") == "None" or {"-h", "--help"} & {*arguments}:
+        return
+    applied = {"resume", "episodes", "report", "no_report", "allow"}
+    others = [f"--{name.replace('_', '-')}" for name in given if name not in applied]
+    check(
+        not others,
+        f"--resume {given['resume']} with {', '.join(others)}: a run is resumed with its own "
+        "settings; leave these options out, or start a new run without --resume",
+    )
 
 
 def start_or_resume(

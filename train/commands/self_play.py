@@ -14,6 +14,7 @@ from train.commands.parse import default_budget, options_in, parse, parse_known
 from train.commands.progress import (
     ProgressLine,
     RunCommand,
+    check_resumed,
     finish_run,
     start_or_resume,
 )
@@ -130,6 +131,7 @@ class SelfPlayCommand(RunCommand):
 
 def self_play(arguments: Sequence[str]) -> None:
     """`pursuit self-play`."""
+    check_resumed(arguments)
     given, settings = parsed(arguments)
     played = settings.task
     where = Path(played.maze).stem if isinstance(played, TaskSettings) else played.label

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
 
 from pursuit.rendering.animation import save_animation
 from train.commands.parse import default_budget, default_task, options_in, parse, parse_known
-from train.commands.progress import RunCommand, finish_run, start_or_resume
+from train.commands.progress import RunCommand, check_resumed, finish_run, start_or_resume
 from train.commands.scores import (
     announce_solution,
     print_bounds,
@@ -72,6 +72,7 @@ class _First:
 
 def train(arguments: Sequence[str]) -> None:
     """`pursuit train`."""
+    check_resumed(arguments)
     default = _defaults(arguments)
     form: Any = TrainCommand[type(default.settings.hyper)]  # type: ignore[misc]
     given: TrainCommand[Hyperparameters] = parse(form, arguments, "train", default)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -150,3 +151,35 @@ def test_a_resumed_run_keeps_the_episodes_of_its_first_command(
     assert asked == [7, 7, 1000]
     main([command, "--resume", str(out)])
     assert (out / "learning_curve.svg").exists()
+
+
+FORMS = [
+    "train",
+    "train --task maze --algorithm dqn --curriculum goal-spread-start",
+    "train --task reacher --algorithm td3",
+    "train --game soccer --algorithm q_learning",
+    "self-play",
+    "self-play --algorithm dqn",
+    "self-play --game soccer",
+]
+APPLIED = {"--help", "--resume", "--episodes", "--report", "--no-report", "--allow"}
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_every_option_that_a_resumed_run_does_not_apply_is_refused_by_name(
+    form: str, trained: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        main([*form.split(), "--help"])
+    names = {*re.findall(r"(?<![\w-])--[a-z][\w.-]*\w", capsys.readouterr().out)}
+    assert len(names) > 30
+    command = form.split()[0]
+    if command == "self-play":
+        names |= {"--chaser.entropy-coef", "--evader.algorithm"}
+    for name in sorted(names - APPLIED):
+        for given in ([name, "1"], [f"{name.replace('-', '_').replace('__', '--', 1)}=1"]):
+            told = error_of(capsys, command, "--resume", str(trained), *given)
+            assert f"--resume {trained} with {name}: a run is resumed with its own" in told
+    several = ["--frames", "9", "--episodes", "2", "--seed=3"]
+    told = error_of(capsys, command, *several, "--resume", str(trained))
+    assert "with --frames, --seed: a run" in told
