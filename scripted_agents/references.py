@@ -32,6 +32,7 @@ from scripted_agents.limits import (
     why_not_one_evader,
     work_of,
 )
+from scripted_agents.long_work import why_no_time
 
 
 @dataclass(frozen=True)
@@ -184,6 +185,7 @@ def is_exact_team(task: Task, policies: Mapping[str, Policy], most: int = MAX_EX
         and task.start == "random"
         and why_not_one_evader(task) is None
         and work_of(task) <= most
+        and why_no_time(work_of(task)) is None
         and has_distributions(task, policies)
     )
 
@@ -207,6 +209,8 @@ def why_not_joint(
             for number in (count_joint_states(task), work_of(task))
         )
         return f"{states} states, times joint actions {work}; at most {most:,} are solved here"
+    if (reason := why_no_time(work_of(task))) is not None:
+        return reason
     try:
         check_joint_states(task, each=100)
     except ValueError as refused:

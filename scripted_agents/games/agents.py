@@ -14,7 +14,7 @@ from scripted_agents.games.encoding import mended
 from scripted_agents.games.episodes import longest_play
 from scripted_agents.games.simulator import GameTask, StateView
 from scripted_agents.games.small_game import KEPT, Behaviour, SmallGame
-from scripted_agents.games.solve import SmallEquilibrium, equilibrium
+from scripted_agents.games.solve import SmallEquilibrium, check_zero_sum, equilibrium
 
 UNIFORM, EQUILIBRIUM = "uniform", "equilibrium"
 AGENTS = (UNIFORM, EQUILIBRIUM)
@@ -92,6 +92,7 @@ def solved(game: SmallGame) -> SmallEquilibrium:
     Raises:
         ValueError: not a zero-sum game of two players.
     """
+    check_zero_sum(game)  # quick
     longest = longest_play(game)
     return equilibrium(game, DISCOUNT) if longest is None else equilibrium(game, 1.0, longest)
 

@@ -26,6 +26,8 @@ MOST_REWARD = 1e100
 AT_ONCE = 2**16
 """Entries of a list, or joint actions of a state, between two checks of memory."""
 SMALLER = "give a smaller game"
+MANY, LONG = 200, 20.0
+"""Joint actions of a state, and seconds, from which a smaller game is advised."""
 
 FORMS = {
     "starts": (2, "(probability, state)"),
@@ -103,11 +105,11 @@ def enumerate_game(
             choices.extend(chosen)
             rewards.extend(mean)
             if (joint + 1) % AT_ONCE == 0:
-                found.show(number, joints * joint_bytes)
+                found.show(number, joints * joint_bytes, joint + 1)
         begins.append(joints)
         number += 1
         if number & (number - 1) == 0 or number % 10_000 == 0:
-            found.check(number, joints * joint_bytes, len(rows))
+            found.check(number, joints * joint_bytes, len(rows), joints)
     found.end_line()
     joints = begins[-1]
     following = csr_array(  # adds equal entries
@@ -143,7 +145,8 @@ class _Found:
     def __init__(self, most: int, progress: bool | None) -> None:
         self.most = most
         self.shown = sys.stderr.isatty() if progress is None else progress
-        self.began = self.reported = perf_counter()
+        self.began, self.advised = perf_counter(), False
+        self.reported = self.began
         self.states: list[Hashable] = []
         self.number: dict[Hashable, int] = {}
 
@@ -165,16 +168,26 @@ class _Found:
                 )
         return known
 
-    def check(self, done: int, joint_bytes: int, outcomes: int) -> None:
+    def check(self, done: int, joint_bytes: int, outcomes: int, joints: int) -> None:
         """Show the progress; ValueError if the states found so far do not fit into memory."""
         each = 200 + sys.getsizeof(self.states[-1]) + (joint_bytes + 60 * outcomes) / done
         size = int(each * len(self.states))
         check_memory(f"{len(self.states):,} states found so far", size, SMALLER)
-        self.show(done, size)
+        self.show(done, size, joints)
 
-    def show(self, done: int, size: int) -> None:
-        """Show the number of states and of bytes so far, every half second."""
+    def show(self, done: int, size: int, joints: int) -> None:
+        """Show the number of states and of bytes so far, every half second; once an advice if it
+        takes long."""
         now, live = perf_counter(), sys.stderr.isatty()
+        each, seconds = joints / max(done, 1), (now - self.began) * len(self.states) / max(done, 1)
+        if self.shown and not self.advised and each >= MANY and seconds > LONG:
+            self.advised = True
+            print(
+                f"about {each:,.0f} joint actions a state, {seconds:,.0f} s for the states found "
+                f"so far; stop with Ctrl-C and {SMALLER}, by arguments in parentheses after its "
+                "name",
+                file=sys.stderr,
+            )
         if self.shown and now - self.reported >= (0.5 if live else 10.0):
             self.reported = now
             line = (

@@ -230,19 +230,7 @@ def equilibrium(
             discount or horizon.
     """
     check_objective(discount, horizon)
-    check_game(game)
-    if len(game.players) != 2:
-        raise ValueError(
-            f"{len(game.players)} players; equilibria are computed for two with opposite rewards. "
-            "nash_conv is defined for any number"
-        )
-    if game.unbalanced.any():
-        joint = int(np.argmax(game.unbalanced))
-        state = game.states[game.owners[joint]]
-        raise ValueError(
-            f"in {state!r} the rewards are {game.rewards[joint].tolist()}; equilibria are computed "
-            "for two players with opposite rewards"
-        )
+    check_zero_sum(game)
     many = [max(map(len, actions)) for actions in game.actions]
     store, lotteries = _store(game, many[1])
     played = StochasticGame(store, (many[0], many[1]), discount, lotteries=lotteries)
@@ -263,6 +251,23 @@ def check_objective(discount: float, horizon: int | None) -> None:
         raise ValueError(
             f"discount={discount}, horizon={horizon}; give a discount above 0 and below 1, or a "
             "horizon with a discount of at most 1"
+        )
+
+
+def check_zero_sum(game: SmallGame) -> None:
+    """ValueError unless it is an enumerated game of two players with opposite rewards."""
+    check_game(game)
+    if len(game.players) != 2:
+        raise ValueError(
+            f"{len(game.players)} players; equilibria are computed for two with opposite rewards. "
+            "nash_conv is defined for any number"
+        )
+    if game.unbalanced.any():
+        joint = int(np.argmax(game.unbalanced))
+        state = game.states[game.owners[joint]]
+        raise ValueError(
+            f"in {state!r} the rewards are {game.rewards[joint].tolist()}; equilibria are computed "
+            "for two players with opposite rewards"
         )
 
 

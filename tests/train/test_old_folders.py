@@ -6,7 +6,9 @@ trained: policies are the same, and their scores are exact or of the same episod
 
 from __future__ import annotations
 
+import csv
 import json
+import re
 import tarfile
 from pathlib import Path
 from typing import Any
@@ -15,7 +17,15 @@ import pytest
 
 from train.commands.main import main
 from train.kinds import open_run, read_settings, resume
-from train.runs.folder import CHECKPOINT, CONFIG, SELF_PLAY, load_results, read_metrics
+from train.runs.folder import (
+    CHECKPOINT,
+    CONFIG,
+    RESULTS,
+    RESULTS_FORMAT,
+    SELF_PLAY,
+    load_results,
+    read_metrics,
+)
 
 ARCHIVES = sorted((Path(__file__).parents[1] / "old_folders").glob("*.tar.xz"))
 
@@ -92,15 +102,22 @@ def check_equal(kept: dict[str, Any], found: dict[str, Any]) -> None:
             assert found[name] == kept[name], name
 
 
+def rows_of(folder: Path) -> list[dict[str, str]]:
+    with (folder / "report" / "runs.csv").open(newline="") as lines:
+        return list(csv.DictReader(lines))
+
+
 @pytest.mark.parametrize(("archive", "name"), STUDIES)
 def test_a_study_is_reported_again(
     archive: Path, name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = extracted(archive, name, tmp_path)
-    before = (folder / "report" / "runs.csv").read_text()
+    before = rows_of(folder)
     file = extracted(archive, f"{name}.toml", tmp_path)
     main(["report", str(folder)])
-    assert (folder / "report" / "runs.csv").read_text() == before
+    after = rows_of(folder)
+    assert {row.pop("format") for row in after} == {str(RESULTS_FORMAT)}
+    assert after == [{k: v for k, v in row.items() if k != "format"} for row in before]
     main([name, str(file), "--out", str(folder)])
     assert "4 complete already" in capsys.readouterr().out
 
@@ -112,6 +129,23 @@ def test_a_league_is_played_again_over_its_folder(archive: Path, tmp_path: Path)
     main(["league", str(pair), "astar", "random", "--games", "20", "--out", str(folder)])
     after = json.loads((folder / "league.json").read_text())
     assert all(before[name] == after[name] for name in ("payoff", "chaser_ratings", "nash"))
+
+
+def test_every_key_of_results_is_documented() -> None:
+    """The archives have runs of all kinds."""
+    page = (Path(__file__).parents[2] / "docs" / "reference" / "files.md").read_text()
+    known = set(re.findall(r"`(\w+)`", page))
+    for archive in ARCHIVES:
+        with tarfile.open(archive) as tar:
+            for name in tar.getnames():
+                file = tar.extractfile(name) if Path(name).name == RESULTS else None
+                content = json.load(file) if file is not None else {"evaluation": {}}
+                names = {"player_0": "NAME", "player_1": "NAME", "astar": "AGENT"}
+                names |= {"equilibrium": "AGENT", "random": "AGENT"}
+                for key in [*content, *content["evaluation"]]:
+                    for own, shown in names.items():
+                        key = re.sub(rf"\b{own}(?=_|$)|(?<=_){own}$", shown, key)
+                    assert key in known, f"{name}: {key}"
 
 
 def test_the_configuration_of_a_run_names_its_version_and_format() -> None:

@@ -14,8 +14,10 @@ from pursuit.replays.replay import with_suffix
 from pursuit.simulator.policy import Policy
 from pursuit.validation import at_least, check, choice
 from scripted_agents.limits import MAX_EVALUATED_WORK
+from scripted_agents.long_work import in_time
 from scripted_agents.references import is_known
 from train.commands.parse import parse, print_warnings, warn
+from train.commands.progress import ProgressLine
 from train.commands.scores import (
     print_bounds,
     print_objective_gap,
@@ -25,9 +27,11 @@ from train.commands.scores import (
 )
 from train.commands.suites import compared, evaluate_in_mazes
 from train.evaluation.arm_contest import ArmContest
+from train.evaluation.contests import AnyContest
 from train.evaluation.objective_gap import UNKNOWN, objective_gap
 from train.evaluation.pursuit_v5 import ENCODING, play_pursuit_v5
 from train.evaluation.recordings import recorded
+from train.evaluation.scores import Score
 from train.evaluation.small_game_contest import SmallGameContest
 from train.evaluation.suite_contest import SuiteContest
 from train.evaluation.suite_report import summary_of
@@ -57,6 +61,9 @@ class Evaluated(Settings):
     pursuit evaluate model.zip --help."""
     episodes: Annotated[int, at_least(2)] = 1000
     """Episodes to play."""
+    exact_seconds: Annotated[float | None, at_least(0)] = None
+    """Seconds that exact solutions of large games may take; 0 for none. Those that take about a
+    second are always made. None: no limit."""
     seed: int = 0
     """Seed of these episodes; 0 as in all evaluations. Training never uses their starts."""
     table: Path | None = None
@@ -200,31 +207,42 @@ def evaluate_and_print(
     print(contest.line())
     if isinstance(contest, SuiteContest):
         contest = replace(contest, exact=all(map(is_known, policies.values())))
-        found = evaluate_in_mazes(contest, policies, given.table)
-        scores = [each.score(given.episodes) for each in found]
-        more["suite"] = {each.name: summary_of(contest, each) for each in found}
+        played = evaluate_in_mazes(contest, policies, given.table)
+        scores = [each.score(given.episodes) for each in played]
+        more["suite"] = {each.name: summary_of(contest, each) for each in played}
         if isinstance(given, EvaluateCommand) and given.maze is not None:
             world = GridWorld(in_maze(training, "a suite of mazes"))  # also of a single maze
             own = replace(contest, task=world.task, agent=world.agent, opponents=world.opponents)
-            shown = next(each for each in found if each.name == evaluated)
+            shown = next(each for each in played if each.name == evaluated)
             more["generalisation"] = compared(contest, shown, own, policies[evaluated])
     else:
         check(given.table is None, "--table needs a suite of mazes; give --maze suite:7x7-test")
-        scores = [*contest.baselines(), *(contest.score(*each) for each in policies.items())]
-        print_scores(scores, contest)
+        scores = []
+    chosen = "greedy" if loaded.greedy else "sampled"
+
+    def solve() -> tuple[AnyContest, list[Score], Plain]:
+        own = replace(contest)  # without solutions
+        found = scores or [*own.baselines(), *(own.score(*each) for each in policies.items())]
+        gap = UNKNOWN if loaded.gamma is None else objective_gap(own, loaded.gamma)
+        return own, found, evaluation_of(found, chosen, own, gap, policies[evaluated])
+
+    (contest, found, results), limit = in_time(solve, given.exact_seconds, ProgressLine())
+    if not scores:
+        print_scores(found, contest)
+    if limit:
+        more["exact_limit"] = limit
+        print(limit)
     if isinstance(contest, ArmContest):
         print_bounds(contest)
-    gap = UNKNOWN if loaded.gamma is None else objective_gap(contest, loaded.gamma)
-    chosen = "greedy" if loaded.greedy else "sampled"
-    results = evaluation_of(scores, chosen, contest, gap, policies[evaluated])
     print_reference(results["reference"], contest)
     print_team(results)
     if loaded.gamma is not None:
         print_objective_gap(results["evaluation"], loaded.gamma)
     if replays is not None:
-        played = policies[evaluated]
         games = {f"episode {number + 1}": number for number in range(given.replay_episodes)}
-        path = recorded(contest, played, games, loaded.named["algorithm"]).save(replays)
+        path = recorded(contest, policies[evaluated], games, loaded.named["algorithm"]).save(
+            replays
+        )
         print(f"replays: {path}; watch them with: pursuit view {path}")
     return {**contest.describe(), **loaded.named, **results, **more}
 

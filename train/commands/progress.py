@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from math import isnan
 from pathlib import Path
 from time import perf_counter, strftime
 from typing import TYPE_CHECKING, Self, TypeVar
@@ -48,7 +49,8 @@ class ProgressLine:
         elif now - self.reported >= (0.5 if live else 10.0) and now - self.began >= QUIET:
             self.reported, self.open = now, live
             begin, end = ("\r", "") if live else ("", "\n")
-            line = f"{begin}{what}: {100 * share:3.0f} %, {now - self.began:.0f} s"
+            done = "" if isnan(share) else f"{100 * share:3.0f} %, "
+            line = f"{begin}{what}: {done}{now - self.began:.0f} s"
             print(line, end=end, file=sys.stderr, flush=True)
         if share >= 1.0 and self.open:
             self.open = False
@@ -99,11 +101,14 @@ class RunCommand:
     out: Path | None = None
     """New folder for the run. None: runs/NAME-TIME."""
     resume: Path | None = None
-    """Resume the run in this folder, with its settings; only --episodes, --report and --allow may
-    be given as well."""
+    """Resume the run in this folder, with its settings; only --episodes, --exact-seconds,
+    --report and --allow may be given as well."""
     episodes: int | None = None
     """Episodes of the final evaluation, if it is not exact. None: 1000; with --resume that of
     the first command."""
+    exact_seconds: float | None = None
+    """Seconds that exact solutions of large games may take at the end; 0 for none. Those that take
+    about a second are always made. None: no limit; with --resume that of the first command."""
     report: bool = True
     """Write figures, a replay and a report at the end; --resume adds them after --no-report."""
 
@@ -113,7 +118,7 @@ def check_resumed(arguments: Sequence[str]) -> None:
     given = options_in(arguments)
     if given.get("resume", "None") == "None" or {"-h", "--help"} & {*arguments}:
         return
-    applied = {"resume", "episodes", "report", "no_report", "allow"}
+    applied = {"resume", "episodes", "exact_seconds", "report", "no_report", "allow"}
     others = [f"--{name.replace('_', '-')}" for name in given if name not in applied]
     check(
         not others,
@@ -140,8 +145,8 @@ def start_or_resume(
     final, folder = Final(), given.resume
     if folder is not None and (folder / CONFIG).exists():
         final = load_final(folder)
-    if given.episodes is not None:
-        final = Final(given.episodes)
+    own = {n: v for n in Final.__struct_fields__ if (v := getattr(given, n)) is not None}
+    final = Final(**{**final.arguments(), **own})
     out = given.out or Path("runs") / f"{name}-{strftime('%Y%m%d-%H%M%S')}"
     if folder is None:
         check_new(out)
@@ -164,7 +169,7 @@ def kept(run: Run) -> str:
 
 def finish_run(
     run: Run[T],
-    episodes: int,
+    final: Final,
     again: str,
     present: Callable[[Run[T], Plain], None] | None,
     before: Callable[[], None] = lambda: None,
@@ -175,7 +180,7 @@ def finish_run(
 
     Args:
         run: new or resumed.
-        episodes: of the final evaluation.
+        final: settings of the final evaluation.
         again: the command that resumes it.
         present: writes the figures and the report, as `Run.present`; None for none.
         before: called before the final evaluation.
@@ -189,7 +194,12 @@ def finish_run(
                 with TrainingProgress() as watch:
                     run.train(watch)
             before()
-            content = run.results(episodes)
+            began = perf_counter()
+            content = run.results(**final.arguments(), tell=ProgressLine())
+            if (spent := perf_counter() - began) >= QUIET:
+                print(f"final evaluation: {spent:.0f} s", file=sys.stderr)
+            if limit := content.get("exact_limit"):
+                print(f"{limit}; `pursuit evaluate` has none by default", file=sys.stderr)
         except KeyboardInterrupt:
             again += f"{allow_options(run.folder / CONFIG)} --resume {run.folder}"
             print(f"interrupted; {kept(run)}; resume with: {again}", file=sys.stderr)

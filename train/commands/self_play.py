@@ -12,7 +12,6 @@ import tyro
 from pursuit.validation import check
 from train.commands.parse import default_budget, options_in, parse, parse_known
 from train.commands.progress import (
-    ProgressLine,
     RunCommand,
     check_resumed,
     finish_run,
@@ -142,9 +141,8 @@ def self_play(arguments: Sequence[str]) -> None:
     print(f"self-play: {run.trainee.line()}; opponents: {run.trainee.settings.sampling}")
     for line in describe_mixing(known_mixed_share(run.trainee.task, run.trainee.parts.discount)):
         print(line)
-    run.trainee.tell = ProgressLine()
     drawn = present if given.report else None
-    content = finish_run(run, final.episodes, "pursuit self-play", drawn)
+    content = finish_run(run, final, "pursuit self-play", drawn)
     show(run, content)
 
 

@@ -9,6 +9,7 @@ import time
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -149,10 +150,10 @@ def run_stages(
     try:
         done = carry_out(stages, execute, lambda line: print(line, flush=True))
     except KeyboardInterrupt:
-        now = "".join(f" ({counts(statuses_of(*each).values())})" for each in running)
-        print(
-            f"\ninterrupted; completed work is kept{now}. Continue with: {again}", file=sys.stderr
-        )
+        found = [*chain(*(statuses_of(*each).values() for each in running))]
+        saved = counts(status for status in found if status != "new")
+        kept = f"kept: {saved}" if saved else "no run has saved anything yet"
+        print(f"\ninterrupted; {kept}. Continue with: {again}", file=sys.stderr)
         raise
     for folder, _ in done:
         if (folder / "report" / "report.md").exists():

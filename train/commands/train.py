@@ -88,7 +88,7 @@ def train(arguments: Sequence[str]) -> None:
         print(f"curriculum: {trainee.teacher.name}, over {trainee.teacher.describes}")
     content = finish_run(
         run,
-        final.episodes,
+        final,
         "pursuit train",
         present if given.report else None,
         lambda: announce_solution(trainee.contest),

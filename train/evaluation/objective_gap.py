@@ -21,6 +21,7 @@ from scripted_agents.limits import (
     is_single_runner,
     work_of,
 )
+from scripted_agents.long_work import OutOfTime
 from scripted_agents.tolerances import EQUAL_VALUES
 from scripted_agents.tours.objective import tour_objective_gap
 from train.evaluation.contest import OUTCOMES, GameContest
@@ -75,7 +76,10 @@ def objective_gap(contest: AnyContest, discount: float) -> ObjectiveGap:
     masked_or_large = contest.mask_bumps or work_of(task) > MAX_OBJECTIVE_WORK
     if contest.is_table_duel or masked_or_large or discount >= 1.0:
         return UNKNOWN
-    return _joint_gap(contest, discount)
+    try:
+        return _joint_gap(contest, discount)
+    except OutOfTime:  # the optimum is known already
+        return UNKNOWN
 
 
 def _tour_gap(task: Task, rewards: Rewards, discount: float) -> float | None:

@@ -11,6 +11,8 @@ from pursuit.validation import check
 from scripted_agents import TeamResponse, evaluate_joint, solve_joint
 from scripted_agents.hidden.limited_view_policies import limited_references
 from scripted_agents.joint.opponents import why_no_distribution
+from scripted_agents.limits import work_of
+from scripted_agents.long_work import OutOfTime, why_no_time
 from scripted_agents.references import ExactReference, reference_of
 from train.evaluation.contest import GameContest
 from train.evaluation.matchups import Matchup, exact_joint_match
@@ -190,7 +192,11 @@ def team_results(
     value, exact = measure.of(score) or 0.0, score.exact
     if why is None and not exact:
         value, exact = contest.value_of(policy), True
-    members = {} if why is not None else contest.members(policy)
+    members = {}
+    try:
+        members = contest.members(policy) if why is None else {}
+    except OutOfTime:  # what is solved already is kept
+        why = why_no_time(work_of(contest.task))
     content: Plain = {
         "role": contest.role,
         "size": len(contest.seats),

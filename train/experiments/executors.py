@@ -133,7 +133,7 @@ def train(folder: Path) -> None:
             run.train(report)
     except Stopped:  # it has saved
         return
-    run.results(load_final(folder).episodes)
+    run.results(**load_final(folder).arguments())
 
 
 def perform_here(folder: str, variables: Mapping[str, str]) -> int:

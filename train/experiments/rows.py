@@ -218,7 +218,7 @@ def evaluate_run(folder: Path) -> None:
         f"{folder}: no results and no checkpoint yet; continue this run with --resume {folder}",
     )
     run = open_run(folder)
-    run.results(load_final(folder).episodes)
+    run.results(**load_final(folder).arguments())
     run.trainee.close()
     if run.lock is not None:
         run.lock.release()

@@ -74,7 +74,7 @@ def save_config(
     command."""
     plain = {"format": FORMAT, "kind": kind, **asdict(settings), "maze_text": maze_text}
     if final is not None:
-        plain[FINAL] = {"episodes": final.episodes}
+        plain[FINAL] = final.arguments()
     write_json(folder / CONFIG, {**plain, PARTS: provenance(settings), COMMAND: command_line()})
 
 

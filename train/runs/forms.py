@@ -5,6 +5,8 @@ Files may have further fields, as later versions may add some.
 
 from __future__ import annotations
 
+from math import inf
+
 import msgspec
 
 from pursuit.validation import check
@@ -16,12 +18,21 @@ AGAIN = "delete it and resume the run, which writes it again"
 
 
 class Final(msgspec.Struct, frozen=True):
-    """The settings of the final results of a run."""
+    """The settings of the final results of a run: arguments of `Run.results`."""
 
     episodes: int = 1000
+    exact_seconds: float | None = None
 
     def __post_init__(self) -> None:
         check(self.episodes >= 2, f"episodes={self.episodes}; give at least 2")
+        check(
+            self.exact_seconds is None or 0.0 <= self.exact_seconds < inf,
+            f"exact_seconds={self.exact_seconds}; give at least 0, or None for no limit",
+        )
+
+    def arguments(self) -> Plain:
+        """By name."""
+        return msgspec.structs.asdict(self)
 
 
 class Config(msgspec.Struct, kw_only=True):

@@ -18,6 +18,7 @@ from typing_extensions import TypeVar  # with defaults, which Python has from 3.
 
 from pursuit.compilation.compiled import now_without_compilation
 from pursuit.files import cannot_write
+from scripted_agents.long_work import Tell, in_time
 from train.files import Plain, write_csv, write_json
 from train.machine import machine, versions
 from train.runs.folder import (
@@ -335,18 +336,31 @@ class Run(Generic[T]):
         if (self.folder / RESULTS).exists():
             write_json(self.folder / RESULTS, load_results(self.folder) | {"outdated": True})
 
-    def results(self, episodes: int = 1000) -> Plain:
+    def results(
+        self,
+        episodes: int = 1000,
+        exact_seconds: float | None = None,
+        tell: Tell = lambda what, share: None,
+    ) -> Plain:
         """Evaluate the trained policy and the references, and write `results.json`.
 
         Figures of earlier results are deleted, so that commands draw new ones.
+
+        Args:
+            episodes: of scores that are not exact.
+            exact_seconds: that exact solutions of large games may take; 0 for none, None for no
+                limit.
+            tell: called with a description and the progress in [0, 1] of long work.
         """
         trainee = self.trainee
         if (self.folder / CHECKPOINT).exists():  # the last save may have been interrupted
             trainee.save_beside(self.folder)
+        found, limit = in_time(lambda: trainee.results(episodes), exact_seconds, tell)
         content = {
             "format": RESULTS_FORMAT,
             "kind": trainee.kind,
-            **trainee.results(episodes),
+            **found,
+            **({"exact_limit": limit} if limit else {}),
             "objective": asdict(trainee.objective),
             "frames": trainee.frames,
             "seconds": round(self.seconds, 3),

@@ -148,7 +148,7 @@ class SingleAgent:
 
     def results(self, episodes: int) -> Plain:
         """Scores of the references and of the trained policy, greedy and sampled."""
-        contest = self.final_contest(episodes)
+        contest = self._final = replace(self.final_contest(episodes))
         policies: dict[str, Any] = {"learned": self.learner.policy()}
         if self.parts.algorithm.learns_distribution:
             policies["learned, sampled"] = self.learner.policy(greedy=False)

@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 
 from pursuit.validation import check
 from scripted_agents.environments import is_custom_policy
-from scripted_agents.games.agents import AGENTS
+from scripted_agents.games.agents import AGENTS, EQUILIBRIUM
+from scripted_agents.games.enumeration import names_of_players
 from scripted_agents.games.episodes import play_of
+from scripted_agents.games.named import game_named
 from scripted_agents.games.simulator import GameSimulator, GameTask, StatePolicy
 from train.evaluation.games import stepper
 from train.evaluation.scores import Measure
@@ -40,12 +42,18 @@ def enter_game(
         ValueError: more than two players, an entry that is not a policy of this game or given
             twice, or a player without entries.
     """
-    task = game_of(SmallGameSettings(game=game))
-    players = task.agent_names
+    named = game_named(game)  # not yet enumerated
+    players = names_of_players(named)
     check(
         len(players) == 2,
         f"game={game!r} has {len(players)} players; a league needs two: use pursuit evaluate",
     )
+    check(
+        EQUILIBRIUM not in names or getattr(named, "zero_sum", True),
+        f"game={game!r} is a general-sum game, whose equilibrium is not computed; leave "
+        f"{EQUILIBRIUM} out",
+    )
+    task = game_of(SmallGameSettings(game=game))
     title = dict(zip(names, entry_names(names, _is_named, called), strict=True))
     first = next((name for name in names if not _is_named(name)), None)
     entries: list[Entry] = []

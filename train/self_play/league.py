@@ -125,6 +125,12 @@ def enter(
     bare = [name for name in models if not description_of(name).is_file()]
     roles = _one_each("model_roles", model_roles, bare)
     observations = _one_each("model_observations", model_observations, bare)
+    agents = []
+    for name in filter(is_agent, names):  # first, as they are refused quickly
+        epsilon = opponent_epsilon if name == "astar" else 0.0
+        shown = title[name] + (f" (epsilon {epsilon:g})" if epsilon and not called else "")
+        for role in roles_of_agent(name, task):
+            agents.append(Entry(shown, role, named_policy(name, task, role, epsilon)))
     given: Plain = {
         name: {"agent": role, "observation": observation}
         for name, role, observation in zip(bare, roles, observations, strict=False)
@@ -139,11 +145,7 @@ def enter(
         check(role in ROLES, f"{name}: trained as {role!r}; a league needs chasers and evaders")
         check_fits(policy, role, task, name)
         entries.append(Entry(title[name], role, policy))
-    for name in filter(is_agent, names):
-        epsilon = opponent_epsilon if name == "astar" else 0.0
-        shown = title[name] + (f" (epsilon {epsilon:g})" if epsilon and not called else "")
-        for role in roles_of_agent(name, task):
-            entries.append(Entry(shown, role, named_policy(name, task, role, epsilon)))
+    entries += agents
     for role in ROLES:
         check(
             any(entry.role == role for entry in entries),

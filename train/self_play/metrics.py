@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -28,6 +28,7 @@ from scripted_agents.limits import (
     MAX_WORK,
     SEARCH_SECONDS,
 )
+from scripted_agents.long_work import report
 from scripted_agents.references import is_exact_team, is_table_duel, why_not_joint
 from train.evaluation.contest import OUTCOMES
 from train.evaluation.exploitability import exploitability, nash_conv, team_exploitability
@@ -162,16 +163,14 @@ def matches(
     ]
 
 
-def exact_best_responses(
-    task: Task, learned: Mapping[str, Policy], tell: Callable[[str, float], None]
-) -> dict[str, float]:
+def exact_best_responses(task: Task, learned: Mapping[str, Policy]) -> dict[str, float]:
     """Mean steps of the exact best response to each learned side, the chasers as one player.
 
-    {"against_evader": steps, ...}; `tell` is called with a description and the progress in [0, 1].
+    {"against_evader": steps, ...}.
     """
     steps = {}
     for number, (role, policy) in enumerate(learned.items()):
-        tell(f"exact best response against the {role}", number / len(learned))
+        report(f"exact best response against the {role}", number / len(learned))
         best = solve_joint(task, other_role(role), {role: policy}, task.max_steps)
         steps[f"against_{role}"] = best.mean_over_starts
     return steps
@@ -192,7 +191,7 @@ def approximate_best_responses(trainee: Any, episodes: int) -> dict[str, float]:
             run = build_run(type(trainee), parts, Path(folder))
             what = f"approximate best response against the {role}"
             if not trainee.limits.is_dry_run:
-                run.train(lambda run, row, what=what: trainee.tell(what, run.progress))  # type: ignore[misc]
+                run.train(lambda run, row, what=what: report(what, run.progress))  # type: ignore[misc]
             chaser, evader = (run.trainee.policy(side) for side in ROLES)
             steps[f"against_{role}"] = match(trainee.task, chaser, evader, episodes).shown
     return steps
@@ -205,7 +204,6 @@ def team_references(
     episodes: int,
     most: int,
     solved: Mapping[str, float],
-    tell: Callable[[str, float], None],
 ) -> Plain:
     """ "team" of the results: by role the `team_results` of a team against the other side; {} if
     there is no team.
@@ -217,11 +215,10 @@ def team_references(
         episodes: of scores that are not exact.
         most: as `GameContest.most_work`.
         solved: best responses, if they are known (`exact_best_responses`).
-        tell: as there.
     """
     found, roles = {}, [role for role in roles if task.count(role) > 1]
     for number, role in enumerate(roles):
-        tell(f"the team of {role}s and its members", number / len(roles))
+        report(f"the team of {role}s and its members", number / len(roles))
         other = other_role(role)
         contest = TeamContest(task, role, {other: pair[other]}, episodes, most_work=most)
         fair = {**contest.limited, "random": RandomAgent()} if contest.is_limited else {}

@@ -13,6 +13,7 @@ import numpy as np
 from pursuit.simulator.policy import Policy
 from scripted_agents.games.simulator import GameTask
 from scripted_agents.limits import MAX_FINAL_WORK, MAX_SNAPSHOT_CELLS
+from scripted_agents.long_work import report
 from scripted_agents.references import is_exact_team
 from train.evaluation.games import other_role
 from train.evaluation.matchups import discounted_steps, match
@@ -69,7 +70,6 @@ class SelfPlay:
         limits: of the results.
         last: the last evaluation.
         on_snapshot: called with this object after every snapshot.
-        tell: called with a description and the progress in [0, 1] of long work at the end.
     """
 
     kind: ClassVar[str] = SELF_PLAY
@@ -88,7 +88,6 @@ class SelfPlay:
             for other, policy in side.opponents.policies.items():
                 policy.pool = self.pools[other]
         self.on_snapshot: Callable[[SelfPlay], object] = lambda trainee: None
-        self.tell: Callable[[str, float], None] = lambda what, share: None
         self.rng = np.random.default_rng(parts.settings.seed)
         self.taken, self.progress, self.last = 0, 0.0, dict[str, float]()
         self.limits = ResultLimits()
@@ -250,11 +249,11 @@ class SelfPlay:
         exact_team = not self.task.most_exits and is_exact_team(self.task, pair, MAX_FINAL_WORK)
         if limited:
             content["limited_view"] = True  # best responses and values have full view
-            self.tell("best responses with a limited view", 0.0)
+            report("best responses with a limited view", 0.0)
             intervals = limited_best_responses(self.task, pair, limits.search_seconds)
             content["limited_best_responses"] = intervals
         if not known and not exact_team:
-            self.tell("NashConv of the whole game", 0.0)
+            report("NashConv of the whole game", 0.0)
             most = limits.whole_game_work
             content["whole_game"] = whole_game(self.task, pair, self.parts.discount, most)
         small = self.task.max_cells <= MAX_SNAPSHOT_CELLS
@@ -263,10 +262,10 @@ class SelfPlay:
         if exact_team:
             solved = is_exact_team(self.task, pair, limits.response_work)
             learned = {role: pair[role] for role in self.sides if solved}
-            content["exact_best_response"] = exact_best_responses(self.task, learned, self.tell)
+            content["exact_best_response"] = exact_best_responses(self.task, learned)
         elif not known and settings.best_response_seconds:
             content["approximate_best_response"] = approximate_best_responses(self, episodes)
-        how = (episodes, limits.team_work, content.get("exact_best_response", {}), self.tell)
+        how = (episodes, limits.team_work, content.get("exact_best_response", {}))
         return content | team_references(self.task, pair, [*self.sides], *how)
 
     def content(self, game: Plain, evaluation: dict[str, float], played: Plain) -> Plain:
@@ -316,7 +315,7 @@ class SelfPlay:
         """As `Trainee`."""
         small = copy(self)
         small.task = replace(self.task, max_steps=min(self.task.max_steps, BRIEF_STEPS))
-        small.limits, small.tell = DRY_RUN, lambda what, share: None
+        small.limits = DRY_RUN
         return small
 
     # -- files -----------------------------------------------------------------------------------

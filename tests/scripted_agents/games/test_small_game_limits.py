@@ -91,6 +91,29 @@ def test_joint_actions_are_counted_before_they_are_played(
     assert game.calls == 0
 
 
+class Growing(Table):
+    """Many joint actions a state, and ever more states."""
+
+    def legal_actions(self, state: Any, player: int) -> Any:
+        return range(300)
+
+    def transitions(self, state: Any, actions: Any) -> Any:
+        after = (state + 1) * 300 + actions[0]
+        return [(1.0, after % 5_000, (0.0,), False)]
+
+
+def test_a_smaller_game_is_advised_once_where_enumeration_will_take_long(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The first states tell: many joint actions each."""
+    for progress, seconds, expected in ((True, 0.0, 1), (False, 0.0, 0), (True, 1e9, 0)):
+        monkeypatch.setattr(enumeration_module, "LONG", seconds)
+        assert len(enumerate_game(Growing(), progress=progress).states) == 5_000
+        said = capsys.readouterr().err
+        assert said.count("stop with Ctrl-C and give a smaller game") == expected
+        assert said.count("about 300 joint actions a state") == expected
+
+
 def test_messages_are_one_short_line() -> None:
     long = [(1e-5, n) for n in range(10_000)]
     with pytest.raises(ValueError, match=r"the probabilities .*\.\.\. add up to 0.1; give") as told:

@@ -314,5 +314,6 @@ def test_the_command_printed_after_an_interruption_is_quoted(
     again = [*command, "--out", str(tmp_path / "it's mine; or $HOME")]
     with pytest.raises(SystemExit):
         main(again)
-    said = capsys.readouterr().err.partition("Continue with: ")[2]
+    kept, _, said = capsys.readouterr().err.partition("Continue with: ")
     assert shlex.split(said) == ["pursuit", *again]
+    assert kept == "\ninterrupted; no run has saved anything yet. "

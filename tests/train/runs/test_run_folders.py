@@ -207,14 +207,17 @@ def test_a_second_process_is_refused_with_the_reason(
     resumed, new = copy_of(whole, tmp_path / "run"), tmp_path / "new"
     (resumed / "results.json").unlink()
     before = sorted(path.name for path in resumed.iterdir())
-    for folder, option in ((resumed, "--resume"), (new, "--out")):
+    for folder, options in (
+        (resumed, ["--resume", resumed]),
+        (new, ["--out", new, "--maze=2x2", "--frames=64"]),
+    ):
         with subprocess.Popen(
             [sys.executable, "-c", HOLD, str(folder)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
         ) as other:
             assert other.stdout is not None and other.stdout.readline() == b"held\n"
-            said = error_of(capsys, command, option, folder, "--maze=2x2", "--frames=64")
+            said = error_of(capsys, command, *options)
             assert f"{folder}: another run uses this folder" in said
             assert other.stdin is not None
             other.stdin.close()

@@ -27,11 +27,12 @@ from scripted_agents import (
 from scripted_agents.environments import chosen_policies, roles_of_agent
 from train.commands.main import main
 from train.evaluation.matchups import match
-from train.kinds import resume
+from train.kinds import resume, start
 from train.play.setup import name_of
-from train.runs.folder import RUN
+from train.runs.folder import RUN, SELF_PLAY
 from train.runs.opponents import opponents_of, policy_in_seat
 from train.runs.parts import contest_of, parts_of, settings_of
+from train.self_play.game_league import enter_game
 from train.self_play.league import Entry, LeagueTable, enter, play_league, rate, team_rows
 from train.self_play.parts import self_play_parts, self_play_settings_of
 from train.self_play.payoffs import payoff_tables
@@ -289,6 +290,31 @@ def test_equilibrium_is_refused_where_it_is_not_known(capsys: pytest.CaptureFixt
             main(arguments)
         error = capsys.readouterr().err
         assert message in error and error.count("\n") == 1
+
+
+def test_an_equilibrium_that_is_not_known_is_refused_before_anything_is_loaded_or_enumerated(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It once came after the loading of all runs, and after 87 s of enumeration."""
+    team = self_play_settings_of(
+        maze="15x15", num_chasers=2, frames=512, num_games=16, rollout_steps=8, minibatch_size=128,
+        max_steps=8, width=8, threads=1,
+    )  # fmt: skip
+    start(SELF_PLAY, team, tmp_path / "run").train()
+
+    def too_early(*given: Any, **named: Any) -> Any:
+        raise AssertionError("expensive work before the refusal")
+
+    monkeypatch.setattr("train.self_play.league.load_opponent", too_early)
+    with pytest.raises(ValueError, match="bytes"):
+        enter([str(tmp_path / "run"), "equilibrium"], None)
+    monkeypatch.setattr("train.self_play.game_league.game_of", too_early)
+    pytest.importorskip("pyspiel")
+    goofspiel = "openspiel:goofspiel(imp_info=False,returns_type=total_points,players={})"
+    with pytest.raises(ValueError, match="general-sum game, whose equilibrium is not computed"):
+        enter_game(["uniform", "equilibrium"], goofspiel.format(2))
+    with pytest.raises(ValueError, match="3 players; a league needs two"):
+        enter_game(["uniform"], goofspiel.format(3))
 
 
 def test_payoffs_of_escapes_have_the_sign_of_self_play(tmp_path: Path) -> None:
