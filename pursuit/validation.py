@@ -54,9 +54,17 @@ def unknown(what: str, name: object, known: Iterable[str], listed: str = "one of
     )
 
 
+def text_of(value: object, form: Callable[[object], str] = str) -> str:
+    """`str(value)`, or that of another form; if it raises, a text that says so."""
+    try:
+        return form(value)
+    except Exception as error:  # of a user's class
+        return f"<{type(value).__name__}, whose text raises {type(error).__name__}>"
+
+
 def shortened(value: object) -> str:
     """`repr(value)` in one line of at most `MOST_SHOWN` characters, for messages."""
-    text = repr(value)
+    text = text_of(value, repr)
     text = " ".join(text.split()) if "\n" in text else text  # arrays have several lines
     return text if len(text) <= MOST_SHOWN else f"{text[: MOST_SHOWN - 3]}..."
 

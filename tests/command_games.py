@@ -77,6 +77,34 @@ class Large:
         raise NotImplementedError
 
 
+class Silent(tuple[Any, ...]):
+    """A state without a text."""
+
+    __slots__ = ()
+
+    def __repr__(self) -> str:
+        raise RuntimeError("no text")
+
+
+class Undrawn(Doors):
+    """Its first states are drawn, later ones raise; the states of `Silent` have no text either."""
+
+    def __init__(self, silent: bool = False) -> None:
+        self.state = Silent if silent else tuple
+
+    def starts(self) -> Any:
+        return [(chance, self.state(state)) for chance, state in super().starts()]
+
+    def transitions(self, state: Any, actions: Any) -> Any:
+        later = super().transitions(state, actions)
+        return [(chance, self.state(after), *rest) for chance, after, *rest in later]
+
+    def draw(self, state: Any) -> str:
+        if state[2] == 1:
+            raise KeyError(state[0])
+        return super().draw(state)
+
+
 class Named(Doors):
     """With a player whose name is a setting, or no word."""
 

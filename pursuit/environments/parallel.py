@@ -35,6 +35,7 @@ from pursuit.observations.masks import (
 from pursuit.rendering.rendering import AgentMark, Scene
 from pursuit.rendering.windows import Rendered
 from pursuit.rules.arrays import Array
+from pursuit.rules.layout import ESCAPED
 from pursuit.simulator.policy import Policy, play, seat_policies
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task, checked_task, make_task
@@ -354,15 +355,20 @@ class PursuitParallelEnv(MazeGames, SimulatorParallelEnv):
 
 
 def scene_of(simulator: Simulator, game: int = 0, caption: str = "") -> Scene:
-    """The scene of one game. An evader that left it on an exit without a chaser has escaped."""
+    """The scene of one game. An evader that left it before the last step on an exit without a
+    chaser has escaped."""
     task, exits = simulator.task, {int(cell) for cell in simulator.exits[game] if cell >= 0}
-    chasers = set(simulator.positions[game, : task.num_chasers].tolist())
-    marks = zip(task.agent_names, simulator.positions[game], simulator.active[game], strict=True)
+    exits -= set(simulator.positions[game, : task.num_chasers].tolist())
+    games = simulator.positions[game], simulator.active[game], simulator.events[game]
+
+    def has_escaped(cell: int, event: int) -> bool:
+        return bool(event & ESCAPED) if event else int(cell) in exits
+
     return Scene(
         maze=task.mazes[simulator.maze_index[game]],
         agents=tuple(
-            AgentMark(name, int(cell), bool(active), not active and int(cell) in exits - chasers)
-            for name, cell, active in marks
+            AgentMark(name, int(cell), bool(active), not active and has_escaped(cell, event))
+            for name, cell, active, event in zip(task.agent_names, *games, strict=True)
         ),
         goals=tuple(int(cell) for cell in simulator.goals[game] if cell >= 0),
         steps=int(simulator.steps[game]),

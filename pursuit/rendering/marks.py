@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 
@@ -11,9 +13,9 @@ class AgentMark:
 
     Args:
         name: role and number, as in `"chaser_0"`; the role is chaser, evader or runner.
-        cell: the number of its cell; after capture, of its last cell.
+        cell: the number of its cell; of an agent that has left the game, of its last cell.
         active: False if captured or escaped.
-        escaped: whether it has escaped; it is not drawn then.
+        escaped: whether it has escaped.
 
     Raises:
         ValueError: an invalid name.
@@ -36,6 +38,29 @@ class AgentMark:
         return self.name.rpartition("_")[0]
 
     @property
+    def fate(self) -> str:
+        """`"captured"` or `"escaped"`; empty if it is in the game."""
+        return "" if self.active else "escaped" if self.escaped else "captured"
+
+    @property
     def number(self) -> str:
         """The number after the role, as text."""
         return self.name.rpartition("_")[2]
+
+
+def outcome_of(agents: Iterable[AgentMark], goals: int, num_goals: int) -> str:
+    """What became of the evaders and goals, as "1 captured, 1 escaped, all goals collected".
+
+    Args:
+        agents: all agents at the end of a game.
+        goals: those that are left.
+        num_goals: those of the task.
+    """
+    fates = [agent.fate or "free" for agent in agents if agent.role == "evader"]
+    parts = (
+        fates if len(fates) == 1 else [f"{n} {fate}" for fate, n in sorted(Counter(fates).items())]
+    )
+    if num_goals:
+        left = f"{goals} goal{'s' * (goals > 1)} left"
+        parts.append(left if goals else "all goals collected")
+    return ", ".join(parts)

@@ -91,7 +91,7 @@ class Scene:
         """[height, width, 3] uint8, the picture in RGB; both sides are even numbers.
 
         Chasers are orange triangles, evaders blue circles, runners green squares, goals yellow
-        stars, exits green cells; captured agents are grey and crossed out, escaped ones left out.
+        stars, exits green cells; captured agents are grey and crossed out, escaped ones grey.
         Agents of one role carry numbers if there are several of them. Agents in the same cell are
         drawn side by side. The picture depends on the scene only.
 
@@ -136,14 +136,14 @@ class Scene:
         for mark, letter in (blank | dict.fromkeys(self.exits, "X")).items():
             lines[2 * maze.rows[mark] + 1][2 * maze.columns[mark] + 1] = letter
         names = defaultdict(list)
-        for agent in self._drawn_agents:
-            names[agent.cell].append(agent.name if agent.active else f"{agent.name} (captured)")
+        for agent in self.agents:
+            names[agent.cell].append(agent.name + f" ({agent.fate})" * bool(agent.fate))
         for goal in self.goals:
             names[goal].append("goal")
         shared = []
         for cell in sorted(names):
             row, column, here = int(maze.rows[cell]), int(maze.columns[cell]), names[cell]
-            letter = here[0][0] if "captured" in here[0] else here[0][0].upper()
+            letter = here[0][0] if "(" in here[0] else here[0][0].upper()
             if len(here) > 1:
                 letter = str(len(here)) if len(here) < 10 else "+"
                 shared.append(f"{letter} at row {row}, column {column}: {', '.join(here)}")
@@ -151,16 +151,12 @@ class Scene:
         footer = f"{self.footer}  {self.caption}".rstrip()
         return "\n".join([*("".join(line) for line in lines), footer, *shared]) + "\n"
 
-    @property
-    def _drawn_agents(self) -> list[AgentMark]:
-        return [agent for agent in self.agents if not agent.escaped]
-
     def _graph_text(self) -> str:
         """`text` of a graph."""
         names = self.maze.cell_names
         agents = [
-            f"{agent.name} at {names[agent.cell]}" + ("" if agent.active else " (captured)")
-            for agent in self._drawn_agents
+            f"{agent.name} at {names[agent.cell]}" + f" ({agent.fate})" * bool(agent.fate)
+            for agent in self.agents
         ]
         goals = [f"goal at {names[goal]}" for goal in self.goals]
         goals += [f"exit at {names[exit_]}" for exit_ in self.exits]
@@ -272,15 +268,16 @@ def _maze_pixels(maze: Maze, cell: int, wall: int) -> NDArray[np.uint8]:
 
 
 def _placed_tokens(scene: Scene, layout: _Layout) -> Iterator[tuple[Image.Image, int, int]]:
-    """The tokens of the scene and the pixels of their upper left corners, captured agents first."""
+    """The tokens of the scene and the pixels of their upper left corners, those out of the game
+    first."""
     visible = max(MIN_TOKEN_PIXELS, max(layout.width, layout.height) // 40)
     roles = [agent.role for agent in scene.agents]
     inside = defaultdict(list)
     for goal in scene.goals:
-        inside[goal].append(("goal", "", True))
-    for agent in sorted(scene._drawn_agents, key=lambda agent: agent.active):
+        inside[goal].append(("goal", "", ""))
+    for agent in sorted(scene.agents, key=lambda agent: agent.active):
         label = agent.number if roles.count(agent.role) > 1 else ""
-        inside[agent.cell].append((agent.role, label, agent.active))
+        inside[agent.cell].append((agent.role, label, agent.fate))
     for cell, tokens in inside.items():
         columns = math.ceil(math.sqrt(len(tokens)))
         rows = math.ceil(len(tokens) / columns)
@@ -292,10 +289,10 @@ def _placed_tokens(scene: Scene, layout: _Layout) -> Iterator[tuple[Image.Image,
         half = (columns - 1) / 2 * pitch + diameter / 2 + 1  # of the group, kept in the picture
         middle_x = min(max(middle_x, half), layout.width - half)
         middle_y = min(max(middle_y, half), layout.height - half)
-        for place, (role, label, active) in enumerate(tokens):
+        for place, (role, label, fate) in enumerate(tokens):
             row, column = divmod(place, columns)
             in_row = min(columns, len(tokens) - row * columns)  # a short last row is centred
-            token = _token(role, label, active, diameter)
+            token = _token(role, label, fate, diameter)
             x = middle_x + (column - (in_row - 1) / 2) * pitch - token.width / 2
             y = middle_y + (row - (rows - 1) / 2) * pitch - token.height / 2
             yield token, math.floor(x), math.floor(y)
@@ -322,24 +319,24 @@ OUTLINES: dict[str, list[tuple[float, float]]] = {
 
 
 @lru_cache(maxsize=512)
-def _token(role: str, label: str, active: bool, diameter: int) -> Image.Image:
+def _token(role: str, label: str, fate: str, diameter: int) -> Image.Image:
     """[diameter + 2, diameter + 2] RGBA, the shape of a role with a white rim."""
     scale, side = SUPERSAMPLING * diameter, SUPERSAMPLING * (diameter + 2)
     image = Image.new("RGBA", (side, side), (*WHITE, 0))
     draw = ImageDraw.Draw(image)
     points = [(side / 2 + scale * x, side / 2 + scale * y) for x, y in OUTLINES[role]]
     line = max(SUPERSAMPLING * 0.7, 0.045 * scale)
-    fill, edge = (ROLE_COLORS[role], WALL) if active else (CAPTURED, CAPTURED_LINE)
+    fill, edge = (CAPTURED, CAPTURED_LINE) if fate else (ROLE_COLORS[role], WALL)
     for color, stroke in ((WHITE, line + 2 * SUPERSAMPLING), (edge, line)):
         draw.line([*points, *points[:2]], color, round(stroke), joint="curve")
     draw.polygon(points, fill)
-    if not active:
+    if fate == "captured":
         reach = 0.26 * scale
         for sign in (-1, 1):
             ends = [(side / 2 + s * reach, side / 2 + s * sign * reach) for s in (-1, 1)]
             draw.line(ends, CAPTURED_LINE, round(1.8 * line))
     height, lower = (0.5, 0.14) if role == "chaser" else (0.64, 0.0)
-    if active and label and height * diameter >= 8:
+    if label and not fate and height * diameter >= 8:
         font_size = round(height * scale * (1 if len(label) == 1 else 0.75))
         middle = (side / 2, side / 2 + lower * scale)
         bold = font_size // 32

@@ -22,6 +22,7 @@ from pursuit.validation import Plain as Plain
 from pursuit.validation import whole
 
 State = dict[str, Array]
+POSITIONS = "positions"
 DIGITS = "0123456789abcdefghijklmnopqrstuv"
 """The texts of the actions in a maze."""
 
@@ -141,7 +142,8 @@ class MazeAdapter(TaskAdapter):
     def state(self, simulator: Simulator, game: int, final: bool = False) -> State:
         """Copies of the current state of a game, or of the final state of its last episode.
 
-        The keys are "cells" [agents], -1 after capture, "goals", and "events" [agents].
+        The keys are "cells" [agents], -1 after capture, "goals", "events" [agents] and "positions"
+        [agents], the cells with those of agents that have left the game.
         """
         games = simulator._outcome.final if final else simulator.games
         cells = np.where(games.active[game] == 0, -1, games.position[game])
@@ -149,6 +151,7 @@ class MazeAdapter(TaskAdapter):
             "cells": cells.astype("<i4"),
             "goals": games.goal[game].astype("<i4"),
             "events": games.event[game].astype("<i4"),
+            POSITIONS: games.position[game].copy(),
         }
 
     def text_of_actions(self, actions: Array) -> list[str]:

@@ -23,7 +23,7 @@ from pursuit.memory import check_memory
 from pursuit.rules.layout import Games
 from pursuit.simulator.policy import GameView
 from pursuit.tasks.task import Task
-from pursuit.validation import Plain, check_bool, shortened, whole
+from pursuit.validation import Plain, check_bool, shortened, text_of, whole
 from scripted_agents.games.game import Action
 from scripted_agents.games.openspiel_games import OpenSpielGame as OpenSpielGame
 from scripted_agents.games.openspiel_optional import openspiel_game as openspiel_game
@@ -61,13 +61,13 @@ def to_openspiel(game: SmallGame, horizon: int, terminal_rewards: bool = False) 
 
 def _text(game: SmallGame) -> str:
     """A game as text, with its states and actions by their names."""
-    states = [repr(state) for state in game.states]
+    states = [text_of(state, repr) for state in game.states]
     if len(set(states)) < len(states):  # information states hold these names
         states = [f"{number}: {state}" for number, state in enumerate(states)]
     names = {
         "players": game.players,
         "states": states,
-        "actions": [[[str(a) for a in row] for row in rows] for rows in game.actions],
+        "actions": [[[text_of(a) for a in row] for row in rows] for rows in game.actions],
     }
     arrays = {name: getattr(game, name) for name in ARRAYS}
     rows = {name: getattr(game.following, name) for name in ROWS}

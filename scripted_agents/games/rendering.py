@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
+from pathlib import Path
 from textwrap import wrap
+from traceback import extract_tb
+from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
 from pursuit.rendering.rendering import MARGIN, WALL, WHITE, draw_footer, font_of
-from pursuit.validation import raised, shortened
+from pursuit.validation import text_of
 from scripted_agents.games.game import State
 from scripted_agents.games.simulator import GameSimulator, GameTask
 
@@ -21,22 +25,29 @@ FONT, FOOTER = 15, 36
 SVG = "<svg"
 
 
-def drawn_state(task: GameTask, state: State) -> str:
-    """What `draw(state)` of a game returns, text or SVG; without this function the state as text.
+def drawn_state(task: GameTask, state: State, warns: bool = True) -> str:
+    """What `draw(state)` of a game returns, text or well-formed SVG, else the state as text.
 
-    Raises:
-        ValueError: an exception, or something else than a text.
+    The warning that it failed is the same for all states, so that it is shown once.
     """
-    function = getattr(task.game.source, "draw", None)
+    function, why = getattr(task.game.source, "draw", None), ""
     if not callable(function):
-        return str(state)
+        return text_of(state)
     try:
         drawn = function(state)
+        if not isinstance(drawn, str):
+            why = f"returned a value of type {type(drawn).__name__}, not a text"
+        elif drawn.lstrip().startswith(SVG):
+            ElementTree.fromstring(drawn.lstrip())
+    except ElementTree.ParseError:
+        why = "returned SVG that is not well-formed"
     except Exception as error:  # of the user's code
-        raise ValueError(f"draw({shortened(state)}) raised {raised(error)}; mend it") from error
-    if not isinstance(drawn, str):
-        raise ValueError(f"draw({shortened(state)}) returned {shortened(drawn)}; return a text")
-    return drawn
+        (line,) = extract_tb(error.__traceback__, limit=-1)
+        why = f"raised {type(error).__name__} ({Path(line.filename).name}:{line.lineno})"
+    if why and warns:
+        name = type(task.game.source).__name__
+        warnings.warn(f"draw(state) of {name} {why}; such states are shown as text", stacklevel=2)
+    return text_of(state) if why else drawn
 
 
 @dataclass(frozen=True)
@@ -87,5 +98,5 @@ def scene_of(simulator: GameSimulator, game: int = 0) -> StateScene:
     """The scene of one game; SVG of the function `draw` is left out."""
     task, state = simulator.task, simulator.task.game.states[simulator.state[game]]
     drawn = drawn_state(task, state)
-    shown = str(state) if drawn.lstrip().startswith(SVG) else drawn
+    shown = text_of(state) if drawn.lstrip().startswith(SVG) else drawn
     return StateScene(shown, int(simulator.steps[game]), task.max_steps)

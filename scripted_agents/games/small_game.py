@@ -203,7 +203,8 @@ def _in_order(
         unknown = [action for action in given if action not in actions]
         if unknown:
             raise ValueError(
-                f"{player} plays {unknown[0]!r} in {state!r}; the actions are {list(actions)}"
+                f"{player} plays {shortened(unknown[0])} in {shortened(state)}; the actions are "
+                f"{shortened(list(actions))}"
             )
         given = [given.get(action, 0.0) for action in actions]
     what = f"the policy of {player} in {shortened(state)}: probabilities"

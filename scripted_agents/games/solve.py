@@ -266,8 +266,8 @@ def check_zero_sum(game: SmallGame) -> None:
         joint = int(np.argmax(game.unbalanced))
         state = game.states[game.owners[joint]]
         raise ValueError(
-            f"in {state!r} the rewards are {game.rewards[joint].tolist()}; equilibria are computed "
-            "for two players with opposite rewards"
+            f"in {shortened(state)} the rewards are {game.rewards[joint].tolist()}; equilibria are "
+            "computed for two players with opposite rewards"
         )
 
 

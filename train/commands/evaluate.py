@@ -16,7 +16,7 @@ from pursuit.validation import at_least, check, choice
 from scripted_agents.limits import MAX_EVALUATED_WORK
 from scripted_agents.long_work import in_time
 from scripted_agents.references import is_known
-from train.commands.parse import parse, print_warnings, warn
+from train.commands.parse import parse, warn
 from train.commands.progress import ProgressLine
 from train.commands.scores import (
     print_bounds,
@@ -153,10 +153,9 @@ def evaluate_players(given: EvaluateCommand) -> Plain:
     from train.self_play.small_game_report import describe_small_game
     from train.self_play.small_games import described, exact_row
 
-    with print_warnings():
-        settings: Any = read_settings(given.run)[1]
-        task, discount, run = game_of(settings.task), settings.discount, str(given.run)
-        tables = {name: player_policy(run, task, name).table(task) for name in settings.sides}
+    settings: Any = read_settings(given.run)[1]
+    task, discount, run = game_of(settings.task), settings.discount, str(given.run)
+    tables = {name: player_policy(run, task, name).table(task) for name in settings.sides}
     found = exact_row(task, tables, discount)
     content = {**described(task, discount), "discount": discount, "evaluation": found}
     print(*describe_small_game(content), sep="\n")
@@ -276,9 +275,8 @@ def load_run(given: EvaluateCommand) -> Loaded:
     from train.runs.opponents import load_policy
     from train.runs.saved import evaluated_settings, trains_team
 
-    with print_warnings():
-        settings = evaluated_settings(given.run, others=given.opponent is not None)
-        policy = load_policy(given.run)
+    settings = evaluated_settings(given.run, others=given.opponent is not None)
+    policy = load_policy(given.run)
     whole_team = trains_team(given.run)
     check(
         whole_team or given.teammates != "learned",

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from pursuit.validation import at_least, check
-from train.commands.parse import parse, print_warnings
+from train.commands.parse import parse
 from train.files import Plain, check_output_folder, hold, write_json
 from train.reports.tables import ResultTable, print_table
 from train.runs.provenance import command_line
@@ -89,18 +89,17 @@ def league(arguments: Sequence[str]) -> None:
     task: Any
     entered: Any
     where: Plain
-    with print_warnings():
-        models = (given.model_roles, given.model_observations)
-        if given.game is not None:
-            of_mazes = ("maze", "opponent_epsilon", "model_roles", "model_observations")
-            check_default(given, LeagueCommand, of_mazes, "it is for games in mazes")
-            task, entered = enter_game(names, given.game, given.greedy, given.names)
-            where, place = {"task": GAME, "maze": None, "game": task.name}, f"in game {task.name}"
-        else:
-            how = (given.maze, given.opponent_epsilon, given.greedy)
-            task, entered = enter(names, *how, given.names, *models)
-            maze = task.mazes[0].name
-            where, place = {"task": task.name, "maze": maze}, f"on maze {maze}"
+    models = (given.model_roles, given.model_observations)
+    if given.game is not None:
+        of_mazes = ("maze", "opponent_epsilon", "model_roles", "model_observations")
+        check_default(given, LeagueCommand, of_mazes, "it is for games in mazes")
+        task, entered = enter_game(names, given.game, given.greedy, given.names)
+        where, place = {"task": GAME, "maze": None, "game": task.name}, f"in game {task.name}"
+    else:
+        how = (given.maze, given.opponent_epsilon, given.greedy)
+        task, entered = enter(names, *how, given.names, *models)
+        maze = task.mazes[0].name
+        where, place = {"task": task.name, "maze": maze}, f"on maze {maze}"
     lock = hold(out, "league")
     play = play_league if given.game is None else play_game_league
     table = play(task, entered, given.games, given.seed)

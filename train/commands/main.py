@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pursuit
 from pursuit.plugins import Registry, look_in, reading
-from train.commands.parse import fail
+from train.commands.parse import fail, warnings_in_lines
 from train.files import check_utf8
 from train.runs.interruption import Diverged, Signals, Stopped
 
@@ -98,7 +98,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if shutil.get_terminal_size().columns < NARROWEST:
         os.environ["COLUMNS"] = str(NARROWEST)
     given = list(sys.argv[1:] if arguments is None else arguments)
-    with Signals() as signals:
+    with Signals() as signals, warnings_in_lines():
         try:
             try:
                 run_command(given)

@@ -34,13 +34,21 @@ def fail(message: str, status: int = 2) -> NoReturn:
 
 
 @contextlib.contextmanager
-def print_warnings() -> Iterator[None]:
-    """Print each different warning inside as one line on stderr."""
-    with warnings.catch_warnings(record=True) as noted:
+def warnings_in_lines() -> Iterator[None]:
+    """Print each different warning for the user as one line on stderr."""
+    said = set[str]()
+
+    def show(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
+        if not issubclass(category, UserWarning):
+            others(message, category, *where, **more)
+        elif (text := " ".join(str(message).split())) not in said:
+            said.add(text)
+            warn(text)
+
+    with warnings.catch_warnings():
+        others, warnings.showwarning = warnings.showwarning, show
         warnings.simplefilter("always", UserWarning)
         yield
-    for text in dict.fromkeys(str(warning.message) for warning in noted):
-        warn(text)
 
 
 def warn(text: str) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Annotated
 
 from pursuit.validation import check, rule
-from train.commands.parse import fail, options_in, parse, print_warnings, take_allow_options
+from train.commands.parse import fail, options_in, parse, take_allow_options
 from train.play.browser import open_page
 from train.play.outcome import total_line
 from train.play.replay_folder import ReplayFolder
@@ -73,10 +73,10 @@ def play(arguments: Sequence[str]) -> None:
     if given.beside is None and given.against and is_self_play(Path(given.against)):
         beside = given.against
     seed = secrets.randbelow(2**32) if given.seed is None else given.seed
-    with print_warnings():
-        session = session_of(task, beside, evaluation_seed(seed))
+    session = session_of(task, beside, evaluation_seed(seed))
     keeper = None if given.out is None else ReplayFolder(given.out, given.name)
-    print(session.title())
+    print(f"{session.title()}\npreparing ...", flush=True)
+    session.prepare()
     on_page(session, given.port, given.browser, keeper)
     if keeper is not None and keeper.added:
         print(f"replays: {keeper.folder}")

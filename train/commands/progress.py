@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from pursuit.validation import check
-from train.commands.parse import options_in, print_warnings
+from train.commands.parse import options_in
 from train.files import Plain, check_folder
 from train.runs.folder import CONFIG, check_new, is_complete, load_final, load_results
 from train.runs.forms import Final
@@ -154,8 +154,7 @@ def start_or_resume(
         check_folder(folder)
     from train.kinds import resume, start  # torch is slow to import
 
-    with print_warnings():
-        run = start(kind, settings, out, final) if folder is None else resume(folder, kind)
+    run = start(kind, settings, out, final) if folder is None else resume(folder, kind)
     return run, final
 
 

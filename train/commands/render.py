@@ -20,7 +20,7 @@ from scripted_agents import (
 )
 from scripted_agents.environments import DEFAULTS
 from scripted_agents.games.agents import UNIFORM, TableAgent, named_agent
-from train.commands.parse import default_task, options_in, parse, print_warnings
+from train.commands.parse import default_task, options_in, parse
 from train.evaluation.arm_contest import ArmContest
 from train.evaluation.contest import GameContest
 from train.evaluation.contests import AnyContest
@@ -70,9 +70,8 @@ def render(arguments: Sequence[str]) -> None:
 
     policy: Any  # of the kind of its contest
     if given.run is not None:
-        with print_warnings():
-            policy, task = load_policy(given.run), evaluated_settings(given.run).task
-            contest = contest_of(task, 2, team=trains_team(given.run))
+        policy, task = load_policy(given.run), evaluated_settings(given.run).task
+        contest = contest_of(task, 2, team=trains_team(given.run))
     else:
         check_unused_task_settings(given.task)
         contest = contest_of(given.task, 2)

@@ -10,7 +10,7 @@ from typing import Annotated
 import tyro
 
 from pursuit.validation import check, rule
-from train.commands.parse import parse, print_warnings
+from train.commands.parse import parse
 from train.files import check_folder, check_output_folder
 from train.reports.figures import UNITS
 from train.runs.folder import CONFIG
@@ -54,12 +54,11 @@ def report(arguments: Sequence[str]) -> None:
     )
 
     only = options.folders[0] if len(options.folders) == 1 else None
-    with print_warnings():
-        if only is not None and not (only / CONFIG).exists() and options.out is None:
-            written = report_on(only, options.x, options.log)
-        else:
-            out = options.out or (Path("comparison") if only is None else only / "report")
-            check_output_folder(out, is_of_several, options.overwrite)
-            written = report_several(options.folders, out, options.x, options.log)
+    if only is not None and not (only / CONFIG).exists() and options.out is None:
+        written = report_on(only, options.x, options.log)
+    else:
+        out = options.out or (Path("comparison") if only is None else only / "report")
+        check_output_folder(out, is_of_several, options.overwrite)
+        written = report_several(options.folders, out, options.x, options.log)
     print((written / "report.md").read_text(encoding="utf-8"))
     print(f"figures and tables: {written}")

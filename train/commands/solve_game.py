@@ -8,7 +8,7 @@ from time import perf_counter
 
 import numpy as np
 
-from pursuit.validation import check
+from pursuit.validation import check, text_of
 from scripted_agents.games.agents import DISCOUNT, UNIFORM, uniform_table
 from scripted_agents.games.episodes import longest_play
 from scripted_agents.games.mixing import mixed_share
@@ -152,7 +152,7 @@ def tables_of(game: SmallGame, solution: SmallEquilibrium | SmallResponse) -> Pl
     mixed = getattr(solution, "mixed", None)
     kind = "equilibrium" if mixed is not None else f"best response to {UNIFORM} play"
     rows: list[Plain] = [
-        {"state": str(state), "value": value, "policies": {}}
+        {"state": text_of(state), "value": value, "policies": {}}
         for state, value in zip(game.states, solution.values.tolist(), strict=True)
     ]
     for name, table in solution.policies.items():

@@ -12,7 +12,7 @@ import tyro
 from pursuit.replays.replay import Replay
 from pursuit.replays.viewer.data import Builder, Extras
 from pursuit.validation import at_least, check
-from train.commands.parse import parse, print_warnings, warn
+from train.commands.parse import parse, warn
 from train.evaluation.recordings import add_episodes
 from train.files import check_new_files
 from train.play.browser import open_page
@@ -51,10 +51,9 @@ def view(arguments: Sequence[str]) -> None:
     for path in given.paths:
         check(path.exists(), f"{path}: no such file or folder; give a run, or a replay (.json)")
     check_new_files([given.out], given.overwrite)
-    with print_warnings():
-        alone = len(given.paths) == 1 and given.paths[0].is_dir()
-        alone = alone and read_config(given.paths[0])[0] != SIDE
-        page = report_again(given.paths[0], given.out) if alone else together(given)
+    alone = len(given.paths) == 1 and given.paths[0].is_dir()
+    alone = alone and read_config(given.paths[0])[0] != SIDE
+    page = report_again(given.paths[0], given.out) if alone else together(given)
     print(f"page: {page}")
     if given.open:
         open_page(page.resolve().as_uri())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from pursuit.environments.parallel import scene_of
 from pursuit.environments.single_agent import fill_seats
+from pursuit.rendering.marks import outcome_of
 from pursuit.rendering.rendering import Scene
 from pursuit.simulator.policy import Policy
 from pursuit.simulator.simulator import Simulator
@@ -211,4 +212,8 @@ class MazeContest(Contest[Policy, Simulator]):
 
     def scene(self, games: Simulator, caption: str) -> Scene:
         """As `Contest`."""
-        return scene_of(games, caption=caption)
+        scene = scene_of(games, caption=caption)
+        if not games.ended[0]:
+            return scene
+        outcome = outcome_of(scene.agents, len(scene.goals), self.task.num_goals)
+        return replace(scene, caption=f"{caption}: {outcome}")

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from operator import getitem
-from xml.etree import ElementTree
 
 import numpy as np
 
 from pursuit.replays.viewer.data import Builder
-from pursuit.validation import shortened
+from pursuit.validation import text_of
 from scripted_agents.games.episodes import values_along
-from scripted_agents.games.game import Action, Game, State
-from scripted_agents.games.rendering import SVG, drawn_state
+from scripted_agents.games.game import Action, Game
+from scripted_agents.games.rendering import drawn_state
 from scripted_agents.games.simulator import GameSimulator, GameTask, StatePolicy
 from scripted_agents.games.solve import respond
 from train.files import Plain
@@ -58,11 +57,11 @@ def add_small_game(
         for seat, name in enumerate(game.players):
             legal = slice(*offsets[seat][state : state + 2])
             shares = {"played": played[name][legal], "best": best[name][legal]}
-            actions = [str(action) for action in game.actions[seat][state]]
+            actions = [text_of(action) for action in game.actions[seat][state]]
             rounded = {key: np.round(row, 5).tolist() for key, row in shares.items()}
             choices.append({"actions": actions, **rounded})
         given = game.states[state]
-        return {"text": str(given), "drawing": _drawn(task, given), "choices": choices}
+        return {"text": text_of(given), "drawing": drawn_state(task, given), "choices": choices}
 
     how = "sum of rewards" if horizon else f"return discounted by {discount:g} per step"
     left = f" in what is left of {horizon} steps" if horizon else ""
@@ -91,20 +90,8 @@ def add_small_game(
         builder.items.append(item)
 
 
-def _drawn(task: GameTask, state: State) -> str:
-    """As `drawn_state`; ValueError also for SVG that is not well-formed."""
-    drawn = drawn_state(task, state)
-    if drawn.lstrip().startswith(SVG):
-        try:
-            ElementTree.fromstring(drawn.lstrip())
-        except ElementTree.ParseError as error:
-            what = f"draw({shortened(state)}) returned SVG that is not well-formed"
-            raise ValueError(f"{what}: {error}; mend it") from None
-    return drawn
-
-
 def _end(task: GameTask, state: int, actions: tuple[Action, ...]) -> Plain | None:
-    """The state after a last step; None if chance chose it, or if the game cannot draw it."""
+    """The state after a last step; None if chance chose it."""
     source = task.game.source
     if not isinstance(source, Game):
         return None
@@ -113,10 +100,9 @@ def _end(task: GameTask, state: int, actions: tuple[Action, ...]) -> Plain | Non
     if len(ends) != 1 or None in ends:
         return None
     (after,) = ends
-    try:
-        return {"text": str(after), "drawing": _drawn(task, after), "choices": []}
-    except ValueError:  # games need not draw what is never played
-        return None
+    # Games need not draw what is never played.
+    drawing = drawn_state(task, after, warns=False)
+    return {"text": text_of(after), "drawing": drawing, "choices": []}
 
 
 def _played(task: GameTask, policies: Mapping[str, StatePolicy], number: int) -> Plain:
@@ -129,7 +115,7 @@ def _played(task: GameTask, policies: Mapping[str, StatePolicy], number: int) ->
         games.act([policies[name] for name in task.agent_names], actions)
         games.step(actions)
         taken = tuple(map(getitem, task.game.action_lists, actions[0].tolist()))
-        chosen.append([str(action) for action in taken])
+        chosen.append([text_of(action) for action in taken])
         rewards.append(np.round(games.rewards[0].astype(float), 5).tolist())
         states.append(int(games.state[0]))
     return {

@@ -128,8 +128,12 @@ class Session:
         self.states.append(self.world.state(self.simulator, 0))
         self._collected += (self.simulator.events[0] & COLLECTED) != 0
 
+    def prepare(self) -> None:
+        """Compile and solve what the games need, so that moves are answered at once."""
+        self._outcome_of_game()
+
     def _outcome_of_game(self) -> Outcome:
-        """The result of the current game, which is over."""
+        """The result of the current game, as if it was over."""
         optimum = self.optimum(self.start["positions"], self.start["goals"])
         steps, won, goals = self._played_by_agent()
         names, first = self.task.agent_names, self.seat
@@ -214,6 +218,8 @@ class Session:
         rewards = self.rewards[-1] if self.rewards else [0.0] * self.task.num_agents
         return {
             "cells": here.tolist(),
+            "last": simulator.positions[0].tolist(),
+            "escaped": [False] * self.task.num_chasers + self._escapes.seen[0].tolist(),
             "goals": simulator.goals[0].tolist(),
             "step": self.step,
             "rewards": rewards,

@@ -14,7 +14,7 @@ from torch import Tensor, nn
 
 from pursuit.replays.adapters import MazeAdapter
 from pursuit.tasks.task import ACTIONS
-from pursuit.validation import as_path, check
+from pursuit.validation import as_path, check, text_of
 from pursuit.version import __version__
 from train.files import write_bytes
 from train.networks.joint_policy import JointPolicy
@@ -121,7 +121,7 @@ def metadata_of(policy: NetworkPolicy) -> dict[str, str]:
         game = task.game
         settings = {"game": task.name, "max_steps": task.max_steps}
         settings |= {"players": game.players, "states": game.num_states}
-        actions = [str(action) for action in game.action_lists[policy.seat.number]]
+        actions = [text_of(action) for action in game.action_lists[policy.seat.number]]
     else:
         moves = [*ACTIONS[:-1]] if task.mazes[0].is_grid else []
         moves = moves or [f"neighbor {number}" for number in range(task.num_moves)]

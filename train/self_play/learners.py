@@ -8,7 +8,7 @@ from functools import lru_cache
 from keyword import iskeyword
 from typing import Any
 
-from pursuit.validation import check
+from pursuit.validation import check, shortened
 from scripted_agents.environments import agent_name
 from scripted_agents.games.enumeration import names_of_players
 from scripted_agents.games.named import game_named
@@ -34,6 +34,8 @@ from train.settings.self_play import (
 from train.settings.task import SmallGameSettings, TaskSettings, task_form
 
 ALGORITHM = "algorithm"
+LONGEST = 60
+"""Letters of the name of a player."""
 
 
 def learning_side(role: str, task: PlayedTask, common: Plain, own: Plain) -> LearningSide:
@@ -145,8 +147,12 @@ def players_of(task: SmallGameSettings) -> tuple[str, ...]:
     settings = {*names_of(SmallGameSettings, SmallGameSelfPlay), ALGORITHM}
     for name in players:
         check(
-            name.isidentifier() and not iskeyword(name) and name not in settings,
-            f"game={task.game!r}: a player is called {name!r}; rename it to a word that is not the "
-            "name of a setting, as options have the names of players",
+            name.isidentifier()
+            and not iskeyword(name)
+            and name not in settings
+            and len(name) <= LONGEST,
+            f"game={shortened(task.game)}: a player is called {shortened(name)}; rename it to a "
+            f"word of at most {LONGEST} letters that is not the name of a setting, as options and "
+            "folders have the names of players",
         )
     return players

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import repeat
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,8 @@ from numpy.typing import NDArray
 
 from pursuit.mazes.maze import Maze
 from pursuit.observations.observations import PLANES
-from pursuit.replays.adapters import Plain, State
+from pursuit.rendering.marks import AgentMark, outcome_of
+from pursuit.replays.adapters import POSITIONS, Plain, State
 from pursuit.replays.viewer.page import page
 from pursuit.rules.arrays import Array
 from pursuit.rules.layout import CAPTURED, COLLECTED, ESCAPED
@@ -135,10 +137,11 @@ class Builder:
         exits = [int(cell) for cell in episode.start.get("exits") or exits]
         item["world"] = self._world(maze_data(maze, task.agent_names, task.num_goals, exits))
         cells = np.stack([state["cells"] for state in states])
+        positions = np.stack([state[POSITIONS] for state in states])
         goals = np.stack([state["goals"] for state in states]).reshape(len(states), -1)
         events = np.stack([state["events"] for state in states])
         item["gone"] = [_first(cells[:, agent] < 0) for agent in range(cells.shape[1])]
-        item["cells"] = [_held(cells[:, agent]).tolist() for agent in range(cells.shape[1])]
+        item["cells"] = [positions[:, agent].tolist() for agent in range(cells.shape[1])]
         item["goals"] = [
             [int(goals[0, goal]), _first(goals[:, goal] < 0)] for goal in range(goals.shape[1])
         ]
@@ -147,6 +150,16 @@ class Builder:
             item["escaped"] = [
                 gone and role == "evader" for gone, role in zip(left, task.seat_roles, strict=True)
             ]
+        marks = [
+            AgentMark(name, int(positions[-1, seat]), gone is None, escaped)
+            for seat, (name, gone, escaped) in enumerate(
+                zip(
+                    task.agent_names, item["gone"], item.get("escaped", repeat(False)), strict=False
+                )
+            )
+        ]
+        taken = [gone for _, gone in item["goals"] if gone != 0]  # others are not in this game
+        item["outcome"] = outcome_of(marks, taken.count(None), len(taken))
         item["events"] = [
             [int(step), int(agent), kind]
             for kind, bit in (("collected", COLLECTED), ("captured", CAPTURED))
@@ -269,12 +282,6 @@ def _plain_number(number: float) -> float:
 
 def _first(found: NDArray[np.bool_]) -> int | None:
     return int(np.argmax(found)) if found.any() else None
-
-
-def _held(path: Array) -> Array:
-    """The path with -1 replaced by the last cell before it."""
-    steps = np.where(path >= 0, np.arange(len(path)), 0)
-    return path[np.maximum.accumulate(steps)]
 
 
 def _bytes(array: Array) -> str:

@@ -84,17 +84,15 @@ class MazeBoard {
     return [10 * column + 5, 10 * row + 5];
   }
 
-  // frame: {cells: [cell or -1], goals: [cell or -1]}; extras: {trails: [[cells]], values, arrows, seen}
+  // frame: {cells: [cell, or -1 of agents that have left the game], last: [the same with their last
+  // cell], goals: [cell or -1]}; extras: {trails: [[cells]], values, arrows, seen}
   show(frame, extras) {
     const together = new Map();
     frame.cells.forEach((cell) => together.set(cell, (together.get(cell) || 0) + 1));
     const taken = new Map();
     frame.cells.forEach((cell, number) => {
       const gone = cell < 0;
-      const where = gone ? (extras.last || [])[number] : cell;
-      const escaped = gone && (frame.escaped || [])[number];
-      if (where === undefined || where < 0 || escaped) return place(this.agents[number], { visibility: "hidden" });
-      const [x, y] = this.middle(where);
+      const [x, y] = this.middle(frame.last[number]);
       const count = together.get(cell), turn = taken.get(cell) || 0;
       taken.set(cell, turn + 1);
       const aside = !gone && count > 1 ? 2.2 * Math.cos((2 * Math.PI * turn) / count) : 0;

@@ -65,20 +65,17 @@
 
     // The state as text.
     function description() {
-      const at = (cell) => (cell < 0 ? "captured" : `row ${world.cells[cell][0]} column ${world.cells[cell][1]}`);
-      const agents = world.agents.map((agent, n) => `${agent.name} ${at(state.frame.cells[n])}`);
+      const gone = (n) => ((state.frame.escaped || [])[n] ? "escaped" : "captured");
+      const at = (cell, n) => (cell < 0 ? gone(n) : `row ${world.cells[cell][0]} column ${world.cells[cell][1]}`);
+      const agents = world.agents.map((agent, n) => `${agent.name} ${at(state.frame.cells[n], n)}`);
       const goals = state.frame.goals.filter((goal) => goal >= 0).map((goal) => `goal ${at(goal)}`);
       return [...agents, ...goals].join(", ");
     }
 
-    // The recent cells of all agents, and the last cell of captured agents.
+    // The recent cells of all agents.
     function trails() {
       const some = past.slice(-TRAIL);
-      const of = (number) => past.map((frame) => frame.cells[number]).filter((cell) => cell >= 0);
-      return {
-        trails: world.agents.map((_, n) => some.map((f) => f.cells[n]).filter((cell) => cell >= 0)),
-        last: world.agents.map((_, n) => of(n).pop()),
-      };
+      return { trails: world.agents.map((_, n) => some.map((frame) => frame.last[n])) };
     }
 
     async function send(what, content) {
@@ -120,7 +117,8 @@
         node.style.gridArea = `${places[number][0]} / ${places[number][1]}`;
       }
       const stays = world.actions.length > 4 ? "space to stay" : "move into a wall to stay";
-      help.textContent = `Arrow keys or w, a, s, d to move; ${stays}; n for the next game.`;
+      const exits = world.exits ? " Green cells are exits; evaders that have left the game are dashed." : "";
+      help.textContent = `Arrow keys or w, a, s, d to move; ${stays}; n for the next game.${exits}`;
     }
 
     document.addEventListener("keydown", (event) => {

@@ -38,9 +38,11 @@ class Episode {
     if (this.world.kind === "game") {
       return { state: this.states[step], ended: this.terminated && step === this.length && !this.shows_end, step };
     }
-    const cells = this.cells.map((path, agent) => (this.gone[agent] !== null && step >= this.gone[agent] ? -1 : path[step]));
+    const isGone = this.gone.map((at) => at !== null && step >= at);
+    const cells = this.cells.map((path, agent) => (isGone[agent] ? -1 : path[step]));
+    const last = this.cells.map((path) => path[step]);
     const goals = this.goals.map(([cell, gone]) => (gone !== null && step >= gone ? -1 : cell));
-    return { cells, goals, escaped: this.escaped, step };
+    return { cells, last, goals, escaped: this.escaped, step };
   }
 
   // [reward of the last step, return so far] of every agent.
@@ -58,7 +60,8 @@ class Episode {
 
   ending(step) {
     if (step < this.length) return "";
-    return this.terminated ? "(terminated)" : this.truncated ? "(truncated)" : "(unfinished)";
+    const how = this.terminated ? "terminated" : this.truncated ? "truncated" : "unfinished";
+    return `(${[how, this.outcome].filter(Boolean).join(": ")})`;
   }
 }
 
@@ -290,7 +293,6 @@ class Player {
     const until = episode.cells.map((path, agent) => (episode.gone[agent] === null ? step : Math.min(step, episode.gone[agent])));
     const extras = {
       trails: this.shown.trails ? episode.cells.map((path, agent) => path.slice(first, until[agent] + 1)) : [],
-      last: episode.cells.map((path, agent) => path[until[agent]]),
     };
     const side = this.sides(episode)[this.several ? 0 : this.side];
     const other = side ? frame.cells[side.other] : -1;
@@ -330,6 +332,7 @@ class Player {
     const side = this.sides()[this.side], parts = game ? [episode.world.legend] : [];
     const players = names.map((name, agent) => episode.players[agent] && `${name} is ${episode.players[agent]}`).filter(Boolean);
     if (players.length) parts.push(`${players.join(", ")}.`);
+    if (episode.world.exits) parts.push("Green cells are exits; evaders that have left the game are dashed.");
     if (side && this.shown.values && side.values) parts.push(`Values: exact expected steps until capture from the start of an episode, for each cell of ${side.name} (blue few, yellow many).`);
     if (side && this.shown.policy) parts.push(`Moves of ${side.name}: dashed optimal${side.learned ? ", solid learned (the most probable one); a dotted frame if they differ" : ""}.`);
     if (this.shown.seen && episode.seen) parts.push(`Observation of ${episode.seen.agent}: ${episode.seen.names.join(", ")}.`);

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +13,15 @@ import pytest
 from pursuit import escape_v0
 from pursuit.environments.parallel import scene_of
 from pursuit.mazes.maze import Maze
-from pursuit.rendering.rendering import EXIT, ROLE_COLORS, Scene
+from pursuit.rendering.marks import AgentMark, outcome_of
+from pursuit.rendering.rendering import CAPTURED, EXIT, ROLE_COLORS, Scene
 from pursuit.replays.recorder import Recorder
 from pursuit.replays.replay import Replay
 from pursuit.replays.viewer.data import Builder
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task, make_task
+from scripted_agents import AStarEvader, RandomAgent
+from train.evaluation.contest import GameContest
 
 LINE = Maze.from_text("+-+-+-+-+\n|       |\n+-+-+-+-+")
 GAMES: dict[str, dict[str, Any]] = {
@@ -81,7 +85,7 @@ def test_replays_without_options_name_none_of_them(tmp_path: Path) -> None:
     assert Replay.load(tmp_path / "replay.json").check() == []
 
 
-def test_exits_are_drawn_and_escaped_evaders_are_not() -> None:
+def test_exits_are_drawn_and_escaped_evaders_on_them_in_grey() -> None:
     simulator = Simulator(Task(LINE, 1, 2, exits=[3]), auto_restart=False)
     simulator.place([0, 2, 1])
     scene = scene_of(simulator)
@@ -94,13 +98,41 @@ def test_exits_are_drawn_and_escaped_evaders_are_not() -> None:
     simulator.step([[0, 2, 0]])
     after = scene_of(simulator)
     assert [agent.escaped for agent in after.agents] == [False, True, False]
-    assert after.text().splitlines()[1] == "|C E   X|"
-    blue = ROLE_COLORS["evader"]
-    drawn = [(each.draw() == blue).all(axis=2).sum() for each in (scene, after)]
-    assert drawn[1] < 0.6 * drawn[0]
+    assert after.text().splitlines()[1] == "|C E   e|"
+    colors = ROLE_COLORS["evader"], CAPTURED
+    blue, grey = (
+        [(each.draw() == color).all(axis=2).sum() for each in (scene, after)] for color in colors
+    )
+    assert blue[1] < 0.6 * blue[0] and grey[1] > 0.3 * blue[0] > grey[0] == 0
+    crossed = replace(after, agents=tuple(replace(agent, escaped=False) for agent in after.agents))
+    assert (crossed.draw() != after.draw()).any()
+    assert outcome_of(after.agents, 0, 0) == "1 escaped, 1 free"
+    simulator.step([[0, 0, 0]])  # it is still known in later steps
+    assert scene_of(simulator).agents == after.agents
     simulator.place([2, 1, 0])
     simulator.step([[2, 0, 0]])
     assert scene_of(simulator).text().splitlines()[1] == "|E E   C|"
+    near = Simulator(Task(LINE, 1, 1, exits=[3], capture="adjacent"), auto_restart=False)
+    near.place([1, 2])
+    near.step([[2, 2]])  # captured on the exit from the cell beside it
+    assert outcome_of(scene_of(near).agents, 0, 0) == "captured"
+
+
+def test_the_outcome_counts_evaders_and_goals() -> None:
+    def marks(*fates: str) -> list[AgentMark]:
+        return [
+            AgentMark(f"evader_{n}", 0, fate == "free", fate == "escaped")
+            for n, fate in enumerate(fates)
+        ]
+
+    for fates, goals, said in (
+        (("escaped",), (0, 0), "escaped"),
+        (("captured", "free", "captured"), (0, 0), "2 captured, 1 free"),
+        (("free",), (0, 3), "free, all goals collected"),
+        ((), (1, 3), "1 goal left"),
+        ((), (2, 3), "2 goals left"),
+    ):
+        assert outcome_of(marks(*fates), *goals) == said
 
 
 def test_pages_show_exits_and_escapes() -> None:
@@ -112,9 +144,23 @@ def test_pages_show_exits_and_escapes() -> None:
         assert item["escaped"][0] is False
         # A capture pays -1 to the evader, an escape 1.
         assert item["escaped"][1] == (item["terminated"] and item["rewards"][1][-1] == 1)
+        fates = "escaped" if item["escaped"][1] else "captured" if item["terminated"] else "free"
+        assert item["outcome"] == fates
+        # The trail of an evader that has escaped ends on the exit.
+        assert len(item["cells"][1]) == item["length"] + 1
+        assert not item["escaped"][1] or item["cells"][1][-1] in episode.start["exits"]
     assert any(item["escaped"][1] for item in builder.items)
     assert any(not item["escaped"][1] for item in builder.items)
     assert not builder.warnings and '"exits"' in replay.page()
+
+
+def test_animations_end_with_the_outcome() -> None:
+    task = make_task("escape", maze="3x3", max_steps=4)
+    scenes = GameContest(task, "chaser", {"evader": AStarEvader(0.5)}, 8).scenes(RandomAgent(), 12)
+    captions = [scene.caption for scene in scenes]
+    ends = {caption.partition(": ")[2] for caption in captions}
+    assert ends == {"", "captured", "escaped", "free"}
+    assert captions[0] == "episode 1 of 12" and captions[-1].startswith("episode 12 of 12: ")
 
 
 def test_environments_record_and_render_escapes(tmp_path: Path) -> None:

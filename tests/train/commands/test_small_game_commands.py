@@ -369,6 +369,7 @@ def test_wrong_options(
         ("Seen(what=raises)", "--observation observe", "raised KeyError"),
         ("Named(name=seed)", "", "a player is called 'seed'; rename it"),
         ("Named(name='a b')", "", "a player is called 'a b'; rename it"),
+        (f"Named(name={'a' * 300})", "", "rename it to a word of at most 60 letters"),
         ("Named(name=1)", "", "players=(1, 'thief'); give the name of each player, all different"),
         ("Named(name=thief)", "", "give the name of each player, all different"),
         ("Named(name=a,name=b)", "", "give arguments as name=value, each once"),
@@ -383,6 +384,34 @@ def test_observations_and_players_that_do_not_fit(
     given = ["self-play", "--game", f"command_games:{game}", *options.split()]
     assert message in error_of(capsys, *given, "--frames", "100", "--out", tmp_path / "run")
     assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.filterwarnings("ignore:frames=")
+@pytest.mark.parametrize("silent", [False, True])
+def test_what_cannot_be_drawn_costs_no_result(
+    silent: bool, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """Where `draw`, or the text of states, raises in some states: one warning, and the results."""
+    game, one, pair = f"command_games:Undrawn(silent={silent})", tmp_path / "one", tmp_path / "pair"
+    training = ["--game", game, *PPO[:-1], "512"]
+    training.remove("--no-report")
+    warning = "draw(state) of Undrawn raised KeyError (command_games.py:"
+    text = "Silent, whose text raises RuntimeError" if silent else "left"
+    for command, page in (
+        (["train", *training, "--out", one], one),
+        (["self-play", *training, "--out", pair], pair),
+        (["view", one, "--out", tmp_path / "report.html"], tmp_path),
+        (["report", one, "--out", tmp_path / "report"], None),
+        (["render", one, "--out", tmp_path / "one.gif"], None),
+        (["solve", "--game", game, "--out", tmp_path / "solved.json"], None),
+        (["league", pair, "uniform", "--game", game, "--out", tmp_path / "league"], None),
+    ):
+        run(*command)
+        said = capsys.readouterr().err
+        drawn = command[0] in ("train", "self-play", "view", "render")
+        assert said.count(warning) == drawn, said
+        assert page is None or text in (page / "report.html").read_text()
+    assert (one / "results.json").exists() and (pair / "results.json").exists()
 
 
 def test_runs_that_do_not_fit(

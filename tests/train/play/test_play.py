@@ -25,6 +25,7 @@ from train.commands import play as play_command
 from train.commands.main import main
 from train.play.replay_folder import PATTERN
 from train.play.server import PlayServer
+from train.play.session import Session
 from train.play.setup import session_of
 from train.settings.task import TaskSettings
 
@@ -241,6 +242,8 @@ def test_the_command_serves_a_game_keeps_it_and_ends_by_ctrl_c(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     seen: list[str] = []
+    prepared: list[Session] = []
+    monkeypatch.setattr(Session, "optimum", lambda session, *_: prepared.append(session))
 
     def person() -> None:
         try:
@@ -256,6 +259,7 @@ def test_the_command_serves_a_game_keeps_it_and_ends_by_ctrl_c(
 
     def opened(address: str) -> bool:
         seen.append(address)
+        assert prepared  # before the first move
         thread.start()
         return True
 
@@ -264,7 +268,7 @@ def test_the_command_serves_a_game_keeps_it_and_ends_by_ctrl_c(
     main([*game, "--name", "Ann", "--out", str(tmp_path / "hand"), "--seed", "4"])
     thread.join(20)
     printed = capsys.readouterr().out
-    assert f"opened {seen[0]}" in printed and seen[1] in printed
+    assert f"preparing ...\nopened {seen[0]}" in printed and seen[1] in printed
     assert "optimum  not known" in printed and f"replays: {tmp_path / 'hand'}" in printed
     (kept,) = (tmp_path / "hand").glob(PATTERN)
     replay = Replay.load(kept)
