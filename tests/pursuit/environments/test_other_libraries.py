@@ -94,6 +94,7 @@ def test_stable_baselines() -> None:
 def test_torchrl() -> None:
     names = run("TorchRL")
     assert names["rollout"].shape == (1024, 20)
+    assert names["shapes"] == [(8, 200, 1)] * 2
     last = names["processes"]["next"]
     over = last["done"].squeeze(-1)
     assert over.any() and not last["observation"][over].any()
