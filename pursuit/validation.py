@@ -81,6 +81,17 @@ def did_you_mean(name: object, known: Iterable[str]) -> str:
     return f" (did you mean {by_lower[close[0]]!r}?)" if close else ""
 
 
+def plain(value: Any) -> Any:
+    """`value` with the numbers of Python in place of NumPy's, also in lists, tuples and dicts."""
+    if isinstance(value, np.generic):
+        return value.item()
+    if type(value) in (list, tuple):
+        return type(value)(map(plain, value))
+    if type(value) is dict:
+        return {plain(key): plain(each) for key, each in value.items()}
+    return value
+
+
 def is_int(value: object) -> TypeGuard[int]:
     """Whether it is an integer of Python or NumPy; bools are not accepted."""
     return isinstance(value, (int, np.integer)) and not isinstance(value, bool)
@@ -251,7 +262,8 @@ def check_fields(settings: Any) -> None:
     """
     form: Any = type(settings)
     for field in fields(settings):
-        value = getattr(settings, field.name)
+        value = plain(getattr(settings, field.name))
+        object.__setattr__(settings, field.name, value)
         if value is not None or field.default is not None:
             for each in rules_of(form)[field.name]:
                 value = each.checked(field.name, value)

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from filelock import FileLock, Timeout
 
 from pursuit.files import cannot_write, write_atomically
@@ -128,8 +129,8 @@ def write_bytes(path: Path, content: bytes) -> None:
 
 
 def write_json(path: Path, content: object) -> None:
-    """Write `content` as indented JSON, atomically."""
-    write_text(path, json.dumps(content, indent=2) + "\n")
+    """Write `content`, with numbers of Python or NumPy, as indented JSON, atomically."""
+    write_text(path, json.dumps(content, indent=2, default=np.generic.item) + "\n")
 
 
 def read_json(path: Path) -> Any:

@@ -17,8 +17,10 @@ from typing import Any, NoReturn, TypeVar, get_origin
 
 import tyro
 from docstring_parser import parse_from_object
+from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 
 from pursuit.plugins import ALLOW, allow
+from pursuit.validation import is_int
 from train.files import Plain
 from train.settings.task import AnyTask, SmallGameSettings, task_form
 
@@ -124,6 +126,36 @@ CONFIG = (
 )
 
 
+NUMBERS = ConstructorRegistry()
+
+
+@NUMBERS.primitive_rule
+def whole_numbers(given: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[int] | None:
+    """Options of whole numbers also take them as 1e6."""
+    return (
+        PrimitiveConstructorSpec(
+            nargs=1,
+            metavar="INT",
+            instance_from_str=lambda texts: whole_number(texts[0]),
+            is_instance=is_int,
+            str_from_instance=lambda value: [str(value)],
+        )
+        if given.type is int
+        else None
+    )
+
+
+def whole_number(text: str) -> int:
+    """The whole number of a text, as 1000 or 1e3; ValueError for others."""
+    try:
+        return int(text)
+    except ValueError:
+        with contextlib.suppress(ValueError, OverflowError):
+            if (value := float(text)) == int(value):
+                return int(value)
+        raise
+
+
 def join_lines(text: str) -> str:
     """The paragraphs of a docstring as single lines, without the indentation of the source."""
     return "\n\n".join(" ".join(part.split()) for part in re.split(r"\n\s*\n", text.strip()))
@@ -180,7 +212,9 @@ def parse(
         set_help_texts(each)
     try:
         with contextlib.redirect_stderr(boxed):
-            return tyro.cli(form, args=args, prog=f"pursuit {prog}", config=CONFIG, **extra)
+            return tyro.cli(
+                form, args=args, prog=f"pursuit {prog}", config=CONFIG, registry=NUMBERS, **extra
+            )
     except SystemExit as exit_:
         if not exit_.code:
             print(ALLOW_HELP)
@@ -196,7 +230,12 @@ def parse_known(default: Form, arguments: Sequence[str]) -> Form:
     args = [argument for argument in arguments if argument not in ("-h", "--help")]
     with contextlib.suppress(SystemExit, ValueError), contextlib.redirect_stderr(io.StringIO()):
         found, _ = tyro.cli(
-            type(default), args=args, default=default, config=CONFIG, return_unknown_args=True
+            type(default),
+            args=args,
+            default=default,
+            config=CONFIG,
+            registry=NUMBERS,
+            return_unknown_args=True,
         )
         return found
     return default

@@ -30,6 +30,7 @@ from train.runs.worlds import GridWorld
 from train.schemas import read_as
 from train.settings.algorithms import PPOSettings
 from train.settings.checks import CLOCKS, SEED, Settings
+from train.settings.reading import plain_settings
 from train.settings.task import TaskSettings
 
 CONTESTANT = "contestant"
@@ -77,6 +78,7 @@ def settings_of(**flat: Any) -> ContestantSettings:
         ValueError: an unknown name, a value of a wrong type, or a task whose optimum is not known.
         ImportError: the library of the contestant is not installed.
     """
+    flat = plain_settings(flat)
     flat.pop("threads", None)  # always one
     own = {f.name for f in fields(ContestantSettings)} - {"task", "hyper", "library"}
     of_task = [f.name for f in fields(TaskSettings)]

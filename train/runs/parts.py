@@ -165,6 +165,8 @@ def settings_of(**flat: Any) -> AgentSettings:
 
     `settings_of(algorithm="dqn", maze="7x7", task="maze", seconds=60, learning_rate=1e-3)`.
 
+    Numbers can be those of NumPy, and whole numbers floats, as 1e6.
+
     Args:
         **flat: settings. Their meanings and defaults stand in the output of `pursuit train --help`,
             also after `--task reacher`, `--algorithm NAME` and `--curriculum NAME`.

@@ -28,6 +28,7 @@ from train.settings.reading import (
     check_names,
     complete_settings,
     names_of,
+    plain_settings,
     read_from,
     settings_with,
     typed,
@@ -47,7 +48,7 @@ def unchecked_settings(**flat: Any) -> AgentSettings:
     Raises:
         ValueError: an unknown name, a value of the wrong type, or one that is not allowed.
     """
-    flat = with_memory(flat)
+    flat = with_memory(plain_settings(flat))
     form = task_form(flat)
     chosen = {n: flat.get(n) for n in (*DEFAULTS_BY, *SIZES)}
     preset = flat.get("preset", TUNED)

@@ -18,7 +18,7 @@ from train.runs.tasks import discount_of, profile_of
 from train.settings.algorithms import TUNED_AS, Hyperparameters, hyperparameter_form
 from train.settings.common import with_memory
 from train.settings.presets import hyperparameters
-from train.settings.reading import check_names, names_of, settings_with, typed
+from train.settings.reading import check_names, names_of, plain_settings, settings_with, typed
 from train.settings.self_play import (
     LEARN,
     ROLES,
@@ -90,7 +90,7 @@ def checked_names(names: Iterable[str]) -> None:
 def unchecked_self_play(**flat: Any) -> SelfPlayBase:
     """As `self_play_settings_of`, without the checks that build the task and the policies."""
     small = task_form(flat) is SmallGameSettings
-    flat = with_memory(flat)
+    flat = with_memory(plain_settings(flat))
     task: PlayedTask
     form: type[SelfPlayBase]
     if small:

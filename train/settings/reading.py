@@ -5,11 +5,11 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import fields
-from typing import Any, TypeVar, get_type_hints
+from typing import Any, TypeGuard, TypeVar, get_args, get_type_hints
 
 import msgspec
 
-from pursuit.validation import check, did_you_mean, rules_of, shortened
+from pursuit.validation import check, did_you_mean, plain, rules_of, shortened
 from train.files import Plain
 from train.schemas import WORDS
 from train.settings.common import RunSettings
@@ -45,6 +45,19 @@ def check_names(given: Iterable[str], known: Iterable[str], where: str = "") -> 
         )
 
 
+def plain_settings(flat: Mapping[str, object]) -> Plain:
+    """Settings by name with the numbers of Python in place of NumPy's, and `frames` as a whole
+    number if it is one, as 1e6: other defaults depend on it."""
+    found: Plain = plain(dict(flat))
+    frames = found.get("frames")
+    return found | ({"frames": int(frames)} if is_whole_float(frames) else {})
+
+
+def is_whole_float(value: object) -> TypeGuard[float]:
+    """Whether it is a float without a fraction, as 1e6."""
+    return isinstance(value, float) and value.is_integer()
+
+
 def typed(form: Any, given: Mapping[str, object]) -> Plain:
     """Those entries of `given` that are fields of `form`, converted to the types of the fields.
 
@@ -55,6 +68,9 @@ def typed(form: Any, given: Mapping[str, object]) -> Plain:
     converted = {}
     for name in (name for name in names_of(form) if name in given):
         value, hint = given[name], hints[name]
+        kinds = (hint, *get_args(hint))
+        if is_whole_float(value) and int in kinds and float not in kinds:
+            value = int(value)  # 1e6
         if not any(rule.other_types for rule in rules_of(form)[name]):
             try:
                 value = msgspec.convert(value, hint)

@@ -124,31 +124,43 @@ def test_runs_that_were_saved_with_settings_without_effect_go_on(tmp_path: Path)
 
 
 @pytest.mark.parametrize("command", ["train", "self-play"])
-def test_a_resumed_run_keeps_the_episodes_of_its_first_command(
+def test_a_resumed_run_keeps_the_final_evaluation_of_its_first_command(
     command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     given = TINY if command == "train" else ["--maze", "3x3", "--num-games", "64"]
     given = [*given, "--minibatch-size", "512"] if command == "self-play" else given
-    out, asked = tmp_path / "run", list[int]()
+    out, asked = tmp_path / "run", list[Any]()
 
     class Stop(Exception):
         """Ends the command before it trains."""
 
-    def stop(run: Any, episodes: int, *_: Any) -> None:
-        asked.append(episodes)
+    def stop(run: Any, final: Any, *_: Any) -> None:
+        asked.append((final.episodes, final.exact_seconds))
         raise Stop
 
     with monkeypatch.context() as patch:
         patch.setattr(f"train.commands.{command.replace('-', '_')}.finish_run", stop)
         for options in (
-            [*given, "--frames", "512", "--episodes", "7", "--out", str(out)],
+            [
+                *given,
+                "--frames",
+                "512",
+                "--episodes",
+                "7",
+                "--exact-seconds",
+                "9",
+                "--out",
+                str(out),
+            ],
             ["--resume", str(out)],
             ["--resume", str(out), "--episodes", "1000"],
+            ["--resume", str(out), "--exact-seconds", "0"],
         ):
             with pytest.raises(Stop):
                 main([command, *options])
-    assert json.loads((out / "config.json").read_text())["final"] == {"episodes": 7}
-    assert asked == [7, 7, 1000]
+    final = json.loads((out / "config.json").read_text())["final"]
+    assert final == {"episodes": 7, "exact_seconds": 9.0}
+    assert asked == [(7, 9.0), (7, 9.0), (1000, 9.0), (7, 0.0)]
     main([command, "--resume", str(out)])
     assert (out / "learning_curve.svg").exists()
 
@@ -162,7 +174,8 @@ FORMS = [
     "self-play --algorithm dqn",
     "self-play --game soccer",
 ]
-APPLIED = {"--help", "--resume", "--episodes", "--report", "--no-report", "--allow"}
+APPLIED = {"--help", "--resume", "--episodes", "--exact-seconds", "--report", "--no-report"}
+APPLIED |= {"--allow"}
 
 
 @pytest.mark.parametrize("form", FORMS)
