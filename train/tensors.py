@@ -6,6 +6,7 @@ import hashlib
 import os
 import zipfile
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -19,6 +20,21 @@ State = dict[str, Any]
 REMEDY = "restore it from a copy"
 MARK = b"sha256:"
 """The end of a file, followed by the digest of its content: torch itself verifies no checksums."""
+
+
+@contextmanager
+def own_defaults() -> Iterator[None]:
+    """PyTorch's initial defaults inside, float32 and the CPU, whatever the user has set."""
+    dtype, device = torch.get_default_dtype(), torch.get_default_device()
+    if dtype == torch.float32 and device.type == "cpu":
+        yield
+        return
+    torch.set_default_dtype(torch.float32)
+    try:
+        with torch.device("cpu"):
+            yield
+    finally:
+        torch.set_default_dtype(dtype)
 
 
 def write_tensors(path: Path, content: object) -> None:

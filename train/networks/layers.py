@@ -20,6 +20,7 @@ from pursuit.validation import check, raised
 from train.networks.features import Features
 from train.networks.planning import Planning
 from train.settings.common import NETWORKS
+from train.tensors import own_defaults
 
 
 def first_layer_form(num_rows: int) -> str:
@@ -305,7 +306,7 @@ def float32_inference(network: Network) -> Iterator[None]:
     for module in rounded:
         setattr(module, "autocast_bfloat16", False)  # noqa: B010 (of any module)
     try:
-        with torch.no_grad(), evaluation_mode(network):
+        with own_defaults(), torch.no_grad(), evaluation_mode(network):
             yield
     finally:
         for module in rounded:

@@ -47,7 +47,7 @@ from train.runs.threads import (
 from train.runs.trainee import Parts, Trainee
 from train.settings.run import TrainSettings
 from train.settings.self_play import WholeSettings
-from train.tensors import first_not_finite
+from train.tensors import first_not_finite, own_defaults
 
 if TYPE_CHECKING:  # slow to import; only training needs it
     from torchrl.record.loggers import TensorboardLogger
@@ -176,6 +176,7 @@ class Run(Generic[T]):
         """Whether the budget is spent and the last evaluation made."""
         return self.progress >= 1.0 and self.evaluations >= self.due
 
+    @own_defaults()
     def train(self, report: Report[T] = lambda run, row: None) -> None:
         """Train until the end of the budget, or until `stopped` is set by `report`.
 
@@ -229,6 +230,7 @@ class Run(Generic[T]):
                         raise self._diverged(f"{name} is {value:g}")
             report(self, {})
 
+    @own_defaults()
     def dry_run(self) -> None:
         """Build the results once, with tiny sizes, and draw them, in a temporary folder.
 
@@ -336,6 +338,7 @@ class Run(Generic[T]):
         if (self.folder / RESULTS).exists():
             write_json(self.folder / RESULTS, load_results(self.folder) | {"outdated": True})
 
+    @own_defaults()
     def results(
         self,
         episodes: int = 1000,
@@ -385,6 +388,7 @@ Report = Callable[[Run[T], dict[str, float]], None]
 # -- a run from its settings -----------------------------------------------------------------------
 
 
+@own_defaults()
 def build_parts(parts_of: Callable[[S], P], settings: S) -> P:
     """The parts of a run, built by `parts_of` after torch has been configured for it.
 
@@ -396,6 +400,7 @@ def build_parts(parts_of: Callable[[S], P], settings: S) -> P:
     return parts_of(settings)
 
 
+@own_defaults()
 def build_run(
     trainee_of: Callable[[P, Path, Plain | None], T],
     parts: P,

@@ -35,8 +35,10 @@ from train.runs.folder import (
 from train.runs.saved import load_settings, player_of
 from train.runs.stable_baselines import load_stable_baselines
 from train.settings.task import SmallGameSettings, in_maze
+from train.tensors import own_defaults
 
 
+@own_defaults()
 def load_policy(folder: Path | str, greedy: bool = True) -> Any:
     """The policy of a run, from its last checkpoint, on the CPU: a `Policy` of its role.
 
