@@ -136,7 +136,7 @@ def write_json(path: Path, content: object) -> None:
 def read_json(path: Path) -> Any:
     """The JSON in `path`; ValueError with the path if it is damaged."""
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")
         content = json.loads(text, parse_constant=_number, parse_float=_number)
         if "\\ud" in text.lower():  # possibly an unpaired surrogate
             json.dumps(content, ensure_ascii=False).encode()
@@ -161,7 +161,7 @@ def read_csv(path: Path) -> list[dict[str, str]]:
         ValueError: it cannot be read, or a row and the header differ in length.
     """
     try:
-        with path.open(newline="", encoding="utf-8") as file:
+        with path.open(newline="", encoding="utf-8-sig") as file:
             heads, *rows = list(csv.reader(file, strict=True)) or [[]]
     except OSError as error:
         raise ValueError(f"{path}: cannot be read ({error.strerror})") from None

@@ -15,6 +15,7 @@ from time import perf_counter, process_time
 from typing import Any, TypeVar
 
 import numba
+import numpy as np
 from numba import _dynfunc
 from numba.core import event
 from numba.core.codegen import JITCodeLibrary
@@ -79,8 +80,9 @@ def allocating(function: Function) -> Function:
 
 def _entry(function: Function, **options: Any) -> Function:
     dispatcher: Any = numba.njit(nogil=True, error_model="numpy", **options)(function)
-    if dispatcher is not function:  # equal with NUMBA_DISABLE_JIT=1
-        dispatcher._cache = KernelCache(function)
+    if dispatcher is function:  # NUMBA_DISABLE_JIT=1; NumPy warns where random numbers overflow
+        return np.errstate(over="ignore")(function)
+    dispatcher._cache = KernelCache(function)
     return dispatcher
 
 

@@ -57,8 +57,9 @@ class SeatOfGames(MazeGames):
     def _take_seat(self, task: Task, agent: str, policies: Policies, num_envs: int) -> Simulator:
         """Set the policies of the other agents; return the simulator."""
         self.seat, self.policies = fill_seats(task, agent, policies)
+        simulator = Simulator(task, num_envs, auto_restart=False)
         self._actions = np.zeros((num_envs, task.num_agents), dtype=np.int32)
-        return Simulator(task, num_envs, auto_restart=False)
+        return simulator
 
     def _advance(self, actions: Array | int) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
         simulator = self.simulator

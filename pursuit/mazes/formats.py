@@ -17,7 +17,8 @@ PASSABLE, IMPASSABLE = ".GS", "@OTW"
 """Terrain of MovingAI: ground and swamp; out of bounds, trees and water. Water cannot be entered
 from land, so it counts as impassable."""
 
-_HEADER = re.compile(r"type\s+(\S+)\s+height\s+(\d{1,9})\s+width\s+(\d{1,9})\s+map\s*")
+_SIZES = r"(height|width)\s+(\d{1,9})\s+(?!\1)(height|width)\s+(\d{1,9})"
+_HEADER = re.compile(rf"type\s+\S+\s+{_SIZES}\s+map\s*")
 
 
 class Drawing(NamedTuple):
@@ -149,7 +150,8 @@ def read_movingai(text: str, name: str) -> Drawing:
             f"{name}: no header; a MovingAI map begins with the lines 'type octile', 'height H', "
             "'width W' and 'map'"
         )
-    height, width = int(header.group(2)), int(header.group(3))
+    sizes = {header[1]: int(header[2]), header[3]: int(header[4])}
+    height, width = sizes["height"], sizes["width"]
     rows = text[header.end() :].split()
     if len(rows) != height:
         raise ValueError(f"{name}: {len(rows)} rows, but the header says height {height}")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import json
 import re
+from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,7 +25,8 @@ if TYPE_CHECKING:
 
 HEADER = "graph"
 """The first word of the text format."""
-SUFFIXES = (".graphml", ".edgelist", ".edges")
+GRAPHML = ".graphml"
+SUFFIXES = (GRAPHML, ".edgelist", ".edges")
 
 _HEAD = re.compile(rf"{HEADER} of (\d{{1,9}}) cells and (\d{{1,9}}) moves")
 _LINE = re.compile(r'(\d+) ("(?:[^"\\]|\\.)*") (\S+) (\S+)((?: [SG])?): ([\d ]*)')
@@ -95,24 +97,22 @@ def read_graph_text(text: str, name: str) -> GraphDrawing:
     return GraphDrawing(tuple(names), np.array(places), neighbors, start, tuple(goals))
 
 
-def read_graph_file(text: str, suffix: str, name: str) -> GraphDrawing:
-    """Read GraphML, or an edge list as networkx writes them, without directions.
+def read_graphml(content: bytes, name: str) -> GraphDrawing:
+    """Read GraphML in the encoding that it declares.
 
     Raises:
-        ValueError: invalid text, or a graph that `Maze.from_graph` refuses.
+        ValueError: invalid content, or a graph that `Maze.from_graph` refuses.
     """
     import networkx  # slow to import
 
-    if suffix != ".graphml":
-        return read_graph(_edges_of(text, name), name)
     try:
-        graph = networkx.parse_graphml(text)
+        graph = networkx.read_graphml(BytesIO(content))
     except Exception as error:  # its reader raises many kinds
-        raise ValueError(f"{name}: not a valid {suffix} file ({error})") from None
+        raise ValueError(f"{name}: not a valid {GRAPHML} file ({error})") from None
     return read_graph(graph, name)
 
 
-def _edges_of(text: str, name: str) -> networkx.Graph:
+def edges_of(text: str, name: str) -> networkx.Graph:
     """The edges of lines `node node`, `node node length` or `node node {'length': 2}`."""
     import networkx  # slow to import
 

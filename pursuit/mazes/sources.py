@@ -3,11 +3,19 @@
 from __future__ import annotations
 
 import re
+from io import StringIO
 from pathlib import Path
 
 from pursuit.mazes.formats import Drawing, read_movingai, read_walls
-from pursuit.mazes.graph_files import SUFFIXES, is_graph_text, read_graph_file, read_graph_text
-from pursuit.mazes.graphs import GraphDrawing
+from pursuit.mazes.graph_files import (
+    GRAPHML,
+    SUFFIXES,
+    edges_of,
+    is_graph_text,
+    read_graph_text,
+    read_graphml,
+)
+from pursuit.mazes.graphs import GraphDrawing, read_graph
 from pursuit.mazes.suite_files import drawing_of_row, is_suite, rows_of
 from pursuit.memory import check_memory
 from pursuit.validation import unknown
@@ -54,11 +62,14 @@ def drawing_of(maze: str | Path) -> tuple[Drawing | GraphDrawing, str]:
             f"{path}: graphs are read from {', '.join(SUFFIXES)}; convert it with "
             "networkx.write_graphml"
         )
-    text = read_text(path)
     name = path.stem if path.parent == LIBRARY else str(path)
     suffix = path.suffix.lower()
+    content = read_bytes(path)
+    if suffix == GRAPHML:
+        return read_graphml(content, name), name
+    text = decoded(content, path)
     if suffix in SUFFIXES:
-        return read_graph_file(text, suffix, name), name
+        return read_graph(edges_of(text, name), name), name
     if is_graph_text(text):
         return read_graph_text(text, name), name
     return (read_movingai if suffix == MOVINGAI else read_walls)(text, name), name
@@ -70,11 +81,11 @@ def reads_as_text(path: Path) -> bool:
     return not (other or is_suite(str(path)) or str(path) in library_names() or "\n" in str(path))
 
 
-def read_text(path: Path) -> str:
-    """The text of a maze file.
+def read_bytes(path: Path) -> bytes:
+    """The content of a maze file.
 
     Raises:
-        ValueError: the file does not exist, is not text, or is too large for the memory.
+        ValueError: the file does not exist, or is too large for the memory.
     """
     try:
         if not path.exists():
@@ -88,11 +99,18 @@ def read_text(path: Path) -> str:
             raise ValueError(f"{path}: a directory or device; give a maze file")
         needed = BYTES_PER_CHARACTER * path.stat().st_size
         check_memory(str(path), needed, "give a smaller maze")
-        return path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise ValueError(
-            f"{path}: line {path.read_bytes()[: error.start].count(10) + 1}: not a text file "
-            "(UTF-8); give the text of a maze or of a graph"
-        ) from None
+        return path.read_bytes()
     except OSError as error:
         raise ValueError(f"{path}: cannot be read ({error.strerror})") from None
+
+
+def decoded(content: bytes, path: Path) -> str:
+    """The content of a maze file as text, with lines that end with a newline; ValueError if it is
+    not UTF-8."""
+    try:
+        return StringIO(content.decode("utf-8-sig"), None).read()
+    except UnicodeDecodeError as error:
+        raise ValueError(
+            f"{path}: line {content[: error.start].count(10) + 1}: not a text file (UTF-8); give "
+            "the text of a maze or of a graph"
+        ) from None

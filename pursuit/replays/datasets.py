@@ -8,8 +8,8 @@ from typing import Any
 
 from pursuit.environments.single_agent import SingleAgentEnv
 from pursuit.environments.types import Single
-from pursuit.simulator.policy import Policy
-from pursuit.validation import whole
+from pursuit.simulator.policy import ONE_RESULT, Policy, play
+from pursuit.validation import check, whole
 
 
 def export_minari(
@@ -61,9 +61,11 @@ def export_minari(
         seen, actions, rewards, ended = [observed], [], [], False
         while not ended:
             if hasattr(policy, "act"):
-                action = int(policy.act(inner.simulator.view(inner.seat))[0])
+                action = int(play(policy, inner.simulator.view(inner.seat))[0])
             else:
-                action = int(policy(observed[None])[0])
+                chosen = policy(batch_of_one(observed))
+                check(not isinstance(chosen, tuple), ONE_RESULT)
+                action = int(chosen[0])
             observed, reward, terminated, truncated, _ = env.step(action)
             ended = terminated or truncated
             seen.append(observed)
@@ -73,7 +75,7 @@ def export_minari(
             EpisodeBuffer(
                 id=number,
                 seed=seed + number,
-                observations=seen,
+                observations=stacked(seen),
                 actions=actions,
                 rewards=rewards,
                 terminations=[False] * (len(actions) - 1) + [terminated],
@@ -87,6 +89,20 @@ def export_minari(
     except BaseException:  # half a dataset would break the list of all of them
         shutil.rmtree(path, ignore_errors=True)
         raise
+
+
+def batch_of_one(observed: Any) -> Any:
+    """An observation, an array or a dict of arrays, with a first axis of length 1."""
+    if isinstance(observed, dict):
+        return {key: part[None] for key, part in observed.items()}
+    return observed[None]
+
+
+def stacked(seen: list[Any]) -> Any:
+    """The observations of an episode as Minari takes them: lists in a dict, not a list of dicts."""
+    if isinstance(seen[0], dict):
+        return {key: [each[key] for each in seen] for key in seen[0]}
+    return seen
 
 
 def check_id(dataset: str) -> None:

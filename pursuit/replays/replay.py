@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+from codecs import BOM_UTF8
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from html import escape
@@ -200,7 +201,9 @@ class Replay:
         if path.stat().st_size > MOST_BYTES:
             raise ValueError(f"{path}: a replay has at most {MOST_BYTES // 2**20} MiB")
         try:
-            return _replay_of(msgspec.json.decode(path.read_bytes(), type=_File))
+            return _replay_of(
+                msgspec.json.decode(path.read_bytes().removeprefix(BOM_UTF8), type=_File)
+            )
         except (msgspec.MsgspecError, ValueError, TypeError, RecursionError) as error:
             raise ValueError(f"{path}: not a valid replay: {error}") from None
 

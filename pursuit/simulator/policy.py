@@ -256,6 +256,11 @@ class MemoryPolicy(Protocol):
         ...
 
 
+ONE_RESULT = (
+    "the policy returned a tuple; return the actions alone, such as model.predict(observations)[0]"
+)
+
+
 def play(policy: Policy, view: GameView) -> NDArray[np.int32]:
     """[num_games] int32: the actions of a policy; its memory is reset at the start of episodes."""
     begin = getattr(policy, "begin", None)  # isinstance with a protocol takes as long as 20 steps
@@ -263,7 +268,10 @@ def play(policy: Policy, view: GameView) -> NDArray[np.int32]:
         fresh = np.flatnonzero(view.steps == 0)
         if len(fresh):
             begin(view, fresh)
-    return policy.act(view)
+    actions = policy.act(view)
+    if isinstance(actions, tuple):
+        raise ValueError(f"{ONE_RESULT}; policy={shortened(policy)}")
+    return actions
 
 
 def play_all(

@@ -9,18 +9,19 @@ import shutil
 import sys
 import textwrap
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from functools import cache
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NoReturn, TypeVar, get_origin
 
 import tyro
 from docstring_parser import parse_from_object
-from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
+from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec
 
 from pursuit.plugins import ALLOW, allow
-from pursuit.validation import is_int
+from pursuit.validation import check
 from train.files import Plain
 from train.settings.task import AnyTask, SmallGameSettings, task_form
 
@@ -126,25 +127,6 @@ CONFIG = (
 )
 
 
-NUMBERS = ConstructorRegistry()
-
-
-@NUMBERS.primitive_rule
-def whole_numbers(given: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[int] | None:
-    """Options of whole numbers also take them as 1e6."""
-    return (
-        PrimitiveConstructorSpec(
-            nargs=1,
-            metavar="INT",
-            instance_from_str=lambda texts: whole_number(texts[0]),
-            is_instance=is_int,
-            str_from_instance=lambda value: [str(value)],
-        )
-        if given.type is int
-        else None
-    )
-
-
 def whole_number(text: str) -> int:
     """The whole number of a text, as 1000 or 1e3; ValueError for others."""
     try:
@@ -154,6 +136,34 @@ def whole_number(text: str) -> int:
             if (value := float(text)) == int(value):
                 return int(value)
         raise
+
+
+NO_PATH = "'': give a path"
+
+
+def path_of(text: str) -> Path:
+    """The path of a text; ValueError for an empty one, which would be the present folder."""
+    check(text != "", NO_PATH)
+    return Path(text)
+
+
+PRIMITIVES = ConstructorRegistry()
+"""How texts become whole numbers and paths."""
+
+
+def _read_by(kind: type[Any], metavar: str, read: Callable[[str], Any]) -> None:
+    form = PrimitiveConstructorSpec(
+        nargs=1,
+        metavar=metavar,
+        instance_from_str=lambda texts: read(texts[0]),
+        is_instance=lambda value: isinstance(value, kind),
+        str_from_instance=lambda value: [str(value)],
+    )
+    PRIMITIVES.primitive_rule(lambda given: form if given.type is kind else None)
+
+
+_read_by(int, "INT", whole_number)
+_read_by(Path, "PATH", path_of)
 
 
 def join_lines(text: str) -> str:
@@ -182,6 +192,8 @@ def described(form: type[object]) -> str:
 
     tyro joins lines, but not those that begin with a space.
     """
+    if str(form.__doc__).startswith(f"{form.__name__}("):  # without docstrings, as by python -OO
+        return ""
     width = shutil.get_terminal_size().columns
     parts = join_lines(str(form.__doc__)).split("\n\n")
     return "\n\n".join(textwrap.fill(part, width, subsequent_indent="  ") for part in parts)
@@ -213,7 +225,7 @@ def parse(
     try:
         with contextlib.redirect_stderr(boxed):
             return tyro.cli(
-                form, args=args, prog=f"pursuit {prog}", config=CONFIG, registry=NUMBERS, **extra
+                form, args=args, prog=f"pursuit {prog}", config=CONFIG, registry=PRIMITIVES, **extra
             )
     except SystemExit as exit_:
         if not exit_.code:
@@ -234,7 +246,7 @@ def parse_known(default: Form, arguments: Sequence[str]) -> Form:
             args=args,
             default=default,
             config=CONFIG,
-            registry=NUMBERS,
+            registry=PRIMITIVES,
             return_unknown_args=True,
         )
         return found
@@ -255,5 +267,7 @@ def tyro_message(boxed: str) -> str:
     if number and option:
         kind = "a whole number" if number[1].startswith("invalid") else "a number"
         return f"{option['name']} {number['value']}: give {kind}"
+    if option and NO_PATH in text:
+        return f"{option['name']} {NO_PATH}"
     text = text.split(" Argument helptext:")[0]
     return re.sub(r"\{None\}\|\S+ ?|<class '\w+'>", "", text)

@@ -116,7 +116,7 @@ class RunCommand:
 def check_resumed(arguments: Sequence[str]) -> None:
     """Refuse options beside --resume that a resumed run does not apply; ValueError naming them."""
     given = options_in(arguments)
-    if given.get("resume", "None") == "None" or {"-h", "--help"} & {*arguments}:
+    if given.get("resume", "None") in ("None", "") or {"-h", "--help"} & {*arguments}:
         return
     applied = {"resume", "episodes", "exact_seconds", "report", "no_report", "allow"}
     others = [f"--{name.replace('_', '-')}" for name in given if name not in applied]

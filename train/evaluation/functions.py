@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from pursuit.evaluation import Evaluation
 from pursuit.reacher.task import ReacherTask, make_reacher_task
+from pursuit.simulator.policy import ONE_RESULT
 from pursuit.tasks.task import Task, checked_task, make_task
 from pursuit.validation import check, whole
 from scripted_agents.environments import chosen_policies
@@ -33,7 +34,9 @@ class FunctionPolicy:
         Raises:
             ValueError: actions of a wrong shape, type or range.
         """
-        task, actions = view.task, np.asarray(self.function(view.observe(self.observation)))
+        task, returned = view.task, self.function(view.observe(self.observation))
+        check(not isinstance(returned, tuple), ONE_RESULT)
+        actions = np.asarray(returned)
         arm = isinstance(task, ReacherTask)
         shape = (view.num_games, task.joints) if arm else (view.num_games,)
         kinds = "iu" if not arm or task.discrete_actions else "fiu"

@@ -48,7 +48,7 @@ def read_recorded(path: Path | None, planned: Cells | None = None) -> dict[str, 
         return {}
     rows, lines = list[dict[str, str]](), [1]
     try:
-        with path.open(encoding="utf-8", newline="") as file:
+        with path.open(encoding="utf-8-sig", newline="") as file:
             reader = csv.DictReader(file, strict=True)
             for cells in reader:
                 lines.append(reader.line_num)

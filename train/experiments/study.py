@@ -294,7 +294,7 @@ def read_file(name: str, kind: str, form: type[Form]) -> tuple[Path, Form]:
         path = FOLDERS[kind] / f"{name}.toml"
     check(path.is_file(), f"{name}: no such {kind} file; shipped are {', '.join(names)}")
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
+        content = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise ValueError(f"{path}: not TOML: {error}; {REMEDY}") from None
     check("arms" not in content, f"{path}: [[arms]] was renamed; give [[variants]]")

@@ -55,6 +55,10 @@ def export_policy(policy: Any, path: Path | str) -> Path:
         ValueError: another suffix or policy; a network that cannot be exported.
         ImportError: `.onnx` without the packages of `pip install '.[export]'`.
     """
+    check(
+        not isinstance(policy, (str, Path)),
+        f"policy={str(policy)!r}; give a policy, such as train.load_policy({str(policy)!r})",
+    )
     path = as_path("path", path)
     check(path.suffix in SUFFIXES, f"{path}: give a file that ends in .onnx or .pt2")
     if isinstance(policy, RecurrentPolicy):

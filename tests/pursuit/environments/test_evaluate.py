@@ -121,6 +121,30 @@ def test_invalid_actions_are_refused() -> None:
         pursuit.evaluate(AStarChaser(), pursuit.make_task("chase"), maze="3x3")
 
 
+class Pairs:
+    """Returns (actions, state), as `predict` of Stable-Baselines3."""
+
+    def act(self, view: Any) -> Any:
+        return np.zeros(view.num_games, dtype=np.int32), None
+
+
+def test_policies_that_return_actions_and_a_state_are_refused() -> None:
+    said = "the policy returned a tuple; return the actions alone"
+    for policy, task, more in (
+        (lambda seen: (np.zeros(len(seen), dtype=int), None), "chase", CHASE),
+        (lambda seen: (0, None), "chase", CHASE),
+        (lambda seen: (np.zeros((len(seen), 2)), None), "reacher", {}),
+        (Pairs(), "chase", CHASE),
+        (AStarChaser(), "chase", {**CHASE, "opponent": Pairs()}),
+    ):
+        with pytest.raises(ValueError, match=said):
+            pursuit.evaluate(policy, task, episodes=20, **more)  # type: ignore[arg-type]
+    env = gymnasium.make("pursuit/Chaser-v0", maze="3x3", opponent=Pairs())
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match=said):
+        env.step(0)
+
+
 def test_an_arm_has_no_optimum_where_only_a_bound_is_known() -> None:
     found = pursuit.evaluate(
         lambda seen: np.ones((len(seen), 2), dtype=int), "reacher", episodes=20,

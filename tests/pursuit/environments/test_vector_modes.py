@@ -134,6 +134,20 @@ def test_results_equal_gymnasiums_vector_environment(form: str, mode: AutoresetM
     assert ends > 10
 
 
+@pytest.mark.parametrize("form", [*GRIDS, *ARMS])
+def test_one_seed_of_gymnasiums_class_is_a_list_of_seeds_here(form: str) -> None:
+    ours, theirs = pair(form, AutoresetMode.NEXT_STEP)
+    seeds = [3 + game for game in range(GAMES)]
+    for one, other in zip(ours.reset(seed=seeds), theirs.reset(seed=3), strict=True):
+        check_equal(one, other)
+
+
+@pytest.mark.parametrize("name", ["Maze", "Chaser", "Reacher"])
+def test_more_games_than_fit_are_refused(name: str) -> None:
+    with pytest.raises(ValueError, match=r"1000000000000 needs [0-9,]+ bytes .* take fewer games"):
+        gymnasium.make_vec(f"pursuit/{name}-v0", num_envs=10**12)
+
+
 @pytest.mark.parametrize("form", ["chase", "kept"])
 def test_a_reset_mask_does_not_change_other_games(form: str) -> None:
     ours, theirs = pair(form, AutoresetMode.DISABLED)

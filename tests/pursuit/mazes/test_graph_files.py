@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -100,6 +101,20 @@ def test_lengths_of_graphml_may_be_texts(
     with pytest.raises(ValueError, match=problem) as caught:
         pursuit.load_maze(path)
     assert len(str(caught.value)) < 500
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "latin-1", "utf-16", "ascii"])
+def test_graphml_is_read_in_the_encoding_that_it_declares(encoding: str, tmp_path: Path) -> None:
+    graph = networkx.Graph([("Zürich", "Genève"), ("Genève", "Bern")])
+    text = html.unescape("\n".join(networkx.generate_graphml(graph)))
+    declared = encoding.removesuffix("-sig")
+    path = tmp_path / "towns.graphml"
+    whole = f'<?xml version="1.0" encoding="{declared}"?>\n{text}'
+    path.write_bytes(whole.encode(encoding, "xmlcharrefreplace"))
+    assert sorted(pursuit.load_maze(path).cell_names) == ["Bern", "Genève", "Zürich"]
+    path.write_bytes(text.encode("latin-1"))  # not declared
+    with pytest.raises(ValueError, match=r"towns\.graphml: not a valid \.graphml file"):
+        pursuit.load_maze(path)
 
 
 @pytest.mark.parametrize(

@@ -35,6 +35,17 @@ def test_a_map_has_cells_where_it_is_passable(tmp_path: Path) -> None:
     assert (joined & ~np.eye(maze.num_cells, dtype=bool) == near).all()
 
 
+def test_the_width_may_come_first(tmp_path: Path) -> None:
+    path = tmp_path / "turned.map"
+    path.write_text(MAP.replace("height 4\nwidth 5", "width 5\nheight 4"))
+    assert path.read_text() != MAP
+    (tmp_path / "small.map").write_text(MAP)
+    assert load_maze(path).to_text() == load_maze(tmp_path / "small.map").to_text()
+    path.write_text(MAP.replace("width 5", "height 4"))
+    with pytest.raises(ValueError, match="no header"):
+        load_maze(path)
+
+
 @pytest.mark.parametrize(
     ("text", "problem"),
     [

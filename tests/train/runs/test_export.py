@@ -137,6 +137,9 @@ def test_what_cannot_be_exported_is_refused(
     policy = train.load_policy(runs / "index")
     with pytest.raises(ValueError, match=r"ends in \.onnx or \.pt2"):
         train.export_policy(policy, tmp_path / "policy.h5")
+    for text in (str(runs / "index"), runs / "index"):
+        with pytest.raises(ValueError, match=r"policy='.*index'; give .*load_policy\('.*index'\)"):
+            train.export_policy(text, tmp_path / "policy.pt2")
     with pytest.raises(ValueError, match="no network without memory"):
         train.export_policy(AStarChaser(), tmp_path / "policy.pt2")
     team = {"algorithm": "ippo", "num_chasers": 2, "maze": "2x2", "frames": 640, "width": 8}
@@ -202,6 +205,33 @@ def test_a_minari_dataset_holds_the_episodes(
     assert set(minari.list_local_datasets()) == {"pursuit/test-v0", "pursuit/zero-v0"}
     with pytest.raises(ValueError, match="give a single-agent environment of Pursuit"):
         pursuit.export_minari("pursuit/arm-v0", gymnasium.make("pursuit/Reacher-v0"), AStarChaser())
+
+
+@pytest.mark.parametrize("encoding", ["one_hot", "planes"])
+def test_a_minari_dataset_holds_observations_with_masks(
+    encoding: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    minari = pytest.importorskip("minari")
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
+    masks = {"mask_bumps": True, "mask_in_observation": True, "stay_action": True}
+    env = gymnasium.make("pursuit/Chaser-v0", maze="3x3", observation=encoding, **masks)
+
+    def first_allowed(seen: Any) -> Any:
+        return seen["action_mask"].argmax(axis=1)
+
+    for name, policy in (("astar", AStarChaser()), ("own", first_allowed)):
+        pursuit.export_minari(f"pursuit/{name}-v0", env, policy, episodes=2)
+        for number, episode in enumerate(minari.load_dataset(f"pursuit/{name}-v0")):
+            observed, _ = env.reset(seed=number)
+            for step, action in enumerate([*episode.actions, None]):
+                for part in ("observation", "action_mask"):
+                    np.testing.assert_array_equal(episode.observations[part][step], observed[part])
+                if action is not None:
+                    assert observed["action_mask"][action]
+                    observed, *_ = env.step(int(action))
+    with pytest.raises(ValueError, match="the policy returned a tuple"):
+        pursuit.export_minari("pursuit/pair-v0", env, lambda seen: (first_allowed(seen), None))
+    assert set(minari.list_local_datasets()) == {"pursuit/astar-v0", "pursuit/own-v0"}
 
 
 @pytest.mark.parametrize("failure", [KeyboardInterrupt, OSError(28, "No space left on device")])

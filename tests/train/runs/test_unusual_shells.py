@@ -4,14 +4,20 @@ from __future__ import annotations
 
 import json
 import os
+import re
+import shlex
 import subprocess
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import pytest
 from command_errors import error_of
 
+from pursuit import load_maze
+from train.commands.main import COMMANDS, main
+from train.commands.parse import described
 from train.files import read_json
 from train.kinds import start
 from train.runs.folder import RUN
@@ -79,6 +85,73 @@ def test_names_that_are_not_utf_8_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="not UTF-8"):
         start(RUN, settings_of(maze="2x2", frames=512), tmp_path / os.fsdecode(b"r\xff"))
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.filterwarnings("ignore:frames=")
+def test_byte_order_marks_are_passed_over(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """In all text files that commands read: some editors write them."""
+    folder, mark = tmp_path / "run", b"\xef\xbb\xbf"
+    words = [*TINY.split(), "--max-steps", "9", "--episodes", "4"]
+    main(["train", *words, "--frames", "256", "--out", str(folder)])
+    sweep = tmp_path / "tiny.toml"
+    sweep.write_text('[settings]\ntask = "maze"\nmaze = "2x2"\nframes = 64\n[short]\nseeds = [0]\n')
+    maze = tmp_path / "own.txt"
+    maze.write_text(load_maze("3x3").to_text())
+    texts = [*folder.glob("*.json"), folder / "metrics.csv", sweep, maze]
+    assert len(texts) >= 6
+    for path in texts:
+        path.write_bytes(mark + path.read_bytes())
+    for command in (
+        ["evaluate", folder, "--episodes", "4"],
+        ["report", folder, "--out", tmp_path / "report"],
+        ["view", folder, folder / "replays.json", "--out", tmp_path / "page.html"],
+        ["sweep", sweep, "--dry-run", "--out", tmp_path / "sweep"],
+        ["maze", maze],
+    ):
+        main([str(word) for word in command])
+    assert "warning" not in capsys.readouterr().err.replace("warning: frames=", "")
+
+
+def test_options_of_paths_refuse_an_empty_text(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """For `Path` it is the present folder."""
+    monkeypatch.chdir(tmp_path)
+    seen = 0
+    for command in COMMANDS:
+        with pytest.raises(SystemExit):
+            main([command, "--help"])
+        for name in re.findall(r"(--[a-z-]+) (?:\{None\}\|)?PATH", capsys.readouterr().out):
+            for given in ([name, ""], [f"{name}="]):
+                said = error_of(capsys, command, *shlex.split(COMMANDS[command]), *given)
+                assert f"{name} '': give a path" in said
+            seen += 1
+    assert seen > 12 and not [*tmp_path.iterdir()]
+
+
+def test_without_docstrings_a_help_has_no_signature() -> None:
+    """As with python -OO: Python then puts the signature of a dataclass in the place."""
+
+    @dataclass
+    class Bare:
+        count: int = 1
+
+    assert str(Bare.__doc__).startswith("Bare(count")
+    assert described(Bare) == ""
+
+
+@pytest.mark.slow
+def test_without_compilation_nothing_is_warned_of(tmp_path: Path) -> None:
+    """NumPy warns of the overflows on which random numbers rest."""
+    line = (
+        f"NUMBA_DISABLE_JIT=1 pursuit train --task heist {TINY} --num-goals 1 --max-steps 5 "
+        "--frames 256 --episodes 4 --no-report --out run"
+    )
+    done = shell(line, tmp_path, PYTHONWARNINGS="error::RuntimeWarning")
+    assert done.returncode == 0, done.stderr
+    assert "overflow" not in done.stderr and "RuntimeWarning" not in done.stderr
 
 
 def test_half_characters_in_json_are_refused(tmp_path: Path) -> None:
