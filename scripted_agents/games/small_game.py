@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csr_array
 
 from pursuit.tasks.task import Task
-from pursuit.validation import as_array, shortened
+from pursuit.validation import as_array, check, shortened
 from scripted_agents.games.game import Action, State
 
 ZERO_SUM = 1e-9
@@ -27,6 +27,23 @@ ENDED, DRAWN = -1, -2
 
 Behaviour = Callable[[State], Mapping[Action, float] | Sequence[float]] | ArrayLike
 """See `SmallGame.table`."""
+
+
+class ActionLists(tuple[tuple[Hashable, ...], ...]):
+    """The actions of each player, by its index or name."""
+
+    players: tuple[str, ...] = ()
+
+    def __getitem__(self, player: Any) -> Any:
+        return super().__getitem__(
+            index_of(player, self.players) if isinstance(player, str) else player
+        )
+
+
+def index_of(player: str, players: tuple[str, ...]) -> int:
+    """The index of a player; ValueError if there is none of this name."""
+    check(player in players, f"player {player!r}; the players are {', '.join(players)}")
+    return players.index(player)
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,9 +92,7 @@ class SmallGame:
 
     def player(self, name: str) -> int:
         """The index of a player; ValueError if there is none of this name."""
-        if name not in self.players:
-            raise ValueError(f"player {name!r}; the players are {', '.join(self.players)}")
-        return self.players.index(name)
+        return index_of(name, self.players)
 
     @cached_property
     def owners(self) -> NDArray[np.int64]:
@@ -107,10 +122,10 @@ class SmallGame:
         return self.following.indices[row], self.following.data[row]
 
     @cached_property
-    def action_lists(self) -> tuple[tuple[Hashable, ...], ...]:
-        """By player all its different actions: whole numbers sorted, others in order of first
-        appearance, None last. The place of an action is its number in the vector simulator and in
-        environments."""
+    def action_lists(self) -> ActionLists:
+        """By player (index or name) all its different actions: whole numbers sorted, others in
+        order of first appearance, None last. The place of an action is its number in the vector
+        simulator and in environments."""
         found = []
         for rows in self.actions:
             lists = dict.fromkeys(map(tuple, rows))
@@ -120,7 +135,9 @@ class SmallGame:
             elif None in every:
                 every.append(every.pop(every.index(None)))
             found.append(tuple(every))
-        return tuple(found)
+        lists = ActionLists(found)
+        lists.players = self.players
+        return lists
 
     @cached_property
     def unbalanced(self) -> NDArray[np.bool_]:

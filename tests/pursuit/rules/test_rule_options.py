@@ -424,16 +424,35 @@ def test_contradictory_options_are_refused_in_one_line(
     assert "\n" not in str(raised.value)
 
 
-def test_exits_on_marks_and_blocked_cells_are_refused() -> None:
+def test_exits_on_marks_where_games_start_are_refused() -> None:
     marked = Maze.from_text("+-+-+-+-+\n|S   G E|\n+-+-+-+-+")
     assert Task(marked, 1, 1).fixed_exits == ((3,),)
     for settings, message in (
-        ({"exits": [0]}, "marked as start or goal"),
-        ({"exits": [2]}, "marked as start or goal"),
+        ({"exits": [0], "start": "marks"}, "marked as start or goal"),
+        ({"exits": [2], "start": "marks"}, "marked as start or goal"),
         ({"num_exits": 1}, "exits marked E"),
     ):
         with pytest.raises(ValueError, match=message):
             Task(marked, 1, 1, **settings)
+
+
+@pytest.mark.parametrize("cell", [0, 2])
+def test_with_random_starts_exits_may_be_on_marks(cell: int) -> None:
+    """The marks have no effect then."""
+    marked = Maze.from_text("+-+-+-+-+\n|S   G  |\n+-+-+-+-+")
+    bare = Maze.from_text("+-+-+-+-+\n|       |\n+-+-+-+-+")
+    games = [Simulator(Task(maze, 1, 1, exits=[cell]), 32, seed=1) for maze in (marked, bare)]
+    rng = np.random.default_rng(0)
+    for _ in range(40):
+        actions = rng.integers(4, size=(32, 2))
+        for simulator in games:
+            simulator.step(actions)
+        for name in ("positions", "active", "rewards", "terminated", "exits"):
+            np.testing.assert_array_equal(*(getattr(simulator, name) for simulator in games))
+        assert (games[0].exits == cell).all()
+    heist = Task(marked, 1, 1, num_goals=1, exits=[cell])
+    simulator = Simulator(heist, 32, seed=1)
+    assert (simulator.goals != cell).all() and (simulator.positions[:, 1] != cell).all()
 
 
 def test_slips_as_text_are_exact_and_name_each_role_once() -> None:

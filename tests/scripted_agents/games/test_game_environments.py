@@ -424,15 +424,15 @@ def test_drawings_of_games(draw: Any, shown: str) -> None:
 
 @pytest.mark.parametrize(
     ("draw", "problem"),
-    [(lambda state: 5, "returned 5; return a text"), (lambda state: 1 / 0, "ZeroDivisionError")],
+    [(lambda state: 5, "of type int, not a text"), (lambda state: 1 / 0, "ZeroDivisionError")],
 )
-def test_wrong_drawings_are_refused(draw: Any, problem: str) -> None:
+def test_states_whose_drawing_fails_are_shown_as_text(draw: Any, problem: str) -> None:
     game: Any = Nim()
     game.draw = draw
     env = SmallGameParallelEnv(enumerate_game(game), render_mode="ansi")
-    env.reset(seed=0)
-    with pytest.raises(ValueError, match=problem):
-        env.render()
+    env.reset(seed=0, options={"state": (6, 0)})
+    with pytest.warns(UserWarning, match=problem):
+        assert env.render() == "(6, 0)\nstep 0 / 200\n"
 
 
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])

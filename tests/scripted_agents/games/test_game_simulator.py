@@ -284,6 +284,10 @@ def test_an_illegal_action_is_refused_and_no_game_moves() -> None:
     simulator = GameSimulator(GameTask(small), 4, seed=0)
     none = small.action_lists[1].index(None)
     assert small.action_lists == ((1, 2, 3, None), (1, 2, 3, None)) and none == 3
+    lists = pickle.loads(pickle.dumps(small.action_lists))
+    assert lists["second"] == lists[1] == lists[-1] and lists == small.action_lists
+    with pytest.raises(ValueError, match="player 'third'; the players are first, second"):
+        lists["third"]
     before = everything(simulator)
     for wrong in ([3, 3], [0, 0], [-1, 3], [4, 3], [2**31 - 1, 3], [2**40, 3], [-(2**40), 3]):
         actions: Any = [[0, 3]] * 4
