@@ -135,9 +135,9 @@ class SmallGame:
             elif None in every:
                 every.append(every.pop(every.index(None)))
             found.append(tuple(every))
-        lists = ActionLists(found)
-        lists.players = self.players
-        return lists
+        actions = ActionLists(found)
+        actions.players = self.players
+        return actions
 
     @cached_property
     def unbalanced(self) -> NDArray[np.bool_]:
