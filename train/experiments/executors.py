@@ -14,7 +14,7 @@ import socket
 import time
 import traceback
 from collections.abc import Callable, Mapping
-from multiprocessing import get_context, parent_process
+from multiprocessing import get_all_start_methods, get_context, parent_process
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 from threading import Thread, current_thread, main_thread
@@ -35,6 +35,7 @@ from train.runs.folder import load_final
 from train.runs.interruption import Stopped
 from train.runs.loop import Run
 
+FORK_SERVER = "forkserver"
 LOG = "log.txt"
 SECONDS_TO_SAVE = 60.0
 """Time to save before the process of a run exits, after its parent has ended."""
@@ -158,11 +159,14 @@ def perform_here(folder: str, variables: Mapping[str, str]) -> int:
 def start_worker(folder: Path) -> BaseProcess:
     """Start a process that executes the run in `folder`; its output goes to `log.txt`.
 
-    The process is forked from a server that has imported this module and torch once.
+    Where the system can, the process is forked from a server that has imported this module and
+    torch once.
     """
-    context = get_context("forkserver")
-    # the server looks for modules in the working folder first, where another `train` may be
-    context.set_forkserver_preload(["pursuit.train.experiments.executors"])
+    forks = FORK_SERVER in get_all_start_methods()
+    context: Any = get_context(FORK_SERVER if forks else "spawn")
+    if forks:
+        # the server looks for modules in the working folder first, where another `train` may be
+        context.set_forkserver_preload(["pursuit.train.experiments.executors"])
     process = context.Process(target=work, args=(str(folder), environment()))
     process.start()
     return process
@@ -170,7 +174,8 @@ def start_worker(folder: Path) -> BaseProcess:
 
 def work(folder: str, variables: Mapping[str, str]) -> None:
     """The main function of a run's process."""
-    os.setsid()  # Ctrl-C reaches only the study's process, which stops its runs
+    if hasattr(os, "setsid"):  # Ctrl-C reaches only the study's process, which stops its runs
+        os.setsid()
     with (Path(folder) / LOG).open("ab") as log:
         for stream in (1, 2):
             os.dup2(log.fileno(), stream)

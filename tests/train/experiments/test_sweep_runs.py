@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
@@ -18,6 +19,7 @@ from pursuit.tasks.task import make_task
 from scripted_agents import AStarEvader, evaluate_joint, solve_joint
 from train.commands.main import main
 from train.commands.sweep import SweepWatch
+from train.experiments import executors
 from train.experiments.expansion import load_study
 from train.experiments.rows import read_all, read_run
 from train.experiments.runs import prepare, status_of
@@ -168,6 +170,30 @@ def test_a_killed_sweep_leaves_no_process_and_the_next_one_waits_for_its_runs(
     assert ended.value.code == 130 and "1 running" in said.out
     assert "Continue with: pursuit sweep" in said.err
     assert status_of(folder) == "interrupted" and open_run(folder).trainee.frames >= before
+
+
+@pytest.mark.slow
+def test_without_a_fork_server_runs_are_executed_in_new_processes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(executors, "get_all_start_methods", lambda: ["spawn"])
+    small = SWEEP.split("num_games")[0] + "num_games = 32\nminibatch_size = 32\nmaze = '2x2'\n"
+    (tmp_path / "s.toml").write_text(small.format(episodes=4))
+    main(["sweep", str(tmp_path / "s.toml"), "--out", str(tmp_path / "out"), "--workers", "1"])
+    (folder,) = (tmp_path / "out" / "runs").iterdir()
+    assert status_of(folder) == "complete" and (folder / executors.LOG).exists()
+
+
+def test_a_run_is_executed_where_there_are_no_process_groups(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done: list[Path] = []
+    monkeypatch.delattr(os, "setsid")
+    monkeypatch.setattr(os, "dup2", lambda *_: None)
+    monkeypatch.setattr(executors, "end_with_parent", lambda: None)
+    monkeypatch.setattr(executors, "perform", done.append)
+    executors.work(str(tmp_path), {})
+    assert done == [tmp_path]
 
 
 def test_the_row_of_a_team_has_the_mean_gap_of_its_members(tmp_path: Path) -> None:
