@@ -134,14 +134,14 @@ def test_a_league_is_played_again_over_its_folder(archive: Path, tmp_path: Path)
 def test_every_key_of_results_is_documented() -> None:
     """The archives have runs of all kinds."""
     page = (Path(__file__).parents[2] / "docs" / "reference" / "files.md").read_text()
-    known = set(re.findall(r"`(\w+)`", page))
+    known = set(re.findall(r"`(\w+)`", page.replace("*NAME*\\_vs\\_uniform", "`NAME_vs_uniform`")))
     for archive in ARCHIVES:
         with tarfile.open(archive) as tar:
             for name in tar.getnames():
                 file = tar.extractfile(name) if Path(name).name == RESULTS else None
                 content = json.load(file) if file is not None else {"evaluation": {}}
-                names = {"player_0": "NAME", "player_1": "NAME", "astar": "AGENT"}
-                names |= {"equilibrium": "AGENT", "random": "AGENT"}
+                names = {"player_0": "NAME", "player_1": "NAME"}
+                names |= {"equilibrium": "astar", "random": "astar"}
                 for key in [*content, *content["evaluation"]]:
                     for own, shown in names.items():
                         key = re.sub(rf"\b{own}(?=_|$)|(?<=_){own}$", shown, key)
