@@ -55,9 +55,10 @@ def unknown(what: str, name: object, known: Iterable[str], listed: str = "one of
 
 
 def text_of(value: object, form: Callable[[object], str] = str) -> str:
-    """`str(value)`, or that of another form; if it raises, a text that says so."""
+    """`str(value)`, or that of another form, in characters that files can have; if it raises, a
+    text that says so."""
     try:
-        return form(value)
+        return form(value).encode(errors="replace").decode()
     except Exception as error:  # of a user's class
         return f"<{type(value).__name__}, whose text raises {type(error).__name__}>"
 

@@ -15,45 +15,61 @@ Tell = Callable[[str, float], None]
 """(what, share): a description of the work, and its completed share in [0, 1]; NaN if unknown."""
 
 
+LIMIT = "exact solutions are limited to {} s (--exact-seconds)"
+
+
 class OutOfTime(Exception):
-    """Exact work took longer than allowed; raised once."""
+    """Exact solutions took longer than allowed; raised once."""
 
 
 @dataclass
 class _Time:
-    """The time of exact work: seconds from its start, None for no limit, and whether it is over."""
+    """The time of exact solutions.
+
+    Attributes:
+        seconds: that they may take; None for no limit.
+        tell: see `in_time`.
+        spent: seconds that they took so far.
+        raised: whether `OutOfTime` was raised.
+        refused: whether a solution was left out.
+    """
 
     seconds: float | None
     tell: Tell
-    began: float
-    is_over: bool = False
+    spent: float = 0.0
+    raised: bool = False
+    refused: bool = False
+
+    @property
+    def is_over(self) -> bool:
+        return self.seconds is not None and self.spent >= self.seconds
 
 
 _current: ContextVar[_Time | None] = ContextVar("_current", default=None)
 
 
 def in_time(work: Callable[[], T], seconds: float | None, tell: Tell) -> tuple[T, str]:
-    """The result of work with exact solutions, which may take so many seconds.
+    """The result of work with exact solutions of whole games, which may take so many seconds.
 
     When they are over, the work is done again without the solutions of games that are larger than
-    MAX_EXACT_WORK (`limits.work_of`): those take about a second.
+    MAX_EXACT_WORK (`limits.work_of`); smaller ones take about a second.
 
     Args:
-        work: without side effects; nothing that it keeps was solved before.
+        work: can be done twice, and solves again what it needs.
         seconds: 0 for none of these solutions, None for no limit.
         tell: called with the progress of the work.
 
     Returns:
-        The result, and the limit in words if it was reached; else "".
+        The result, and the limit in words if a solution was left out; else "".
     """
-    time = _Time(seconds, tell, perf_counter(), seconds == 0.0)
+    time = _Time(seconds, tell)
     token = _current.set(time)
     try:
         try:
             found = work()
         except OutOfTime:
             found = work()
-        return found, why_no_time(MAX_EXACT_WORK + 1) or ""
+        return found, LIMIT.format(f"{seconds:g}") if time.refused else ""
     finally:
         _current.reset(token)
 
@@ -64,16 +80,21 @@ def report(what: str, share: float) -> None:
         time.tell(what, share)
 
 
-def working(what: str, share: float) -> None:
-    """Report the progress of an exact solution; `OutOfTime` where it takes too long."""
-    time = _current.get()
-    if time is None:
-        return
-    report(what, share)
-    if not time.is_over and time.seconds is not None:
-        time.is_over = perf_counter() - time.began > time.seconds
-        if time.is_over:
-            raise OutOfTime
+class Solving:
+    """The progress and the time of one exact solution, from its construction on."""
+
+    def __init__(self, what: str) -> None:
+        self.what, self.now = what, perf_counter()
+
+    def __call__(self, share: float) -> None:
+        """Report the completed share; `OutOfTime` where exact solutions take too long."""
+        report(self.what, share)
+        before, self.now = self.now, perf_counter()
+        if (time := _current.get()) is not None:
+            time.spent += self.now - before
+            if time.is_over and not time.raised:
+                time.raised = True
+                raise OutOfTime
 
 
 def why_no_time(work: int) -> str | None:
@@ -81,4 +102,5 @@ def why_no_time(work: int) -> str | None:
     time = _current.get()
     if time is None or not time.is_over or work <= MAX_EXACT_WORK:
         return None
-    return f"exact solutions are limited to {time.seconds:g} s (--exact-seconds)"
+    time.refused = True
+    return LIMIT.format(f"{time.seconds:g}")

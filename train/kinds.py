@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import contextlib
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Any
 
 from pursuit.plugins import reading
 from pursuit.validation import as_path, check, one_of, shortened
+from scripted_agents.long_work import Tell
 from train.files import Plain, hold, remove_leftovers
 from train.runs.folder import (
     CHECKPOINT,
@@ -23,6 +25,8 @@ from train.runs.folder import (
     check_new,
     is_complete,
     load_checkpoint,
+    load_final,
+    load_results,
     read_config,
     save_config,
 )
@@ -195,3 +199,28 @@ def resume(folder: Path | str, kind: str) -> Run:
         f"{folder}: complete; its budget is spent. See {folder / RESULTS}",
     )
     return open_run(folder)
+
+
+def evaluate_runs(folders: Iterable[Path], tell: Tell) -> None:
+    """Write the results of those runs that have none, or those of an earlier checkpoint.
+
+    Args:
+        folders: of runs.
+        tell: as in `Run.results`.
+
+    Raises:
+        ValueError: a run without results and checkpoint, or that cannot be opened. All are checked
+            before the first is evaluated.
+    """
+    missing = []
+    for folder in folders:
+        if not (folder / RESULTS).exists() or load_results(folder).get("outdated"):
+            missing.append(folder)
+            again = f"{KINDS[read_settings(folder)[0]].again} --resume {folder}"
+            check(
+                (folder / CHECKPOINT).exists(), f"{folder}: no checkpoint yet; go on with {again}"
+            )
+    for folder in missing:
+        run = open_run(folder)
+        with contextlib.closing(run.trainee), run.lock or contextlib.nullcontext():
+            run.results(**load_final(folder).arguments(), tell=tell)

@@ -354,22 +354,26 @@ class PursuitParallelEnv(MazeGames, SimulatorParallelEnv):
         return np.concatenate([agents, *places, simulator.steps[:1]]).astype(np.float32)
 
 
-def scene_of(simulator: Simulator, game: int = 0, caption: str = "") -> Scene:
-    """The scene of one game. An evader that left it before the last step on an exit without a
-    chaser has escaped."""
+def scene_of(
+    simulator: Simulator, game: int = 0, caption: str = "", before: Scene | None = None
+) -> Scene:
+    """The scene of one game.
+
+    What became of an evader is known from the scene `before`, of the last step. Without it, one
+    that left before the last step has escaped if it is on an exit without a chaser.
+    """
     task, exits = simulator.task, {int(cell) for cell in simulator.exits[game] if cell >= 0}
     exits -= set(simulator.positions[game, : task.num_chasers].tolist())
     games = simulator.positions[game], simulator.active[game], simulator.events[game]
+    left = {mark.name: mark for mark in (before.agents if before else ()) if not mark.active}
 
-    def has_escaped(cell: int, event: int) -> bool:
-        return bool(event & ESCAPED) if event else int(cell) in exits
+    def mark_of(name: str, cell: int, active: int, event: int) -> AgentMark:
+        has_escaped = not active and (bool(event & ESCAPED) if event else cell in exits)
+        return left.get(name) or AgentMark(name, int(cell), bool(active), has_escaped)
 
     return Scene(
         maze=task.mazes[simulator.maze_index[game]],
-        agents=tuple(
-            AgentMark(name, int(cell), bool(active), not active and has_escaped(cell, event))
-            for name, cell, active, event in zip(task.agent_names, *games, strict=True)
-        ),
+        agents=tuple(map(mark_of, task.agent_names, *games)),
         goals=tuple(int(cell) for cell in simulator.goals[game] if cell >= 0),
         steps=int(simulator.steps[game]),
         max_steps=task.max_steps * task.steps_per_round,

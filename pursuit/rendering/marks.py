@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 
@@ -48,18 +48,16 @@ class AgentMark:
         return self.name.rpartition("_")[2]
 
 
-def outcome_of(agents: Iterable[AgentMark], goals: int, num_goals: int) -> str:
+def outcome_of(fates: Sequence[str], goals: int, num_goals: int) -> str:
     """What became of the evaders and goals, as "1 captured, 1 escaped, all goals collected".
 
     Args:
-        agents: all agents at the end of a game.
+        fates: of each evader: "captured", "escaped" or "free".
         goals: those that are left.
-        num_goals: those of the task.
+        num_goals: those of the game.
     """
-    fates = [agent.fate or "free" for agent in agents if agent.role == "evader"]
-    parts = (
-        fates if len(fates) == 1 else [f"{n} {fate}" for fate, n in sorted(Counter(fates).items())]
-    )
+    counts = [f"{n} {fate}" for fate, n in sorted(Counter(fates).items())]
+    parts = counts if len(fates) > 1 else [*fates]
     if num_goals:
         left = f"{goals} goal{'s' * (goals > 1)} left"
         parts.append(left if goals else "all goals collected")

@@ -6,10 +6,12 @@ import shutil
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+
 from pursuit.environments.single_agent import SingleAgentEnv
 from pursuit.environments.types import Single
 from pursuit.simulator.policy import ONE_RESULT, Policy, play
-from pursuit.validation import check, whole
+from pursuit.validation import check, checked_seed, shortened, whole
 
 
 def export_minari(
@@ -47,7 +49,11 @@ def export_minari(
     inner = getattr(env, "unwrapped", env)
     if not isinstance(inner, SingleAgentEnv):
         raise ValueError(f"env={env!r}; give a single-agent environment of Pursuit in a maze")
-    whole("episodes", episodes, 1)
+    episodes, seed = whole("episodes", episodes, 1), checked_seed(seed)
+    check(
+        hasattr(policy, "act") or callable(policy),
+        f"policy={policy!r}; give a Policy, or a function of observations",
+    )
     check_id(dataset)
     path = get_dataset_path(dataset)
     if path.exists():
@@ -65,6 +71,11 @@ def export_minari(
             else:
                 chosen = policy(batch_of_one(observed))
                 check(not isinstance(chosen, tuple), ONE_RESULT)
+                check(
+                    np.shape(chosen) == (1,),
+                    f"the policy returned {shortened(chosen)}; return an array of one action for "
+                    "each observation",
+                )
                 action = int(chosen[0])
             observed, reward, terminated, truncated, _ = env.step(action)
             ended = terminated or truncated

@@ -73,8 +73,9 @@ class SeatOfSmallGame:
         spaces = spaces_of(task, self.player, observation, mask_in_observation)
         self._legal = task.legal(self.player)
         self.has_masks = not self._legal.all()
+        simulator = GameSimulator(task, num_envs, auto_restart=False)
         self._actions = np.zeros((num_envs, task.num_agents), dtype=np.int32)
-        return GameSimulator(task, num_envs, auto_restart=False), *spaces
+        return simulator, *spaces
 
     def _begin(
         self, seed: int | None, options: Options, games: NDArray[np.bool_] | None = None

@@ -9,6 +9,7 @@ import numpy as np
 from pettingzoo import ParallelEnv
 
 from pursuit.environments.types import Info, Parallel
+from pursuit.validation import shortened
 
 State: TypeAlias = Any
 """A hashable object, of which kind is up to the game."""
@@ -103,9 +104,9 @@ class ParallelGame:
         first, second = self._step(state, actions), self._step(state, actions)
         if first != second:
             raise ValueError(
-                f"two steps from {state[0]!r} with {actions} led to {first[1]!r} and "
-                f"{second[1]!r}; the environment draws random numbers in a step, or `save` leaves "
-                "something out: write it as a Game with probabilities"
+                f"two steps from {shortened(state[0])} with {actions} led to {shortened(first[1])} "
+                f"and {shortened(second[1])}; the environment draws random numbers in a step, or "
+                "`save` leaves something out: write it as a Game with probabilities"
             )
         return [first]
 
@@ -113,21 +114,22 @@ class ParallelGame:
         self._restore(self.env, state[0])
         if not self.env.agents:
             raise ValueError(
-                f"after restore(env, {state[0]!r}) env.agents is empty; restore must set it"
+                f"after restore(env, {shortened(state[0])}) env.agents is empty; restore must set "
+                "it"
             )
         found = self._save(self.env)
         if found != state[0]:
             raise ValueError(
-                f"after restore(env, {state[0]!r}) save(env) returns {found!r}; restore must set "
-                "all that save returns"
+                f"after restore(env, {shortened(state[0])}) save(env) returns {shortened(found)}; "
+                "restore must set all that save returns"
             )
         chosen = dict(zip(self.players, actions, strict=True))
         playing = {agent: chosen[agent] for agent in self.env.agents}
         observations, rewards, terminations, truncations, infos = self.env.step(playing)
         if any(truncations.values()) and not all(terminations.values()):
             raise ValueError(
-                f"the environment truncates in {state[0]!r}; make it without a limit on steps, and "
-                "give the solver a horizon"
+                f"the environment truncates in {shortened(state[0])}; make it without a limit on "
+                "steps, and give the solver a horizon"
             )
         ended = not self.env.agents or all(terminations.values())
         given = [float(rewards.get(agent, 0.0)) for agent in self.players]

@@ -77,7 +77,7 @@ class OpenSpielGame:
         players: "player_0", "player_1", ...
         horizon: as given.
         counts_steps: whether steps are a part of the state.
-        zero_sum: whether OpenSpiel calls it zero-sum or constant-sum.
+        zero_sum: whether OpenSpiel says that the sum of the rewards is 0.
         proven: whether all histories so far were compared.
         sampled: whether positions were compared by drawn joint actions only.
 
@@ -107,8 +107,9 @@ class OpenSpielGame:
                 "probabilities: write it as a Game"
             )
         self.players = tuple(f"player_{i}" for i in range(self.spiel.num_players()))
-        constant = known.Utility.ZERO_SUM, known.Utility.CONSTANT_SUM
-        self.zero_sum = kind.utility in constant
+        self.zero_sum = kind.utility == known.Utility.ZERO_SUM or (
+            kind.utility == known.Utility.CONSTANT_SUM and self.spiel.utility_sum() == 0.0
+        )
         self._indices, self._nothing = range(len(self.players)), (0.0,) * len(self.players)
         own, length = self.spiel.get_parameters().get("horizon"), self.spiel.max_game_length()
         given = "horizon" in pyspiel.game_parameters_from_string(str(self.spiel))

@@ -30,24 +30,32 @@ def drawn_state(task: GameTask, state: State, warns: bool = True) -> str:
 
     The warning that it failed is the same for all states, so that it is shown once.
     """
-    function, why = getattr(task.game.source, "draw", None), ""
+    function = getattr(task.game.source, "draw", None)
     if not callable(function):
         return text_of(state)
     try:
         drawn = function(state)
-        if not isinstance(drawn, str):
-            why = f"returned a value of type {type(drawn).__name__}, not a text"
-        elif drawn.lstrip().startswith(SVG):
-            ElementTree.fromstring(drawn.lstrip())
-    except ElementTree.ParseError:
-        why = "returned SVG that is not well-formed"
     except Exception as error:  # of the user's code
         (line,) = extract_tb(error.__traceback__, limit=-1)
         why = f"raised {type(error).__name__} ({Path(line.filename).name}:{line.lineno})"
+    else:
+        why = why_not_drawn(drawn)
     if why and warns:
         name = type(task.game.source).__name__
         warnings.warn(f"draw(state) of {name} {why}; such states are shown as text", stacklevel=2)
-    return text_of(state) if why else drawn
+    return text_of(state if why else drawn)
+
+
+def why_not_drawn(drawn: object) -> str:
+    """Why this is neither a text nor well-formed SVG; empty if it is."""
+    if not isinstance(drawn, str):
+        return f"returned a value of type {type(drawn).__name__}, not a text"
+    if drawn.lstrip().startswith(SVG):
+        try:
+            ElementTree.fromstring(drawn.lstrip())
+        except ElementTree.ParseError:
+            return "returned SVG that is not well-formed"
+    return ""
 
 
 @dataclass(frozen=True)

@@ -207,7 +207,7 @@ class SmallGame:
             state = int(np.argmax(bad))
             row = table[offsets[state] : offsets[state + 1]].tolist()
             raise ValueError(
-                f"the probabilities of {player} in {self.states[state]!r} are {row}; give "
+                f"the probabilities of {player} in {shortened(self.states[state])} are {row}; give "
                 "non-negative ones with sum 1"
             )
         return table / np.repeat(total, np.diff(offsets))

@@ -22,7 +22,7 @@ from scripted_agents.joint.opponents import OtherPolicies
 from scripted_agents.joint.states import JointStates
 from scripted_agents.joint.sweep_kernels import sweep
 from scripted_agents.limits import MAX_STORE_BYTES
-from scripted_agents.long_work import working
+from scripted_agents.long_work import Solving
 from scripted_agents.tolerances import JOINT_TOLERANCE, MAX_SWEEPS, MAX_THREADS, WINDOW
 
 SAME = 1e-14
@@ -168,7 +168,7 @@ class Sweeper:
         self, problem: Problem, values: NDArray[np.float64], choice: NDArray[np.int16]
     ) -> None:
         self.problem, self.values, self.choice = problem, values, choice
-        self._what = f"exact solution of {len(values):,} states"
+        self._solving = Solving(f"exact solution of {len(values):,} states")
         self.store = filled_store(problem)
         self._backup = Backup(problem.sign, problem.discount, problem.only_whether)
         self._threads = threads_for(len(values))
@@ -189,7 +189,7 @@ class Sweeper:
             before, past, now = np.zeros((3, len(level)))
             past[:] = 1.0
             for number in range(1, MAX_SWEEPS + 1):
-                working(self._what, np.nan)
+                self._solving(np.nan)
                 change, largest = self.sweep(level[going], self.values)
                 scale = np.maximum(largest, 1.0)
                 # Further changes are about a geometric series; its rate is that of two windows.
@@ -218,7 +218,7 @@ class Sweeper:
         parts = np.concatenate([_cut(level) for level in self.problem.levels])
         target = self.values.copy()
         for step in range(1, horizon + 1):
-            working(self._what, step / horizon)
+            self._solving(step / horizon)
             change, largest = self.sweep(parts, target)
             self.values, target = target, self.values
             yield step

@@ -62,8 +62,8 @@ class Evaluated(Settings):
     episodes: Annotated[int, at_least(2)] = 1000
     """Episodes to play."""
     exact_seconds: Annotated[float | None, at_least(0)] = None
-    """Seconds that exact solutions of large games may take; 0 for none. Those that take about a
-    second are always made. None: no limit."""
+    """Seconds that exact solutions of games of several agents in one maze may take; 0 for none.
+    Those that take about a second are always made. None: no limit."""
     seed: int = 0
     """Seed of these episodes; 0 as in all evaluations. Training never uses their starts."""
     table: Path | None = None
@@ -145,7 +145,8 @@ def is_small_self_play(run: Path) -> bool:
 
 def evaluate_players(given: EvaluateCommand) -> Plain:
     """Print the exact NashConv of a whole run of self-play in a small game; the results."""
-    names = ("opponent", "opponent_policy", "opponent_epsilon", "maze", "replays", "table")
+    others = ("opponent", "opponent_policy", "opponent_epsilon")
+    names = (*others, "maze", "replays", "table", "exact_seconds")
     why = f"{given.run} is a whole run of self-play, in which every player plays its own policy"
     check_default(given, EvaluateCommand, names, why)
     from train.kinds import read_settings  # torch is slow to import
@@ -165,7 +166,7 @@ def evaluate_players(given: EvaluateCommand) -> Plain:
 def evaluate_in_pursuit_v5(given: EvaluateCommand) -> Plain:
     """Print the scores of a run inside PettingZoo's `pursuit_v5`; the results."""
     others = ("opponent", "opponent_policy", "opponent_epsilon", "teammates")
-    names = (*others, "maze", "replays", "table")
+    names = (*others, "maze", "replays", "table", "exact_seconds")
     check_default(given, EvaluateCommand, names, "--env plays its own game, with its own evaders")
     loaded = load_run(given)
     found: list[Plain] = [
@@ -220,12 +221,13 @@ def evaluate_and_print(
     chosen = "greedy" if loaded.greedy else "sampled"
 
     def solve() -> tuple[AnyContest, list[Score], Plain]:
-        own = replace(contest)  # without solutions
+        own = replace(contest)  # its copy has no solutions yet
         found = scores or [*own.baselines(), *(own.score(*each) for each in policies.items())]
         gap = UNKNOWN if loaded.gamma is None else objective_gap(own, loaded.gamma)
         return own, found, evaluation_of(found, chosen, own, gap, policies[evaluated])
 
-    (contest, found, results), limit = in_time(solve, given.exact_seconds, ProgressLine())
+    with ProgressLine() as tell:
+        (contest, found, results), limit = in_time(solve, given.exact_seconds, tell)
     if not scores:
         print_scores(found, contest)
     if limit:

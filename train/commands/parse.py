@@ -14,7 +14,7 @@ from dataclasses import fields, is_dataclass
 from functools import cache
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, NoReturn, TypeVar, get_origin
+from typing import Any, NoReturn, TextIO, TypeVar, get_origin
 
 import tyro
 from docstring_parser import parse_from_object
@@ -38,13 +38,24 @@ def fail(message: str, status: int = 2) -> NoReturn:
 
 @contextlib.contextmanager
 def warnings_in_lines() -> Iterator[None]:
-    """Print each different warning for the user as one line on stderr."""
+    """Print each different warning for the user, and of NumPy, as one line on stderr."""
     said = set[str]()
 
-    def show(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
-        if not issubclass(category, UserWarning):
-            others(message, category, *where, **more)
-        elif (text := " ".join(str(message).split())) not in said:
+    def show(
+        message: Warning | str,
+        category: type[Warning],
+        filename: str,
+        lineno: int,
+        file: TextIO | None = None,
+        line: str | None = None,
+    ) -> None:
+        text = " ".join(str(message).split())
+        if issubclass(category, RuntimeWarning):
+            text += f" ({Path(filename).name}:{lineno})"
+        elif not issubclass(category, UserWarning):
+            others(message, category, filename, lineno, file, line)
+            return
+        if text not in said:
             said.add(text)
             warn(text)
 

@@ -34,27 +34,34 @@ QUIET = 2.0
 class ProgressLine:
     """Reports the progress of long work on stderr; nothing for work of a few seconds.
 
-    In a terminal one line is updated, elsewhere a line is printed every ten seconds.
+    In a terminal one line is updated, elsewhere a line is printed every ten seconds. A context
+    manager, which ends an open line.
     """
 
     def __init__(self) -> None:
         self.began = self.reported = perf_counter()
         self.what, self.open = "", False
 
+    def __enter__(self) -> ProgressLine:
+        return self
+
+    def __exit__(self, *raised: object) -> None:
+        if self.open:
+            self.open = False
+            print(file=sys.stderr)
+
     def __call__(self, what: str, share: float) -> None:
         """Report the current work, and its completed share in [0, 1]."""
         now, live = perf_counter(), sys.stderr.isatty()
         if what != self.what:
+            self.__exit__()
             self.what, self.began, self.reported = what, now, now
         elif now - self.reported >= (0.5 if live else 10.0) and now - self.began >= QUIET:
             self.reported, self.open = now, live
-            begin, end = ("\r", "") if live else ("", "\n")
+            begin, end = ("\r", "\x1b[K") if live else ("", "\n")
             done = "" if isnan(share) else f"{100 * share:3.0f} %, "
             line = f"{begin}{what}: {done}{now - self.began:.0f} s"
             print(line, end=end, file=sys.stderr, flush=True)
-        if share >= 1.0 and self.open:
-            self.open = False
-            print(file=sys.stderr)
 
 
 class TrainingProgress:
@@ -107,8 +114,9 @@ class RunCommand:
     """Episodes of the final evaluation, if it is not exact. None: 1000; with --resume that of
     the first command."""
     exact_seconds: float | None = None
-    """Seconds that exact solutions of large games may take at the end; 0 for none. Those that take
-    about a second are always made. None: no limit; with --resume that of the first command."""
+    """Seconds that exact solutions of games of several agents may take at the end; 0 for none.
+    Those that take about a second are always made. None: no limit; with --resume that of the first
+    command."""
     report: bool = True
     """Write figures, a replay and a report at the end; --resume adds them after --no-report."""
 
@@ -171,7 +179,6 @@ def finish_run(
     final: Final,
     again: str,
     present: Callable[[Run[T], Plain], None] | None,
-    before: Callable[[], None] = lambda: None,
 ) -> Plain:
     """Train until the end of the budget; then evaluate, draw, and return the results.
 
@@ -182,7 +189,6 @@ def finish_run(
         final: settings of the final evaluation.
         again: the command that resumes it.
         present: writes the figures and the report, as `Run.present`; None for none.
-        before: called before the final evaluation.
     """
     print(f"folder: {run.folder}", flush=True)
     run.present = present
@@ -192,9 +198,9 @@ def finish_run(
             if not run.is_trained:
                 with TrainingProgress() as watch:
                     run.train(watch)
-            before()
             began = perf_counter()
-            content = run.results(**final.arguments(), tell=ProgressLine())
+            with ProgressLine() as tell:
+                content = run.results(**final.arguments(), tell=tell)
             if (spent := perf_counter() - began) >= QUIET:
                 print(f"final evaluation: {spent:.0f} s", file=sys.stderr)
             if limit := content.get("exact_limit"):

@@ -11,6 +11,7 @@ import tyro
 
 from pursuit.validation import check, rule
 from train.commands.parse import parse
+from train.commands.progress import ProgressLine
 from train.files import check_folder, check_output_folder
 from train.reports.figures import UNITS
 from train.runs.folder import CONFIG
@@ -25,7 +26,8 @@ class ReportCommand(Settings):
 
     For one sweep or ablation, the Parquet tables of its runs and its report are written to its
     folder. For several runs, sweeps and ablations, one report on all of them is written to --out.
-    Every report has table.csv and runs.csv, a row per run.
+    Every report has table.csv and runs.csv, a row per run. A run that was interrupted before its
+    last evaluation is evaluated first.
     """
 
     folders: Annotated[tuple[Path, ...], tyro.conf.Positional] = ()
@@ -52,6 +54,7 @@ def report(arguments: Sequence[str]) -> None:
         report_on,
         report_several,
     )
+    from train.kinds import evaluate_runs
 
     only = options.folders[0] if len(options.folders) == 1 else None
     if only is not None and not (only / CONFIG).exists() and options.out is None:
@@ -59,6 +62,8 @@ def report(arguments: Sequence[str]) -> None:
     else:
         out = options.out or (Path("comparison") if only is None else only / "report")
         check_output_folder(out, is_of_several, options.overwrite)
+        with ProgressLine() as tell:
+            evaluate_runs([run for run in options.folders if (run / CONFIG).exists()], tell)
         written = report_several(options.folders, out, options.x, options.log)
     print((written / "report.md").read_text(encoding="utf-8"))
     print(f"figures and tables: {written}")

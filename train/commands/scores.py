@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 
 from scripted_agents import count_joint_states
-from scripted_agents.limits import MAX_EVALUATED_WORK, MAX_WORK, work_of
 from train.evaluation.arm_contest import ArmContest
 from train.evaluation.contest import GameContest
 from train.evaluation.contests import AnyContest
 from train.evaluation.score_table import score_table
 from train.evaluation.scores import OUTCOME, Reference, Score
-from train.evaluation.team_contest import TeamContest, describe_team
+from train.evaluation.team_contest import describe_team
 from train.files import Plain
 from train.reports.tables import print_table
 
@@ -50,18 +48,6 @@ def print_team(results: Plain) -> None:
     """Print the "team" of results, if there is one."""
     if "team" in results:
         print(*describe_team(results["team"]), sep="\n")
-
-
-def announce_solution(contest: AnyContest) -> None:
-    """Print to stderr that a whole game is being solved, if this takes seconds or more."""
-    if not isinstance(contest, GameContest) or contest.task.num_agents == 1:
-        return
-    solved = contest.with_full_view.solved_up_to(MAX_EVALUATED_WORK)
-    kinds = ("team", "joint") if isinstance(contest, TeamContest) else ("joint",)
-    if solved.exact_reference.kind not in kinds or work_of(solved.task) <= MAX_WORK:
-        return
-    states = count_joint_states(solved.task)
-    print(f"solving the whole game exactly, {states:,} states ...", file=sys.stderr)
 
 
 def print_bounds(contest: ArmContest) -> None:

@@ -10,7 +10,6 @@ from pursuit.rendering.animation import save_animation
 from train.commands.parse import default_budget, default_task, options_in, parse, parse_known
 from train.commands.progress import RunCommand, check_resumed, finish_run, start_or_resume
 from train.commands.scores import (
-    announce_solution,
     print_bounds,
     print_objective_gap,
     print_reference,
@@ -86,13 +85,7 @@ def train(arguments: Sequence[str]) -> None:
         print(f"update: {trainee.update_form}")
     if trainee.teacher is not None:
         print(f"curriculum: {trainee.teacher.name}, over {trainee.teacher.describes}")
-    content = finish_run(
-        run,
-        final,
-        "pursuit train",
-        present if given.report else None,
-        lambda: announce_solution(trainee.contest),
-    )
+    content = finish_run(run, final, "pursuit train", present if given.report else None)
     show(run, content)
 
 

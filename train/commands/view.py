@@ -13,12 +13,13 @@ from pursuit.replays.replay import Replay
 from pursuit.replays.viewer.data import Builder, Extras
 from pursuit.validation import at_least, check
 from train.commands.parse import parse, warn
+from train.commands.progress import ProgressLine
 from train.evaluation.recordings import add_episodes
 from train.files import check_new_files
 from train.play.browser import open_page
 from train.reports.pages import PLAYER_ELEMENT, write_page
 from train.reports.tables import in_markdown
-from train.runs.folder import RESULTS, SELF_PLAY, SIDE, load_results, read_config
+from train.runs.folder import SELF_PLAY, SIDE, load_results, read_config
 from train.runs.report import write_report
 from train.settings.checks import Settings
 
@@ -61,7 +62,7 @@ def view(arguments: Sequence[str]) -> None:
 
 def report_again(folder: Path, out: Path | None) -> Path:
     """Write the report of a run again, from the files in its folder."""
-    from train.kinds import KINDS, open_run, read_settings  # torch is slow to import
+    from train.kinds import evaluate_runs, open_run, read_settings  # torch is slow to import
     from train.runs.opponents import load_policy
     from train.runs.parts import contest_of
     from train.runs.saved import load_settings, trains_team
@@ -70,10 +71,8 @@ def report_again(folder: Path, out: Path | None) -> Path:
     from train.self_play.small_games import SmallGamePlay
 
     kind, _ = read_settings(folder)
-    check(
-        (folder / RESULTS).exists(),
-        f"{folder}: no results yet; continue with {KINDS[kind].again} --resume {folder}",
-    )
+    with ProgressLine() as tell:
+        evaluate_runs([folder], tell)
     if kind == SELF_PLAY:
         trainee: Any = open_run(folder).trainee
         small = isinstance(trainee, SmallGamePlay)

@@ -179,7 +179,7 @@ class ArmContest(Contest[ArmPolicy, ReacherSimulator]):
             return found
         return replace(found, kind="bound")
 
-    def scene(self, games: ReacherSimulator, caption: str) -> ArmScene:
+    def scene(self, games: ReacherSimulator, caption: str, before: object = None) -> ArmScene:
         """As `Contest`."""
         return scene_of(games, caption=caption)
 

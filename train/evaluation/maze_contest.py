@@ -210,10 +210,11 @@ class MazeContest(Contest[Policy, Simulator]):
         comparable = (*self.limited, "random") if self.is_limited else None
         return strongest_reference(scores, learned, self.measure, comparable)
 
-    def scene(self, games: Simulator, caption: str) -> Scene:
+    def scene(self, games: Simulator, caption: str, before: Scene | None = None) -> Scene:
         """As `Contest`."""
-        scene = scene_of(games, caption=caption)
+        scene = scene_of(games, 0, caption, before)
         if not games.ended[0]:
             return scene
-        outcome = outcome_of(scene.agents, len(scene.goals), self.task.num_goals)
+        fates = [agent.fate or "free" for agent in scene.agents if agent.role == "evader"]
+        outcome = outcome_of(fates, len(scene.goals), self.task.num_goals)
         return replace(scene, caption=f"{caption}: {outcome}")

@@ -385,8 +385,9 @@ class Contest(ABC, Generic[PolicyT, GamesT]):
         return games, play()
 
     @abstractmethod
-    def scene(self, games: GamesT, caption: str) -> Drawable:
-        """The current frame of games of this contest, for `save_animation`."""
+    def scene(self, games: GamesT, caption: str, before: Any = None) -> Drawable:
+        """The current frame of games of this contest, for `save_animation`; `before` is that of the
+        last step."""
 
     def scenes(self, policy: PolicyT, episodes: int = 3) -> list[Drawable]:
         """The frames of some episodes."""
@@ -395,7 +396,8 @@ class Contest(ABC, Generic[PolicyT, GamesT]):
             caption = f"episode {episode + 1} of {episodes}"
             games, play = self.game(policy, episode)
             scenes.append(self.scene(games, caption))
-            scenes += [self.scene(games, caption) for _ in play]
+            for _ in play:
+                scenes.append(self.scene(games, caption, scenes[-1]))
             scenes.extend([scenes[-1]] * 3)
         return scenes
 

@@ -126,6 +126,6 @@ class SmallGameContest(Contest[StatePolicy, GameSimulator]):
         by_name = {**self.opponents, self.agent: policy}
         return stepper(games, [by_name[name] for name in self.task.agent_names])
 
-    def scene(self, games: GameSimulator, caption: str) -> Drawable:
+    def scene(self, games: GameSimulator, caption: str, before: object = None) -> Drawable:
         """As `Contest`: the state as text."""
         return replace(scene_of(games), caption=caption)

@@ -13,6 +13,7 @@ from pathlib import Path
 import msgspec
 
 from pursuit.mazes.maze import Maze
+from pursuit.mazes.sources import decoded, read_bytes
 from pursuit.plugins import reading
 from pursuit.validation import check, one_of, unknown
 from train.experiments.claims import cells_of
@@ -109,8 +110,8 @@ def mazes_by_size(folder: Path) -> dict[str, str]:
         if not path.is_file():
             continue
         try:
-            maze = Maze.from_text(path.read_text(encoding="utf-8"))
-        except (ValueError, UnicodeDecodeError):
+            maze = Maze.from_text(decoded(read_bytes(path), path))
+        except ValueError:
             continue
         name = f"{maze.height}x{maze.width}"
         check(

@@ -23,16 +23,14 @@ from train.experiments.runs import ERROR, read_label, read_layout, status_of
 from train.experiments.statistics import first_below, mean_over
 from train.experiments.study import Layout
 from train.files import write_bytes, write_csv
-from train.kinds import open_run, read_settings
+from train.kinds import read_settings
 from train.reports.tables import Row
 from train.runs.folder import (
-    CHECKPOINT,
     CONFIG,
     METRICS,
     RESULTS,
     RUN,
     SELF_PLAY,
-    load_final,
     load_results,
     read_config,
     read_metrics,
@@ -171,14 +169,13 @@ def read_several(folders: Sequence[Path]) -> StudyRows:
     """Runs, sweeps and ablations as one study, with a group per run and per setting of a sweep.
 
     Raises:
-        ValueError: a folder without complete runs, or runs with different objectives.
+        ValueError: a folder without results, or runs with different objectives.
     """
     names = entry_names([str(folder) for folder in folders], lambda entry: False)
     whole = StudyRows(Layout(", ".join(names)), varying=["_group"])
     for name, folder in zip(names, folders, strict=True):
         single = (folder / CONFIG).exists()
         if single:
-            evaluate_run(folder)
             row, measures, curve = read_run(folder)
             study = StudyRows(Layout(name), measures=measures, curves={folder.name: curve})
             study.rows = [row | {"_group": name, "_x": ""}]
@@ -203,25 +200,6 @@ def read_several(folders: Sequence[Path]) -> StudyRows:
     )
     whole.everything = whole.rows
     return whole
-
-
-def evaluate_run(folder: Path) -> None:
-    """Write the results of a run without any, or with those of an earlier checkpoint.
-
-    Raises:
-        ValueError: it has no checkpoint, or cannot be opened.
-    """
-    if (folder / RESULTS).exists() and not load_results(folder).get("outdated"):
-        return
-    check(
-        (folder / CHECKPOINT).exists(),
-        f"{folder}: no results and no checkpoint yet; continue this run with --resume {folder}",
-    )
-    run = open_run(folder)
-    run.results(**load_final(folder).arguments())
-    run.trainee.close()
-    if run.lock is not None:
-        run.lock.release()
 
 
 # -- one run ---------------------------------------------------------------------------------------

@@ -173,7 +173,7 @@ def _draw_panel(axis: Axes, panel: Panel, log: bool, gaps: Sequence[Array]) -> N
     if panel.note:
         axis.text(0.5, 0.5, panel.note, transform=axis.transAxes, ha="center", va="center")
         axis.set_yticks([])
-    elif panel.scale == "gap":
+    elif panel.scale == "gap" and gaps:  # none before the first evaluation
         gap_axis(axis, "y", np.concatenate(gaps))
     elif panel.scale == "log":
         log_axis(axis, "y")

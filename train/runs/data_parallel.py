@@ -43,6 +43,7 @@ from train.runs.parts import parts_of
 from train.runs.threads import can_fork, prepare_torch
 from train.runs.training_state import build_env_and_learner, training_state
 from train.settings.run import AgentSettings
+from train.tensors import own_defaults
 
 END_TIMEOUT = 1.0
 """Seconds that a process has to end by itself after the connection is closed."""
@@ -255,6 +256,7 @@ def serve(
         replica.send(ProcessEnded(text))
 
 
+@own_defaults()
 def serve_messages(replica: Replica, settings: AgentSettings) -> None:
     """Build the learner for a share of the games, and handle messages."""
     prepare_torch(1, settings.seed)

@@ -23,6 +23,7 @@ from train.networks.policy import NetworkPolicy
 from train.networks.recurrent_policy import RecurrentPolicy
 from train.networks.separate import SeparateNetworks
 from train.networks.small_game_policy import SmallGamePolicy
+from train.tensors import own_defaults
 
 SUFFIXES = (".onnx", ".pt2")
 
@@ -39,6 +40,7 @@ class ActionProbabilities(nn.Module):
         return torch.softmax(self.network.logits(observation).float(), dim=-1)
 
 
+@own_defaults()
 def export_policy(policy: Any, path: Path | str) -> Path:
     """Write the network of a policy as `.onnx` (ONNX) or `.pt2` (`torch.export`).
 

@@ -143,15 +143,18 @@ class Run(Generic[T]):
             self.figures = state.get("figures", {})
             set_random_states(state)
             self.saved_frames = trainee.frames
-            self.rows = self._rows_of_checkpoint() if state.get("rows", 1) else []
+            self.rows = self._rows_of_checkpoint(state.get("rows"))
 
-    def _rows_of_checkpoint(self) -> list[dict[str, float]]:
-        """The rows of `metrics.csv` up to the checkpoint: later evaluations will be repeated.
+    def _rows_of_checkpoint(self, count: int | None) -> list[dict[str, float]]:
+        """The first `count` rows of `metrics.csv` up to the checkpoint: later evaluations will be
+        repeated. None: all of them, in checkpoints of earlier versions.
 
         A last row that is not due, of a run that its user stopped, is dropped: other runs do not
         have it.
         """
-        rows = read_metrics(self.folder, self.trainee.objective.column)
+        if count == 0:
+            return []
+        rows = read_metrics(self.folder, self.trainee.objective.column)[:count]
         rows = [row for row in rows if row["frames"] <= self.trainee.frames]
         done = [
             int(EVALUATIONS * self.budget.progress(row["seconds"], int(row["frames"])))
@@ -209,18 +212,21 @@ class Run(Generic[T]):
         self.dry_run()
         while True:
             # Counted by progress, so that a resumed run has the same evaluations.
-            if self.due > self.evaluations or self.stopped:
+            last = self.rows[-1]["frames"] if self.rows else -1.0
+            if self.due > self.evaluations or (self.stopped and last < trainee.frames):
                 self._record(signals, board, report)
             if self.progress >= 1.0 or self.stopped:
                 return
-            last = f"the last one took {spent:.0f} s" if spent else "the first one compiles kernels"
-            told = f"saving after this iteration ({last}); another signal ends without saving"
+            before = f"the last one took {spent:.0f} s" if spent else "the first compiles kernels"
+            told = f"saving after this iteration ({before}); another signal ends without saving"
             with signals.held("" if 0.0 < spent < 1.0 else told):
                 if choice is not None:
                     choice.choose()
                 began = self.budget.now()
                 with self._watched():
-                    self.figures = trainee.iterate(self)
+                    figures = trainee.iterate(self)
+                # Plain numbers, as the checkpoint holds them.
+                self.figures = {name: float(value) for name, value in figures.items()}
                 spent = self.budget.now() - began
                 self.seconds += spent
                 if choice is not None:
@@ -369,7 +375,7 @@ class Run(Generic[T]):
             "seconds": round(self.seconds, 3),
             "clock": self.budget.clock,
             "frames_per_second": round(trainee.frames / max(self.seconds, 1e-9), 1),
-            "interrupted": self.progress < 1.0,
+            "interrupted": not self.is_trained,
             "parts": recorded_parts(self.folder / CONFIG),
             "versions": versions(),
             "machine": machine(),

@@ -29,7 +29,7 @@ from train.runs.tasks import agent_of, task_of
 from train.schemas import read_as
 from train.settings.task import TaskSettings
 from train.teaching.mazes import titled
-from train.tensors import first_not_finite, loaded
+from train.tensors import first_not_finite, loaded, own_defaults
 
 
 class StableBaselinesNetwork(torch.nn.Module):
@@ -77,6 +77,7 @@ def save_stable_baselines(
     write_json(description_of(path), described)
 
 
+@own_defaults()
 def load_stable_baselines(
     path: Path | str,
     greedy: bool | None = True,

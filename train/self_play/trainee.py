@@ -263,10 +263,11 @@ class SelfPlay:
             solved = is_exact_team(self.task, pair, limits.response_work)
             learned = {role: pair[role] for role in self.sides if solved}
             content["exact_best_response"] = exact_best_responses(self.task, learned)
-        elif not known and settings.best_response_seconds:
-            content["approximate_best_response"] = approximate_best_responses(self, episodes)
         how = (episodes, limits.team_work, content.get("exact_best_response", {}))
-        return content | team_references(self.task, pair, [*self.sides], *how)
+        content |= team_references(self.task, pair, [*self.sides], *how)
+        if not known and not exact_team and settings.best_response_seconds:
+            content["approximate_best_response"] = approximate_best_responses(self, episodes)
+        return content
 
     def content(self, game: Plain, evaluation: dict[str, float], played: Plain) -> Plain:
         """The entries of all results: of this game, evaluation and policies against others."""

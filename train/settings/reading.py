@@ -54,8 +54,8 @@ def plain_settings(flat: Mapping[str, object]) -> Plain:
 
 
 def is_whole_float(value: object) -> TypeGuard[float]:
-    """Whether it is a float without a fraction, as 1e6."""
-    return isinstance(value, float) and value.is_integer()
+    """Whether it is a float that is exactly a whole number, as 1e6."""
+    return isinstance(value, float) and value.is_integer() and abs(value) <= 2**53
 
 
 def typed(form: Any, given: Mapping[str, object]) -> Plain:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import repeat
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 
 from pursuit.mazes.maze import Maze
 from pursuit.observations.observations import PLANES
-from pursuit.rendering.marks import AgentMark, outcome_of
+from pursuit.rendering.marks import outcome_of
 from pursuit.replays.adapters import POSITIONS, Plain, State
 from pursuit.replays.viewer.page import page
 from pursuit.rules.arrays import Array
@@ -145,21 +144,16 @@ class Builder:
         item["goals"] = [
             [int(goals[0, goal]), _first(goals[:, goal] < 0)] for goal in range(goals.shape[1])
         ]
-        if task.most_exits:
-            left = np.any(events & ESCAPED, axis=0).tolist()
-            item["escaped"] = [
-                gone and role == "evader" for gone, role in zip(left, task.seat_roles, strict=True)
-            ]
-        marks = [
-            AgentMark(name, int(positions[-1, seat]), gone is None, escaped)
-            for seat, (name, gone, escaped) in enumerate(
-                zip(
-                    task.agent_names, item["gone"], item.get("escaped", repeat(False)), strict=False
-                )
-            )
+        evaders = slice(task.num_chasers, task.num_chasers + task.num_evaders)
+        left = np.zeros(task.num_agents, dtype=bool)
+        left[evaders] = np.any(events[:, evaders] & ESCAPED, axis=0)
+        item["escaped"] = left.tolist()
+        fates = [
+            "free" if gone is None else "escaped" if escaped else "captured"
+            for gone, escaped in zip(item["gone"][evaders], item["escaped"][evaders], strict=True)
         ]
         taken = [gone for _, gone in item["goals"] if gone != 0]  # others are not in this game
-        item["outcome"] = outcome_of(marks, taken.count(None), len(taken))
+        item["outcome"] = outcome_of(fates, taken.count(None), len(taken))
         item["events"] = [
             [int(step), int(agent), kind]
             for kind, bit in (("collected", COLLECTED), ("captured", CAPTURED))

@@ -13,7 +13,7 @@ import pytest
 from pursuit import escape_v0
 from pursuit.environments.parallel import scene_of
 from pursuit.mazes.maze import Maze
-from pursuit.rendering.marks import AgentMark, outcome_of
+from pursuit.rendering.marks import outcome_of
 from pursuit.rendering.rendering import CAPTURED, EXIT, ROLE_COLORS, Scene
 from pursuit.replays.recorder import Recorder
 from pursuit.replays.replay import Replay
@@ -106,7 +106,7 @@ def test_exits_are_drawn_and_escaped_evaders_on_them_in_grey() -> None:
     assert blue[1] < 0.6 * blue[0] and grey[1] > 0.3 * blue[0] > grey[0] == 0
     crossed = replace(after, agents=tuple(replace(agent, escaped=False) for agent in after.agents))
     assert (crossed.draw() != after.draw()).any()
-    assert outcome_of(after.agents, 0, 0) == "1 escaped, 1 free"
+    assert [agent.fate for agent in after.agents] == ["", "escaped", ""]
     simulator.step([[0, 0, 0]])  # it is still known in later steps
     assert scene_of(simulator).agents == after.agents
     simulator.place([2, 1, 0])
@@ -115,16 +115,23 @@ def test_exits_are_drawn_and_escaped_evaders_on_them_in_grey() -> None:
     near = Simulator(Task(LINE, 1, 1, exits=[3], capture="adjacent"), auto_restart=False)
     near.place([1, 2])
     near.step([[2, 2]])  # captured on the exit from the cell beside it
-    assert outcome_of(scene_of(near).agents, 0, 0) == "captured"
+    assert scene_of(near).agents[1].fate == "captured"
+
+
+def test_what_became_of_an_evader_is_known_from_the_scene_before() -> None:
+    """Also of one that was captured on an exit that the chaser has left."""
+    simulator = Simulator(Task(LINE, 1, 2, exits=[3]), auto_restart=False)
+    simulator.place([3, 2, 0])
+    scene = None
+    for moves in ([2, 2, 0], [3, 0, 0]):
+        simulator.step([moves])
+        scene = scene_of(simulator, before=scene)
+    assert scene is not None
+    seen = [agent.fate for agent in scene.agents]
+    assert seen[1] == "captured" and scene_of(simulator).agents[1].fate == "escaped"
 
 
 def test_the_outcome_counts_evaders_and_goals() -> None:
-    def marks(*fates: str) -> list[AgentMark]:
-        return [
-            AgentMark(f"evader_{n}", 0, fate == "free", fate == "escaped")
-            for n, fate in enumerate(fates)
-        ]
-
     for fates, goals, said in (
         (("escaped",), (0, 0), "escaped"),
         (("captured", "free", "captured"), (0, 0), "2 captured, 1 free"),
@@ -132,7 +139,7 @@ def test_the_outcome_counts_evaders_and_goals() -> None:
         ((), (1, 3), "1 goal left"),
         ((), (2, 3), "2 goals left"),
     ):
-        assert outcome_of(marks(*fates), *goals) == said
+        assert outcome_of(fates, *goals) == said
 
 
 def test_pages_show_exits_and_escapes() -> None:
