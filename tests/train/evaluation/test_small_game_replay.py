@@ -186,6 +186,13 @@ def test_what_cannot_be_drawn_is_shown_as_text_with_one_warning(form: str, messa
     assert len(world["states"]) > 3
 
 
+def test_texts_that_no_file_can_have_are_shown_with_other_characters() -> None:
+    game: Any = Corridor()
+    game.draw = lambda state: f"\ud800 {state}"
+    world, _, _ = described(GameTask(enumerate_game(game), "corridor", 5), 1.0)
+    assert {state["drawing"] for state in world["states"]} >= {"? (0, 4)", "? (1, 4)"}
+
+
 def test_animations_show_the_text_of_states() -> None:
     task = GameTask(enumerate_game(Corridor()), "corridor", 5)
     uniform = {n: TableAgent(task, n, uniform_table(task.game, n)) for n in task.game.players}

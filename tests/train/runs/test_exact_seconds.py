@@ -48,6 +48,10 @@ def test_the_limit_is_kept_and_named(
     whole = run.results(8, None, lambda *given: told.append(given))
     solved = [what for what, _ in told if what.startswith("exact solution of ")]
     assert solved and "exact_limit" not in whole
+    if "7x7" not in given.values():  # so small that the limit leaves nothing out
+        for seconds in (0.0, 1e-9):
+            small = run.results(8, seconds)
+            assert "exact_limit" not in small and small["evaluation"] == whole["evaluation"]
     monkeypatch.setattr(long_work, "MAX_EXACT_WORK", 0)
     found = []
     for seconds in (0.0, 1e-9):

@@ -37,7 +37,7 @@ from train.runs.folder import (
     read_metrics,
 )
 from train.runs.interruption import Stopped
-from train.runs.loop import Budget
+from train.runs.loop import Budget, Run
 from train.runs.parts import settings_of
 from train.runs.single import SingleAgent
 from train.self_play import report as self_play_report
@@ -309,6 +309,109 @@ def test_a_run_that_was_interrupted_has_the_rows_of_one_that_was_not(
     run.train()
     frames = [[row["frames"] for row in read_metrics(f)] for f in (whole.folder, run.folder)]
     assert frames[0] == frames[1] and set(np.diff(frames[0])) == {512.0}
+
+
+def interrupted_at(kind: str, settings: Any, folder: Path, frames: int) -> None:
+    """Start a run, and interrupt it in the evaluation after so many frames."""
+    run = start(kind, settings, folder)
+    evaluate = run.trainee.evaluate
+
+    def stopped() -> dict[str, float]:
+        if run.trainee.frames >= frames:
+            signal.raise_signal(signal.SIGINT)
+        return evaluate()
+
+    run.trainee.evaluate = stopped
+    with pytest.raises(Stopped):
+        run.train()
+    run.lock.release()  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize("command", ["train", "self-play"])
+def test_a_run_without_its_last_evaluation_is_not_complete(command: str, tmp_path: Path) -> None:
+    kind, settings = KIND[command], MAKE[command]()
+    interrupted_at(kind, settings, tmp_path, settings.frames)
+    run = open_run(tmp_path)
+    assert run.progress == 1.0 and not run.is_trained
+    run.results(4)
+    assert load_results(tmp_path)["interrupted"] and not is_complete(tmp_path)
+    run.train()
+    run.results(4)
+    assert is_complete(tmp_path)
+    assert read_metrics(tmp_path)[-1]["frames"] == run.trainee.frames
+
+
+def test_a_row_is_not_repeated_where_the_next_process_fails_in_its_first_save(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    settings = MAKE["train"]()
+    interrupted_at(RUN, settings, tmp_path, settings.frames // 2)
+
+    def full(run: Any) -> None:
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patch, pytest.raises(OSError, match="space"):
+        patch.setattr(Run, "save", full)
+        failed = open_run(tmp_path)
+        failed.train()
+    failed.lock.release()  # type: ignore[union-attr]
+    run = open_run(tmp_path)
+    run.train()
+    frames = [row["frames"] for row in read_metrics(tmp_path)]
+    assert frames == sorted(set(frames)) and frames[-1] == run.trainee.frames
+
+
+def test_what_a_user_has_stopped_is_evaluated_once(tmp_path: Path) -> None:
+    run = start(RUN, MAKE["train"](), tmp_path)
+    run.train(lambda run, row: run.__setattr__("stopped", run.stopped or not row))
+    rows = read_metrics(tmp_path)
+    assert 0.0 < run.progress < 1.0 and rows[-1]["frames"] == run.trainee.frames
+    run.train()
+    assert read_metrics(tmp_path) == rows
+
+
+def test_figures_of_numpy_do_not_damage_the_checkpoint(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    iterate = SingleAgent.iterate
+
+    def figures(*given: Any) -> dict[str, float]:
+        return {name: np.float64(value) for name, value in iterate(*given).items()}
+
+    monkeypatch.setattr(SingleAgent, "iterate", figures)
+    run = start(RUN, MAKE["train"](), tmp_path)
+    run.train()
+    assert run.figures and run.lock is not None
+    run.lock.release()
+    assert open_run(tmp_path).figures == run.figures
+
+
+@pytest.mark.parametrize("command", ["train", "self-play"])
+def test_a_run_is_reported_that_was_interrupted_before_its_first_evaluation(
+    command: str, tmp_path: Path
+) -> None:
+    run = start(KIND[command], replace(MAKE[command](), frames=10**8), tmp_path / "run")
+    with pytest.raises(Stopped):
+        run.train(lambda run, row: row or signal.raise_signal(signal.SIGTERM))
+    run.lock.release()  # type: ignore[union-attr]
+    assert status_of("report", tmp_path / "run", "--out", tmp_path / "report") == 0
+    assert status_of("view", tmp_path / "run", "--no-open", "--out", tmp_path / "page.html") == 0
+    assert load_results(tmp_path / "run")["interrupted"]
+
+
+def test_a_progress_line_ends_where_the_next_work_begins(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """In a terminal, also if the share of the work is not known."""
+    now = iter(np.arange(0.0, 100.0, 3.0))
+    monkeypatch.setattr(progress, "perf_counter", lambda: next(now))
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    with progress.ProgressLine() as tell:
+        for what, share in (("long", 0.1), ("long", 0.5), ("b", np.nan), ("b", np.nan), ("c", 0)):
+            tell(what, share)
+        tell("c", 0.25)
+    lines = capsys.readouterr().err.replace("\x1b[K", "").split("\n")
+    assert lines == ["\rlong:  50 %, 3 s", "\rb: 3 s", "\rc:  25 %, 3 s", ""]
 
 
 def test_a_run_without_readable_metrics_is_not_resumed(

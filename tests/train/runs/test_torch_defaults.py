@@ -24,6 +24,7 @@ RUNS: dict[str, tuple[str, dict[str, Any]]] = {
     "ppo": (RUN, PPO),
     "gru": (RUN, {**PPO, "recurrent": "gru"}),
     "planes": (RUN, {**PPO, "observation": "planes"}),
+    "two processes": (RUN, {**PPO, "processes": 2}),
     "dqn": (RUN, {**MAZE, "algorithm": "dqn"}),
     "cross-entropy": (RUN, {**MAZE, "algorithm": "cross_entropy"}),
     "q-learning": (RUN, {**MAZE, "algorithm": "q_learning"}),
