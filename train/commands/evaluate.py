@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -226,7 +227,7 @@ def evaluate_and_print(
         gap = UNKNOWN if loaded.gamma is None else objective_gap(own, loaded.gamma)
         return own, found, evaluation_of(found, chosen, own, gap, policies[evaluated])
 
-    with ProgressLine() as tell:
+    with closing(ProgressLine()) as tell:
         (contest, found, results), limit = in_time(solve, given.exact_seconds, tell)
     if not scores:
         print_scores(found, contest)

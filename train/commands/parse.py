@@ -14,7 +14,7 @@ from dataclasses import fields, is_dataclass
 from functools import cache
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, NoReturn, TextIO, TypeVar, get_origin
+from typing import Any, NoReturn, TypeVar, get_origin
 
 import tyro
 from docstring_parser import parse_from_object
@@ -42,18 +42,13 @@ def warnings_in_lines() -> Iterator[None]:
     said = set[str]()
 
     def show(
-        message: Warning | str,
-        category: type[Warning],
-        filename: str,
-        lineno: int,
-        file: TextIO | None = None,
-        line: str | None = None,
+        message: Any, category: Any, filename: str, lineno: int, *rest: Any, **more: Any
     ) -> None:
         text = " ".join(str(message).split())
         if issubclass(category, RuntimeWarning):
             text += f" ({Path(filename).name}:{lineno})"
         elif not issubclass(category, UserWarning):
-            others(message, category, filename, lineno, file, line)
+            others(message, category, filename, lineno, *rest, **more)
             return
         if text not in said:
             said.add(text)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from math import isnan
 from pathlib import Path
@@ -34,18 +35,15 @@ QUIET = 2.0
 class ProgressLine:
     """Reports the progress of long work on stderr; nothing for work of a few seconds.
 
-    In a terminal one line is updated, elsewhere a line is printed every ten seconds. A context
-    manager, which ends an open line.
+    In a terminal one line is updated, elsewhere a line is printed every ten seconds.
     """
 
     def __init__(self) -> None:
         self.began = self.reported = perf_counter()
         self.what, self.open = "", False
 
-    def __enter__(self) -> ProgressLine:
-        return self
-
-    def __exit__(self, *raised: object) -> None:
+    def close(self) -> None:
+        """End an open line."""
         if self.open:
             self.open = False
             print(file=sys.stderr)
@@ -54,7 +52,7 @@ class ProgressLine:
         """Report the current work, and its completed share in [0, 1]."""
         now, live = perf_counter(), sys.stderr.isatty()
         if what != self.what:
-            self.__exit__()
+            self.close()
             self.what, self.began, self.reported = what, now, now
         elif now - self.reported >= (0.5 if live else 10.0) and now - self.began >= QUIET:
             self.reported, self.open = now, live
@@ -199,7 +197,7 @@ def finish_run(
                 with TrainingProgress() as watch:
                     run.train(watch)
             began = perf_counter()
-            with ProgressLine() as tell:
+            with closing(ProgressLine()) as tell:
                 content = run.results(**final.arguments(), tell=tell)
             if (spent := perf_counter() - began) >= QUIET:
                 print(f"final evaluation: {spent:.0f} s", file=sys.stderr)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -62,7 +63,7 @@ def report(arguments: Sequence[str]) -> None:
     else:
         out = options.out or (Path("comparison") if only is None else only / "report")
         check_output_folder(out, is_of_several, options.overwrite)
-        with ProgressLine() as tell:
+        with closing(ProgressLine()) as tell:
             evaluate_runs([run for run in options.folders if (run / CONFIG).exists()], tell)
         written = report_several(options.folders, out, options.x, options.log)
     print((written / "report.md").read_text(encoding="utf-8"))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -71,7 +72,7 @@ def report_again(folder: Path, out: Path | None) -> Path:
     from train.self_play.small_games import SmallGamePlay
 
     kind, _ = read_settings(folder)
-    with ProgressLine() as tell:
+    with closing(ProgressLine()) as tell:
         evaluate_runs([folder], tell)
     if kind == SELF_PLAY:
         trainee: Any = open_run(folder).trainee

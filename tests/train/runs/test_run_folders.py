@@ -406,7 +406,7 @@ def test_a_progress_line_ends_where_the_next_work_begins(
     now = iter(np.arange(0.0, 100.0, 3.0))
     monkeypatch.setattr(progress, "perf_counter", lambda: next(now))
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
-    with progress.ProgressLine() as tell:
+    with contextlib.closing(progress.ProgressLine()) as tell:
         for what, share in (("long", 0.1), ("long", 0.5), ("b", np.nan), ("b", np.nan), ("c", 0)):
             tell(what, share)
         tell("c", 0.25)
