@@ -148,6 +148,7 @@ class SingleAgent:
 
     def results(self, episodes: int) -> Plain:
         """Scores of the references and of the trained policy, greedy and sampled."""
+        # A copy has no solutions: they count as time of these results.
         contest = self._final = replace(self.final_contest(episodes))
         policies: dict[str, Any] = {"learned": self.learner.policy()}
         if self.parts.algorithm.learns_distribution:
