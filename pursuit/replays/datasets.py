@@ -50,11 +50,11 @@ def export_minari(
     if not isinstance(inner, SingleAgentEnv):
         raise ValueError(f"env={env!r}; give a single-agent environment of Pursuit in a maze")
     episodes, seed = whole("episodes", episodes, 1), checked_seed(seed)
+    check_id(dataset)
     check(
         hasattr(policy, "act") or callable(policy),
         f"policy={policy!r}; give a Policy, or a function of observations",
     )
-    check_id(dataset)
     path = get_dataset_path(dataset)
     if path.exists():
         raise ValueError(

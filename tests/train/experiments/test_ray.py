@@ -71,7 +71,7 @@ episodes = 5
 task = "maze"
 maze = "3x3"
 algorithm = "a2c"
-frames = 400000
+frames = 8000000
 num_games = 32
 [search]
 samples = 4
