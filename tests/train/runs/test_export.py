@@ -202,6 +202,17 @@ def test_a_minari_dataset_holds_the_episodes(
     for wrong in (*others, "a" * 300 + "-v0"):
         with pytest.raises(ValueError, match="give an id NAMESPACE/NAME-vNUMBER"):
             pursuit.export_minari(wrong, env, rng)  # type: ignore[arg-type]
+    for policy, said in (
+        (rng, "give a Policy, or a function"),
+        ("runs/first", "give a Policy, or a function"),
+        (lambda seen: None, "the policy returned None; return an array of one action"),
+        (lambda seen: 0, "the policy returned 0; return an array of one action"),
+    ):
+        with pytest.raises(ValueError, match=said):
+            pursuit.export_minari("pursuit/wrong-v0", env, policy)  # type: ignore[arg-type]
+    numbers: Any = {"episodes": np.int64(1), "seed": np.int32(3)}
+    pursuit.export_minari("pursuit/zero-v1", env, lambda seen: [0], **numbers)
+    minari.delete_dataset("pursuit/zero-v1")
     assert set(minari.list_local_datasets()) == {"pursuit/test-v0", "pursuit/zero-v0"}
     with pytest.raises(ValueError, match="give a single-agent environment of Pursuit"):
         pursuit.export_minari("pursuit/arm-v0", gymnasium.make("pursuit/Reacher-v0"), AStarChaser())
