@@ -60,7 +60,15 @@ def trained(name: str, folder: Path) -> dict[str, Any]:
     return kept
 
 
-CASES = [(name, DEFAULTS[number % 3]) for number, name in enumerate(RUNS)]
+CASES = [
+    pytest.param(
+        name,
+        DEFAULTS[number % 3],
+        marks=[pytest.mark.slow] * ("processes" in given),
+        id=f"{name}-{DEFAULTS[number % 3]}",
+    )
+    for number, (name, (_, given)) in enumerate(RUNS.items())
+]
 
 
 @pytest.mark.filterwarnings("ignore:frames=")
