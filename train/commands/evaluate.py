@@ -207,6 +207,7 @@ def evaluate_and_print(
     more: Plain = {}
     print(contest.line())
     if isinstance(contest, SuiteContest):
+        check_default(given, type(given), ["exact_seconds"], "it is for games in one maze")
         contest = replace(contest, exact=all(map(is_known, policies.values())))
         played = evaluate_in_mazes(contest, policies, given.table)
         scores = [each.score(given.episodes) for each in played]

@@ -21,7 +21,7 @@ from scripted_agents.limits import (
     is_single_runner,
     work_of,
 )
-from scripted_agents.long_work import OutOfTime
+from scripted_agents.long_work import OutOfTime, why_no_time
 from scripted_agents.tolerances import EQUAL_VALUES
 from scripted_agents.tours.objective import tour_objective_gap
 from train.evaluation.contest import OUTCOMES, GameContest
@@ -79,6 +79,8 @@ def objective_gap(contest: AnyContest, discount: float) -> ObjectiveGap:
     try:
         return _joint_gap(contest, discount)
     except OutOfTime:  # the optimum is known already
+        if why_no_time(work_of(contest.task)) is None:
+            raise
         return UNKNOWN
 
 

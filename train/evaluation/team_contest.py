@@ -196,7 +196,8 @@ def team_results(
     try:
         members = contest.members(policy) if why is None else {}
     except OutOfTime:  # what is solved already is kept
-        why = why_no_time(work_of(contest.task))
+        if (why := why_no_time(work_of(contest.task))) is None:
+            raise
     content: Plain = {
         "role": contest.role,
         "size": len(contest.seats),

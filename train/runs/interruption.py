@@ -53,13 +53,13 @@ class Signals:
             signal.signal(number, handler)
 
     @contextlib.contextmanager
-    def held(self, told: str = "") -> Iterator[None]:
+    def held(self, message: str = "") -> Iterator[None]:
         """A part that the first signal does not end: `Stopped` is raised after it.
 
         Args:
-            told: printed to stderr at the signal, unless it is empty.
+            message: printed to stderr at the signal, unless it is empty.
         """
-        self._holds = told
+        self._holds = message
         try:
             yield
         finally:

@@ -218,8 +218,8 @@ class Run(Generic[T]):
             if self.progress >= 1.0 or self.stopped:
                 return
             before = f"the last one took {spent:.0f} s" if spent else "the first compiles kernels"
-            told = f"saving after this iteration ({before}); another signal ends without saving"
-            with signals.held("" if 0.0 < spent < 1.0 else told):
+            message = f"saving after this iteration ({before}); another signal ends without saving"
+            with signals.held("" if 0.0 < spent < 1.0 else message):
                 if choice is not None:
                     choice.choose()
                 began = self.budget.now()

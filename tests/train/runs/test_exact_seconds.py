@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -67,6 +68,25 @@ def test_the_limit_is_kept_and_named(
     assert "exact_limit" not in run.results(8, 60.0)
 
 
+@pytest.mark.filterwarnings("ignore:frames=")
+@pytest.mark.parametrize("name", ["one of a team", "team"])
+def test_small_games_lose_nothing_whenever_the_time_is_over(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each look at the clock takes a second."""
+    kind, given = RUNS[name]
+    run = start(kind, settings_of(**{**SMALL, **given}), tmp_path)
+    run.train()
+    whole = run.results(8)
+    clock = count()
+    monkeypatch.setattr(long_work, "perf_counter", lambda: float(next(clock)))
+    for seconds in (2.0, 9.0, 20.0, 40.0, 60.0, 90.0, 140.0, 200.0):
+        content = run.results(8, seconds)
+        assert "exact_limit" not in content
+        for part in ("evaluation", "team", "scores"):
+            assert content.get(part) == whole.get(part), (seconds, part)
+
+
 def test_commands_tell_limit_and_time(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -87,6 +107,8 @@ def test_commands_tell_limit_and_time(
     assert told in capsys.readouterr().out
     assert status_of("evaluate", out, "--episodes", 4) == 0
     assert "optimal return" in capsys.readouterr().out
+    suite = ["--maze", "suite:5x5-test", "--exact-seconds", "3"]
+    assert "exact_seconds=3.0 has no effect" in error_of(capsys, "evaluate", out, *suite)
     for command in (["evaluate", out], ["train", *options, "--out", out + "2"]):
         told = error_of(capsys, *command, "--exact-seconds", -1)
         assert "exact_seconds=-1.0; give at least 0" in told
