@@ -14,13 +14,13 @@ from pursuit.reacher.state import check_values
 from pursuit.reacher.task import LEAST_TOLERANCE, ReacherTask
 from pursuit.rules.arrays import Array
 from pursuit.rules.randomness import GOLDEN
-from pursuit.simulator.batch import BatchSimulator
+from pursuit.simulator.batch import Batch
 from pursuit.simulator.next_episode import fill, game_indices
 from pursuit.simulator.state import SimulatorState
 from pursuit.validation import as_array
 
 
-class ReacherSimulator(BatchSimulator[ReacherTask], ArmArrays):
+class ReacherSimulator(ArmArrays, Batch[ReacherTask]):
     """A batch of arms of one task, stepped together by compiled kernels.
 
     As in `pursuit.Simulator`, an arm restarts in the step that ends its episode, and the results of
@@ -89,7 +89,7 @@ class ReacherSimulator(BatchSimulator[ReacherTask], ArmArrays):
         self.reset(seed)
 
     def seed(self, seed: int, games: ArrayLike | None = None) -> None:
-        """As `BatchSimulator.seed`; the next pose is drawn even if the task keeps poses."""
+        """As `Batch.seed`; the next pose is drawn even if the task keeps poses."""
         super().seed(seed, games)
         self._coming.fresh[game_indices(games, self.num_games)] = True
 
@@ -169,7 +169,7 @@ class ReacherSimulator(BatchSimulator[ReacherTask], ArmArrays):
             getattr(self._coming, name)[chosen] = numbers
 
     def seed_starts(self, games: ArrayLike | None, seeds: ArrayLike) -> None:
-        """As `BatchSimulator.seed_starts`; the next pose is drawn even if the task keeps poses."""
+        """As `Batch.seed_starts`; the next pose is drawn even if the task keeps poses."""
         super().seed_starts(games, seeds)
         self._coming.fresh[game_indices(games, self.num_games)] = True
 
@@ -183,7 +183,7 @@ class ReacherSimulator(BatchSimulator[ReacherTask], ArmArrays):
         check_values(state, self.task)
 
     def set_state(self, state: SimulatorState, games: ArrayLike | None = None) -> None:
-        """As `BatchSimulator.set_state`; the ends of links follow from the angles."""
+        """As `Batch.set_state`; the ends of links follow from the angles."""
         super().set_state(state, games)
         rules.find_all_ends(self.angles, self.ends)
 
@@ -234,8 +234,8 @@ class ReacherSimulator(BatchSimulator[ReacherTask], ArmArrays):
         arms = Arms(*(array[chosen] for array in self.final))  # type: ignore[arg-type]
         return encode(self.task, arms, encoding)
 
-    def view(self) -> ArmView:
-        """The view of the arms for policies."""
+    def view(self, seat: int | str = 0) -> ArmView:
+        """The view of the arms for policies; `seat` is the only one."""
         return self._view
 
 

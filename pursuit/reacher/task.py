@@ -76,10 +76,20 @@ class ReacherTask:
         if self.hold > self.max_steps:
             raise ValueError(f"hold={self.hold} is above max_steps={self.max_steps}; lower hold")
 
+    agent_names: ClassVar[tuple[str, ...]] = ("arm",)
+    """One agent turns all joints."""
+    num_agents: ClassVar[int] = 1
+
     @property
     def name(self) -> str:
         """The name of the task in results."""
         return "reacher"
+
+    def seat(self, agent: str | int) -> int:
+        """0, the index of the arm; ValueError for another agent."""
+        if agent not in ("arm", 0):
+            raise ValueError(f"agent {agent!r}; give 'arm'")
+        return 0
 
     @property
     def num_choices(self) -> int:

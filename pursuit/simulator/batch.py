@@ -1,9 +1,10 @@
-"""The base class of the simulators of games in mazes and of arms."""
+"""`Batch`: games stepped together, the base of all simulators; and what it knows of a task."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Any, Generic, TypeVar
+from collections.abc import Sequence
+from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,24 +15,58 @@ from pursuit.simulator.next_episode import fill, game_indices
 from pursuit.simulator.state import SimulatorState, check_arrays
 from pursuit.validation import check_bool, checked_seed, whole, whole_numbers
 
-AnyTask = TypeVar("AnyTask")
+
+class Rules(Protocol):
+    """What is known of any task: of games in mazes, of small games, and of arms.
+
+    Attributes:
+        name: in results and messages.
+        max_steps: steps (rounds) after which an episode is truncated.
+        steps_per_round: 2 where two sides move in turns, else 1.
+        agent_names: of all agents, in their order.
+    """
+
+    @property
+    def name(self) -> str: ...  # noqa: D102 -- see the class
+    @property
+    def max_steps(self) -> int: ...  # noqa: D102
+    @property
+    def steps_per_round(self) -> int: ...  # noqa: D102
+    @property
+    def agent_names(self) -> tuple[str, ...]: ...  # noqa: D102
+    @property
+    def num_agents(self) -> int: ...  # noqa: D102
+    def seat(self, agent: str | int) -> int:
+        """The index of an agent, by name or index; ValueError if there is none."""
+
+
+AnyTask = TypeVar("AnyTask", bound=Rules)
 Arrays = tuple[Array, ...]
 
 
-class BatchSimulator(ABC, Generic[AnyTask]):
-    """Seeds, restarts, saved states and copies of a batch of games.
+class Batch(ABC, Generic[AnyTask]):
+    """A batch of games of one task, stepped together: seeds, restarts, saved states and copies.
 
-    Subclasses set the arrays `streams`, `terminated` and `truncated`, and `_arrays`, and call
-    `reset` at the end of their constructor.
+    All environments, training and evaluation play on it. Subclasses implement `step`, `view` and
+    the methods below, set these arrays and `_arrays`, and call `reset` at the end of their
+    constructor.
 
     Args:
         task, num_games, seed, first_game, auto_restart: as of `pursuit.Simulator`.
 
     Raises:
         ValueError: counts or seeds out of range.
+
+    Attributes (live arrays):
+        streams: [num_games, ...] uint64, the random streams.
+        rewards: [num_games, agents] float32, of the last step; of an arm [num_games].
+        returns: likewise float64, the sum of rewards of the episode so far.
+        terminated, truncated: [num_games] bool, of the last step; never both.
     """
 
     streams: NDArray[np.uint64]
+    rewards: NDArray[np.float32]
+    returns: NDArray[np.float64]
     terminated: NDArray[np.bool_]
     truncated: NDArray[np.bool_]
     _arrays: Arrays
@@ -45,6 +80,25 @@ class BatchSimulator(ABC, Generic[AnyTask]):
         checked_seed(seed)
         self.auto_restart = check_bool("auto_restart", auto_restart)
         self.last_seed: int | None = None
+
+    @property
+    @abstractmethod
+    def steps(self) -> NDArray[np.int32]:
+        """[num_games] int32, steps of the episode so far."""
+
+    @abstractmethod
+    def step(self, actions: ArrayLike) -> None:
+        """Step all games with the actions of all agents; ValueError for invalid ones."""
+
+    @abstractmethod
+    def view(self, seat: int | str) -> Any:
+        """The games as the policy of an agent sees them; live."""
+
+    def act(self, policies: Sequence[Any], actions: NDArray[np.int32]) -> None:
+        """Write the actions of all agents with a policy into `actions` [games, agents]."""
+        for seat, policy in enumerate(policies):
+            if policy is not None:
+                actions[:, seat] = policy.act(self.view(seat))
 
     @abstractmethod
     def _start(self, chosen: NDArray[np.bool_]) -> None:

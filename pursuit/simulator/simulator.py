@@ -13,7 +13,7 @@ from pursuit.memory import check_memory
 from pursuit.observations.observations import Encoder
 from pursuit.rules import layout, start_games
 from pursuit.rules.arrays import Array
-from pursuit.simulator.batch import BatchSimulator
+from pursuit.simulator.batch import Batch
 from pursuit.simulator.next_episode import (
     check_waiting,
     fill,
@@ -31,7 +31,7 @@ from pursuit.validation import as_array, one_of, whole_numbers
 __all__ = ["Simulator", "SimulatorState"]
 
 
-class Simulator(BatchSimulator[Task], GameArrays):
+class Simulator(GameArrays, Batch[Task]):
     """A batch of games of one task, stepped together by compiled kernels.
 
     The constructor starts all games. A game restarts in the step that ends its episode, and the

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any, ClassVar, NamedTuple, Protocol
@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from pursuit.memory import check_memory
 from pursuit.rules.arrays import Array
 from pursuit.rules.randomness import draw_uniform
-from pursuit.simulator.batch import BatchSimulator
+from pursuit.simulator.batch import Batch
 from pursuit.simulator.next_episode import fill_epsilon, game_indices
 from pursuit.simulator.state import SimulatorState, check_range
 from pursuit.validation import as_array, check, one_of, shortened, whole
@@ -196,7 +196,7 @@ class StatePolicy(Protocol):
         ...
 
 
-class GameSimulator(BatchSimulator[GameTask]):
+class GameSimulator(Batch[GameTask]):
     """A batch of copies of a game, stepped together by table look-ups.
 
     As in `pursuit.Simulator`, a game restarts in the step that ends its episode, and the results of
@@ -245,7 +245,7 @@ class GameSimulator(BatchSimulator[GameTask]):
         check_memory(f"num_games={count}", count * (60 + 60 * players), "take fewer games")
         self.streams = np.zeros((count, 2 + players), dtype=np.uint64)
         numbers = np.zeros((4, count), dtype=np.int32)
-        self.state, self.steps, self.episode_lengths, self.final_state = numbers
+        self.state, self._steps, self.episode_lengths, self.final_state = numbers
         self.rewards = np.zeros((count, players), dtype=np.float32)
         self.returns, self.episode_returns = np.zeros((2, count, players))
         self.terminated, self.truncated = np.zeros((2, count), dtype=bool)
@@ -253,12 +253,17 @@ class GameSimulator(BatchSimulator[GameTask]):
         self.next_epsilon = np.full((count, players), tables.UNCHANGED)
         self._joints = np.zeros(count, dtype=np.int64)
         self._arrays: tables.Copies = tables.Copies(
-            self.streams, self.state, self.steps, self.rewards, self.returns, self.terminated,
+            self.streams, self.state, self._steps, self.rewards, self.returns, self.terminated,
             self.truncated, self.episode_returns, self.episode_lengths, self.final_state,
             self.epsilon, self.next_epsilon,
         )  # fmt: skip
         self._views: dict[int, StateView] = {}
         self.reset(seed)
+
+    @property
+    def steps(self) -> NDArray[np.int32]:
+        """[num_games] int32, steps of the episode so far."""
+        return self._steps
 
     def _start(self, chosen: NDArray[np.bool_]) -> None:
         tables.start_games(chosen, *self.task.tables, *self._arrays)
@@ -380,9 +385,3 @@ class GameSimulator(BatchSimulator[GameTask]):
             observe = partial(self.observe, seat=number)
             self._views[number] = StateView(self.task, number, *live, observe)
         return self._views[number]
-
-    def act(self, policies: Sequence[StatePolicy | None], actions: NDArray[np.int32]) -> None:
-        """Write the actions of all players with a policy into `actions` [games, players]."""
-        for seat, policy in enumerate(policies):
-            if policy is not None:
-                actions[:, seat] = policy.act(self.view(seat))
