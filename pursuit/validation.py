@@ -39,6 +39,20 @@ def check(condition: bool, message: str) -> None:
         raise ValueError(message)
 
 
+@dataclass(frozen=True)
+class Missing:
+    """In place of a part that a kind of game does not have: the reason, with the remedy."""
+
+    reason: str
+
+
+def need(part: Value | Missing) -> Value:
+    """The part; ValueError with the reason where it is missing."""
+    if isinstance(part, Missing):
+        raise ValueError(part.reason)
+    return part
+
+
 def one_of(what: str, value: Any, choices: Collection[str]) -> Any:
     """`value`, if it is one of `choices`; ValueError otherwise."""
     if not isinstance(value, str) or value not in choices:

@@ -8,15 +8,15 @@ import numpy as np
 
 from pursuit.reacher.simulator import ReacherSimulator
 from pursuit.reacher.task import ReacherTask
-from train.environments.arm_env import ArmEnv
+from train.environments.simulator_env import SimulatorEnv
 from train.networks.arm_policy import ArmSeat
 
 
-def arm_games(num_games: int, seed: int = 0, **task: Any) -> ArmEnv:
+def arm_games(num_games: int, seed: int = 0, **task: Any) -> SimulatorEnv:
     """Arms of a task, as a learner's games."""
     described = ReacherTask(**task)
     simulator = ReacherSimulator(described, num_games, seed, auto_restart=False)
-    return ArmEnv(simulator, ArmSeat(described))
+    return SimulatorEnv(simulator, ArmSeat(described))
 
 
 def steps_of(policy: Any, num_games: int = 500, seed: int = 2**62, **task: Any) -> float:

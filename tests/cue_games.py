@@ -22,6 +22,7 @@ class Rememberer:
 
     features = Features("flat", (2,), np.ones(2))
     num_actions, members, continuous = 2, 1, False
+    critic_features = observed = None
 
     def policy(self, network: Any, greedy: bool = True) -> Any:
         return network

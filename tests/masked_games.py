@@ -11,14 +11,14 @@ from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import make_task
 from scripted_agents.environments import default_policies
 from train.environments.simulator_env import SimulatorEnv
-from train.networks.policy import Seat
+from train.networks.policy import MazeSeat
 
 
 def torchrl_env(role: str, games: int = 16, mask_bumps: bool = True, **settings: Any) -> Any:
     """The learner in one seat, or with several agents of its role in all of theirs."""
     task = make_task("chase", **{"maze": "3x3", "max_steps": 12, **settings})
     simulator = Simulator(task, games, auto_restart=False)
-    seat = Seat(task, role, mask_bumps=mask_bumps)
+    seat = MazeSeat(task, role, mask_bumps=mask_bumps)
     policies = default_policies(task, 0.2)
     others = [None if other == role else policies[other] for other in task.seat_roles]
     return SimulatorEnv(simulator, seat, others, members=seat.members)

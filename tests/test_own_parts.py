@@ -28,7 +28,7 @@ from train.commands.main import main
 from train.environments.simulator_env import SimulatorEnv
 from train.experiments.rows import read_run
 from train.kinds import resume, start
-from train.networks.policy import Seat, sees_cells_only
+from train.networks.policy import MazeSeat, sees_cells_only
 from train.runs.folder import RUN, SELF_PLAY, load_checkpoint
 from train.runs.parts import contest_of, parts_of, settings_of
 from train.runs.provenance import recorded_parts
@@ -131,7 +131,7 @@ def test_the_functions_payment_reaches_every_environment() -> None:
 
     task = make_task("chase", maze="3x3", rewards=name)
     simulator = Simulator(task, 8, auto_restart=False)
-    games = SimulatorEnv(simulator, Seat(task, "chaser"), [None, *many.policies[1:]])
+    games = SimulatorEnv(simulator, MazeSeat(task, "chaser"), [None, *many.policies[1:]])
     before = simulator.positions[:, 0].copy()
     after, _ = games.step_and_maybe_reset(games.reset().set("action", torch.ones(8).long()))
     moved = simulator.positions[:, 0] != before
@@ -331,7 +331,7 @@ def test_what_sees_the_time_is_no_table() -> None:
     assert sees_cells_only(task, "my_parts:Compass") and not sees_cells_only(task, "my_parts:Clock")
     network: Any = SimpleNamespace()
     for name, table in (("my_parts:Compass", True), ("my_parts:Clock", False)):
-        policy = Seat(task, "chaser", name).policy(network)
+        policy = MazeSeat(task, "chaser", name).policy(network)
         assert isinstance(policy, pursuit.simulator.policy.TabularPolicy) == table
         assert isinstance(policy, pursuit.simulator.policy.DistributionPolicy) == table
     team = make_task("chase", maze="3x3", num_chasers=2)

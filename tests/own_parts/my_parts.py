@@ -20,8 +20,8 @@ from pursuit.tasks.moments import After, Before
 from train.algorithms.learner import Build, NetworkLearner, network_loader
 from train.algorithms.registry import Algorithm
 from train.networks.features import Features
-from train.networks.policy import Player
 from train.networks.q_network import QNetwork
+from train.networks.seat import Seat
 from train.self_play.meta_game import Payoffs
 from train.self_play.pool import OpponentPool
 from train.settings.algorithms import NetworkSettings
@@ -343,7 +343,7 @@ class Sarsa(NetworkLearner):
         self.actions = state["actions"]
 
 
-def _network_of(settings: SarsaSettings, player: Player, build: Build) -> QNetwork:
+def _network_of(settings: SarsaSettings, player: Seat, build: Build) -> QNetwork:
     return QNetwork(player.features, player.num_actions, build.hidden(settings)).to(build.device)
 
 

@@ -37,7 +37,7 @@ from train.kinds import start
 from train.machine import has_fast_bfloat16
 from train.networks.actor_critic import ActorCritic
 from train.networks.layers import Hidden
-from train.networks.policy import Seat
+from train.networks.policy import MazeSeat
 from train.runs.folder import RUN
 from train.runs.loop import Run
 from train.runs.parts import settings_of
@@ -57,7 +57,7 @@ def layers(seconds: float) -> None:
     print(f"{'cells, width':<16}{'bag f32':>10}{'bag bf16':>10}{'dense f32':>11}{'dense bf16':>11}")
     for width in (128, 256):
         for maze in ("5x5", "9x9", "15x15"):
-            player = Seat(make_task("maze", maze=maze), "runner")
+            player = MazeSeat(make_task("maze", maze=maze), "runner")
             simulator = Simulator(player.task, 4096)
             observed = torch.from_numpy(simulator.observe("index", 0))
             speeds = []

@@ -23,7 +23,7 @@ from pursuit.reacher.single_agent import ReacherVectorEnv
 from pursuit.reacher.task import ReacherTask
 from train.algorithms.learner import Build
 from train.algorithms.registry import entry
-from train.environments.arm_env import ArmEnv
+from train.environments.simulator_env import SimulatorEnv
 from train.machine import processor
 from train.networks.arm_policy import ArmSeat
 
@@ -43,7 +43,7 @@ def ours(name: str, games: int, gradient_steps: int) -> Callable[[int], None]:
         noise="none",
     )
     simulator = ReacherSimulator(TASK, games, auto_restart=False)
-    learner = entry(name).build(settings, ArmEnv(simulator, ArmSeat(TASK)), Build())
+    learner = entry(name).build(settings, SimulatorEnv(simulator, ArmSeat(TASK)), Build())
     while learner.frames < WARM_UP + 4 * games:
         learner.iterate(0.0)
 

@@ -136,7 +136,7 @@ def step_games(env: VecEnv, now: Seen, action: torch.Tensor) -> tuple[Seen, Seen
     first one of the next episode.
 
     Args:
-        env: the environment; a `LockstepEnv` is stepped without TensorDicts.
+        env: the environment; a `SimulatorEnv` is stepped without TensorDicts.
         now: the observations before the step.
         action: [games, ...].
     """

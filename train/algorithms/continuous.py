@@ -23,7 +23,7 @@ from train.algorithms.off_policy import OffPolicyLearner
 from train.algorithms.replay import Batch, returns_to_expect
 from train.algorithms.rollouts import Figures
 from train.networks.continuous import Critics, DeterministicActor, GaussianActor, polyak_update
-from train.networks.policy import Player
+from train.networks.seat import Seat
 from train.settings.off_policy import ContinuousSettings, SACSettings, TD3Settings
 from train.tensors import State
 
@@ -67,7 +67,7 @@ class ContinuousLearner(OffPolicyLearner, Generic[Actor]):
 
     @classmethod
     def network_of(
-        cls, settings: ContinuousSettings, player: Player, options: Build
+        cls, settings: ContinuousSettings, player: Seat, options: Build
     ) -> DeterministicActor | GaussianActor:
         """A new actor for the player."""
         actor = cls.FORM(player.features, player.num_actions, options.hidden(settings))

@@ -21,12 +21,12 @@ from train.algorithms.learner import Build, has_masks
 from train.networks.actor_critic import ActorCritic
 from train.networks.distributions import masked
 from train.networks.layers import Convolutions, Hidden, IndexLayer
-from train.networks.policy import Player
+from train.networks.seat import Seat
 from train.settings.algorithms import CrossEntropySettings
 from train.tensors import State
 
 if TYPE_CHECKING:  # slow to import; only training needs it
-    from train.environments.lockstep import LockstepEnv
+    from train.environments.simulator_env import SimulatorEnv
 
 
 class CrossEntropy:
@@ -48,7 +48,7 @@ class CrossEntropy:
         frames: environment steps, summed over games.
     """
 
-    def __init__(self, settings: CrossEntropySettings, env: LockstepEnv, options: Build) -> None:
+    def __init__(self, settings: CrossEntropySettings, env: SimulatorEnv, options: Build) -> None:
         self.settings, self.env, self.frames = settings, env, 0
         self.network = network = network_of(settings, env.player, options)
         self._policy = nn.Sequential(network.policy_trunk, network.policy_head)
@@ -168,7 +168,7 @@ class CrossEntropy:
         """Nothing to release."""
 
 
-def check_player(settings: CrossEntropySettings, player: Player) -> None:
+def check_player(settings: CrossEntropySettings, player: Seat) -> None:
     """ValueError for a network that `vmap` does not support."""
     features = player.features
     check(
@@ -177,7 +177,7 @@ def check_player(settings: CrossEntropySettings, player: Player) -> None:
     )
 
 
-def network_of(settings: CrossEntropySettings, player: Player, options: Build) -> ActorCritic:
+def network_of(settings: CrossEntropySettings, player: Seat, options: Build) -> ActorCritic:
     """A new policy network for the player; its value function is not used."""
     hidden = Hidden(settings.width, settings.activation, form="dense")
     action_std = settings.action_std if player.continuous else None

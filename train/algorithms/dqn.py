@@ -13,8 +13,9 @@ from train.algorithms.learner import Build, HasState, VecEnv
 from train.algorithms.off_policy import OffPolicyLearner
 from train.algorithms.replay import NEXT_IDLE, Batch, returns_to_expect, weighted_mean
 from train.networks.distributions import masked
-from train.networks.policy import CRITIC, Player
+from train.networks.policy import CRITIC
 from train.networks.q_network import Mixer, QNetwork
+from train.networks.seat import Seat
 from train.networks.separate import network_with_sharing
 from train.settings.algorithms import QMIXSettings
 from train.settings.off_policy import DQNSettings
@@ -139,7 +140,7 @@ def dqn_loss(
     return weighted_mean(error.square(), batch), error.detach().abs()
 
 
-def network_of(settings: DQNSettings, player: Player, build: Build) -> QNetwork:
+def network_of(settings: DQNSettings, player: Seat, build: Build) -> QNetwork:
     """A new action value network for the player; with separate networks of its agents all."""
 
     def new() -> QNetwork:
@@ -147,7 +148,7 @@ def network_of(settings: DQNSettings, player: Player, build: Build) -> QNetwork:
         return QNetwork(*sizes, settings.dueling, build.fused)
 
     network = network_with_sharing(new, settings, player)
-    features = getattr(player, "critic_features", None)
+    features = player.critic_features
     if isinstance(settings, QMIXSettings) and features is not None and player.members > 1:
         network.mixer = Mixer(features, player.members, settings.mixing_width)
     return cast(QNetwork, network.to(build.device))

@@ -15,7 +15,7 @@ from train.networks.fused_actor_critic import FusedActorCritic, LossCoefficients
 if TYPE_CHECKING:  # slow to import; only training needs them
     from tensordict import TensorDictBase
 
-    from train.environments.lockstep import LockstepEnv
+    from train.environments.simulator_env import SimulatorEnv
 
 
 class FusedEngine:
@@ -31,7 +31,7 @@ class FusedEngine:
 
     name = "fused"
 
-    def __init__(self, env: LockstepEnv, network: FusedActorCritic, steps: int) -> None:
+    def __init__(self, env: SimulatorEnv, network: FusedActorCritic, steps: int) -> None:
         self.env, self.network, self.steps = env, network, steps
         self._now: Frames | TensorDictBase | None = None
 
@@ -95,8 +95,8 @@ class FusedEngine:
 
 def fused_engine(env: VecEnv, network: ActorCritic, steps: int, device: str) -> FusedEngine | None:
     """The fused engine; None if its kernels do not support the network (`fused_actor_critic`) or
-    the environment, which must be a `LockstepEnv` without masks."""
+    the environment, which must be a `SimulatorEnv` without masks."""
     if not steps_tensors(env) or has_masks(env):
         return None
     fused = fused_actor_critic(network, device)
-    return None if fused is None else FusedEngine(cast("LockstepEnv", env), fused, steps)
+    return None if fused is None else FusedEngine(cast("SimulatorEnv", env), fused, steps)

@@ -16,7 +16,7 @@ from pursuit.simulator.policy import Policy
 from pursuit.validation import raised
 from train.environments.hooks import EpisodeHook
 from train.networks.layers import Hidden
-from train.networks.policy import Player
+from train.networks.seat import Seat
 from train.settings.algorithms import NetworkSettings
 from train.tensors import State
 
@@ -40,7 +40,7 @@ class VecEnv(Protocol):
     resume: bool
 
     @property
-    def player(self) -> Player:
+    def player(self) -> Seat:
         """The learning agent."""
 
     @property
@@ -76,7 +76,7 @@ class HasState(Protocol):
 
 
 def steps_tensors(env: VecEnv) -> bool:
-    """Whether an environment is a `LockstepEnv`, which steps without TensorDicts."""
+    """Whether an environment is a `SimulatorEnv`, which steps without TensorDicts."""
     return hasattr(env, "step_tensors")
 
 
@@ -152,14 +152,14 @@ class Build:
 
 
 def network_loader(
-    network_of: Callable[[Any, Player, Build], nn.Module],
-) -> Callable[[Any, Player, State, bool], Policy]:
+    network_of: Callable[[Any, Seat, Build], nn.Module],
+) -> Callable[[Any, Seat, State, bool], Policy]:
     """A function that makes a policy, on the CPU, from the state of a learner.
 
     It raises one of `MISFITS` for the state of other settings.
     """
 
-    def load(settings: Any, player: Player, state: State, greedy: bool = True) -> Policy:
+    def load(settings: Any, player: Seat, state: State, greedy: bool = True) -> Policy:
         network = network_of(settings, player, Build())
         network.load_state_dict(state["network"])
         return player.policy(network.eval(), greedy)

@@ -138,7 +138,7 @@ class PPO(NetworkLearner):
         """The fused engine where its kernels support everything, else the torch engine.
 
         They need fused="auto", the built-in `loss` and `collect`, a critic and no KL target, the
-        CPU, a `LockstepEnv` without masks (`fused_engine`), and a non-recurrent actor-critic on
+        CPU, a `SimulatorEnv` without masks (`fused_engine`), and a non-recurrent actor-critic on
         `index` with one shared trunk of two layers with ReLUs (`fused_actor_critic`).
         """
         settings, own = self.ppo, type(self)

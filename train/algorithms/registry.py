@@ -26,8 +26,7 @@ from train.algorithms import (
 )
 from train.algorithms.learner import Build, Learner, network_loader
 from train.algorithms.rollouts import actor_critic_of
-from train.networks.policy import Player, Seat
-from train.networks.small_game_policy import SmallGameSeat
+from train.networks.seat import Seat
 from train.settings.algorithms import HYPERPARAMETERS, LEARNERS, TUNED_AS, Hyperparameters
 from train.tensors import State
 
@@ -69,7 +68,7 @@ class Algorithm:
     actions: frozenset[str] = frozenset({"discrete"})
     check_player: Callable[[Any, Any], object] = lambda settings, player: None
 
-    def check(self, settings: Hyperparameters, player: Player, device: str, greedy: bool) -> None:
+    def check(self, settings: Hyperparameters, player: Seat, device: str, greedy: bool) -> None:
         """ValueError for unsupported settings or players.
 
         Args:
@@ -89,7 +88,7 @@ class Algorithm:
             greedy or self.learns_distribution,
             f"evaluate='sampled', but {self.name} learns no distribution; use evaluate='greedy'",
         )
-        if self.tabular and isinstance(player, Seat | SmallGameSeat):
+        if self.tabular:
             plain = (device, player.encoding, player.frame_stack, player.features.network)
             check(
                 plain == ("cpu", "index", 1, ""),
@@ -99,10 +98,10 @@ class Algorithm:
         self.check_memory(settings, player)
         self.check_player(settings, player)
 
-    def check_actions(self, player: Player) -> None:
+    def check_actions(self, player: Seat) -> None:
         """ValueError for actions of an unsupported kind."""
         kind = "continuous" if player.continuous else "discrete"
-        numbered = isinstance(player, Seat | SmallGameSeat)
+        numbered = not player.NO_NUMBERS
         able = _names_of(
             lambda other: (
                 kind in other.actions
@@ -122,25 +121,25 @@ class Algorithm:
             f"not have; use {' or '.join(able)}",
         )
 
-    def check_team(self, player: Player) -> None:
+    def check_team(self, player: Seat) -> None:
         """ValueError where it trains all agents of a role, and the player has no role."""
         check(
-            isinstance(player, Seat) or not self.whole_role,
+            not (player.NO_TEAM and self.whole_role),
             f"algorithm={self.name!r} trains the teams of games in mazes; use "
             f"{TUNED_AS.get(self.name, 'ppo')} here",
         )
 
-    def check_memory(self, settings: Hyperparameters, player: Player) -> None:
+    def check_memory(self, settings: Hyperparameters, player: Seat) -> None:
         """ValueError where a recurrent network is configured but not supported."""
         check(
             settings.recurrent is None or self.recurrent,
             f"recurrent={settings.recurrent!r} is not supported by {self.name}; use "
             f"{' or '.join(_names_of(lambda other: other.recurrent))}",
         )
-        what = getattr(player, "NO_MEMORY", None)
         check(
-            settings.recurrent is None or what is None,
-            f"recurrent={settings.recurrent!r} is not supported for {what}; leave it out",
+            settings.recurrent is None or not player.NO_MEMORY,
+            f"recurrent={settings.recurrent!r} is not supported for {player.NO_MEMORY}; leave it "
+            "out",
         )
 
     def check_self_play(self, role: str, agents: int) -> None:

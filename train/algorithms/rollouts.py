@@ -15,7 +15,8 @@ from train.algorithms.table_rollouts import TableCollector, plays_by_tables
 from train.networks.actor_critic import ActorCritic
 from train.networks.distributions import DISTRIBUTION
 from train.networks.fused_actor_critic import LossCoefficients
-from train.networks.policy import CRITIC, Player
+from train.networks.policy import CRITIC
+from train.networks.seat import Seat
 from train.networks.separate import network_with_sharing
 from train.settings.algorithms import ActorCriticSettings
 
@@ -32,14 +33,13 @@ def select(frames: Frames, chosen: torch.Tensor) -> Frames:
     return {name: column.index_select(0, chosen) for name, column in frames.items()}
 
 
-def actor_critic_of(settings: ActorCriticSettings, player: Player, build: Build) -> ActorCritic:
+def actor_critic_of(settings: ActorCriticSettings, player: Seat, build: Build) -> ActorCritic:
     """A new actor-critic network for the player; with separate networks of its agents all."""
 
     def new() -> ActorCritic:
         sizes = (player.features, player.num_actions, build.hidden(settings))
         action_std = settings.action_std if player.continuous else None
-        critic = getattr(player, "critic_features", None)
-        return ActorCritic(*sizes, settings.shared, action_std, critic)
+        return ActorCritic(*sizes, settings.shared, action_std, player.critic_features)
 
     return cast(ActorCritic, network_with_sharing(new, settings, player).to(build.device))
 

@@ -11,10 +11,9 @@ import torch
 from pursuit.observations.masks import ACTION_MASK
 from train.algorithms.collector import Collector, Columns
 from train.networks.actor_critic import ActorCritic
-from train.networks.small_game_policy import SmallGameSeat
 
 if TYPE_CHECKING:  # slow to import; only training needs them
-    from train.environments.small_game_env import SmallGameTrainingEnv
+    from train.environments.simulator_env import SimulatorEnv
 
 Evaluate = Callable[[torch.Tensor, torch.Tensor | None], tuple[Any, torch.Tensor]]
 """(observations, masks) -> the distribution of the actions, and the values."""
@@ -35,7 +34,7 @@ class TableCollector(Collector):
         env, act, steps, device, value: as of `Collector`.
     """
 
-    env: SmallGameTrainingEnv
+    env: SimulatorEnv
 
     def __init__(self, evaluate: Evaluate, keep: str | None, *arguments: Any) -> None:
         super().__init__(*arguments)
@@ -102,7 +101,7 @@ class TableCollector(Collector):
 def plays_by_tables(env: Any, network: ActorCritic, steps: int, device: str) -> bool:
     """Whether rollouts are collected by tables where opponents have some: in small games of two, by
     networks without memory on the CPU, if the states are few for the frames of a rollout."""
-    if not isinstance(env.player, SmallGameSeat) or network.policy_memory is not None:
+    if device != "cpu" or network.policy_memory is not None or env.player.observed is None:
         return False
-    task, most = env.simulator.task, MOST_STATES * steps * env.num_games
-    return device == "cpu" and task.num_agents == 2 and task.game.num_states <= most
+    most = MOST_STATES * steps * env.num_games
+    return env.simulator.task.num_agents == 2 and len(env.player.observed) <= most

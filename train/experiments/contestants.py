@@ -25,7 +25,7 @@ import pursuit
 from pursuit.environments.single_agent import SingleAgentVectorEnv
 from pursuit.simulator.policy import Policy
 from train.experiments.plain_ppo import PlainPPO
-from train.networks.policy import Seat
+from train.networks.policy import MazeSeat
 from train.runs.parts import parts_of
 from train.runs.single import SingleAgent
 from train.runs.stable_baselines import StableBaselinesNetwork
@@ -138,7 +138,7 @@ class CleanRL:
 
     def policy(self, greedy: bool) -> Policy:
         """As `Trainer`."""
-        seat = Seat(self.world.task, self.world.agent, OBSERVATION)
+        seat = MazeSeat(self.world.task, self.world.agent, OBSERVATION)
         return seat.policy(self.learner.network, greedy)
 
     def close(self) -> None:
@@ -191,7 +191,7 @@ class StableBaselines:
 
     def policy(self, greedy: bool) -> Policy:
         """As `Trainer`."""
-        return Seat(self.world.task, self.world.agent, OBSERVATION).policy(self.network, greedy)
+        return MazeSeat(self.world.task, self.world.agent, OBSERVATION).policy(self.network, greedy)
 
     def close(self) -> None:
         """As `Trainer`."""

@@ -12,16 +12,19 @@ from numpy.typing import NDArray
 
 from pursuit.reacher.observations import space_of
 from pursuit.reacher.policy import ArmView
+from pursuit.reacher.simulator import ReacherSimulator
 from pursuit.reacher.task import ReacherTask
+from pursuit.rules.arrays import Array
 from train.networks.features import Features, features_for
 from train.networks.layers import float32_inference
 from train.networks.policy import ActionNetwork, PolicyNetwork
 from train.networks.recurrent_policy import chosen_from, probabilities_of
+from train.networks.seat import Seat
 
 
 @dataclass(frozen=True)
-class ArmSeat:
-    """The agent that moves an arm: the `Player` of the reacher.
+class ArmSeat(Seat):
+    """The agent that moves an arm.
 
     Attributes:
         task: the rules and settings.
@@ -32,11 +35,11 @@ class ArmSeat:
     task: ReacherTask
     encoding: str = "positions"
     network: str = "auto"
+    agent: ClassVar[str] = "arm"  # type: ignore[misc]
     NO_MEMORY: ClassVar[str] = "an arm, which is fully observable"
-    """Why its policies have no memory."""
 
     @property
-    def continuous(self) -> bool:
+    def continuous(self) -> bool:  # type: ignore[override]
         """Whether the task has continuous actions."""
         return not self.task.discrete_actions
 
@@ -44,11 +47,6 @@ class ArmSeat:
     def num_actions(self) -> int:
         """One number for each joint; with discrete actions, the number of combinations."""
         return self.task.joints if self.continuous else self.task.num_choices
-
-    @property
-    def members(self) -> int:
-        """One arm."""
-        return 1
 
     @cached_property
     def features(self) -> Features:
@@ -59,6 +57,19 @@ class ArmSeat:
         """
         shape = space_of(self.task, self.encoding).shape
         return features_for(Features("flat", shape, np.ones(shape)), self.network)
+
+    def bounds(self, batch: ReacherSimulator) -> tuple[Array, Array]:
+        """As of `Seat`."""
+        space = space_of(batch.task, self.encoding)
+        return space.low, space.high
+
+    def observe(self, batch: ReacherSimulator, agents: slice) -> Array:
+        """As of `Seat`."""
+        return batch.observe(self.encoding)[:, None]
+
+    def moves(self, actions: NDArray[Any]) -> Array:
+        """As of `Seat`: the turns of the joints."""
+        return actions if self.continuous else self.task.actions_of(actions)
 
     def policy(self, network: Any, greedy: bool = True) -> ArmNetworkPolicy:
         """A policy from an `ActionNetwork`, or with discrete actions from a `PolicyNetwork`."""

@@ -14,16 +14,18 @@ from numpy.typing import NDArray
 from pursuit.mazes.maze import Maze
 from pursuit.mazes.maze_arrays import lay_out
 from pursuit.observations.custom import AGENT_ID, is_builtin, without_id
-from pursuit.observations.masks import action_masks, has_masks
+from pursuit.observations.masks import action_masks, has_masks, warn_of_masks
 from pursuit.observations.observations import Encoder
+from pursuit.rules.arrays import Array
 from pursuit.rules.layout import Games
 from pursuit.simulator.policy import GameView, pairs_of_cells
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task
 from train.networks.features import Features, dtype_of, features_for, features_of, observed
 from train.networks.frames import Observations, stacked
-from train.networks.joint_policy import JointPolicy
+from train.networks.joint_policy import JointPolicy, parts_of
 from train.networks.layers import Network, float32_inference
+from train.networks.numbering import Numbering, StateNumbers
 from train.networks.recurrent_policy import (
     RecurrentPolicy,
     check_looks,
@@ -31,6 +33,7 @@ from train.networks.recurrent_policy import (
     numbers_fit,
     probabilities_of,
 )
+from train.networks.seat import Seat
 from train.settings.algorithms import STATE
 
 GAMES_AT_ONCE, NUMBERS_AT_ONCE = 65_536, 2**23
@@ -62,32 +65,9 @@ class ActionNetwork(Network, Protocol):
         """
 
 
-class Player(Protocol):
-    """The properties of the learning agent that are not in the specs of the environment."""
-
-    @property
-    def features(self) -> Features:
-        """The features of its observation."""
-
-    @property
-    def continuous(self) -> bool:
-        """Whether actions are continuous: numbers in [-1, 1]."""
-
-    @property
-    def num_actions(self) -> int:
-        """The number of discrete actions, or the dimensions of a continuous action."""
-
-    @property
-    def members(self) -> int:
-        """The number of agents with its role, including itself."""
-
-    def policy(self, network: Any, greedy: bool = True) -> Any:
-        """A policy of this agent with the given network."""
-
-
 @dataclass(frozen=True)
-class Seat:
-    """An agent of a task, or any agent of a role: the `Player` of grid games.
+class MazeSeat(Seat):
+    """An agent of a task in mazes, or any agent of a role.
 
     Attributes:
         task: the game.
@@ -113,12 +93,8 @@ class Seat:
     team: bool = False
     joint: bool = False
     critic: str = ""
-    continuous: ClassVar[bool] = False
-
-    @property
-    def number(self) -> int:
-        """The agent index; for a role that of its first agent."""
-        return self.task.seat(self.agent)
+    NO_NUMBERS: ClassVar[str] = ""
+    NO_TEAM: ClassVar[bool] = False
 
     @property
     def role(self) -> str:
@@ -126,9 +102,9 @@ class Seat:
         return self.task.seat_roles[self.number]
 
     @property
-    def members(self) -> int:
-        """The number of players of that role: its agents, or the team as one player."""
-        return 1 if self.joint else self.task.count(self.role)
+    def team_size(self) -> int:
+        """As of `Seat`."""
+        return self.task.count(self.role)
 
     @property
     def num_actions(self) -> int:
@@ -174,16 +150,51 @@ class Seat:
             return None
         return features_for(features_of(encoder, self.task.num_agents), "auto")
 
-    def critic_observations(self, games: Games) -> Observations:
-        """[games, members, *shape]: the observations of the central critic; requires one."""
+    def critic_bounds(self, batch: Simulator) -> tuple[Array, Array]:
+        """As of `Seat`."""
         assert self.critic_encoder is not None
-        first, last = self.number, self.number + self.members
+        return self.critic_encoder.space.low, self.critic_encoder.space.high
+
+    def critic_observations(self, batch: Simulator) -> Observations:
+        """As of `Seat`."""
+        assert self.critic_encoder is not None
+        games, first, last = batch.games, self.number, self.number + self.members
         if self.critic != STATE:
             return self.critic_encoder.encode(games, slice(first, last))
         state = self.critic_encoder.encode(games, slice(first, first + 1))
         seen = state.repeat(self.members, axis=1)  # entities in one order for all
         seen[:, :, -1] += np.arange(self.members)
         return seen
+
+    @property
+    def numbering(self) -> Numbering:
+        """As of `Seat`; ValueError for several mazes."""
+        return StateNumbers(self.task, self.agent, self.mask_bumps)
+
+    def bounds(self, batch: Simulator) -> tuple[Array, Array]:
+        """As of `Seat`; warns where masks forbid waiting."""
+        if self.mask_bumps:
+            warn_of_masks(batch.task)
+        space = batch.encoder(self.encoding, dtype_of(self.encoding)).space
+        return space.low.astype(space.dtype), space.high.astype(space.dtype)
+
+    def observe(self, batch: Simulator, agents: slice) -> Observations:
+        """As of `Seat`."""
+        encoder = batch.encoder(self.encoding, dtype_of(self.encoding))
+        return encoder.encode(batch.games, agents)
+
+    def allowed(self, batch: Simulator, agents: slice) -> NDArray[np.bool_]:
+        """As of `Seat`."""
+        world = lay_out(batch.task.mazes).world
+        return action_masks(batch.games, world, batch.task, agents, batch.terminated)
+
+    def left(self, batch: Simulator, agents: slice) -> NDArray[np.bool_]:
+        """As of `Seat`: captured or escaped."""
+        return np.asarray(batch.active[:, agents] == 0)
+
+    def moves(self, actions: NDArray[Any]) -> NDArray[np.int32]:
+        """As of `Seat`; joint actions by agent."""
+        return parts_of(actions, self.task, self.role) if self.joint else super().moves(actions)
 
     def policy(self, network: PolicyNetwork, greedy: bool = True) -> Any:
         """A policy with this network: a `JointPolicy` of a team as one player, a `RecurrentPolicy`
@@ -231,7 +242,7 @@ class NetworkPolicy:
         task, agent, encoding: of the seat.
     """
 
-    def __init__(self, network: PolicyNetwork, seat: Seat, greedy: bool = True) -> None:
+    def __init__(self, network: PolicyNetwork, seat: MazeSeat, greedy: bool = True) -> None:
         self.network, self.seat, self.greedy = network, seat, greedy
         self.task, self.agent, self.encoding = seat.task, seat.agent, seat.encoding
         self._shape = seat.features.shape

@@ -102,7 +102,7 @@ class RecurrentPolicy:
     Args:
         network: has `logits(observation)`; a recurrent one has `remember(observation, state)`,
             which returns logits and the next state, and `sizes` of its states.
-        seat: the `Seat` that it was trained in.
+        seat: the `MazeSeat` that it was trained in.
         greedy: the most probable action; False draws from the distribution.
 
     Attributes:

@@ -4,22 +4,26 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pursuit.rules import Games
 from pursuit.rules.arrays import Array
+from pursuit.rules.layout import empty_games
 from pursuit.validation import check
-from scripted_agents.games.simulator import INDEX, GameTask, StateView
-from train.networks.arm_policy import ArmSeat
+from scripted_agents.games.episodes import longest_play
+from scripted_agents.games.simulator import INDEX, GameSimulator, GameTask, StateView
 from train.networks.features import Features, features_for
-from train.networks.policy import NUMBERS_AT_ONCE, NetworkPolicy, PolicyNetwork, Seat
+from train.networks.numbering import Numbering
+from train.networks.policy import NUMBERS_AT_ONCE, NetworkPolicy, PolicyNetwork
+from train.networks.seat import Seat
 
 
 @dataclass(frozen=True)
-class SmallGameSeat:
-    """A player of a small game: the `Player` of these games.
+class SmallGameSeat(Seat):
+    """A player of a small game.
 
     Attributes:
         task: the game.
@@ -34,21 +38,8 @@ class SmallGameSeat:
     encoding: str = INDEX
     network: str = "auto"
     min_probability: float = 0.0
-    continuous: ClassVar[bool] = False
-    members: ClassVar[int] = 1
-    frame_stack: ClassVar[int] = 1
+    NO_NUMBERS: ClassVar[str] = ""
     NO_MEMORY: ClassVar[str] = "a small game, whose exact results need policies without memory"
-    """Why its policies have no memory."""
-
-    @property
-    def number(self) -> int:
-        """The index of the player."""
-        return self.task.seat(self.agent)
-
-    @property
-    def role(self) -> str:
-        """The player."""
-        return self.agent
 
     @property
     def num_actions(self) -> int:
@@ -64,6 +55,23 @@ class SmallGameSeat:
     def has_masks(self) -> bool:
         """Whether an action is not legal in some state."""
         return not self.legal.all()
+
+    def allowed(self, batch: GameSimulator, agents: slice) -> NDArray[np.bool_]:
+        """As of `Seat`."""
+        return self.legal[batch.state][:, None]
+
+    def bounds(self, batch: GameSimulator) -> tuple[Array, Array]:
+        """As of `Seat`."""
+        return self.observed.min(axis=0), self.observed.max(axis=0)
+
+    def observe(self, batch: GameSimulator, agents: slice) -> Array:
+        """As of `Seat`."""
+        return self.observed[batch.state][:, None]
+
+    @cached_property
+    def numbering(self) -> Numbering:
+        """As of `Seat`: those of the game."""
+        return GameNumbers(self)
 
     def masks(self, view: StateView) -> NDArray[np.bool_] | None:
         """[games, actions]: the legal actions; None where all always are."""
@@ -130,5 +138,66 @@ def check_same_game(own: GameTask, task: GameTask) -> None:
     )  # fmt: skip
 
 
-AnySeat = Seat | ArmSeat | SmallGameSeat
-"""The learning agent of any task."""
+class GameNumbers(Numbering):
+    """The states of a small game, as those of a game whose learner is in the cell of this number.
+
+    Args:
+        seat: the learner.
+    """
+
+    def __init__(self, seat: SmallGameSeat) -> None:
+        task = seat.task
+        self.seat, self.allowed = seat, seat.legal
+        self.count, self.goal_sets = task.game.num_states, [1]
+        # Cells that make the base of all digits 1, so that a state is their sum.
+        self.for_kernels = (1 if task.num_agents < 3 else 0, np.ones((3, 1), dtype=np.int64))
+        self._games = empty_games(0, task.num_agents, 0)
+
+    def games(self, batch: GameSimulator) -> Games:
+        """As of `Numbering`."""
+        if len(self._games.steps) != batch.num_games:
+            self._games = empty_games(batch.num_games, batch.task.num_agents, 0)
+            self._games.active[:] = 1
+        self._games.position[:, self.seat.number] = batch.state
+        return self._games
+
+    def policy(self, q_values: NDArray[np.float64]) -> SmallGameTable:
+        """As of `Numbering`."""
+        return SmallGameTable(self.seat, q_values)
+
+    def check(self, discount: float) -> None:
+        """As of `Numbering`."""
+        game = self.seat.task.game
+        if discount >= 1.0 and game.rewards[:, self.seat.number].max() > 0.0:
+            check(
+                longest_play(game) is not None,
+                f"gamma={discount} in {self.seat.task.name!r}, which can go on forever, makes "
+                "values unbounded; use a lower gamma, such as 0.95",
+            )
+
+
+class SmallGameTable:
+    """The greedy policy of a table of action values in a small game; it follows changes of them.
+
+    Args:
+        seat: the player.
+        q_values: [states, actions] float64.
+    """
+
+    def __init__(self, seat: SmallGameSeat, q_values: NDArray[np.float64]) -> None:
+        self.seat, self.q_values = seat, q_values
+        self.task, self.agent = seat.task, seat.agent
+
+    def _best(self, states: Any) -> NDArray[np.int64]:
+        """[states] the legal action with the largest value, the lowest of equal ones."""
+        return np.where(self.seat.legal[states], self.q_values[states], -np.inf).argmax(axis=1)
+
+    def act(self, view: StateView) -> NDArray[np.int32]:
+        """[num_games] int32: the best actions; ValueError in another game."""
+        check_same_game(self.task, view.task)
+        return self._best(view.state).astype(np.int32)
+
+    def table(self, task: GameTask) -> NDArray[np.float64]:
+        """As of `SmallGame.table`: 1 for the greedy action; ValueError in another game."""
+        check_same_game(self.task, task)
+        return task.flat(self.agent, np.eye(self.seat.num_actions)[self._best(slice(None))])

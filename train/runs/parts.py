@@ -17,8 +17,9 @@ from pursuit.validation import check
 from train.algorithms.registry import Algorithm, Build, entry
 from train.evaluation.contests import AnyContest
 from train.files import Plain
-from train.networks.policy import NO_WALLS, Player
-from train.networks.small_game_policy import AnySeat, SmallGameSeat
+from train.networks.policy import NO_WALLS
+from train.networks.seat import Seat
+from train.networks.small_game_policy import SmallGameSeat
 from train.runs.saved import player_of, unchecked_settings
 from train.runs.threads import uses_bfloat16
 from train.runs.worlds import World, world_of
@@ -32,7 +33,7 @@ from train.teaching.plan import Plan, plan_curriculum
 from train.teaching.teacher import Teacher
 
 if TYPE_CHECKING:  # slow to import; only training needs them
-    from train.runs.worlds import AnyEnv
+    from train.environments.simulator_env import SimulatorEnv
 
 FEWEST_ITERATIONS, FEWEST_EPISODES = 10, 3
 """A budget for fewer iterations of the learner, or episodes of full length, is warned of."""
@@ -55,13 +56,13 @@ class Parts:
     settings: AgentSettings
     world: World
     plan: Plan | None
-    seat: AnySeat
+    seat: Seat
     algorithm: Algorithm
     hyper: Hyperparameters
     build: Build
     rank: int = 0
 
-    def games(self) -> tuple[AnyEnv, Teacher | None]:
+    def games(self) -> tuple[SimulatorEnv, Teacher | None]:
         """The training environment, and the teacher in it."""
         games = self.hyper.num_games
         first_game = self.rank * games
@@ -139,7 +140,7 @@ def parts_of(settings: AgentSettings, rank: int = 0) -> Parts:
     return Parts(settings, world, plan, seat, algorithm, hyper, build_of(settings), rank)
 
 
-def check_sizes(hyper: Hyperparameters, seat: Player) -> None:
+def check_sizes(hyper: Hyperparameters, seat: Seat) -> None:
     """Check that rollouts, replay buffer and network fit into the free memory of this machine.
 
     Raises:

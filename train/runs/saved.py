@@ -14,8 +14,9 @@ from pursuit.validation import check
 from train.algorithms.registry import entry
 from train.files import Plain
 from train.networks.arm_policy import ArmSeat
-from train.networks.policy import Seat
-from train.networks.small_game_policy import AnySeat, SmallGameSeat
+from train.networks.policy import MazeSeat
+from train.networks.seat import Seat
+from train.networks.small_game_policy import SmallGameSeat
 from train.runs.folder import CONFIG, RUN, SIDE, read_config
 from train.runs.forms import RESTORE
 from train.runs.provenance import check_parts, check_sources
@@ -156,7 +157,7 @@ def trains_team(folder: Path | str) -> bool:
     return task.count(task.seat_roles[task.seat(agent_of(given, task))]) > 1
 
 
-def player_of(settings: AgentSettings) -> AnySeat:
+def player_of(settings: AgentSettings) -> Seat:
     """The learning agent in the training games of a run; ValueError if there is none."""
     given = settings.task
     if not isinstance(given, TaskSettings):
@@ -179,10 +180,10 @@ def player_of(settings: AgentSettings) -> AnySeat:
     plans = settings.network == "auto" and settings.device == "cpu" and unseen
     network = "planning" if plans else settings.network
     how = (given.mask_bumps, settings.frame_stack, network, settings.min_probability or 0.0)
-    return team_seat(Seat(played, agent, settings.observation, *how), settings)
+    return team_seat(MazeSeat(played, agent, settings.observation, *how), settings)
 
 
-def team_seat(seat: Seat, settings: AgentSettings) -> Seat:
+def team_seat(seat: MazeSeat, settings: AgentSettings) -> MazeSeat:
     """The seat of all agents of the role, if the algorithm trains these; ValueError for a single
     agent of a role then."""
     hyper: Any = settings.hyper
@@ -209,7 +210,7 @@ def team_seat(seat: Seat, settings: AgentSettings) -> Seat:
     return replace(seat, encoding=encoding, team=True, joint=joint, critic=critic)
 
 
-def check_team_as_one(seat: Seat, settings: AgentSettings) -> None:
+def check_team_as_one(seat: MazeSeat, settings: AgentSettings) -> None:
     """ValueError where a team cannot learn as one player, which observes the state."""
     task, count = seat.task, seat.task.num_actions**seat.members
     names = [name for name in task.agent_names if task.seat_roles[task.seat(name)] == seat.role]

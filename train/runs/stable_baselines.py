@@ -23,7 +23,7 @@ from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task
 from pursuit.validation import check, check_bool
 from train.files import read_json, write_bytes, write_json
-from train.networks.policy import NetworkPolicy, Seat
+from train.networks.policy import MazeSeat, NetworkPolicy
 from train.runs.forms import RESTORE, Description
 from train.runs.tasks import agent_of, task_of
 from train.schemas import read_as
@@ -112,7 +112,7 @@ def load_stable_baselines(
             settings = read_as(TaskSettings, described.task, f"{where}: task", RESTORE)
             task, observation = task_of(settings), described.observation
             agent, mask_bumps = agent_of(settings, task), settings.mask_bumps
-            return _load(path, Seat(task, agent, observation, mask_bumps), greedy)
+            return _load(path, MazeSeat(task, agent, observation, mask_bumps), greedy)
     check(
         task is not None and agent is not None and observation is not None,
         f"{path}: its description file {where.name} is missing; give the task and observation of "
@@ -120,10 +120,10 @@ def load_stable_baselines(
         "or save it with train.runs.stable_baselines.save_stable_baselines",
     )
     assert task is not None and agent is not None and observation is not None
-    return _load(path, Seat(task, agent, observation, mask_bumps), greedy)
+    return _load(path, MazeSeat(task, agent, observation, mask_bumps), greedy)
 
 
-def _load(path: Path, seat: Seat, greedy: bool | None) -> NetworkPolicy:
+def _load(path: Path, seat: MazeSeat, greedy: bool | None) -> NetworkPolicy:
     """The model of a seat; see `load_stable_baselines`."""
     policy = _policy_in(path, seat)
     draws = not hasattr(policy, "q_net")
@@ -134,7 +134,7 @@ def _load(path: Path, seat: Seat, greedy: bool | None) -> NetworkPolicy:
     return seat.policy(StableBaselinesNetwork(policy), greedy)
 
 
-def _policy_in(path: Path, seat: Seat) -> Any:
+def _policy_in(path: Path, seat: MazeSeat) -> Any:
     """The policy in the zip of a model, with layers derived from the shapes of the weights.
 
     Raises:

@@ -9,18 +9,17 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from pursuit.simulator.batch import Batch
 from pursuit.validation import check
 from train.algorithms.learner import Learner
 from train.algorithms.registry import build_learner
 from train.files import Plain
-from train.networks.policy import Seat
 from train.runs.folder import check_learned
 from train.runs.parts import Parts
 from train.teaching.teacher import Teacher
 
 if TYPE_CHECKING:  # slow to import; only training needs them
-    from train.environments.lockstep import AnySimulator, LockstepEnv
-    from train.runs.worlds import AnyEnv
+    from train.environments.simulator_env import SimulatorEnv
 
 FINISHED = ("returns", "lengths")
 """What is saved of the training episodes since the last evaluation."""
@@ -28,7 +27,7 @@ FINISHED = ("returns", "lengths")
 
 def build_env_and_learner(
     parts: Parts, state: Plain | None
-) -> tuple[AnyEnv, Teacher | None, Learner]:
+) -> tuple[SimulatorEnv, Teacher | None, Learner]:
     """The environment, the teacher and the learner: new, or restored from a `training_state`.
 
     Raises:
@@ -55,7 +54,7 @@ def build_env_and_learner(
     return env, teacher, learner
 
 
-def training_state(env: LockstepEnv, teacher: Teacher | None, learner: Learner) -> Plain:
+def training_state(env: SimulatorEnv, teacher: Teacher | None, learner: Learner) -> Plain:
     """The state of learner, teacher and games, with the memories of policies."""
     return {
         "learner": learner.state_dict(),
@@ -69,14 +68,14 @@ def training_state(env: LockstepEnv, teacher: Teacher | None, learner: Learner) 
     }
 
 
-def simulator_tensors(simulator: AnySimulator) -> dict[str, torch.Tensor]:
+def simulator_tensors(simulator: Batch[Any]) -> dict[str, torch.Tensor]:
     """The state of the games for a checkpoint; random streams are stored as int64, as torch has
     few operations on uint64."""
     state = vars(simulator.get_state())
     return {name: torch.from_numpy(_plain(array)) for name, array in state.items()}
 
 
-def restore_simulator(simulator: AnySimulator, saved: dict[str, torch.Tensor]) -> None:
+def restore_simulator(simulator: Batch[Any], saved: dict[str, torch.Tensor]) -> None:
     """Restore the state of `simulator` from `simulator_tensors`; the simulator checks it."""
     arrays = {name: tensor.numpy() for name, tensor in saved.items()}
     form = type(simulator.get_state())
@@ -88,7 +87,7 @@ def restore_simulator(simulator: AnySimulator, saved: dict[str, torch.Tensor]) -
 Memories = dict[str, dict[str, torch.Tensor]]
 
 
-def policy_memories(env: LockstepEnv) -> Memories:
+def policy_memories(env: SimulatorEnv) -> Memories:
     """Copies of all memories, by agent index (and opponent) and name."""
     return {
         place: {name: torch.from_numpy(_plain(array).copy()) for name, array in arrays.items()}
@@ -96,7 +95,7 @@ def policy_memories(env: LockstepEnv) -> Memories:
     }
 
 
-def restore_policy_memories(env: LockstepEnv, saved: Memories) -> None:
+def restore_policy_memories(env: SimulatorEnv, saved: Memories) -> None:
     """Restore `policy_memories` of such an environment, before it is stepped.
 
     Opponents that are missing here are ignored; new ones start with an empty memory.
@@ -109,8 +108,6 @@ def restore_policy_memories(env: LockstepEnv, saved: Memories) -> None:
 
 def _arrays(env: Any) -> Iterator[tuple[str, dict[str, NDArray[Any]]]]:
     """The memory arrays in use, by agent index (and opponent)."""
-    if not isinstance(env.player, Seat):
-        return
     if env.stack is not None:
         yield "stack", {"frames": env.frames}
     for seat, policy in enumerate(env.policies):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 from pursuit.environments.single_agent import fill_seats
 from pursuit.reacher.simulator import ReacherSimulator
@@ -23,8 +23,9 @@ from train.evaluation.small_game_contest import SmallGameContest
 from train.evaluation.suite_contest import SuiteContest
 from train.evaluation.team_contest import TeamContest
 from train.networks.arm_policy import ArmSeat
-from train.networks.policy import Seat
-from train.networks.small_game_policy import AnySeat, SmallGameSeat
+from train.networks.policy import MazeSeat
+from train.networks.seat import Seat
+from train.networks.small_game_policy import SmallGameSeat
 from train.runs.opponents import opponents_of, player_policy
 from train.runs.tasks import agent_of, discount_of, game_of, player_in, reward_scale, task_of
 from train.settings.checks import EVALUATION_SEED
@@ -34,9 +35,7 @@ from train.teaching.plan import Plan
 from train.teaching.teacher import EpisodeMetrics, Teacher
 
 if TYPE_CHECKING:  # TorchRL and TensorDict, which are slow to import; only training needs them
-    from train.environments.arm_env import ArmEnv
     from train.environments.simulator_env import SimulatorEnv
-    from train.environments.small_game_env import SmallGameTrainingEnv
 
 
 @dataclass(frozen=True)
@@ -80,7 +79,7 @@ class GridWorld:
         return CurriculumContext(self.task, self.agent, self.opponents, epsilon, learned)
 
     def games(
-        self, seat: AnySeat, num_games: int, seed: int, plan: Plan | None, first_game: int = 0
+        self, seat: Seat, num_games: int, seed: int, plan: Plan | None, first_game: int = 0
     ) -> tuple[SimulatorEnv, Teacher | None]:
         """The training environment, and the teacher in it.
 
@@ -93,7 +92,7 @@ class GridWorld:
         """
         from train.environments.simulator_env import SimulatorEnv
 
-        assert isinstance(seat, Seat)
+        assert isinstance(seat, MazeSeat)
         number, policies = fill_seats(seat.task, seat.agent, self.opponents)
         members = seat.members if seat.team else 1
         agents = seat.task.count(seat.role) if seat.team else 1
@@ -142,16 +141,16 @@ class ArmWorld:
         return ArmContext(self.task)
 
     def games(
-        self, seat: AnySeat, num_games: int, seed: int, plan: Plan | None, first_game: int = 0
-    ) -> tuple[ArmEnv, Teacher | None]:
+        self, seat: Seat, num_games: int, seed: int, plan: Plan | None, first_game: int = 0
+    ) -> tuple[SimulatorEnv, Teacher | None]:
         """As in `GridWorld`."""
-        from train.environments.arm_env import ArmEnv
+        from train.environments.simulator_env import SimulatorEnv
 
         assert isinstance(seat, ArmSeat)
         simulator = ReacherSimulator(seat.task, num_games, seed, first_game, auto_restart=False)
         metrics = EpisodeMetrics(lambda arms: arms.terminated, lambda arms: arms.returns)
         teacher = None if plan is None else Teacher(plan, simulator, metrics)
-        return ArmEnv(simulator, seat, teacher), teacher
+        return SimulatorEnv(simulator, seat, hook=teacher), teacher
 
     def contest(self, episodes: int, seed: int = EVALUATION_SEED) -> ArmContest:
         """As in `GridWorld`."""
@@ -192,10 +191,10 @@ class SmallGameWorld:
         return SmallGameContext(self.task, self.agent, self.opponents, epsilon)
 
     def games(
-        self, seat: AnySeat, num_games: int, seed: int, plan: Plan | None, first_game: int = 0
-    ) -> tuple[SmallGameTrainingEnv, Teacher | None]:
+        self, seat: Seat, num_games: int, seed: int, plan: Plan | None, first_game: int = 0
+    ) -> tuple[SimulatorEnv, Teacher | None]:
         """As in `GridWorld`."""
-        from train.environments.small_game_env import SmallGameTrainingEnv
+        from train.environments.simulator_env import SimulatorEnv
 
         assert isinstance(seat, SmallGameSeat)
         simulator = GameSimulator(seat.task, num_games, seed, first_game, auto_restart=False)
@@ -207,7 +206,7 @@ class SmallGameWorld:
         teacher = None if plan is None else Teacher(plan, simulator, metrics)
         policies = [self.opponents.get(name) for name in seat.task.agent_names]
         scale = reward_scale(self.task, self.agent, discount_of(self.settings))
-        return SmallGameTrainingEnv(simulator, seat, policies, teacher, scale=scale), teacher
+        return SimulatorEnv(simulator, seat, policies, teacher, scale=scale), teacher
 
     def contest(self, episodes: int, seed: int = EVALUATION_SEED) -> SmallGameContest:
         """As in `GridWorld`."""
@@ -215,7 +214,6 @@ class SmallGameWorld:
 
 
 World = GridWorld | ArmWorld | SmallGameWorld
-AnyEnv: TypeAlias = "SimulatorEnv | ArmEnv | SmallGameTrainingEnv"
 
 
 def world_of(settings: AnyTask, team: bool = False) -> World:

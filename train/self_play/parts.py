@@ -24,7 +24,7 @@ from scripted_agents.games.agents import EQUILIBRIUM
 from train.algorithms.registry import entry
 from train.evaluation.games import order_of, other_role
 from train.files import Plain
-from train.networks.policy import Seat
+from train.networks.policy import MazeSeat
 from train.networks.small_game_policy import SmallGameSeat
 from train.runs.forms import RESTORE
 from train.runs.opponents import player_policy, policy_in_seat
@@ -119,7 +119,9 @@ def self_play_parts(settings: SelfPlayBase) -> SelfPlayParts:
     sides: dict[str, SideParts] = {}
     for role in settings.learning:
         own = side_settings(settings, role)
-        seat = Seat(task, role, own.observation, played.mask_bumps, own.frame_stack, own.network)
+        seat = MazeSeat(
+            task, role, own.observation, played.mask_bumps, own.frame_stack, own.network
+        )
         seat = team_seat(seat, own)
         # Returns of up to 1 / (1 - gamma) steps would make the value loss dominate.
         scale = 1.0 - discount if played.rewards == "zero_sum" else 1.0
@@ -129,7 +131,7 @@ def self_play_parts(settings: SelfPlayBase) -> SelfPlayParts:
 
 def side_parts(
     own: AgentSettings,
-    seat: Seat | SmallGameSeat,
+    seat: MazeSeat | SmallGameSeat,
     discount: float,
     scale: float,
     training: Any,

@@ -11,6 +11,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from pursuit.simulator.batch import Batch
 from pursuit.simulator.policy import Policy
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task
@@ -21,7 +22,7 @@ from train.algorithms.learner import Learner
 from train.algorithms.registry import Algorithm, Build, build_learner
 from train.environments.hooks import EpisodeHook
 from train.evaluation.games import all_caught
-from train.networks.policy import Seat
+from train.networks.policy import MazeSeat
 from train.networks.small_game_policy import SmallGameSeat
 from train.runs.folder import check_learned, game_digest
 from train.runs.training_state import restore_simulator, simulator_tensors
@@ -30,9 +31,7 @@ from train.settings.algorithms import Hyperparameters
 from train.tensors import State
 
 if TYPE_CHECKING:  # TorchRL and TensorDict, which are slow to import; only training needs them
-    from train.environments.lockstep import AnySimulator
     from train.environments.simulator_env import SimulatorEnv
-    from train.environments.small_game_env import SmallGameTrainingEnv
 
 DECAY = 10
 """The average of the weights has terms proportional to iteration**DECAY: about the last tenth of
@@ -67,7 +66,7 @@ class Opponents(EpisodeHook):
 
     def __init__(
         self,
-        simulator: AnySimulator,
+        simulator: Batch[Any],
         role: str,
         others: Sequence[str],
         discount: float,
@@ -176,7 +175,7 @@ class SideParts:
         average: whether the averaged weights are evaluated, saved and pooled, or the last ones.
     """
 
-    seat: Seat | SmallGameSeat
+    seat: MazeSeat | SmallGameSeat
     algorithm: Algorithm
     hyper: Hyperparameters
     build: Build
@@ -186,28 +185,23 @@ class SideParts:
     min_probability: float
     average: bool = True
 
-    def games(
-        self, number: int, others: Sequence[str]
-    ) -> tuple[SimulatorEnv | SmallGameTrainingEnv, Opponents]:
+    def games(self, number: int, others: Sequence[str]) -> tuple[SimulatorEnv, Opponents]:
         """The training environment of the side with this number, and its opponents."""
         from train.environments.simulator_env import SimulatorEnv
-        from train.environments.small_game_env import SmallGameTrainingEnv
 
         count, steps = self.hyper.num_games, getattr(self.hyper, "rollout_steps", 1)
         seed, first = self.build.seed, number * 2**20
-        how = (self.seat.agent, others, self.discount, 2 * seed + number, steps)
+        drawn = (self.seat.agent, others, self.discount, 2 * seed + number, steps)
         task, seat, members = self.training, self.seat, self.seat.members
         small = isinstance(task, GameTask)
         form: Any = GameSimulator if small else Simulator
         games = form(task, count // members, seed, first, auto_restart=False)
-        opponents = Opponents(games, *how)
+        opponents = Opponents(games, *drawn)
         roles = task.agent_names if isinstance(task, GameTask) else task.seat_roles
         policies = [opponents.policies.get(role) for role in roles]
-        of_env: Any = SmallGameTrainingEnv if small else SimulatorEnv
-        env = of_env(games, seat, policies, opponents, members, self.scale)
-        if small:
-            env.bounded = self.discount == 1.0
-        return env, opponents
+        bounded = small and self.discount == 1.0
+        how = (opponents, members, self.scale, bounded)
+        return SimulatorEnv(games, seat, policies, *how), opponents
 
 
 class Side:

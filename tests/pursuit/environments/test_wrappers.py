@@ -19,10 +19,9 @@ from pursuit.mazes.maze import Maze, load_maze
 from pursuit.observations.masks import bump_masks
 from scripted_agents import AStarEvader
 from scripted_agents.environments import make_env
-from train.environments.arm_env import ArmEnv
 from train.environments.simulator_env import SimulatorEnv
 from train.networks.arm_policy import ArmSeat
-from train.networks.policy import Seat
+from train.networks.policy import MazeSeat
 
 CORRIDOR = Maze.from_text("+-+-+-+-+-+\n|         |\n+-+-+-+-+-+")
 NORTH, SOUTH, EAST, WEST, STAY = range(5)
@@ -215,9 +214,9 @@ def test_the_batched_environment_refuses_auto_restart(world: str) -> None:
 
     def make(restart: bool) -> Any:
         if world == "arm":
-            return ArmEnv(ReacherSimulator(arm, 4, auto_restart=restart), ArmSeat(arm))
+            return SimulatorEnv(ReacherSimulator(arm, 4, auto_restart=restart), ArmSeat(arm))
         simulator = Simulator(task, 4, auto_restart=restart)
-        return SimulatorEnv(simulator, Seat(task, "chaser"), [None, AStarEvader(0.2)])
+        return SimulatorEnv(simulator, MazeSeat(task, "chaser"), [None, AStarEvader(0.2)])
 
     check_env_specs(make(False), break_when_any_done="both")
     with pytest.raises(ValueError, match=r"Simulator\(\.\.\., auto_restart=False\)"):

@@ -21,10 +21,9 @@ from pursuit.tasks.task import Task, make_task
 from scripted_agents.environments import make_env
 from tests.random_mazes import connected_maze
 from tests.reference_observations import Seen
-from train.environments import simulator_env
 from train.environments.simulator_env import SimulatorEnv
 from train.networks import features, policy
-from train.networks.policy import Seat
+from train.networks.policy import MazeSeat
 from train.runs.parts import parts_of, settings_of
 from train.runs.single import SingleAgent
 
@@ -155,7 +154,7 @@ def test_the_own_dtype_of_an_observation_may_be_named() -> None:
 def test_learners_and_policies_observe_planes_in_uint8() -> None:
     task = make_task("chase", maze="5x5")
     for encoding, dtype in (("planes", "uint8"), ("window:2", "uint8"), ("one_hot", "float32")):
-        seat = Seat(task, "chaser", encoding)
+        seat = MazeSeat(task, "chaser", encoding)
         simulator = Simulator(task, 4, auto_restart=False)
         env = SimulatorEnv(simulator, seat, [None, pursuit.AStarEvader()])
         assert str(env.reset()["observation"].dtype) == f"torch.{dtype}"
@@ -181,7 +180,7 @@ def test_training_in_uint8_is_training_in_float32_bit_for_bit(
     trained = []
     for dtype in ("uint8", None):
         if dtype is None:
-            for module in (policy, features, simulator_env):
+            for module in (policy, features):
                 monkeypatch.setattr(module, "dtype_of", lambda encoding: None)
         torch.manual_seed(1)
         trainee: Any = SingleAgent(parts_of(settings_of(**{**whole, **settings})), "greedy")

@@ -27,7 +27,7 @@ from train.evaluation.contest import GameContest
 from train.experiments.identity import fingerprint
 from train.networks.actor_critic import ActorCritic
 from train.networks.layers import Hidden
-from train.networks.policy import LearnedPolicy, Seat, sees_cells_only
+from train.networks.policy import LearnedPolicy, MazeSeat, sees_cells_only
 from train.runs.parts import settings_of
 from train.runs.saved import player_of
 from train.runs.tasks import task_of
@@ -92,7 +92,7 @@ def test_a_learned_policy_with_limited_view_is_a_table_of_pairs_of_cells(
 ) -> None:
     task = make_task("chase", maze="3x3", max_steps=40, view_radius=1, unknown_maze=True)
     torch.manual_seed(1)
-    seat = Seat(task, "chaser", observation)
+    seat = MazeSeat(task, "chaser", observation)
     network = ActorCritic(seat.features, 4, Hidden(16))
     with torch.no_grad():
         network.policy_head.weight.mul_(100)
@@ -112,12 +112,12 @@ def test_a_learned_policy_with_limited_view_is_a_table_of_pairs_of_cells(
 def test_windows_are_planes_for_networks_and_fit_mazes_of_any_size() -> None:
     small, large = (make_task("chase", maze=maze, view_radius=2) for maze in ("3x3", "9x9"))
     for observation in ("window", "window:4"):
-        features = Seat(small, "chaser", observation).features
+        features = MazeSeat(small, "chaser", observation).features
         assert features.kind == "planes" and sees_cells_only(small, observation)
-        assert features.shape == Seat(large, "chaser", observation).features.shape
-    assert Seat(small, "chaser", "window").features.shape == (11, 5, 5)
-    assert Seat(make_task("chase"), "chaser", "window").features.shape == (10, 9, 9)
-    seat = Seat(small, "chaser", "window")
+        assert features.shape == MazeSeat(large, "chaser", observation).features.shape
+    assert MazeSeat(small, "chaser", "window").features.shape == (11, 5, 5)
+    assert MazeSeat(make_task("chase"), "chaser", "window").features.shape == (10, 9, 9)
+    seat = MazeSeat(small, "chaser", "window")
     policy = LearnedPolicy(ActorCritic(seat.features, 4, Hidden(8)), seat)
     assert policy.act(Simulator(large, 5).view("chaser")).shape == (5,)
 

@@ -20,6 +20,7 @@ class MatrixPlayer:
 
     features = Features("flat", (1,), np.ones(1))
     continuous, members = False, 1
+    critic_features = observed = None
 
     def __init__(self, num_actions: int) -> None:
         self.num_actions = num_actions

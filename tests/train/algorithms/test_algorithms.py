@@ -28,7 +28,7 @@ from train.networks.actor_critic import ActorCritic
 from train.networks.features import Features
 from train.networks.fused_actor_critic import LossCoefficients
 from train.networks.layers import Hidden
-from train.networks.policy import Seat
+from train.networks.policy import MazeSeat
 from train.networks.q_network import QNetwork
 from train.settings.algorithms import (
     A2CSettings,
@@ -42,7 +42,7 @@ TASK = make_task("maze", maze="3x3", num_goals=2, max_steps=12)
 
 def make_env(games: int, seed: int = 0) -> SimulatorEnv:
     simulator = Simulator(TASK, games, seed, auto_restart=False)
-    return SimulatorEnv(simulator, Seat(TASK, "runner"), [None])
+    return SimulatorEnv(simulator, MazeSeat(TASK, "runner"), [None])
 
 
 NOT_FUSED = Hidden(16, activation="tanh")

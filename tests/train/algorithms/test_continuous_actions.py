@@ -22,7 +22,7 @@ from pursuit.reacher.task import ReacherTask
 from train.algorithms.ppo import PPO, ppo_loss
 from train.algorithms.registry import Build, entry
 from train.algorithms.rollouts import TorchEngine
-from train.environments.arm_env import ArmEnv
+from train.environments.simulator_env import SimulatorEnv
 from train.networks.actor_critic import ActorCritic
 from train.networks.arm_policy import ArmSeat
 from train.networks.distributions import SquashedNormal
@@ -31,9 +31,9 @@ from train.networks.layers import Hidden
 from train.settings.algorithms import PPOSettings
 
 
-def arm_env(games: int, joints: int = 1, **settings: Any) -> ArmEnv:
+def arm_env(games: int, joints: int = 1, **settings: Any) -> SimulatorEnv:
     task = ReacherTask(joints, **settings)
-    return ArmEnv(ReacherSimulator(task, games, auto_restart=False), ArmSeat(task))
+    return SimulatorEnv(ReacherSimulator(task, games, auto_restart=False), ArmSeat(task))
 
 
 def network_and_minibatch(joints: int = 2) -> tuple[ActorCritic, TensorDict]:

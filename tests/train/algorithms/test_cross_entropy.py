@@ -18,7 +18,7 @@ from train.algorithms.registry import Build, entry
 from train.environments.simulator_env import SimulatorEnv
 from train.evaluation.contest import GameContest
 from train.networks.distributions import masked
-from train.networks.policy import Seat
+from train.networks.policy import MazeSeat
 from train.runs.parts import contest_of, settings_of
 
 
@@ -28,7 +28,7 @@ def make(**flat: Any) -> tuple[CrossEntropy, GameContest]:
     task, agent = contest.task, contest.agent
     _, policies = fill_seats(task, agent, contest.opponents)
     simulator = Simulator(task, chosen.hyper.num_games, chosen.seed, auto_restart=False)
-    env = SimulatorEnv(simulator, Seat(task, agent, chosen.observation), policies)
+    env = SimulatorEnv(simulator, MazeSeat(task, agent, chosen.observation), policies)
     learner = entry("cross_entropy").build(chosen.hyper, env, Build(seed=chosen.seed))
     assert isinstance(learner, CrossEntropy)
     return learner, contest

@@ -28,7 +28,7 @@ from train.evaluation.contest import GameContest
 from train.networks.actor_critic import ActorCritic
 from train.networks.fused_actor_critic import LossCoefficients
 from train.networks.layers import Hidden, IndexLayer
-from train.networks.policy import LearnedPolicy, Seat
+from train.networks.policy import LearnedPolicy, MazeSeat
 from train.runs.threads import ThreadChoice
 from train.settings.algorithms import PPOSettings
 
@@ -46,7 +46,7 @@ def make_env(role: str, games: int = 32, encoding: str = "index", seed: int = 0)
     seats = [policies[r] for r in task.seat_roles]
     seat = task.seat(role)
     filled = [None if s == seat else p for s, p in enumerate(seats)]
-    return SimulatorEnv(simulator, Seat(task, role, encoding), filled)
+    return SimulatorEnv(simulator, MazeSeat(task, role, encoding), filled)
 
 
 @pytest.mark.parametrize("role", TASKS)
@@ -82,7 +82,7 @@ def test_the_two_forms_of_the_first_layer_are_one_function_and_blind_to_the_orde
 ):
     task = make_task("maze", maze="4x4", num_goals=3)
     simulator = Simulator(task, 64)
-    features = Seat(task, "runner").features
+    features = MazeSeat(task, "runner").features
     torch.manual_seed(0)
     bag = IndexLayer(features, 16, "bag")
     dense = IndexLayer(features, 16, "dense")
@@ -145,7 +145,7 @@ def test_advantages_equal_a_plain_loop_and_never_cross_an_episode() -> None:
 def test_the_loss_and_its_gradients_equal_torchrls(shared: bool) -> None:
     simulator = Simulator(TASKS["runner"], 256)
     torch.manual_seed(0)
-    network = ActorCritic(Seat(TASKS["runner"], "runner").features, 4, Hidden(16), shared)
+    network = ActorCritic(MazeSeat(TASKS["runner"], "runner").features, 4, Hidden(16), shared)
     with torch.no_grad():
         network.policy_head.weight.mul_(100)
     prepared = network.policy_trunk.prepare(torch.from_numpy(simulator.observe("index", 0)))
@@ -219,7 +219,7 @@ def learn(
     policies = default_policies(task, 0.2)
     seat = task.seat(agent)
     seats = [None if s == seat else policies[r] for s, r in enumerate(task.seat_roles)]
-    player = Seat(task, agent, encoding)
+    player = MazeSeat(task, agent, encoding)
     network = ActorCritic(player.features, player.num_actions, Hidden(64), bool(ppo.shared))
     learner = PPO(ppo, SimulatorEnv(simulator, player, seats), network)
     while learner.frames < frames:
@@ -283,7 +283,7 @@ def test_the_optimum_of_truncated_episodes_has_the_interval_of_truncated_episode
 def test_a_learned_policy_is_its_table_in_play() -> None:
     task = make_task("chase", maze="3x3")
     torch.manual_seed(3)
-    player = Seat(task, "evader")
+    player = MazeSeat(task, "evader")
     network = ActorCritic(player.features, 4, Hidden(16))
     with torch.no_grad():
         network.policy_head.weight.mul_(100)
@@ -300,7 +300,7 @@ def test_a_learned_policy_is_its_table_in_play() -> None:
 
 def test_a_learned_policy_refuses_games_that_look_different() -> None:
     task = make_task("chase", maze="3x3")
-    player = Seat(task, "chaser")
+    player = MazeSeat(task, "chaser")
     policy = LearnedPolicy(ActorCritic(player.features, 4, Hidden(16)), player)
     other = Simulator(make_task("chase", maze="3x3", num_evaders=2))
     with pytest.raises(ValueError, match="observations of shape"):

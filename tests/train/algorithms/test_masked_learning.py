@@ -35,7 +35,7 @@ from train.kinds import start
 from train.networks.actor_critic import ActorCritic
 from train.networks.fused_actor_critic import LossCoefficients
 from train.networks.layers import Hidden
-from train.networks.policy import LearnedPolicy, Seat
+from train.networks.policy import LearnedPolicy, MazeSeat
 from train.networks.q_network import QNetwork
 from train.runs.folder import RUN
 from train.runs.opponents import load_policy, opponents_of
@@ -240,7 +240,7 @@ def test_loaded_policies_use_the_masks_of_their_training(masked_run: Path) -> No
     opponent: Any = opponents["chaser"]
     assert opponent.seat.mask_bumps
     # In a pool, where each game has another opponent, games keep their own masks.
-    free = LearnedPolicy(opponent.network, Seat(task, "chaser"), greedy=False)
+    free = LearnedPolicy(opponent.network, MazeSeat(task, "chaser"), greedy=False)
     masked = LearnedPolicy(opponent.network, opponent.seat, greedy=False)
     pool = OpponentPool(masked_run, free, 2, lambda state: free)
     pool.add_scripted("masked", masked)

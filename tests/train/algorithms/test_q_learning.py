@@ -25,14 +25,13 @@ from train.algorithms.learner import Build
 from train.algorithms.q_learning import (
     STEPS_PER_ITERATION,
     QLearning,
-    QTablePolicy,
-    StateNumbers,
     choose_actions,
     learn,
 )
 from train.environments.simulator_env import SimulatorEnv
 from train.kinds import start
-from train.networks.policy import Seat
+from train.networks.numbering import QTablePolicy, StateNumbers
+from train.networks.policy import MazeSeat
 from train.runs.folder import RUN
 from train.runs.opponents import load_policy
 from train.runs.parts import contest_of, settings_of
@@ -45,7 +44,7 @@ FIXED = Maze.from_text("+-+-+-+\n|S    |\n+ +-+ +\n|  G  |\n+ + +-+\n|    G|\n+-
 def learned(task: Any, frames: int, **flat: Any) -> tuple[QLearning, QTablePolicy]:
     chosen = QLearningSettings(**{"num_games": 256, **flat})
     simulator = Simulator(task, chosen.num_games, 0, auto_restart=False)
-    env = SimulatorEnv(simulator, Seat(task, "runner"), [None])
+    env = SimulatorEnv(simulator, MazeSeat(task, "runner"), [None])
     learner = QLearning(chosen, env, Build())
     while learner.frames < frames:
         learner.iterate(learner.frames / frames)
@@ -184,7 +183,7 @@ def test_episodes_end_as_those_of_the_environment_do(agent: str, evaders: int) -
     task = make_task("chase", maze="3x3", num_evaders=evaders, max_steps=12)
     seat, policies = fill_seats(task, agent, default_policies(task, 0.2))
     own, other = (
-        SimulatorEnv(Simulator(task, 32, 5, auto_restart=False), Seat(task, agent), policies)
+        SimulatorEnv(Simulator(task, 32, 5, auto_restart=False), MazeSeat(task, agent), policies)
         for _ in range(2)
     )
     # Actions at random depend on the learner's streams alone.
@@ -258,7 +257,7 @@ def test_exploration_is_independent_of_the_starts() -> None:
     simulator = Simulator(task, 64, 7, auto_restart=False)
     simulator.seed(7)
     _, policies = fill_seats(task, "chaser_0", default_policies(task, 0.2))
-    env = SimulatorEnv(simulator, Seat(task, "chaser_0"), policies)
+    env = SimulatorEnv(simulator, MazeSeat(task, "chaser_0"), policies)
     streams = QLearning(QLearningSettings(num_games=64), env, Build(seed=7))._streams
     assert streams.shape == (64, 1) and len(np.unique(streams)) == 64
     assert not np.isin(streams, simulator.streams).any()

@@ -16,7 +16,7 @@ from train.environments.simulator_env import SimulatorEnv
 from train.networks.actor_critic import ActorCritic
 from train.networks.fused_actor_critic import LossCoefficients, fused_actor_critic
 from train.networks.layers import Hidden
-from train.networks.policy import Seat
+from train.networks.policy import MazeSeat
 
 TASK = make_task("chase", maze="3x3", num_evaders=3, max_steps=12)
 
@@ -25,7 +25,7 @@ def evaders(games: int) -> SimulatorEnv:
     """Three evaders each that learn; a captured one has no frames until its game ends."""
     simulator = Simulator(TASK, games, 0, auto_restart=False)
     policies = [AStarChaser(), None, None, None]
-    return SimulatorEnv(simulator, Seat(TASK, "evader"), policies, members=3)
+    return SimulatorEnv(simulator, MazeSeat(TASK, "evader"), policies, members=3)
 
 
 def learner_of(name: str, env: Any, **hyper: Any) -> Any:
@@ -60,7 +60,7 @@ def test_weights_stay_finite_when_agents_leave(
 
 def test_an_episode_of_one_frame_gives_finite_weights() -> None:
     task = make_task("maze", maze="2x2", num_goals=1, max_steps=1)
-    env = SimulatorEnv(Simulator(task, 1, 0, auto_restart=False), Seat(task, "runner"), [None])
+    env = SimulatorEnv(Simulator(task, 1, 0, auto_restart=False), MazeSeat(task, "runner"), [None])
     learner = learner_of("reinforce", env, num_games=1)
     for _ in range(3):
         learner.iterate(0.0)

@@ -23,7 +23,7 @@ from train.environments.simulator_env import SimulatorEnv
 from train.evaluation.matchups import play_pair
 from train.kinds import resume, start
 from train.networks.joint_policy import JointPolicy, parts_of
-from train.networks.policy import CRITIC, Seat
+from train.networks.policy import CRITIC, MazeSeat
 from train.networks.separate import SeparateNetworks
 from train.runs.folder import load_checkpoint
 from train.runs.parts import Parts
@@ -87,7 +87,7 @@ def test_an_observation_without_place_for_the_number_is_refused() -> None:
 def test_the_critic_observes_the_state_that_policies_do_not_see(role: str) -> None:
     """Its rows are those of the cells of `state()` of the PettingZoo environment."""
     own = {**TEAM, "view_radius": 1}
-    seat = Seat(make_task("chase", **own), role, "index+id", team=True, critic="state")
+    seat = MazeSeat(make_task("chase", **own), role, "index+id", team=True, critic="state")
     env: Any = chase_v0.parallel_env(**own)
     env.reset(seed=3)
     features, cells = seat.critic_features, seat.task.max_cells
@@ -99,7 +99,7 @@ def test_the_critic_observes_the_state_that_policies_do_not_see(role: str) -> No
             env.reset(seed=step)
         places = env.state()[:5].astype(int)[order]
         captured |= bool((places == 0).any())
-        for member, seen in enumerate(seat.critic_observations(env.unwrapped.simulator.games)[0]):
+        for member, seen in enumerate(seat.critic_observations(env.unwrapped.simulator)[0]):
             rows = features.rows[seen]
             shown = {e * cells + place - 1 for e, place in enumerate(places) if place > 0}
             ids = features.num_rows - 3 + member  # k is the number of the three chasers

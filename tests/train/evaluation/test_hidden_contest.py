@@ -11,7 +11,6 @@ import torch
 from pursuit import Simulator, load_maze, make_task
 from pursuit.simulator.policy import pairs_of_cells
 from scripted_agents import AStarChaser, AStarEvader, RandomAgent, TablePolicy, solve_hidden_chase
-from train.algorithms.q_learning import QTablePolicy, StateNumbers
 from train.evaluation import hidden_contest
 from train.evaluation.contest import GameContest
 from train.evaluation.exploitability import exploitability
@@ -22,7 +21,8 @@ from train.evaluation.suite_contest import SuiteContest
 from train.evaluation.suite_report import summary_of
 from train.networks.actor_critic import ActorCritic
 from train.networks.layers import Hidden
-from train.networks.policy import Seat
+from train.networks.numbering import QTablePolicy, StateNumbers
+from train.networks.policy import MazeSeat
 from train.runs.report import summary
 from train.runs.single import evaluation_of
 from train.self_play.metrics import limited_best_responses
@@ -115,7 +115,7 @@ def test_a_table_over_states_refuses_a_seat_that_does_not_see_them() -> None:
 
 def test_a_table_of_another_sight_is_not_taken_for_what_is_played() -> None:
     seeing, blind = (make_task("chase", maze="3x3", view_radius=radius) for radius in (None, 0))
-    seat = Seat(seeing, "chaser")
+    seat = MazeSeat(seeing, "chaser")
     torch.manual_seed(0)
     policy = seat.policy(ActorCritic(seat.features, 4, Hidden(width=16)))
     assert contest_for("chaser").score("learned", policy).exact

@@ -24,7 +24,7 @@ from train.commands.evaluate import evaluate
 from train.evaluation import pursuit_v5 as module
 from train.evaluation.pursuit_v5 import PursuitV5Episodes, play_pursuit_v5
 from train.kinds import start
-from train.networks.policy import Seat
+from train.networks.policy import MazeSeat
 from train.runs.folder import RUN
 from train.runs.opponents import load_policy
 from train.runs.parts import settings_of
@@ -46,7 +46,7 @@ def policy_in(
 ) -> Any:
     """A policy with random weights."""
     torch.manual_seed(3)
-    seat = Seat(task, "chaser", encoding, network="mlp")
+    seat = MazeSeat(task, "chaser", encoding, network="mlp")
     build = Build("cpu", False, "auto", 0, False)
     network = actor_critic_of(PPOSettings(width=16, recurrent=recurrent), seat, build)
     with torch.no_grad():

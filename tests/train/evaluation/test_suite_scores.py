@@ -32,7 +32,7 @@ from train.evaluation.suite_report import kind_table, maze_rows, summary_of
 from train.evaluation.suite_tables import tables_of
 from train.networks.actor_critic import ActorCritic
 from train.networks.layers import Hidden
-from train.networks.policy import Seat
+from train.networks.policy import MazeSeat
 
 MAZES = "suite:5x5-test/0-3"
 GAMES: dict[str, tuple[str, str, dict[str, Any], dict[str, Any]]] = {
@@ -49,7 +49,7 @@ def contest_of_role(role: str, **more: Any) -> SuiteContest:
     return SuiteContest(task, agent, opponents, **more)
 
 
-def network(seat: Seat, greedy: bool) -> Any:
+def network(seat: MazeSeat, greedy: bool) -> Any:
     torch.manual_seed(3)
     return seat.policy(ActorCritic(seat.features, seat.num_actions, Hidden(8)), greedy)
 
@@ -59,7 +59,7 @@ def network(seat: Seat, greedy: bool) -> Any:
 def test_exact_means_are_those_of_many_games(role: str, greedy: bool) -> None:
     exact = contest_of_role(role, exact=True)
     played = contest_of_role(role, episodes=1200)
-    policy = network(Seat(exact.task, role, "planes"), greedy)
+    policy = network(MazeSeat(exact.task, role, "planes"), greedy)
     assert exact.is_computed and not played.is_computed and is_known(policy)
     found, games = (contest.in_mazes("learned", policy) for contest in (exact, played))
     assert found.exact and games.lengths is not None
@@ -160,14 +160,14 @@ def test_rows_and_summaries_are_of_the_same_numbers() -> None:
 def test_a_policy_plays_in_mazes_that_look_like_those_of_its_training() -> None:
     task = make_task("chase", maze="suite:5x5-train/0-1", max_steps=30)
     other = load_suite("7x7-test/0")[0]
-    policy = network(Seat(task, "chaser", "window:4"), False)
+    policy = network(MazeSeat(task, "chaser", "window:4"), False)
     table = policy.action_probabilities(other)
     assert isinstance(policy, TabularPolicy) and table.shape == (49, 49, 4)
     evader = AStarEvader(0.2).action_probabilities(other)
     mean = mean_over_starts(evaluate_exactly(other, table, evader), other)
     assert mean >= mean_over_starts(best_response("chaser", other, evader).values, other)
     for encoding in ("index", "planes"):  # the one shows no walls, the other has another shape
-        blind = network(Seat(task, "chaser", encoding), False)
+        blind = network(MazeSeat(task, "chaser", encoding), False)
         assert not blind.plays_in(other)
         with pytest.raises(ValueError, match="with an observation that fits it"):
             blind.action_probabilities(other)

@@ -14,7 +14,7 @@ from scripted_agents import AStarEvader
 from train.environments.simulator_env import SimulatorEnv
 from train.networks.actor_critic import ActorCritic
 from train.networks.layers import Hidden, IndexLayer
-from train.networks.policy import Seat
+from train.networks.policy import MazeSeat
 from train.runs.parts import settings_of
 
 TASK = make_task("chase", maze="3x3", max_steps=7)
@@ -24,7 +24,7 @@ COUNT = 3
 
 def make_env(games: int, encoding: str, count: int = COUNT) -> SimulatorEnv:
     simulator = Simulator(TASK, games, 5, auto_restart=False)
-    seat = Seat(TASK, "chaser", encoding, frame_stack=count)
+    seat = MazeSeat(TASK, "chaser", encoding, frame_stack=count)
     return SimulatorEnv(simulator, seat, [None, AStarEvader(epsilon=0.5)])
 
 
@@ -83,7 +83,7 @@ def test_a_policy_is_given_what_its_network_learned_from(encoding: str) -> None:
 
 
 def test_no_two_observations_share_a_row_and_empty_ones_have_none() -> None:
-    seat = Seat(TASK, "chaser", frame_stack=COUNT)
+    seat = MazeSeat(TASK, "chaser", frame_stack=COUNT)
     one, features = seat.seen, seat.features
     assert features.num_rows == COUNT * one.num_rows
     layer = IndexLayer(features, 4, "dense")

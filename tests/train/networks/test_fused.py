@@ -12,11 +12,11 @@ from pursuit.tasks.task import make_task
 from train.algorithms.learner import clip_gradients, step_adam
 from train.networks.fused import fused_hidden, fused_layers
 from train.networks.layers import Hidden, Trunk
-from train.networks.policy import Seat
+from train.networks.policy import MazeSeat
 from train.networks.q_network import QNetwork
 
 TASK = make_task("maze", maze="5x5", num_goals=3)
-FEATURES = Seat(TASK, "runner").features
+FEATURES = MazeSeat(TASK, "runner").features
 
 
 def observed(games: int, steps: int = 40) -> torch.Tensor:

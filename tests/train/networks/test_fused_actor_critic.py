@@ -32,7 +32,7 @@ from train.networks.fused_actor_critic import (
     fused_actor_critic,
 )
 from train.networks.layers import Hidden
-from train.networks.policy import Seat
+from train.networks.policy import MazeSeat
 from train.runs.parts import parts_of, settings_of
 from train.runs.single import SingleAgent
 from train.settings.algorithms import A2CSettings, PPOSettings
@@ -42,7 +42,7 @@ TASK = make_task("maze", maze="3x3", num_goals=2, max_steps=12)
 
 def make_env(games: int, seed: int = 0, **seat: Any) -> SimulatorEnv:
     simulator = Simulator(TASK, games, seed, auto_restart=False)
-    return SimulatorEnv(simulator, Seat(TASK, "runner", **seat), [None])
+    return SimulatorEnv(simulator, MazeSeat(TASK, "runner", **seat), [None])
 
 
 def made(env: SimulatorEnv, **hidden: Any) -> tuple[ActorCritic, FusedActorCritic]:
@@ -180,7 +180,7 @@ def evaders(games: int) -> SimulatorEnv:
     task = make_task("chase", maze="4x4", num_chasers=2, num_evaders=2, max_steps=12)
     simulator = Simulator(task, games, 0, auto_restart=False)
     others = [RandomAgent(), RandomAgent(), None, None]
-    return SimulatorEnv(simulator, Seat(task, "evader"), others, members=2)
+    return SimulatorEnv(simulator, MazeSeat(task, "evader"), others, members=2)
 
 
 @pytest.mark.parametrize("team", [False, True], ids=["alone", "team"])

@@ -19,7 +19,7 @@ from train.environments.simulator_env import SimulatorEnv
 from train.evaluation.contest import GameContest
 from train.kinds import start
 from train.networks.continuous import polyak_update
-from train.networks.policy import LearnedPolicy, Seat
+from train.networks.policy import LearnedPolicy, MazeSeat
 from train.runs.folder import RUN, SELF_PLAY, load_checkpoint
 from train.runs.parts import parts_of, settings_of
 from train.runs.single import SingleAgent
@@ -122,7 +122,7 @@ def test_a_run_is_evaluated_exactly_and_exported_in_evaluation_mode(tmp_path: Pa
 
 def test_a_policy_with_a_network_in_training_mode_acts_in_evaluation_mode() -> None:
     task = make_task("chase", maze="2x2")
-    seat = Seat(task, "chaser", "one_hot")
+    seat = MazeSeat(task, "chaser", "one_hot")
     size = int(np.prod(seat.features.shape))
 
     class Plain(nn.Module):
@@ -165,7 +165,7 @@ def test_snapshots_and_averages_hold_the_statistics(tmp_path: Path) -> None:
 @pytest.mark.parametrize("algorithm", ["mmd", "rnad"])
 def test_reference_policies_have_the_statistics_of_the_policy(algorithm: str) -> None:
     task = make_task("chase", maze="2x2", max_steps=10)
-    seat = Seat(task, "chaser", "one_hot", network="my_parts:noisy")
+    seat = MazeSeat(task, "chaser", "one_hot", network="my_parts:noisy")
     env = SimulatorEnv(Simulator(task, 16, 0, auto_restart=False), seat, [None, AStarEvader()])
     form = entry(algorithm).settings
     hyper = form(num_games=16, width=8, rollout_steps=8, minibatch_size=64, reference_interval=1)

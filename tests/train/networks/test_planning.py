@@ -17,7 +17,7 @@ from pursuit.rules.visibility import GOALS_PLANE, MAZE_PLANES, PLANES
 from train.commands.main import main
 from train.networks.planning import Planning, paths
 from train.networks.planning_kernels import CHANNELS, NOWHERE
-from train.networks.policy import Seat
+from train.networks.policy import MazeSeat
 from train.runs.opponents import load_policy
 from train.settings.run import TrainSettings
 from train.settings.task import TaskSettings
@@ -100,7 +100,7 @@ def test_values_and_gradients_are_those_of_torch() -> None:
 
 def test_it_is_a_layer_of_any_batch() -> None:
     _, planes = seen("5x5", 12)
-    features = Seat(pursuit.make_task("maze", maze="5x5", num_goals=2), "runner", "window").seen
+    features = MazeSeat(pursuit.make_task("maze", maze="5x5", num_goals=2), "runner", "window").seen
     layer = Planning(features, 16)
     assert torch.allclose(
         layer(planes.reshape(3, 4, *planes.shape[1:])).flatten(0, 1), layer(planes)

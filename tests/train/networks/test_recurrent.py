@@ -20,7 +20,7 @@ from train.evaluation.contest import GameContest
 from train.networks.actor_critic import ActorCritic
 from train.networks.fused_actor_critic import LossCoefficients
 from train.networks.layers import Hidden
-from train.networks.policy import Seat
+from train.networks.policy import MazeSeat
 from train.networks.recurrent import Cell
 from train.networks.recurrent_policy import RecurrentPolicy
 from train.runs.parts import settings_of
@@ -31,7 +31,7 @@ TASK = make_task("chase", maze="3x3", max_steps=7)
 
 def make_env(games: int, seed: int = 0) -> SimulatorEnv:
     simulator = Simulator(TASK, games, seed, auto_restart=False)
-    return SimulatorEnv(simulator, Seat(TASK, "chaser"), [None, AStarEvader(epsilon=0.5)])
+    return SimulatorEnv(simulator, MazeSeat(TASK, "chaser"), [None, AStarEvader(epsilon=0.5)])
 
 
 def make_network(env: Any, shared: bool = True) -> ActorCritic:
@@ -163,7 +163,7 @@ def test_final_observations_of_truncated_episodes_are_valued_with_the_memory() -
 def test_the_memory_of_a_policy_is_that_of_its_network_in_any_batch() -> None:
     env = make_env(4)
     network = make_network(env)
-    policy = Seat(TASK, "chaser").policy(network, greedy=False)
+    policy = MazeSeat(TASK, "chaser").policy(network, greedy=False)
     assert isinstance(policy, RecurrentPolicy) and isinstance(policy, MemoryPolicy)
     assert not isinstance(policy, TabularPolicy) and not isinstance(policy, DistributionPolicy)
     whole, parts = Simulator(TASK, 10, seed=3), Simulator(TASK, 10, seed=3)
@@ -187,7 +187,7 @@ def test_recurrent_policies_are_never_evaluated_exactly() -> None:
     env = make_env(4)
     contest = GameContest(TASK, "chaser", {"evader": AStarEvader(epsilon=0.5)}, 50)
     assert contest.is_table_duel
-    remembering = Seat(TASK, "chaser").policy(make_network(env))
+    remembering = MazeSeat(TASK, "chaser").policy(make_network(env))
     score = contest.score("learned", remembering)
     assert not score.exact and score.ci95 > 0.0
     against = GameContest(TASK, "evader", {"chaser": remembering}, 50)
@@ -242,7 +242,7 @@ def test_unsupported_recurrent_networks_are_refused() -> None:
 @pytest.mark.parametrize("encoding", ["index", "positions"])
 @pytest.mark.parametrize("remembers", [True, False])
 def test_cells_of_mazes_of_another_size_are_refused(encoding: str, remembers: bool) -> None:
-    seat = Seat(TASK, "chaser", encoding)
+    seat = MazeSeat(TASK, "chaser", encoding)
     hidden = Hidden(8, recurrent="gru" if remembers else None)
     policy: Any = seat.policy(ActorCritic(seat.features, seat.num_actions, hidden), greedy=True)
     for maze in ("2x2", "5x5"):  # their cells have numbers that mean others, or none

@@ -24,7 +24,7 @@ from pursuit.replays.adapters import MazeAdapter
 from scripted_agents import AStarChaser
 from train.kinds import start
 from train.networks.layers import Hidden
-from train.networks.policy import Seat
+from train.networks.policy import MazeSeat
 from train.networks.q_network import QNetwork
 
 ACTIONS = ["north", "south", "east", "west", "stay"]
@@ -79,7 +79,7 @@ def test_an_exported_network_says_how_it_is_used(maze: str, suffix: str, tmp_pat
     task = pursuit.make_task(
         "chase", maze=ring if maze == "graph" else maze, stay_action=True, max_steps=50
     )
-    seat = Seat(task, "chaser", "index")
+    seat = MazeSeat(task, "chaser", "index")
     network = QNetwork(seat.features, task.num_actions, Hidden(8))
     path = train.export_policy(seat.policy(network), tmp_path / f"policy{suffix}")
     if suffix == ".pt2":

@@ -20,7 +20,7 @@ from scripted_agents import (
 )
 from train.networks.actor_critic import ActorCritic
 from train.networks.layers import Hidden
-from train.networks.policy import LearnedPolicy, Seat
+from train.networks.policy import LearnedPolicy, MazeSeat
 from train.self_play.meta_game import Payoffs
 from train.self_play.pool import OpponentPool, PoolPolicy, weights
 from train.settings.self_play import ROLES
@@ -60,7 +60,7 @@ def test_in_a_duel_networks_play_by_tables_that_follow_them(tmp_path: Path) -> N
     """From the same streams come the actions of the networks themselves, also when one learns."""
     torch.manual_seed(0)
     task = make_task("chase", maze="3x3", stay_action=True)
-    seat = Seat(task, "evader")
+    seat = MazeSeat(task, "evader")
     networks = [ActorCritic(seat.features, 5, Hidden(16), True) for _ in range(3)]
     for network in networks:
         torch.nn.init.normal_(network.policy_head.weight)  # far from uniform

@@ -35,7 +35,7 @@ from train.evaluation.games import table_in
 from train.evaluation.matchups import discounted_steps, match, play_pair
 from train.experiments.rows import read_run
 from train.kinds import open_run, start
-from train.networks.policy import Seat
+from train.networks.policy import MazeSeat
 from train.runs.folder import SELF_PLAY
 from train.runs.loop import Run
 from train.runs.opponents import load_policy
@@ -58,7 +58,7 @@ def make_env(tmp_path: Path, role: str, **settings: int) -> SimulatorEnv:
     pool = OpponentPool(tmp_path, RandomAgent(), 3, lambda state: Always(0))
     opponents.policies[other].pool = pool
     policies = [opponents.policies.get(seat) for seat in task.seat_roles]
-    return SimulatorEnv(simulator, Seat(task, role), policies, opponents, task.count(role))
+    return SimulatorEnv(simulator, MazeSeat(task, role), policies, opponents, task.count(role))
 
 
 @pytest.mark.parametrize("role", ["chaser", "evader"])

@@ -1,0 +1,122 @@
+"""`Seat`: a place in a game that learns, with its observations, its actions and its policies."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pursuit.rules.arrays import Array
+from pursuit.validation import Missing
+from train.networks.features import Features
+from train.networks.numbering import Numbering
+
+
+class Seat(ABC):
+    """An agent of a task, or all agents of a role. Subclasses are frozen dataclasses.
+
+    What is defined here is that of a single agent with discrete actions, without masks.
+
+    Attributes:
+        task: of the games.
+        agent: name or role.
+        encoding: its observation.
+        frame_stack: number of stacked observations.
+        joint: whether the agents of the role are one player, with joint actions.
+        critic: the observation of a central critic; "" for none.
+        continuous: whether actions are continuous: numbers in [-1, 1].
+        NO_MEMORY: the kind of game, and why its policies have no memory; "" where they can have it.
+        NO_NUMBERS: why its states have no numbers for tables; "" where they have.
+        NO_TEAM: whether it is always a single agent, so that there are no teams.
+    """
+
+    task: Any
+    agent: str
+    encoding: str
+    frame_stack: int = 1
+    joint: bool = False
+    critic: str = ""
+    continuous: bool = False
+    NO_MEMORY: ClassVar[str] = ""
+    NO_NUMBERS: ClassVar[str] = "the states of this game have no numbers"
+    NO_TEAM: ClassVar[bool] = True
+
+    @property
+    def number(self) -> int:
+        """The agent index; for a role that of its first agent."""
+        return int(self.task.seat(self.agent))
+
+    @property
+    def role(self) -> str:
+        """The role of the agent."""
+        return self.agent
+
+    @property
+    def team_size(self) -> int:
+        """The number of agents with its role, including itself."""
+        return 1
+
+    @property
+    def members(self) -> int:
+        """The number of players of its role: its agents, or the team as one player."""
+        return 1 if self.joint else self.team_size
+
+    @property
+    @abstractmethod
+    def num_actions(self) -> int:
+        """The number of discrete actions, or the dimensions of a continuous action."""
+
+    @property
+    @abstractmethod
+    def features(self) -> Features:
+        """The features of the network's input."""
+
+    @property
+    def numbering(self) -> Numbering | Missing:
+        """The states by number, for tables of action values; ValueError if there are too many."""
+        return Missing(self.NO_NUMBERS)
+
+    @property
+    def critic_features(self) -> Features | None:
+        """The features of the central critic's observation; None without one."""
+        return None
+
+    @abstractmethod
+    def policy(self, network: Any, greedy: bool = True) -> Any:
+        """A policy with this network."""
+
+    @property
+    def observed(self) -> Array | None:
+        """[states, *shape]: the observation in every state of an enumerated game; else None."""
+        return None
+
+    # -- in a batch of games ---------------------------------------------------------------------
+
+    @abstractmethod
+    def bounds(self, batch: Any) -> tuple[Array, Array]:
+        """The least and the largest observation [*shape], unstacked, in their dtype."""
+
+    @abstractmethod
+    def observe(self, batch: Any, agents: slice) -> Array:
+        """[games, agents, *shape]: the observations of these agents, unstacked; a new array."""
+
+    @property
+    def has_masks(self) -> bool:
+        """Whether actions can be masked."""
+        return False
+
+    def allowed(self, batch: Any, agents: slice) -> NDArray[np.bool_]:
+        """[games, agents, actions]: the action masks of these agents."""
+        agents_of_seat = len(range(batch.task.num_agents)[agents])
+        return np.ones((batch.num_games, agents_of_seat, self.num_actions), dtype=bool)
+
+    def left(self, batch: Any, agents: slice) -> NDArray[np.bool_] | None:
+        """[games, agents]: which of these agents have left a game that can go on; None for none."""
+        return None
+
+    def moves(self, actions: NDArray[Any]) -> Array:
+        """The actions of all agents of the seat as the batch takes them, from those of a learner
+        [games * members, ...]."""
+        return actions.astype(np.int32)
