@@ -31,7 +31,6 @@ from train.files import Plain, read_csv, write_csv
 from train.machine import commit, processor, versions
 from train.runs import loop
 from train.runs.folder import RUN
-from train.runs.tasks import task_of
 from train.settings.presets import TASK_PRESETS, preset_task
 from train.settings.task import TaskSettings
 
@@ -102,7 +101,7 @@ def as_ours(seconds: float) -> Plain:
 
 def simulated(policy: Any, seed: int) -> Played:
     """Episodes in our simulator, whose rewards are equal."""
-    task = task_of(TaskSettings(**preset_task("sisl-pursuit", TaskSettings)))
+    task = TaskSettings(**preset_task("sisl-pursuit", TaskSettings)).build()
     games = pursuit.Simulator(task, SIMULATED, seed, auto_restart=False)
     actions = np.zeros((SIMULATED, task.num_agents), dtype=np.int32)
     policies = [policy] * 8 + [pursuit.UniformAgent()] * 30

@@ -36,14 +36,12 @@ from train.runs.parts import parts_of, settings_of
 from train.runs.provenance import check_parts, check_sources
 from train.runs.saved import from_plain
 from train.runs.single import single_agent
-from train.runs.tasks import maze_text_of
 from train.runs.unused_settings import check_unused_settings
 from train.self_play.parts import self_play_from_plain, self_play_parts, self_play_settings_of
 from train.self_play.small_games import self_play_run
+from train.settings.mazes import as_text, names_in
 from train.settings.run import TrainSettings
 from train.settings.self_play import SelfPlayBase, WholeSettings
-from train.settings.task import TaskSettings
-from train.teaching.mazes import as_text, names_in
 
 
 @dataclass(frozen=True)
@@ -133,14 +131,12 @@ def write_config(
     """Write `config.json`, with maze files replaced by their text."""
     own: Any = with_mazes(settings)
     plain = replace(own, task=settings.task)
-    save_config(folder, kind, plain, maze_text_of(settings.task), final)
+    save_config(folder, kind, plain, settings.task.maze_text, final)
 
 
 def with_mazes(settings: WholeSettings) -> WholeSettings:
     """The same settings with maze files replaced by their text."""
-    changed: Plain = {}
-    if isinstance(settings.task, TaskSettings):
-        changed["task"] = replace(settings.task, maze=as_text(settings.task.maze))
+    changed: Plain = {"task": settings.task.frozen()}
     own: Any = getattr(settings, "curriculum_settings", None)
     if (given := getattr(own, "curriculum_mazes", None)) is not None:
         texts = ",".join(map(as_text, names_in(given)))

@@ -70,6 +70,10 @@ class GameTask:
         """The number of different actions of a player."""
         return len(self.game.action_lists[self.seat(player)])
 
+    def horizon(self, discount: float) -> int | None:
+        """The horizon of exact results: the time limit, None with a discount."""
+        return self.max_steps if discount == 1.0 else None
+
     @cached_property
     def tables(self) -> tables.StepTables:
         """The transitions for the simulator."""

@@ -22,8 +22,8 @@ from train.runs.folder import CONFIG, RESULTS, RUN, SELF_PLAY, read_metrics
 from train.runs.loop import Run
 from train.runs.opponents import load_policy
 from train.runs.parts import settings_of
-from train.runs.tasks import _game_with
 from train.self_play.parts import self_play_settings_of
+from train.settings.task import _game_with
 
 pytestmark = [
     pytest.mark.filterwarnings(f"ignore:{what}:UserWarning")

@@ -41,7 +41,6 @@ from train.networks.policy import MazeSeat
 from train.runs.folder import RUN
 from train.runs.loop import Run
 from train.runs.parts import settings_of
-from train.runs.tasks import profile_of
 from train.settings.algorithms import DQNSettings, PPOSettings
 from train.settings.presets import tuned
 from train.settings.run import TrainSettings
@@ -161,7 +160,7 @@ def gap(limit: float, target: float = 0.02) -> None:
     budgets = [b for b in (10.0, 15.0, 20.0, 30.0, 45.0, 60.0, 90.0, 120.0, 240.0) if b <= limit]
     found: dict[str, float] = {}
     for budget in budgets:
-        run = our_run(TrainSettings(MAZE, tuned("ppo", profile_of(MAZE)), seconds=budget))
+        run = our_run(TrainSettings(MAZE, tuned("ppo", MAZE.profile()), seconds=budget))
         run.train()
         reached = run.rows[-1]["optimality_gap"]
         print(f"  ours {budget:5.0f} s: gap {100 * reached:.2f} %", flush=True)

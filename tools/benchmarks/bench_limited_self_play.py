@@ -20,7 +20,6 @@ from scripted_agents.environments import scripted_policy
 from train.evaluation.matchups import discounted_steps
 from train.files import write_text
 from train.kinds import open_run
-from train.runs.tasks import task_of
 from train.self_play.parts import self_play_settings_of
 from train.settings.self_play import ROLES
 
@@ -58,7 +57,7 @@ def scores(job: tuple[Path, str, str, int]) -> dict[str, Any]:
     settings = settings_of(views, memory, seed)
     run = open_run(folder) if folder.exists() else train.start("self-play", settings, folder)
     run.train()
-    task, results = task_of(settings.task), run.results()
+    task, results = settings.task.build(), run.results()
     pair: dict[str, Policy] = {role: run.trainee.policy(role) for role in ROLES}
     found: dict[str, Any] = {"views": views, "memory": memory, "seed": seed}
     found |= {"seconds": results["seconds"], "pair": value(task, pair)}

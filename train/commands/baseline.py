@@ -10,14 +10,14 @@ from pursuit.validation import at_least
 from scripted_agents import why_not_team_chase
 from scripted_agents.limits import MAX_EVALUATED_WORK, is_single_runner, why_no_tour
 from scripted_agents.tours.tour import expected_tour_length, num_states
-from train.commands.parse import default_task, options_in, parse
+from train.commands.parse import options_in, parse
 from train.commands.scores import print_bounds, print_scores, print_whole_game
 from train.evaluation.arm_contest import ArmContest
 from train.evaluation.contest import GameContest
 from train.evaluation.suite_contest import SuiteContest
-from train.runs.unused_settings import check_unused_task_settings
 from train.settings.checks import Settings
-from train.settings.task import AnyTask, TaskSettings
+from train.settings.task import TaskSettings
+from train.settings.task_form import AnyTask, default_task
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ def baseline(arguments: Sequence[str]) -> None:
     """`pursuit baseline`."""
     default = BaselineCommand(default_task(options_in(arguments)))
     given = parse(BaselineCommand, arguments, "baseline", default)
-    check_unused_task_settings(given.task)
+    given.task.check_used()
     from train.runs.parts import contest_of  # torch is slow to import
 
     contest = contest_of(given.task, given.episodes, given.seed)

@@ -39,18 +39,9 @@ from train.evaluation.suite_report import summary_of
 from train.files import Plain, check_folder, reserved, write_json
 from train.reports.tables import ResultTable, numeric, print_table, words
 from train.runs.folder import SELF_PLAY, read_config
-from train.runs.tasks import agent_of, game_of, task_of
-from train.runs.unused_settings import check_unused_task_settings
 from train.settings.checks import Settings, check_default
-from train.settings.task import (
-    AGENT,
-    AnyTask,
-    ReacherSettings,
-    SmallGameSettings,
-    TaskSettings,
-    in_maze,
-    task_form,
-)
+from train.settings.task import AGENT, ReacherSettings, SmallGameSettings, TaskSettings
+from train.settings.task_form import AnyTask, task_form, with_values
 
 
 @dataclass(frozen=True)
@@ -151,13 +142,14 @@ def evaluate_players(given: EvaluateCommand) -> Plain:
     why = f"{given.run} is a whole run of self-play, in which every player plays its own policy"
     check_default(given, EvaluateCommand, names, why)
     from train.kinds import read_settings  # torch is slow to import
-    from train.runs.opponents import player_policy
+    from train.runs.opponents import policy_of
     from train.self_play.small_game_report import describe_small_game
     from train.self_play.small_games import described, exact_row
 
     settings: Any = read_settings(given.run)[1]
-    task, discount, run = game_of(settings.task), settings.discount, str(given.run)
-    tables = {name: player_policy(run, task, name).table(task) for name in settings.sides}
+    task, discount, run = settings.task.build(), settings.discount, str(given.run)
+    players = {name: policy_of(settings.task, run, task, name) for name in settings.sides}
+    tables = {name: player.table(task) for name, player in players.items()}
     found = exact_row(task, tables, discount)
     content = {**described(task, discount), "discount": discount, "evaluation": found}
     print(*describe_small_game(content), sep="\n")
@@ -193,7 +185,7 @@ def evaluate_and_print(
     """Evaluate, print the scores and write the replays; the results."""
     from train.runs.parts import contest_of  # torch is slow to import
     from train.runs.single import evaluation_of
-    from train.runs.worlds import GridWorld
+    from train.runs.worlds import world_of
 
     loaded = load_run(given) if isinstance(given, EvaluateCommand) else load_model(given)
     task, training, policies = loaded.task, loaded.training, loaded.policies
@@ -213,7 +205,7 @@ def evaluate_and_print(
         scores = [each.score(given.episodes) for each in played]
         more["suite"] = {each.name: summary_of(contest, each) for each in played}
         if isinstance(given, EvaluateCommand) and given.maze is not None:
-            world = GridWorld(in_maze(training, "a suite of mazes"))  # also of a single maze
+            world: Any = world_of(training)  # also of a single maze
             own = replace(contest, task=world.task, agent=world.agent, opponents=world.opponents)
             shown = next(each for each in played if each.name == evaluated)
             more["generalisation"] = compared(contest, shown, own, policies[evaluated])
@@ -296,15 +288,15 @@ def load_run(given: EvaluateCommand) -> Loaded:
         )
     if changed:
         task: Any = replace(settings.task, **changed)
-        check_unused_task_settings(task)
+        task.check_used()
         settings = replace(settings, task=task)
     policies = {"learned": policy}
     if entry(settings.algorithm).learns_distribution:
         policies["learned, sampled"] = load_policy(given.run, greedy=False)
     training = settings.task
     if given.maze is not None:
-        played = in_maze(settings.task, f"--maze {given.maze}")
-        settings = replace(settings, task=replace(played, maze=given.maze))
+        played = with_values(settings.task, f"--maze {given.maze}", maze=given.maze)
+        settings = replace(settings, task=played)
         if without_id(settings.observation) in NO_WALLS:
             warn(f"{given.run} observes {settings.observation!r}, which does not contain walls")
     named = {name: getattr(settings, name) for name in ("algorithm", "curriculum", "seed")}
@@ -315,11 +307,11 @@ def load_run(given: EvaluateCommand) -> Loaded:
 
 def load_model(given: EvaluateModelCommand) -> Loaded:
     """The policies of a saved model, in the task of the options."""
-    from train.runs.opponents import check_fits  # torch is slow to import
+    from train.families.maze import check_fits  # torch is slow to import
     from train.runs.stable_baselines import load_stable_baselines
 
-    built = task_of(given.task)
-    agent = agent_of(given.task, built)
+    built = given.task.build()
+    agent = given.task.agent_in(built)
     trained: Plain = {"task": built, "agent": agent, "observation": given.observation}
     trained["mask_bumps"] = given.task.mask_bumps
     greedy = load_stable_baselines(given.run, **trained)

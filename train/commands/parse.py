@@ -23,7 +23,6 @@ from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec
 from pursuit.plugins import ALLOW, allow
 from pursuit.validation import check
 from train.files import Plain
-from train.settings.task import AnyTask, SmallGameSettings, task_form
 
 Form = TypeVar("Form")
 AGENT_OPTIONS = ("--line-of-sight", "--unknown-maze")
@@ -80,12 +79,6 @@ def options_in(arguments: Sequence[str]) -> dict[str, str]:
         elif name:
             found[name] = found[name] or argument
     return found
-
-
-def default_task(options: Mapping[str, str]) -> AnyTask:
-    """The default settings of the task that --task or --game names, chase by default."""
-    form = task_form(options)
-    return SmallGameSettings(game=options.get("game", "")) if form is SmallGameSettings else form()
 
 
 def default_budget(options: Mapping[str, str], seconds: float) -> Plain:

@@ -20,17 +20,17 @@ from scripted_agents import (
 )
 from scripted_agents.environments import DEFAULTS
 from scripted_agents.games.agents import UNIFORM, TableAgent, named_agent
-from train.commands.parse import default_task, options_in, parse
+from train.commands.parse import options_in, parse
 from train.evaluation.arm_contest import ArmContest
 from train.evaluation.contest import GameContest
 from train.evaluation.contests import AnyContest
 from train.evaluation.maze_contest import MazeContest
 from train.evaluation.small_game_contest import SmallGameContest
 from train.files import check_folder, check_new_files
-from train.runs.unused_settings import check_unused_task_settings
 from train.settings.checks import Settings
 from train.settings.reading import names_of
-from train.settings.task import AnyTask, TaskSettings
+from train.settings.task import TaskSettings
+from train.settings.task_form import AnyTask, default_task
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ def render(arguments: Sequence[str]) -> None:
         policy, task = load_policy(given.run), evaluated_settings(given.run).task
         contest = contest_of(task, 2, team=trains_team(given.run))
     else:
-        check_unused_task_settings(given.task)
+        given.task.check_used()
         contest = contest_of(given.task, 2)
         policy = scripted_policy(contest)
     if given.optimal:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields, make_dataclass
-from pathlib import Path
+from dataclasses import dataclass, field, fields, make_dataclass, replace
 from typing import TYPE_CHECKING, Annotated, Any, cast, get_type_hints
 
 import tyro
@@ -21,86 +20,54 @@ from train.evaluation.scores import OUTCOMES, UNTIL_CAPTURE
 from train.files import Plain
 from train.reports.tables import print_table
 from train.runs.folder import CURVE, REPORT, SELF_PLAY
-from train.self_play.learners import checked_names, learning_side, players_of, unchecked_self_play
+from train.self_play.learners import checked_names, learning_side, sides_of, unchecked_self_play
 from train.settings.algorithms import Hyperparameters
-from train.settings.self_play import (
-    LEARN,
-    ROLES,
-    LearningSide,
-    PlayedTask,
-    SelfPlayBase,
-    SelfPlaySettings,
-    SmallGameSelfPlay,
-    default_rewards,
+from train.settings.reading import names_of
+from train.settings.self_play import LEARN, ROLES, LearningSide, SelfPlayBase, self_play_form
+from train.settings.task_form import AnyTask, default_task
+
+ALGORITHM = (
+    "Algorithm of all sides, one that supports self-play: ppo, a2c, dqn, mmd, rnad, nfsp, or "
+    "package.module:Name."
 )
-from train.settings.task import SmallGameSettings, TaskSettings, task_form
+Hidden: Any = Annotated[Any, tyro.conf.Suppress]
+SIDE = (
+    "learn, or the fixed policy of {}: {}, the folder of a run, or package.module:Name of a "
+    "user-defined policy."
+)
 
 
-@dataclass(frozen=True)
-class Game(TaskSettings):
-    """A game in mazes, and the opponents in it."""
-
-    role: tyro.conf.Suppress[str] = "auto"
-    opponent: tyro.conf.Suppress[str | None] = None
-
-
-@dataclass(frozen=True)
-class SmallGame(SmallGameSettings):
-    """A small game, whose states are all enumerated."""
-
-    player: tyro.conf.Suppress[str] = "auto"
-    opponent: tyro.conf.Suppress[str] = "uniform"
-
-
-@dataclass(frozen=True)
-class Options(SelfPlaySettings):
-    """The settings of a run of self-play."""
-
-    task: TaskSettings = field(default_factory=lambda: Game(rewards="zero_sum"))
-    chaser: str = LEARN
-    """learn, or the fixed policy of the chasers: astar, random, uniform, equilibrium,
-    searching (or sweeping, belief), the folder of a run, or package.module:Name of a
-    user-defined policy."""
-    evader: str = LEARN
-    """learn, or the fixed policy of the evaders."""
-    algorithm: str = "ppo"
-    """Algorithm of both sides, one that supports self-play: ppo, a2c, dqn, mmd, rnad, nfsp, or
-    package.module:Name."""
-
-    def __post_init__(self) -> None:
-        pass
-
-
-@dataclass(frozen=True, kw_only=True)
-class SmallGameOptions(SmallGameSelfPlay):
-    """The settings of a run of self-play in a small game; the sides of the players are added."""
-
-    task: SmallGame
-    algorithm: str = "ppo"
-    """Algorithm of all players, one that supports self-play: ppo, a2c, dqn, mmd, rnad, nfsp, or
-    package.module:Name."""
-
-    players: tyro.conf.Suppress[Any] = None
-    """Not used: the players are options of their own."""
-
-    def __post_init__(self) -> None:
-        pass
-
-
-def small_game_options(game: str, roles: Sequence[str], budget: Plain) -> Any:
-    """The options of self-play in a small game, with one for each player."""
-    text = (
-        "learn, or the fixed policy of {}: uniform, equilibrium, the folder of a run, or "
-        "package.module:Name of a function of a state that returns probabilities."
-    )
-    sides = [
-        (role, Annotated[str, tyro.conf.arg(help=text.format(role))], field(default=LEARN))
-        for role in roles
+def with_defaults(task: AnyTask) -> AnyTask:
+    """The settings of a task whose default values are these, without those that sides replace."""
+    form, make = type(task), cast("Any", make_dataclass)
+    own = [
+        (name, Hidden, field(default=getattr(task, name)))
+        for name in (form.AGENT, "opponent")
+        if name in names_of(form)
     ]
-    make: Any = make_dataclass
-    form = make("Options", sides, bases=(SmallGameOptions,), frozen=True, kw_only=True)
-    form.__doc__ = SmallGameOptions.__doc__
-    return form(task=SmallGame(game=game), **budget)
+    made = make(form.__name__, own, bases=(form,), namespace={"__doc__": form.__doc__}, frozen=True)
+    return made(**vars(task))
+
+
+def options_of(task: AnyTask, roles: Sequence[str], budget: Plain) -> Any:
+    """The options of self-play in a task, with one for each side; not checked."""
+    whole, make = self_play_form(type(task)), cast("Any", make_dataclass)
+    texts = {"algorithm": ALGORITHM}
+    texts |= {role: SIDE.format(role, ", ".join(task.AGENTS)) for role in roles}
+    own: list[Any] = [("task", type(task), field(default=task))]
+    own += [
+        (name, Annotated[str, tyro.conf.arg(help=text)], field(default=default))
+        for name, text in texts.items()
+        for default in ["ppo" if name == "algorithm" else LEARN]
+    ]
+    if "players" in {each.name for each in fields(whole)}:
+        own.append(("players", Hidden, field(default=None)))
+    free = {
+        "__post_init__": lambda self: None,
+        "__doc__": "The settings of a run of self-play.",
+    }
+    form = make("Options", own, bases=(whole,), namespace=free, frozen=True, kw_only=True)
+    return form(**budget)
 
 
 if TYPE_CHECKING:
@@ -132,9 +99,8 @@ def self_play(arguments: Sequence[str]) -> None:
     """`pursuit self-play`."""
     check_resumed(arguments)
     given, settings = parsed(arguments)
-    played = settings.task
-    where = Path(played.maze).stem if isinstance(played, TaskSettings) else played.label
-    started, final = start_or_resume(SELF_PLAY, settings, given, f"self-play-{where}")
+    label = f"self-play-{settings.task.game_label}"
+    started, final = start_or_resume(SELF_PLAY, settings, given, label)
     from train.self_play.mixing import describe_mixing, known_mixed_share  # torch is slow to import
 
     run = cast("Run[SelfPlay]", started)
@@ -154,18 +120,13 @@ def parsed(arguments: Sequence[str]) -> tuple[SelfPlayCommand, SelfPlayBase]:
     """
     options = options_in(arguments)
     budget, flat = default_budget(options, 120.0), Plain()
-    task: PlayedTask
-    if task_form(options) is SmallGameSettings:
-        task = parse_known(SmallGame(game=options.get("game", "")), arguments)
-        roles, unused = players_of(task), ("player", "opponent")
-        settings = small_game_options(task.game, roles, budget)
-    else:
-        checked_names(options)
-        roles, unused = ROLES, ("role", "opponent")
-        rewards = default_rewards(options)
-        task = parse_known(Game(rewards=rewards), arguments)
-        settings = Options(task=Game(rewards=rewards), **budget)
-    for name in unused:
+    default = default_task(options)
+    roles = sides_of(default)
+    checked_names(options, roles)
+    default = with_defaults(replace(default, **default.for_self_play(options)))
+    task = parse_known(default, arguments)
+    settings = options_of(default, roles, budget)
+    for name in (task.AGENT, "opponent"):
         sided = " or ".join(f"--{role}" for role in roles)
         check(name not in options, f"--{name} is for `pursuit train`; use {sided}")
     sides: dict[str, LearningSide] = {}
@@ -179,8 +140,8 @@ def parsed(arguments: Sequence[str]) -> tuple[SelfPlayCommand, SelfPlayBase]:
             flat |= {f"{role}.{name}": value for name, value in options_in(own).items()}
     shown = [*sides.values()] or [LearningSide()]
     hyper, others = shown[0].hyper, other_options(shown[-1], shown[0].hyper)
-    default = SelfPlayCommand(settings, unchecked(hyper), others)
-    given = parse(SelfPlayCommand, arguments, "self-play", default)
+    whole = SelfPlayCommand(settings, unchecked(hyper), others)
+    given = parse(SelfPlayCommand, arguments, "self-play", whole)
     for part in (given.other_algorithm, given.hyper, given.settings, given.settings.task):
         flat |= given_in(arguments, part)
     if not {"seconds", "frames"} & set(flat):

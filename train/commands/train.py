@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
 
 from pursuit.rendering.animation import save_animation
-from train.commands.parse import default_budget, default_task, options_in, parse, parse_known
+from train.commands.parse import default_budget, options_in, parse, parse_known
 from train.commands.progress import RunCommand, check_resumed, finish_run, start_or_resume
 from train.commands.scores import (
     print_bounds,
@@ -22,11 +22,11 @@ from train.files import Plain
 from train.runs.folder import CURVE, REPLAY, REPORT, RUN
 from train.runs.pictures import draw_learning_curve
 from train.runs.report import describe_loops, headline, of_solved, write_report
-from train.runs.tasks import default_settings, task_of
 from train.settings.algorithms import Hyperparameters
+from train.settings.defaults import default_settings
 from train.settings.presets import TUNED, preset_task
 from train.settings.run import AgentSettings, TrainSettings
-from train.settings.task import AnyTask, TaskSettings
+from train.settings.task_form import AnyTask, default_task
 
 if TYPE_CHECKING:
     from train.runs.loop import Run
@@ -57,7 +57,7 @@ class TrainCommand(RunCommand, Generic[H]):
 class _First:
     """Options that are parsed first, as they determine the other options."""
 
-    task: AnyTask = field(default_factory=TaskSettings)
+    task: AnyTask = field(default_factory=lambda: default_task({}))
     algorithm: str | None = None
     preset: str = TUNED
     curriculum: str | None = None
@@ -79,7 +79,7 @@ def train(arguments: Sequence[str]) -> None:
     run = cast("Run[SingleAgent]", started)
     trainee = run.trainee
     print(trainee.contest.line())
-    if not trainee.parts.algorithm.whole_role and (hint := team_hint(trainee.parts.settings.task)):
+    if not trainee.parts.algorithm.whole_role and (hint := trainee.parts.settings.task.hint()):
         print(hint)
     if trainee.update_form is not None:
         print(f"update: {trainee.update_form}")
@@ -87,21 +87,6 @@ def train(arguments: Sequence[str]) -> None:
         print(f"curriculum: {trainee.teacher.name}, over {trainee.teacher.describes}")
     content = finish_run(run, final, "pursuit train", present if given.report else None)
     show(run, content)
-
-
-def team_hint(given: AnyTask) -> str:
-    """The number of teammates that do not learn, and how to train them all, as a line.
-
-    Empty for a learner without teammates, and for runners, which compete.
-    """
-    if not isinstance(given, TaskSettings):
-        return ""
-    task, role = task_of(given), given.agent.split("_")[0]
-    count = task.count(role)
-    if count < 2 or task.num_runners:
-        return ""
-    rest = f"the other {count - 1} play fixed policies" if count > 2 else "the other one is fixed"
-    return f"one of {count} {role}s learns, {rest}; to train all: --algorithm ippo"
 
 
 def _defaults(arguments: Sequence[str]) -> TrainCommand[Hyperparameters]:
@@ -112,8 +97,7 @@ def _defaults(arguments: Sequence[str]) -> TrainCommand[Hyperparameters]:
     """
     options = options_in(arguments)
     task = default_task(options)
-    if own := preset_task(options.get("preset", TUNED), type(task)):
-        task = TaskSettings(**own)
+    task = replace(task, **preset_task(options.get("preset", TUNED), type(task)))
     first = parse_known(_First(task), arguments)
     found = {**default_settings(**vars(first)), "task": task}
     settings: AgentSettings = TrainSettings(**found, **default_budget(options, 60.0))

@@ -19,6 +19,7 @@ from train.evaluation.contest import GameContest
 from train.evaluation.scores import BY_STEPS, Score, optimality_gap
 from train.experiments.contestants import CONTESTANTS, OBEYED, Contestant, Trainer
 from train.experiments.study import Table, check_budget
+from train.families.maze import GridWorld
 from train.files import Plain, write_csv, write_json
 from train.kinds import KINDS, Kind
 from train.machine import machine, versions
@@ -26,7 +27,7 @@ from train.runs.folder import METRICS, RESULTS
 from train.runs.forms import RESTORE
 from train.runs.loop import Budget
 from train.runs.threads import keep_freed_memory
-from train.runs.worlds import GridWorld
+from train.runs.worlds import world_of
 from train.schemas import read_as
 from train.settings.algorithms import PPOSettings
 from train.settings.checks import CLOCKS, SEED, Settings
@@ -135,7 +136,7 @@ def world_and_contest(task: TaskSettings, episodes: int) -> tuple[GridWorld, Gam
     Raises:
         ValueError: the optimum of the task is not known, or longer episodes are better.
     """
-    world = GridWorld(task)
+    world: Any = world_of(task)
     contest = world.contest(episodes)
     if not isinstance(contest, GameContest):
         raise ValueError(
@@ -175,7 +176,8 @@ def learn(
     Rollouts and updates are timed; imports, compilation and evaluations are not. The run ends
     before the iteration that would exceed the budget, assuming that it takes as long as the last.
     """
-    build, world = CONTESTANTS[settings.contestant].build, GridWorld(settings.task)
+    world: Any = world_of(settings.task)
+    build = CONTESTANTS[settings.contestant].build
     torch.set_num_threads(1)
     keep_freed_memory()
     warm = build(world, settings.hyper, WARM_UP_SEED)

@@ -25,13 +25,12 @@ import pursuit
 from pursuit.environments.single_agent import SingleAgentVectorEnv
 from pursuit.simulator.policy import Policy
 from train.experiments.plain_ppo import PlainPPO
+from train.families.maze import GridWorld
 from train.networks.policy import MazeSeat
 from train.runs.parts import parts_of
 from train.runs.single import SingleAgent
 from train.runs.stable_baselines import StableBaselinesNetwork
-from train.runs.tasks import profile_of
 from train.runs.threads import prepare_torch
-from train.runs.worlds import GridWorld
 from train.settings.algorithms import PPOSettings
 from train.settings.presets import curriculum_for, tuned
 from train.settings.run import TrainSettings
@@ -74,7 +73,7 @@ class Ours:
         self, world: GridWorld, settings: PPOSettings, seed: int, curriculum: str | None = None
     ) -> None:
         prepare_torch(1, seed)
-        name, own = curriculum_for("ppo", profile_of(world.settings), curriculum=curriculum)
+        name, own = curriculum_for("ppo", world.settings.profile(), curriculum=curriculum)
         # Frames are given so that threads are not chosen by time.
         whole = TrainSettings(
             world.settings, settings, own, "ppo", name, frames=10**12, seed=seed, threads=1
@@ -106,7 +105,7 @@ class Ours:
 
 def our_defaults(world: GridWorld) -> PPOSettings:
     """Our preset of a task."""
-    found = tuned("ppo", profile_of(world.settings))
+    found = tuned("ppo", world.settings.profile())
     assert isinstance(found, PPOSettings)
     return found
 

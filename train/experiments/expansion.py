@@ -28,7 +28,6 @@ from train.kinds import KINDS
 from train.runs.folder import RUN, SELF_PLAY
 from train.runs.forms import Final
 from train.runs.parts import contest_of
-from train.runs.tasks import task_of
 from train.settings.checks import check_seed
 from train.settings.self_play import LEARN, ROLES
 from train.settings.task import SmallGameSettings, TaskSettings
@@ -327,7 +326,7 @@ def check_measures(file: StudyFile, runs: Sequence[TrainingRun]) -> None:
                 continue  # their NashConv and best responses are known
             assert isinstance(task, TaskSettings)  # self-play has no other
             check(
-                task_of(task).is_duel,
+                task.build().is_duel,
                 f"task {task.task!r} with these agents has no exact NashConv for every run; use "
                 "one chaser against one evader",
             )

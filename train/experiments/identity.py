@@ -21,9 +21,8 @@ from train.kinds import with_mazes
 from train.runs.folder import CHECKPOINT, CONFIG
 from train.runs.provenance import provenance
 from train.runs.stable_baselines import description_of
-from train.runs.tasks import maze_text_of
+from train.settings.mazes import named_maze, names_in
 from train.settings.self_play import ROLES
-from train.teaching.mazes import named_maze, names_in
 
 INPUTS = "inputs"
 """Subfolder of a sweep with copies of opponents."""
@@ -111,7 +110,7 @@ def fingerprint(kind: str, settings: Any, episodes: int, inputs: Mapping[str, In
     named = named_policies(asdict(settings))
     digests = {name: policy.digest for name, policy in inputs.items() if name in named}
     plain = asdict(with_policies(settings, digests))
-    if (maze := maze_text_of(settings.task)) is not None:
+    if (maze := settings.task.maze_text) is not None:
         plain["task"]["maze"] = maze
     mazes = plain.get("curriculum_settings", {}).get("curriculum_mazes")
     if mazes is not None:

@@ -36,8 +36,8 @@ from train.runs.folder import (
     read_metrics,
 )
 from train.runs.provenance import check_sources, recorded_parts
-from train.runs.tasks import maze_of
 from train.self_play.names import entry_names
+from train.settings.mazes import maze_or_suite
 from train.settings.self_play import ROLES
 from train.settings.task import learning_agent
 
@@ -282,7 +282,7 @@ def settings_row(folder: Path) -> Row:
     row |= {name: value for name, value in flat_plain(plain).items() if name not in row}
     row["variant"] = label.get("variant")
     if "maze" in task:
-        found = maze_of(task["maze"])  # or the name of a suite
+        found = maze_or_suite(task["maze"])  # or the name of a suite
         row["maze"] = found if isinstance(found, str) else found.name
         one = kind != SELF_PLAY
         row["role"] = learning_agent(task["task"], task["role"]) if one else "both"

@@ -24,6 +24,7 @@ class Seat(ABC):
         agent: name or role.
         encoding: its observation.
         frame_stack: number of stacked observations.
+        team: whether all agents of the role learn together; then `agent` is the role.
         joint: whether the agents of the role are one player, with joint actions.
         critic: the observation of a central critic; "" for none.
         continuous: whether actions are continuous: numbers in [-1, 1].
@@ -36,6 +37,7 @@ class Seat(ABC):
     agent: str
     encoding: str
     frame_stack: int = 1
+    team: bool = False
     joint: bool = False
     critic: str = ""
     continuous: bool = False

@@ -4,19 +4,21 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from pursuit.validation import check
 from scripted_agents.environments import agent_name
 from train.evaluation.contest import GameContest
 from train.evaluation.games import other_role
+from train.families.maze import check_fits, check_one_maze
 from train.play.session import Session
 from train.runs.folder import CONFIG
-from train.runs.opponents import check_fits, is_self_play, policy_in_seat
+from train.runs.opponents import is_self_play, policy_of
 from train.runs.saved import load_settings
-from train.runs.tasks import check_one_maze
-from train.runs.worlds import GridWorld
+from train.runs.worlds import world_of
 from train.settings.self_play import ROLES
-from train.settings.task import TaskSettings, in_maze
+from train.settings.task import TaskSettings
+from train.settings.task_form import with_values
 
 
 def session_of(settings: TaskSettings, beside: str, seed: int) -> Session:
@@ -31,7 +33,7 @@ def session_of(settings: TaskSettings, beside: str, seed: int) -> Session:
     Raises:
         ValueError: invalid settings, or policies that do not match the task.
     """
-    world = GridWorld(settings)
+    world: Any = world_of(settings)
     check_one_maze(world.task, "a game by hand")
     check(
         world.task.mazes[0].is_grid,
@@ -41,7 +43,7 @@ def session_of(settings: TaskSettings, beside: str, seed: int) -> Session:
     for role, policy in world.opponents.items():
         check_fits(policy, role, world.task, str(world.settings.opponent))
     role = world.agent.split("_")[0]
-    policy = policy_in_seat(beside, world.task, role)
+    policy = policy_of(settings, beside, world.task, role)
     contest = world.contest(2)
     assert isinstance(contest, GameContest)  # of one maze
     return Session(contest, name_of(beside, role), policy, seed, world.settings.opponent)
@@ -58,7 +60,8 @@ def game_of_run(against: str) -> TaskSettings | None:
         return None
     if is_self_play(folder):
         folder = next((folder / r for r in ROLES if (folder / r / CONFIG).exists()), folder)
-    learned = in_maze(load_settings(folder).task, against)
+    learned = load_settings(folder).task
+    learned = with_values(learned, against, mask_bumps=False)
     role = learned.agent.split("_")[0]
     other = other_role(role) if role in ROLES else role
     return replace(learned, role=other, opponent=None, mask_bumps=False)

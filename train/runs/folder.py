@@ -29,8 +29,8 @@ from train.files import (
 from train.runs import forms
 from train.runs.provenance import COMMAND, PARTS, command_line, provenance
 from train.schemas import read_as
+from train.settings.mazes import titled
 from train.settings.self_play import WholeSettings
-from train.teaching.mazes import titled
 
 CONFIG, METRICS = "config.json", "metrics.csv"
 RESULTS, CHECKPOINT = "results.json", "checkpoint.pt"

@@ -1,4 +1,4 @@
-"""Policies by name: scripted agents, saved runs, and models of other libraries."""
+"""The policies of saved runs, and policies by name."""
 
 from __future__ import annotations
 
@@ -10,19 +10,11 @@ from typing import Any
 from pursuit.plugins import reading
 from pursuit.simulator.policy import Policy
 from pursuit.tasks.task import Task
-from pursuit.validation import as_path, check, check_bool, shortened
-from scripted_agents.environments import (
-    AGENTS,
-    chosen_policies,
-    default_policies,
-    is_agent,
-    is_custom_policy,
-    named_policy,
-)
-from scripted_agents.games.agents import AGENTS as GAME_AGENTS
-from scripted_agents.games.agents import TableAgent, named_agent
-from scripted_agents.games.simulator import GameTask, StatePolicy
+from pursuit.validation import as_path, check, check_bool, need
 from train.algorithms.registry import entry
+from train.families import family_of, maze
+from train.families.family import Fixed
+from train.families.policies import policy_named
 from train.runs.folder import (
     CONFIG,
     MISFITS,
@@ -34,7 +26,9 @@ from train.runs.folder import (
 )
 from train.runs.saved import load_settings, player_of
 from train.runs.stable_baselines import load_stable_baselines
-from train.settings.task import SmallGameSettings, in_maze
+from train.settings.run import AgentSettings
+from train.settings.self_play import sides_in
+from train.settings.task_form import TaskForm
 from train.tensors import own_defaults
 
 
@@ -69,181 +63,46 @@ def load_policy(folder: Path | str, greedy: bool = True) -> Any:
             raise misfit(folder, error) from None
 
 
-def load_opponent(path: Path | str, played: str = "sampled", **trained: Any) -> Policy:
-    """A policy from the folder of a run, or from a saved Stable-Baselines3 model.
+class _SavedRuns:
+    """As of `train.families.family.SavedRuns`."""
 
-    Args:
-        path: of the folder or the .zip file.
-        played: "sampled" from the learned distribution, if there is one; or "greedy".
-        **trained: task, agent and observation of a model without a description file, as in
-            `load_stable_baselines`.
+    def settings(self, folder: Path) -> AgentSettings:
+        return load_settings(folder)
 
-    Raises:
-        ValueError: neither of them, or damaged.
-    """
-    path = Path(path)
-    if os.path.isdir(path):  # unlike Path.is_dir() also for names that are too long
-        settings = load_settings(path)
-        in_maze(settings.task, str(path))
-        greedy = played == "greedy" or not entry(settings.algorithm).learns_distribution
-        policy = load_policy(path, greedy)
-        policy.name = played_name(path, greedy)
-        return policy
-    check(
-        path.suffix == ".zip",
-        f"{shortened(str(path))}: not a policy; give one of {', '.join(AGENTS)} (or learn, in "
-        "self-play), package.module:Name, a run folder, or a saved Stable-Baselines3 model (.zip)",
-    )
-    return load_stable_baselines(path, None if played == "sampled" else True, **trained)
+    def policy(self, folder: Path, greedy: bool) -> Any:
+        return load_policy(folder, greedy)
+
+    def has_distribution(self, folder: Path) -> bool:
+        return entry(load_settings(folder).algorithm).learns_distribution
+
+    def sides(self, folder: Path) -> Mapping[str, Fixed | None] | None:
+        if not is_self_play(folder):
+            return None
+        plain = read_config(folder)[1]
+        how = [plain["task"].get(name) for name in ("opponent_epsilon", "opponent_policy")]
+        return {
+            role: Fixed(own, how[0] or 0.0, how[1] or "sampled") if isinstance(own, str) else None
+            for role, own in sides_in(plain).items()
+        }
+
+    def model(self, path: Path, greedy: bool | None, **trained: Any) -> Any:
+        return load_stable_baselines(path, greedy, **trained)
 
 
-def opponents_of(
-    task: Task,
-    agent: str,
-    opponent: str | None,
-    epsilon: float,
-    played: str = "sampled",
-    observation: str | None = None,
-) -> dict[str, Policy]:
-    """The policy of every role: scripted, or `opponent` for its role.
-
-    Args:
-        task: the game.
-        agent: the learning agent.
-        opponent: one of AGENTS, a user-defined policy, the folder of a run or a model's .zip; None
-            for A*.
-        epsilon: share of random moves of the scripted agents.
-        played: policy of a learned opponent, "sampled" or "greedy".
-        observation: of a model without a description file.
-
-    Raises:
-        ValueError: no policy at `opponent`, or one that cannot play against the learner.
-    """
-    if opponent is None or is_agent(opponent):
-        return chosen_policies(task, agent, opponent, epsilon)
-    seat = task.seat(agent)
-    others = [r for s, r in enumerate(task.seat_roles) if s != seat]
-    first = next((r for r in others if r != task.seat_roles[seat]), task.seat_roles[seat])
-    trained = {"task": task, "agent": first, "observation": observation}
-    policy: Any = load_opponent(opponent, played, **trained)
-    role = role_of(policy)
-    check(
-        role in others,
-        f"opponent={opponent!r} is a policy for {role!r}; give one for another agent of task "
-        f"{task.name!r}: {', '.join(others) or 'none'}",
-    )
-    return {**default_policies(task, epsilon), role: policy}
+SAVED = _SavedRuns()
+"""What families read saved policies with."""
 
 
-def player_policy(
-    name: str, task: GameTask, player: str, epsilon: float = 0.0, greedy: bool = False
-) -> StatePolicy:
-    """The policy of this name for a player of a small game, as a table.
-
-    Args:
-        name: as of `named_agent`; or the folder of a run (of self-play: of all players, also of
-            those with a fixed policy).
-        task, player: the game, and the player by name.
-        epsilon: the probability of a uniformly random action.
-        greedy: whether a learned policy plays its most probable action.
-
-    Raises:
-        ValueError: an unknown policy, or one of another game or player.
-    """
-    if name in GAME_AGENTS or is_custom_policy(name):
-        return named_agent(name, task, player, epsilon)
-    folder = Path(name)
-    check(
-        os.path.isdir(folder),
-        f"{shortened(name)}: not a policy; give {', '.join(GAME_AGENTS)}, package.module:Name of a "
-        "function of a state, or a run folder",
-    )
-    path = folder
-    if is_self_play(folder):
-        path, (_, plain) = folder / player, read_config(folder)
-        sides = plain.get("players")
-        check(
-            isinstance(sides, Mapping) and player in sides,
-            f"{name}: a run of self-play without a player {player}; give a run of this game",
-        )
-        if isinstance(fixed := plain["players"][player], str):
-            epsilon = epsilon or plain["task"].get("opponent_epsilon", 0.0)
-            greedy = greedy or plain["task"].get("opponent_policy") == "greedy"
-            with reading(folder / CONFIG):
-                return player_policy(fixed, task, player, epsilon, greedy)
-    settings = load_settings(path)
-    check(
-        isinstance(settings.task, SmallGameSettings),
-        f"{name}: a run of task {settings.task.task!r}; give a run of this game",
-    )
-    greedy = greedy or not entry(settings.algorithm).learns_distribution
-    learned = load_policy(path, greedy)
-    check(
-        learned.agent == player,
-        f"{name}: is a policy of {learned.agent}, not of {player}; give another",
-    )
-    return TableAgent(task, player, learned.table(task), epsilon, played_name(path, greedy))
+def policy_of(settings: TaskForm, name: str, task: Any, agent: str, *how: Any) -> Any:
+    """The policy of this name for an agent or role of a task; as of `policy_named`."""
+    return policy_named(need(family_of(settings).policies), SAVED, name, task, agent, *how)
 
 
-def played_name(path: Path, greedy: bool) -> str:
-    """The name of a learned policy in tables and results."""
-    return f"{path} ({'greedy' if greedy else 'sampled'})"
-
-
-def policy_in_seat(
-    name: str,
-    task: Task,
-    role: str,
-    epsilon: float = 0.0,
-    played: str = "sampled",
-    observation: str | None = None,
-) -> Policy:
-    """The policy of this name for a role of a task.
-
-    Args:
-        name: of a scripted agent, a user-defined policy, the folder of a run (for self-play: of
-            both roles) or a model's .zip.
-        task, role: the game, and the role of the policy.
-        epsilon: share of random moves of a scripted agent.
-        played, observation: as in `opponents_of`.
-
-    Raises:
-        ValueError: no policy of this name, or one for another role or other games.
-    """
-    if is_agent(name):
-        return named_policy(name, task, role, epsilon)
-    folder = Path(name)
-    path = folder / role if is_self_play(folder) else folder
-    policy = load_opponent(path, played, task=task, agent=role, observation=observation)
-    check_fits(policy, role, task, name)
-    return policy
+def opponents_of(task: Task, agent: str, opponent: str | None, *how: Any) -> dict[str, Policy]:
+    """The policy of every role of a task in mazes; as of `train.families.maze.opponents_of`."""
+    return maze.opponents_of(SAVED, task, agent, opponent, *how)
 
 
 def is_self_play(folder: Path) -> bool:
     """Whether a folder contains a run of self-play."""
     return os.path.exists(folder / CONFIG) and read_config(folder)[0] == SELF_PLAY
-
-
-def role_of(policy: Any) -> str:
-    """The role of a learned policy."""
-    task: Task = policy.task
-    return task.seat_roles[task.seat(policy.agent)]
-
-
-def check_fits(policy: Policy, role: str, task: Task, name: str) -> None:
-    """ValueError unless a learned policy is for this role and task."""
-    if not hasattr(policy, "task"):
-        return
-    own: Task = policy.task
-    learned = role_of(policy)
-    check(learned == role, f"{name}: is a policy for {learned!r}, not for {role!r}; give another")
-    plays_in = getattr(policy, "plays_in", lambda maze: False)
-    check(
-        set(task.mazes) <= set(own.mazes) or all(plays_in(maze) for maze in task.mazes),
-        f"{name}: was trained in maze {own.mazes[0].name}, not in {task.mazes[0].name}; use that "
-        "maze, or train with observation window:R (on graphs, an observation of your own)",
-    )
-    same = ("num_chasers", "num_evaders", "num_goals", "stay_action", "move_order", "most_exits")
-    for what in same:
-        mine, theirs = getattr(own, what), getattr(task, what)
-        check(mine == theirs, f"{name}: was trained with {what}={mine}, not {theirs}; use {mine}")

@@ -15,20 +15,18 @@ from pursuit.memory import check_memory
 from pursuit.observations.custom import without_id
 from pursuit.validation import check
 from train.algorithms.registry import Algorithm, Build, entry
-from train.evaluation.contests import AnyContest
+from train.families.family import World
 from train.files import Plain
 from train.networks.policy import NO_WALLS
 from train.networks.seat import Seat
-from train.networks.small_game_policy import SmallGameSeat
 from train.runs.saved import player_of, unchecked_settings
 from train.runs.threads import uses_bfloat16
-from train.runs.worlds import World, world_of
+from train.runs.worlds import contest_of as contest_of
+from train.runs.worlds import world_of
 from train.settings.algorithms import Hyperparameters
-from train.settings.checks import evaluation_seed
 from train.settings.common import check_min_probability
 from train.settings.off_policy import ReplaySettings
 from train.settings.run import SHARED_OUT, AgentSettings
-from train.settings.task import AnyTask
 from train.teaching.plan import Plan, plan_curriculum
 from train.teaching.teacher import Teacher
 
@@ -65,10 +63,8 @@ class Parts:
     def games(self) -> tuple[SimulatorEnv, Teacher | None]:
         """The training environment, and the teacher in it."""
         games = self.hyper.num_games
-        first_game = self.rank * games
-        env, teacher = self.world.games(self.seat, games, self.build.seed, self.plan, first_game)
-        if isinstance(self.seat, SmallGameSeat):
-            env.bounded = self.hyper.last_gamma == 1.0
+        how = (self.build.seed, self.plan, self.rank * games, self.hyper.last_gamma)
+        env, teacher = self.world.games(self.seat, games, *how)
         if teacher is not None and self.rank:
             teacher.rng = teacher.rng.spawn(self.rank)[-1]  # independent samples of the curriculum
         return env, teacher
@@ -201,9 +197,3 @@ def build_of(settings: AgentSettings) -> Build:
     bfloat16 = uses_bfloat16(settings.precision, settings.device)
     fused = settings.fused == "auto"
     return Build(settings.device, bfloat16, settings.first_layer, settings.seed, fused)
-
-
-def contest_of(settings: AnyTask, episodes: int, seed: int = 0, team: bool = False) -> AnyContest:
-    """The contest of a task, without a run; `seed` is a seed of evaluations, `team` as in
-    `GridWorld`."""
-    return world_of(settings, team).contest(episodes, evaluation_seed(seed))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,18 +11,16 @@ from pursuit.observations.custom import AGENT_ID, is_builtin, without_id
 from pursuit.plugins import reading
 from pursuit.validation import check
 from train.algorithms.registry import entry
+from train.families import family_of
 from train.files import Plain
-from train.networks.arm_policy import ArmSeat
-from train.networks.policy import MazeSeat
 from train.networks.seat import Seat
-from train.networks.small_game_policy import SmallGameSeat
 from train.runs.folder import CONFIG, RUN, SIDE, read_config
 from train.runs.forms import RESTORE
 from train.runs.provenance import check_parts, check_sources
-from train.runs.tasks import DEFAULTS_BY, agent_of, default_settings, game_of, player_in, task_of
 from train.settings.algorithms import JOINT, SHARED
 from train.settings.common import with_memory
 from train.settings.curricula import curriculum_form
+from train.settings.defaults import DEFAULTS_BY, default_settings
 from train.settings.presets import SIZES, TUNED, preset_task
 from train.settings.reading import (
     check_names,
@@ -35,9 +32,8 @@ from train.settings.reading import (
     typed,
 )
 from train.settings.run import AgentSettings, TrainSettings
-from train.settings.self_play import ROLES
-from train.settings.task import ReacherSettings, SmallGameSettings, TaskSettings, task_form
-from train.teaching.plan import training_task
+from train.settings.self_play import sides_in
+from train.settings.task_form import task_form
 
 MOST_JOINT = 4096
 """The largest number of joint actions of a team that learns as one player."""
@@ -96,9 +92,7 @@ def load_settings(folder: Path | str) -> AgentSettings:
     """
     folder = Path(folder)
     kind, plain = read_config(folder)
-    sides = plain.get("players")  # of a small game
-    sides = sides if isinstance(sides, Mapping) else dict.fromkeys(ROLES)
-    roles = [str(folder / role) for role, own in sides.items() if not isinstance(own, str)]
+    roles = [str(folder / r) for r, own in sides_in(plain).items() if not isinstance(own, str)]
     check(
         kind in (RUN, SIDE),
         f"{folder}: a run of kind {kind!r}, with a policy for each role; give {' or '.join(roles)}",
@@ -125,69 +119,42 @@ def evaluated_settings(folder: Path | str, others: bool = False) -> AgentSetting
     folder, settings = Path(folder), load_settings(folder)
     if others or read_config(folder)[0] != SIDE:
         return settings
-    task: Any = settings.task
     place = Path(os.path.relpath(folder.resolve().parent))
-    how: Plain = {"opponent_policy": "sampled"}
     check(
         (place / CONFIG).exists(),
         f"{folder}: is one side of self-play, and the run {place} does not exist; give --opponent",
     )
-    if isinstance(task, TaskSettings):  # random moves are those of scripted agents
-        other = next(role for role in ROLES if role != task.role)
-        fixed = read_config(place)[1].get(other)
-        if isinstance(fixed, str):
-            return replace(settings, task=replace(task, opponent=fixed))
-        place /= other
-    else:
-        how["opponent_epsilon"] = 0.0
-    check(
-        (place / CONFIG).exists(),
-        f"{folder}: is one side of self-play, and {place} does not exist; give --opponent",
-    )
-    return replace(settings, task=replace(task, opponent=str(place), **how))
+    return replace(settings, task=settings.task.beside(str(place)))
 
 
 def trains_team(folder: Path | str) -> bool:
     """Whether the policy of a run was trained in all seats of a role with several agents."""
     settings, side = load_settings(folder), read_config(Path(folder))[0] == SIDE
-    given = settings.task
-    if not isinstance(given, TaskSettings) or not (side or entry(settings.algorithm).whole_role):
-        return False
-    task = task_of(given)
-    return task.count(task.seat_roles[task.seat(agent_of(given, task))]) > 1
+    whole = side or entry(settings.algorithm).whole_role
+    return whole and seat_of(settings).team_size > 1
+
+
+def seat_of(settings: AgentSettings) -> Seat:
+    """The learning agent in the training games of a run, alone; ValueError if there is none."""
+    seat = family_of(settings.task).seat(settings)
+    check(
+        settings.frame_stack == 1 or not seat.NO_MEMORY,
+        f"frame_stack={settings.frame_stack} is not supported for {seat.NO_MEMORY}; leave it out",
+    )
+    return seat
 
 
 def player_of(settings: AgentSettings) -> Seat:
-    """The learning agent in the training games of a run; ValueError if there is none."""
-    given = settings.task
-    if not isinstance(given, TaskSettings):
-        form = ArmSeat if isinstance(given, ReacherSettings) else SmallGameSeat
-        check(
-            settings.frame_stack == 1,
-            f"frame_stack={settings.frame_stack} is not supported for {form.NO_MEMORY}; leave it "
-            "out",
-        )
-    if isinstance(given, ReacherSettings):
-        return ArmSeat(given.build(), settings.observation, settings.network)
-    if isinstance(given, SmallGameSettings):
-        game = game_of(given)
-        player, seen, network = player_in(given, game), settings.observation, settings.network
-        return SmallGameSeat(game, player, seen, network, settings.min_probability or 0.0)
-    task = task_of(given)
-    agent = agent_of(given, task)
-    played = training_task(settings.curriculum, settings.curriculum_settings, task)
-    unseen = agent.startswith("runner") and len(task.mazes) > 1 and is_builtin(settings.observation)
-    plans = settings.network == "auto" and settings.device == "cpu" and unseen
-    network = "planning" if plans else settings.network
-    how = (given.mask_bumps, settings.frame_stack, network, settings.min_probability or 0.0)
-    return team_seat(MazeSeat(played, agent, settings.observation, *how), settings)
+    """The learning agent in the training games of a run, or the team that learns; ValueError if
+    there is none."""
+    return team_seat(seat_of(settings), settings)
 
 
-def team_seat(seat: MazeSeat, settings: AgentSettings) -> MazeSeat:
+def team_seat(seat: Any, settings: AgentSettings) -> Any:
     """The seat of all agents of the role, if the algorithm trains these; ValueError for a single
     agent of a role then."""
     hyper: Any = settings.hyper
-    if not entry(settings.algorithm).whole_role:
+    if not entry(settings.algorithm).whole_role or seat.NO_TEAM:
         return seat
     check(
         seat.agent == seat.role,
@@ -210,7 +177,7 @@ def team_seat(seat: MazeSeat, settings: AgentSettings) -> MazeSeat:
     return replace(seat, encoding=encoding, team=True, joint=joint, critic=critic)
 
 
-def check_team_as_one(seat: MazeSeat, settings: AgentSettings) -> None:
+def check_team_as_one(seat: Any, settings: AgentSettings) -> None:
     """ValueError where a team cannot learn as one player, which observes the state."""
     task, count = seat.task, seat.task.num_actions**seat.members
     names = [name for name in task.agent_names if task.seat_roles[task.seat(name)] == seat.role]

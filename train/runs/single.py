@@ -27,8 +27,7 @@ from train.runs.loop import BRIEF_EPISODES, BRIEF_STEPS
 from train.runs.parts import Parts
 from train.runs.trainee import Clock
 from train.runs.training_state import build_env_and_learner, training_state
-from train.runs.worlds import GridWorld
-from train.settings.task import TaskSettings
+from train.runs.worlds import world_of
 from train.teaching.teacher import COLUMNS, LOG
 
 EPISODES = 500
@@ -173,10 +172,9 @@ class SingleAgent:
         their own."""
         small, contest = copy(self), self.parts.world.contest(BRIEF_EPISODES)
         if isinstance(contest, MazeContest):
-            settings = self.parts.world.settings
-            assert isinstance(settings, TaskSettings)
+            settings: Any = self.parts.world.settings
             scripted = settings.opponent in (None, *AGENTS)
-            others = contest.opponents if scripted else GridWorld(settings).opponents
+            others = contest.opponents if scripted else world_of(settings).opponents
             task = replace(contest.task, max_steps=min(contest.task.max_steps, BRIEF_STEPS))
             contest = replace(contest, task=task, opponents=others)
         if isinstance(contest, GameContest):

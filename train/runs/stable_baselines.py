@@ -25,10 +25,9 @@ from pursuit.validation import check, check_bool
 from train.files import read_json, write_bytes, write_json
 from train.networks.policy import MazeSeat, NetworkPolicy
 from train.runs.forms import RESTORE, Description
-from train.runs.tasks import agent_of, task_of
 from train.schemas import read_as
+from train.settings.mazes import titled
 from train.settings.task import TaskSettings
-from train.teaching.mazes import titled
 from train.tensors import first_not_finite, loaded, own_defaults
 
 
@@ -71,7 +70,7 @@ def save_stable_baselines(
     model.save(content)
     path = path if path.suffix else path.with_suffix(".zip")
     write_bytes(path, content.getvalue())
-    maze = task_of(task).mazes[0]
+    maze = task.build().mazes[0]
     played = {**vars(task), "maze": titled(maze.name, maze.to_text())}
     described = {"algorithm": algorithm, "task": played, "observation": encoding}
     write_json(description_of(path), described)
@@ -110,8 +109,8 @@ def load_stable_baselines(
             content = read_json(where)
             described = read_as(Description, content, where, RESTORE)
             settings = read_as(TaskSettings, described.task, f"{where}: task", RESTORE)
-            task, observation = task_of(settings), described.observation
-            agent, mask_bumps = agent_of(settings, task), settings.mask_bumps
+            task, observation = settings.build(), described.observation
+            agent, mask_bumps = settings.agent_in(task), settings.mask_bumps
             return _load(path, MazeSeat(task, agent, observation, mask_bumps), greedy)
     check(
         task is not None and agent is not None and observation is not None,

@@ -17,9 +17,8 @@ from scripted_agents.games.named import game_named
 from scripted_agents.games.simulator import GameSimulator, GameTask, StatePolicy
 from train.evaluation.games import stepper
 from train.evaluation.scores import Measure
-from train.runs.opponents import player_policy
+from train.runs.opponents import policy_of
 from train.runs.saved import load_settings
-from train.runs.tasks import game_of, player_in
 from train.self_play.league import Entry, LeagueTable, folders_of
 from train.self_play.names import entry_names
 from train.settings.checks import evaluation_seed
@@ -53,13 +52,14 @@ def enter_game(
         f"game={game!r} is a general-sum game, whose equilibrium is not computed; leave "
         f"{EQUILIBRIUM} out",
     )
-    task = game_of(SmallGameSettings(game=game))
+    given = SmallGameSettings(game=game)
+    task = given.build()
     title = dict(zip(names, entry_names(names, _is_named, called), strict=True))
     first = next((name for name in names if not _is_named(name)), None)
     entries: list[Entry] = []
     for name in names:
         if _is_named(name):
-            entries += _named_entries(name, title[name], task)
+            entries += _named_entries(name, title[name], task, given)
             continue
         for path in folders_of(name, players, AGENTS):
             own = load_settings(path).task
@@ -67,8 +67,9 @@ def enter_game(
                 raise ValueError(f"{name}: a run of task {own.task!r}; give a run of game {game}")
             if name == first:
                 task = replace(task, max_steps=own.max_steps)
-            player = player_in(own, game_of(own))
-            policy = player_policy(str(path), task, player, 0.0, greedy)
+            player = own.agent_in(own.build())
+            how = (0.0, "greedy" if greedy else "sampled")
+            policy = policy_of(own, str(path), task, player, *how)
             entries.append(Entry(title[name], player, policy))
     for player in players:
         check(
@@ -82,12 +83,12 @@ def _is_named(name: str) -> bool:
     return name in AGENTS or is_custom_policy(name)
 
 
-def _named_entries(name: str, title: str, task: GameTask) -> list[Entry]:
+def _named_entries(name: str, title: str, task: GameTask, given: SmallGameSettings) -> list[Entry]:
     """A named policy for every player that it can play; ValueError if there is none."""
     found, refused = list[Entry](), ValueError()
     for player in task.agent_names:
         try:
-            found.append(Entry(title, player, player_policy(name, task, player)))
+            found.append(Entry(title, player, policy_of(given, name, task, player)))
         except ValueError as error:
             refused = error
     if not found:

@@ -22,13 +22,14 @@ from train.evaluation.games import half_width, other_role
 from train.evaluation.matchups import can_solve, match, pair_payoffs
 from train.evaluation.scores import OUTCOMES, UNTIL_CAPTURE, Measure
 from train.evaluation.team_contest import TeamContest
+from train.families.maze import POLICIES, check_fits, role_of
+from train.families.policies import loaded
 from train.files import Plain
 from train.reports.tables import Row
 from train.runs.folder import CONFIG
-from train.runs.opponents import check_fits, is_self_play, load_opponent, role_of
+from train.runs.opponents import SAVED, is_self_play
 from train.runs.saved import load_settings
 from train.runs.stable_baselines import description_of
-from train.runs.tasks import task_of
 from train.self_play.names import entry_names
 from train.self_play.ratings import (
     best_response_cycle,
@@ -39,7 +40,8 @@ from train.self_play.ratings import (
 )
 from train.settings.checks import evaluation_seed
 from train.settings.self_play import ROLES
-from train.settings.task import SmallGameSettings, TaskSettings, in_maze
+from train.settings.task import SmallGameSettings, TaskSettings
+from train.settings.task_form import with_values
 
 
 @dataclass(frozen=True)
@@ -140,7 +142,7 @@ def enter(
     entries = []
     for name, path in [*paths, *((name, Path(name)) for name in models)]:
         played = "greedy" if greedy else "sampled"
-        policy = load_opponent(path, played, task=task, **given.get(name, {}))
+        policy = loaded(POLICIES, SAVED, path, played, task=task, **given.get(name, {}))
         role = role_of(policy)
         check(role in ROLES, f"{name}: trained as {role!r}; a league needs chasers and evaders")
         check_fits(policy, role, task, name)
@@ -190,13 +192,13 @@ def folders_of(
 def _task_of(runs: Sequence[tuple[str, Path]], maze: str | None) -> Task:
     """The task of the first run; without runs, a chase in this maze (None: 5x5)."""
     if not runs:
-        return task_of(TaskSettings(maze="5x5" if maze is None else maze))
+        return TaskSettings(maze="5x5" if maze is None else maze).build()
     name, folder = runs[0]
     settings = load_settings(folder).task
     if isinstance(settings, SmallGameSettings):
         raise ValueError(f"{name}: a run of a small game; give --game {settings.game!r}")
     check(maze is None, f"maze={maze!r}, but {name} has its own maze; leave maze out")
-    task = task_of(in_maze(settings, name))
+    task = with_values(settings, name, maze=settings.maze).build()
     check(
         bool(task.num_chasers and task.num_evaders),
         f"{name}: trained in task {task.name!r}; a league needs chasers and evaders",

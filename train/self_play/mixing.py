@@ -8,7 +8,6 @@ from pursuit.tasks.task import Task
 from scripted_agents.games import game_of_sides
 from scripted_agents.games.mixing import mixed_share
 from scripted_agents.games.simulator import GameTask
-from train.runs.tasks import horizon_of
 from train.self_play.mixtures import solved
 
 MOST_SOLVED = 100_000
@@ -24,7 +23,7 @@ def known_mixed_share(task: Task | GameTask, discount: float) -> float | None:
     if isinstance(task, GameTask):
         if not task.game.zero_sum or len(task.game.choices) > MOST_SOLVED:
             return None
-        return mixed_share(task.game, discount, horizon_of(task, discount), solved(task, discount))
+        return mixed_share(task.game, discount, task.horizon(discount), solved(task, discount))
     limited = any(task.hides_from(agent) for agent in task.agent_names)
     if task.rewards != "zero_sum" or limited or task.num_goals or task.most_exits:
         return None

@@ -23,7 +23,6 @@ from scripted_agents.references import is_table_duel
 from train.evaluation.games import best_reply, order_of, other_role, table_in, values_between
 from train.files import Plain
 from train.networks.recurrent_policy import without_improbable
-from train.runs.tasks import horizon_of
 from train.self_play.diversity import diversity_of
 from train.self_play.pool import Member
 from train.self_play.side import Side, usual_least
@@ -99,7 +98,7 @@ def _replies_in_duel(task: Task, role: str, discount: float) -> tuple[Reply, Gai
 
 
 def _replies_in_game(task: GameTask, role: str, discount: float) -> tuple[Reply, Gain]:
-    game, horizon = task.game, horizon_of(task, discount)
+    game, horizon = task.game, task.horizon(discount)
     other = next(name for name in game.players if name != role)
     seat, value = game.player(other), value_in(task, discount)
     value = value if seat == 0 else -value
@@ -130,7 +129,7 @@ def value_in(task: GameTask, discount: float) -> float:
 @lru_cache(maxsize=4)
 def solved(task: GameTask, discount: float) -> SmallEquilibrium:
     """The equilibrium of a zero-sum small game, computed once."""
-    return equilibrium(task.game, discount, horizon_of(task, discount))
+    return equilibrium(task.game, discount, task.horizon(discount))
 
 
 def mixture_nash_conv(

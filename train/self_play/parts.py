@@ -23,15 +23,17 @@ from scripted_agents.games.agents import AGENTS as GAME_AGENTS
 from scripted_agents.games.agents import EQUILIBRIUM
 from train.algorithms.registry import entry
 from train.evaluation.games import order_of, other_role
+from train.families import family_of
+from train.families.maze import check_one_maze
+from train.families.small_game import reward_scale
 from train.files import Plain
 from train.networks.policy import MazeSeat
 from train.networks.small_game_policy import SmallGameSeat
 from train.runs.forms import RESTORE
-from train.runs.opponents import player_policy, policy_in_seat
+from train.runs.opponents import policy_of
 from train.runs.parts import build_of, check_sizes
 from train.runs.saved import player_of, team_seat
-from train.runs.tasks import check_one_maze, game_of, reward_scale, task_of
-from train.self_play.learners import players_of, unchecked_self_play, with_role
+from train.self_play.learners import given_sides, sides_of, unchecked_self_play
 from train.self_play.side import SideParts, usual_least
 from train.settings.algorithms import Hyperparameters, PPOSettings
 from train.settings.common import RunSettings, check_min_probability
@@ -40,13 +42,15 @@ from train.settings.run import AgentSettings, TrainSettings
 from train.settings.self_play import (
     NASH_SAMPLING,
     ROLES,
+    GameSelfPlay,
     LearningSide,
     SelfPlayBase,
     SelfPlaySettings,
-    SmallGameSelfPlay,
+    self_play_form,
     self_play_ppo,
+    sides_in,
 )
-from train.settings.task import SmallGameSettings, TaskSettings, task_form
+from train.settings.task_form import task_form
 
 SHORT = 20
 """Default number of steps of training episodes without goals. Where the evader can escape, episodes
@@ -89,10 +93,10 @@ def self_play_parts(settings: SelfPlayBase) -> SelfPlayParts:
     Raises:
         ValueError: settings without two sides, or that an algorithm does not support.
     """
-    if isinstance(settings, SmallGameSelfPlay):
+    if isinstance(settings, GameSelfPlay):
         return small_game_parts(settings)
     assert isinstance(settings, SelfPlaySettings)
-    task = task_of(settings.task)
+    task = settings.task.build()
     check_one_maze(task, "self-play")
     check_sides(settings, task)
     discount, played = settings.discount, settings.task
@@ -112,7 +116,7 @@ def self_play_parts(settings: SelfPlayBase) -> SelfPlayParts:
         frozen[role] = (
             scripted[name, role]
             if (name, role) in scripted
-            else policy_in_seat(name, task, role, 0.0, played.opponent_policy, seen)
+            else policy_of(played, name, task, role, 0.0, played.opponent_policy, seen)
         )
     steps = settings.episode_steps or (task.max_steps if task.num_goals else SHORT)
     training = replace(task, max_steps=steps) if steps < task.max_steps else task
@@ -146,9 +150,9 @@ def side_parts(
     return SideParts(seat, algorithm, own.hyper, build_of(own), *how)
 
 
-def small_game_parts(settings: SmallGameSelfPlay) -> SelfPlayParts:
+def small_game_parts(settings: GameSelfPlay) -> SelfPlayParts:
     """The parts of self-play in a small game; ValueError as `self_play_parts`."""
-    task, discount = game_of(settings.task), settings.discount
+    task, discount = settings.task.build(), settings.discount
     game, sides = task.game, settings.sides
     roles = task.agent_names
     check(
@@ -158,13 +162,15 @@ def small_game_parts(settings: SmallGameSelfPlay) -> SelfPlayParts:
     )
     names = [name for name in GAME_AGENTS if game.zero_sum or name != EQUILIBRIUM]
     scripted = {
-        (name, role): player_policy(name, task, role)
+        (name, role): policy_of(settings.task, name, task, role)
         for role in roles
         for name in dict.fromkeys((*names, *settings.members))
     }
-    how = (settings.task.opponent_epsilon, settings.task.opponent_policy == "greedy")
+    how = (settings.task.opponent_epsilon, settings.task.opponent_policy)
     fixed = {role: side for role, side in sides.items() if isinstance(side, str)}
-    frozen = {role: player_policy(name, task, role, *how) for role, name in fixed.items()}
+    frozen = {
+        role: policy_of(settings.task, name, task, role, *how) for role, name in fixed.items()
+    }
     steps = min(settings.episode_steps or task.max_steps, task.max_steps)
     training = replace(task, max_steps=steps)
     found: dict[str, SideParts] = {}
@@ -206,11 +212,10 @@ def check_sides(settings: SelfPlaySettings, task: Task) -> None:
 
 def side_settings(settings: SelfPlayBase, role: str) -> AgentSettings:
     """The settings of the learner of one role, as those of a single-agent run."""
-    task: Any = with_role(settings.task, role)
-    if isinstance(task, SmallGameSettings):
-        members, actions = 1, game_of(task).num_actions(role)
-    else:
-        members, actions = task_of(task).count(role), task_of(task).num_actions
+    task = settings.task.with_agent(role)
+    alone: AgentSettings = TrainSettings(task, observation=settings.observation, frames=1)
+    seat = family_of(task).seat(alone)
+    members, actions = seat.team_size, seat.num_actions
     algorithm, hyper = settings.side(role).algorithm, settings.side(role).hyper
     games = max(hyper.num_games // members, 1) * members
     if isinstance(hyper, PPOSettings):
@@ -276,21 +281,19 @@ def self_play_settings_of(**flat: Any) -> SelfPlayBase:
 def self_play_from_plain(plain: Plain, where: str) -> SelfPlayBase:
     """Settings from the plain values of `config.json`; ValueError if these are invalid."""
     with read_from(where, RESTORE):
-        small = task_form(plain.get("task", {})) is SmallGameSettings
-        own = complete_settings(SmallGameSelfPlay if small else SelfPlaySettings, plain)
-        form: Any = SmallGameSettings if small else TaskSettings
+        form = task_form(plain.get("task", {}))
+        whole: Any = self_play_form(form)
+        own = complete_settings(whole, plain)
         task = form(**complete_settings(form, plain.get("task"), "task"))
-        if small:
-            given, names = plain.get("players"), players_of(task)
-            check(
-                isinstance(given, Mapping) and tuple(given) == names,
-                f"players={shortened(given)}; give a table of {', '.join(names)}",
-            )
-            players = {role: _side_from_plain(role, plain["players"][role]) for role in names}
-            return SmallGameSelfPlay(task=task, players=players, **own)
-        sides: Plain = {role: _side_from_plain(role, plain.get(role)) for role in ROLES}
-        settings = SelfPlaySettings(task=task, **sides, **own)
-        check_sides(settings, task_of(settings.task))
+        given, names = sides_in(plain), sides_of(task)
+        check(
+            tuple(given) == names,
+            f"players={shortened(plain.get('players'))}; give a table of {', '.join(names)}",
+        )
+        sides = {role: _side_from_plain(role, given[role]) for role in names}
+        settings: SelfPlayBase = whole(task=task, **given_sides(whole, sides), **own)
+        if isinstance(settings, SelfPlaySettings):
+            check_sides(settings, settings.task.build())
     return settings
 
 

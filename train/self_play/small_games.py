@@ -15,7 +15,6 @@ from scripted_agents.games.simulator import GameTask
 from scripted_agents.games.solve import nash_conv, returns_of
 from train.evaluation.scores import Measure
 from train.files import Plain
-from train.runs.tasks import horizon_of
 from train.self_play.mixing import MOST_SOLVED, known_mixed_share
 from train.self_play.mixtures import value_in
 from train.self_play.parts import SelfPlayParts
@@ -30,7 +29,7 @@ def exact_row(task: GameTask, tables: Mapping[str, Any], discount: float) -> dic
     """NashConv of the policies of all players, returns, gains of best responses, and steps; in a
     small zero-sum game of two also its value and the exploitability of each."""
     game, roles = task.game, task.agent_names
-    found = nash_conv(game, tables, discount, horizon_of(task, discount))
+    found = nash_conv(game, tables, discount, task.horizon(discount))
     row = {"nash_conv": found.nash_conv}
     row |= {f"{role}_return": found.returns[role] for role in roles}
     row |= {f"{role}_gain": found.gains[role] for role in roles}
@@ -46,7 +45,7 @@ def exact_row(task: GameTask, tables: Mapping[str, Any], discount: float) -> dic
 def described(task: GameTask, discount: float) -> Plain:
     """The game of results: its name, size, players, the range of the returns of the first, and in a
     zero-sum game of two whose value is computed how much an equilibrium mixes."""
-    game, horizon = task.game, horizon_of(task, discount)
+    game, horizon = task.game, task.horizon(discount)
     low, high = return_range(game, game.players[0], discount, horizon)
     found = {"payoff_range": high - low, "mixed_share": known_mixed_share(task, discount)}
     return {
@@ -83,7 +82,7 @@ class SmallGamePlay(SelfPlay):
     def _exact(self, tables: Mapping[str, Any]) -> tuple[float, ...]:
         """The expected return of every player."""
         game, discount = self.task.game, self.parts.discount
-        found = returns_of(game, tables, discount, horizon_of(self.task, discount))
+        found = returns_of(game, tables, discount, self.task.horizon(discount))
         return tuple((game.start @ found).tolist())
 
     def payoff(self, one: Any, two: Any) -> float:
@@ -94,7 +93,7 @@ class SmallGamePlay(SelfPlay):
     def nash_conv_of(self, pair: Mapping[str, Any]) -> float:
         """As of `SelfPlay`."""
         tables = {role: policy.table(self.task) for role, policy in pair.items()}
-        discount, horizon = self.parts.discount, horizon_of(self.task, self.parts.discount)
+        discount, horizon = self.parts.discount, self.task.horizon(self.parts.discount)
         return nash_conv(self.task.game, tables, discount, horizon).nash_conv
 
     def tables(self) -> Tables:

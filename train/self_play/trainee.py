@@ -21,7 +21,6 @@ from train.evaluation.scores import DISCOUNTED, OUTCOME, Measure
 from train.files import Plain
 from train.runs.folder import CONFIG, SELF_PLAY, SIDE, game_digest, save_checkpoint, save_config
 from train.runs.loop import BRIEF_STEPS
-from train.runs.tasks import maze_text_of
 from train.runs.trainee import Clock
 from train.runs.training_state import policy_memories, restore_policy_memories
 from train.self_play.meta_game import PAIR_EPISODES, Payoffs
@@ -358,7 +357,7 @@ class SelfPlay:
             own = folder / role
             if not (own / CONFIG).exists():
                 own.mkdir(exist_ok=True)
-                maze = maze_text_of(self.settings.task)
+                maze = self.settings.task.maze_text
                 save_config(own, SIDE, side_settings(self.settings, role), maze)
             learner = side.learner.state_dict() | side.snapshot()
             name = side.parts.algorithm.name

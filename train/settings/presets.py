@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
 import tomllib
-from dataclasses import dataclass, replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +19,8 @@ from train.settings.algorithms import (
     hyperparameter_form,
 )
 from train.settings.curricula import CurriculumSettings, ScheduleSettings, curriculum_form
-from train.settings.task import AnyTask, TaskSettings
+from train.settings.profile import TaskProfile
+from train.settings.task_form import TaskForm
 
 
 def _content_of(name: str) -> Plain:
@@ -35,70 +35,6 @@ ITERATIONS, FEWEST_GAMES = 90, 64
 """Budgets for fewer iterations lower PPO's number of games to a power of two of at least 64."""
 CURRICULUM_EPISODES, LONGEST = 3.0, 0.5
 """The preset's curriculum then lasts so many episodes, but at most this share of the budget."""
-
-
-@dataclass(frozen=True)
-class TaskProfile:
-    """The properties of a task that tuned settings depend on.
-
-    Attributes:
-        task: its name.
-        role: of the learning agent: "chaser", "evader", "runner" or "arm".
-        cells: of the largest maze.
-        random_start: whether starts are random; False: the marks of the maze.
-        duel: whether one chaser plays against one evader.
-        joints: of an arm.
-        recurrent: whether the network is recurrent.
-        many_mazes: whether games are played in several mazes, as those of a suite.
-        goals: of an episode.
-    """
-
-    task: str
-    role: str
-    cells: int
-    random_start: bool = True
-    duel: bool = False
-    joints: int = 0
-    recurrent: bool = False
-    many_mazes: bool = False
-    goals: int = 0
-
-    @property
-    def many_goals(self) -> float:
-        """Position of the number of goals between 3 (0) and 8 (1)."""
-        return on_the_way(self.goals, 3, 8)
-
-    @property
-    def far_evader(self) -> float:
-        """Position of a chaser's maze size between 25 cells (0) and 49 (1)."""
-        far = self.random_start and self.role == "chaser"
-        return on_the_way(self.cells, 25, 49) if far else 0.0
-
-    @property
-    def far_goals(self) -> float:
-        """Position of a runner's maze size between 25 cells (0) and 81 (1)."""
-        far = self.random_start and self.role == "runner"
-        return on_the_way(self.cells, 25, 81) if far else 0.0
-
-    @property
-    def recurrent_and_near(self) -> bool:
-        """Whether the network is recurrent, and evaders or goals are never far."""
-        return self.recurrent and not self.far_evader and not self.far_goals
-
-    @property
-    def many_joints(self) -> bool:
-        """Whether an arm has more than two joints."""
-        return self.joints > 2
-
-    @property
-    def unseen_mazes(self) -> bool:
-        """Whether a runner learns to plan in any maze."""
-        return self.many_mazes and self.random_start and self.role == "runner"
-
-
-def on_the_way(count: int, start: int, end: int) -> float:
-    """Logarithmic position of `count` between `start` and `end`, clipped to [0, 1]."""
-    return min(max(math.log(count / start) / math.log(end / start), 0.0), 1.0) if count else 0.0
 
 
 def between(near: float, far: float, share: float) -> float:
@@ -128,7 +64,7 @@ algorithm, of which the first is the default."""
 PRESETS = (TUNED, *THESIS, *TASK_PRESETS)
 
 
-def preset_task(preset: str, form: type[AnyTask]) -> Plain:
+def preset_task(preset: str, form: type[TaskForm]) -> Plain:
     """The settings of the task of a preset; {} for one of any task.
 
     Args:
@@ -140,11 +76,12 @@ def preset_task(preset: str, form: type[AnyTask]) -> Plain:
     """
     if preset not in TASK_PRESETS:
         return {}
+    own = dict(TASK_PRESETS[preset]["task"])
     check(
-        form is TaskSettings,
+        {each.name for each in fields(form)} >= set(own),
         f"preset={preset!r} is a game in mazes; leave out the task, or the preset",
     )
-    return dict(TASK_PRESETS[preset]["task"])
+    return own
 
 
 def preset_run(preset: str) -> Plain:
@@ -199,8 +136,8 @@ def tuned(algorithm: str, setting: TaskProfile) -> Hyperparameters:
     if algorithm not in HYPERPARAMETERS or hyper.SELF_PLAY_ONLY:  # their defaults are used
         return hyper
     algorithm = TUNED_AS.get(algorithm, algorithm)
-    table = "unseen_mazes" if setting.unseen_mazes and algorithm == "ppo" else "mazes"
-    for rule in TUNED_RULES["arms" if setting.task == "reacher" else table]:
+    unseen = setting.unseen_mazes and algorithm == "ppo"
+    for rule in TUNED_RULES["unseen_mazes" if unseen else setting.tuned]:
         applies = (
             algorithm in rule["algorithms"]
             and setting.task in rule.get("tasks", [setting.task])

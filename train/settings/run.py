@@ -18,7 +18,8 @@ from train.settings.curricula import (
     UniformSettings,
     curriculum_form,
 )
-from train.settings.task import AnyTask, TaskSettings
+from train.settings.task import TaskSettings
+from train.settings.task_form import AnyTask
 
 S = TypeVar("S", bound=Hyperparameters, covariant=True)
 ALIKE = (CurriculumSettings, ScheduleSettings, UniformSettings, ReversedSettings, ShuffledSettings)

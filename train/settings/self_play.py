@@ -9,18 +9,17 @@ from typing import Annotated, Any, ClassVar
 
 from pursuit.plugins import Registry, accepts
 from pursuit.validation import Rule, at_least, check, passes, shortened
-from scripted_agents.environments import AGENTS, agent_name, is_custom_policy
-from scripted_agents.games.agents import AGENTS as GAME_AGENTS
+from scripted_agents.environments import agent_name, is_custom_policy
 from train.files import Plain
 from train.settings.algorithms import Hyperparameters, PPOSettings, hyperparameter_form
 from train.settings.checks import NotNegative, threads_from
 from train.settings.common import RunSettings
 from train.settings.presets import TUNED_RULES
 from train.settings.run import AgentSettings
-from train.settings.task import AGENT, SmallGameSettings, TaskSettings
+from train.settings.task import AGENT, SIDES, TaskSettings
+from train.settings.task_form import AnyTask, TaskForm
 
-PlayedTask = TaskSettings | SmallGameSettings
-ROLES = ("chaser", "evader")
+ROLES = SIDES
 LEARN = "learn"
 """The name of a side that learns, on the command line and in files."""
 MEMBERS = Rule(lambda _, names: tuple(agent_name(name) for name in names))
@@ -72,10 +71,10 @@ def unnested_sides(given: Mapping[str, object], roles: Sequence[str] = ROLES) ->
     return flat
 
 
-def default_rewards(given: Mapping[str, object]) -> str:
-    """The rewards of self-play by default: of steps, or with exits of captures and escapes."""
-    exits = given.get("task") == "escape" or {"exits", "num_exits"} & set(given)
-    return "win_loss" if exits else "zero_sum"
+def sides_in(plain: Mapping[str, Any]) -> Mapping[str, Any]:
+    """By role how it learns or its fixed policy, in the plain settings of a run of self-play."""
+    players = plain.get("players")
+    return players if isinstance(players, Mapping) else {role: plain.get(role) for role in ROLES}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,15 +84,13 @@ class SelfPlayBase(RunSettings):
     Attributes:
         task: the game.
         ADDED: settings that older versions did not write.
-        AGENTS: the names of scripted agents.
         UNDISCOUNTED: whether a discount of 1 is allowed.
     """
 
     ADDED: ClassVar[tuple[str, ...]] = ("average",)
-    AGENTS: ClassVar[tuple[str, ...]] = AGENTS
     UNDISCOUNTED: ClassVar[bool] = False
 
-    task: PlayedTask
+    task: AnyTask
     sampling: Annotated[str, passes(SAMPLING_PARTS.check)] = "latest"
     """Distribution over opponents: latest, window (the latest policy and snapshots, and the
     members), uniform (the whole pool: fictitious self-play), pfsp (prioritised by difficulty),
@@ -153,8 +150,9 @@ class SelfPlayBase(RunSettings):
             )
         for name in self.members:
             check(
-                name in self.AGENTS or is_custom_policy(name),
-                f"unknown member {name!r}; one of {', '.join(self.AGENTS)}, or package.module:Name",
+                name in self.task.AGENTS or is_custom_policy(name),
+                f"unknown member {name!r}; one of {', '.join(self.task.AGENTS)}, or "
+                "package.module:Name",
             )
             check(self.members.count(name) == 1, f"member {name!r} is given twice; give it once")
         discounts = {}
@@ -224,13 +222,12 @@ class SelfPlaySettings(SelfPlayBase):
 
 
 @dataclass(frozen=True)
-class SmallGameSelfPlay(SelfPlayBase):
-    """All settings of a run of self-play in a small game."""
+class GameSelfPlay(SelfPlayBase):
+    """All settings of a run of self-play in any other game, as small games are."""
 
-    AGENTS: ClassVar[tuple[str, ...]] = GAME_AGENTS
     UNDISCOUNTED: ClassVar[bool] = True
 
-    task: SmallGameSettings
+    task: AnyTask
     players: dict[str, str | LearningSide]
     """By player how it learns, or its fixed policy: uniform, equilibrium, the folder of a run, or
     package.module:Name of a function of a state that returns probabilities."""
@@ -239,6 +236,15 @@ class SmallGameSelfPlay(SelfPlayBase):
     def sides(self) -> dict[str, str | LearningSide]:
         """As of the base."""
         return self.players
+
+
+SELF_PLAY_FORMS: dict[type[TaskForm], type[SelfPlayBase]] = {TaskSettings: SelfPlaySettings}
+"""The settings of self-play by the form of the task; of all others `GameSelfPlay`."""
+
+
+def self_play_form(form: type[TaskForm]) -> type[SelfPlayBase]:
+    """The settings of self-play in tasks of this form."""
+    return SELF_PLAY_FORMS.get(form, GameSelfPlay)
 
 
 WholeSettings = AgentSettings | SelfPlayBase

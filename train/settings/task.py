@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
+from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Self
 
 from pursuit.mazes.suite_files import PREFIX, is_suite
 from pursuit.observations.custom import check_observation
@@ -21,8 +22,15 @@ from pursuit.tasks.options import (
     check_slip,
     slip_text,
 )
-from pursuit.tasks.rewards import check_rewards, rewards_text
-from pursuit.tasks.task import TASK_NAMES
+from pursuit.tasks.rewards import (
+    REWARDS,
+    ROLES,
+    check_rewards,
+    is_coefficients,
+    rewards_from_text,
+    rewards_text,
+)
+from pursuit.tasks.task import TASK_NAMES, Task, make_task
 from pursuit.tasks.visibility import (
     agent_choice_text,
     check_agent_choice,
@@ -30,12 +38,24 @@ from pursuit.tasks.visibility import (
     view_radius_text,
 )
 from pursuit.validation import Rule, check, choice, one_of, rule
-from scripted_agents.environments import agent_name
-from scripted_agents.games.named import split_name
+from scripted_agents.environments import AGENTS, agent_name
+from scripted_agents.games.agents import AGENTS as GAME_AGENTS
+from scripted_agents.games.agents import DISCOUNT as GAME_DISCOUNT
+from scripted_agents.games.enumeration import names_of_players
+from scripted_agents.games.episodes import longest_play
+from scripted_agents.games.named import game_named, load_game, split_name
 from scripted_agents.games.simulator import ENCODINGS as GAME_ENCODINGS
-from train.settings.checks import RANDOM_MOVES, Settings
+from scripted_agents.games.simulator import GameTask
+from scripted_agents.games.small_game import KEPT
+from train.settings.checks import RANDOM_MOVES, check_default
+from train.settings.mazes import as_text, maze_or_suite
+from train.settings.profile import TaskProfile
+from train.settings.task_form import FORMS, TaskForm
 
 REACHER, GAME = "reacher", "game"
+OPPONENT = ("opponent", "opponent_policy", "opponent_epsilon")
+SIDES = ("chaser", "evader")
+"""The roles that learn in self-play in mazes."""
 AGENT = Rule(lambda _, name: agent_name(name))
 """An agent by name; former names are replaced."""
 MOST_STEPS = 100_000
@@ -67,10 +87,15 @@ AgentsText = Annotated[str, _as_text(check_agent_choice, agent_choice_text)]
 
 
 @dataclass(frozen=True)
-class TaskSettings(Settings):
+class TaskSettings(TaskForm):
     """A game in mazes, and the opponents in it."""
 
-    OBSERVATION: ClassVar[str] = "index"
+    AGENT: ClassVar[str] = "role"
+    POLICIES: ClassVar[tuple[str, ...]] = OPPONENT
+    AGENTS: ClassVar[tuple[str, ...]] = AGENTS
+    TASKS: ClassVar[tuple[str, ...]] = TASK_NAMES
+    sides: ClassVar[tuple[str, ...]] = SIDES
+    IDENTITY: ClassVar[tuple[str, ...]] = ()
     ADDED: ClassVar[tuple[str, ...]] = (
         *("capture", "n_catch", "capture_check", "exits", "num_exits", "collisions", "slip"),
     )
@@ -157,18 +182,110 @@ class TaskSettings(Settings):
 
     @property
     def agent(self) -> str:
-        """The learning agent or role."""
+        """The learning agent or role; for "auto" the first role of the task."""
         return learning_agent(self.task, self.role)
 
     @property
     def label(self) -> str:
-        """The beginning of the name of a run's folder."""
+        """As of `TaskForm`."""
         maze = self.maze.removeprefix(PREFIX).replace("/", "-")
         return f"{self.task}-{self.agent}-{maze if is_suite(self.maze) else Path(self.maze).stem}"
 
+    @property
+    def game_label(self) -> str:
+        """As of `TaskForm`: the maze."""
+        return Path(self.maze).stem
+
+    def build(self) -> Task:
+        """The task, with its maze loaded; one object for equal settings.
+
+        Raises:
+            ValueError: no such maze, or settings that the task does not allow.
+        """
+        own = vars(self)
+        # None, and the rewards "default", are those of the named task.
+        changed = {
+            each.name: own[each.name] for each in fields(Task) if own.get(each.name) is not None
+        }
+        if self.rewards == "default":
+            del changed["rewards"]
+        changed["maze"] = maze_or_suite(self.maze)
+        if REWARDS.origin(self.rewards) is not None:  # the function of a name may change
+            return make_task(self.task, **changed)
+        return _built_once(self.task, **changed)
+
+    def agent_in(self, task: Task) -> str:
+        """As of `TaskForm`; also a role."""
+        known = {*task.agent_names, *task.seat_roles}
+        check(
+            self.agent in known,
+            f"role {self.agent!r} does not exist in task {self.task!r}; use one of "
+            f"{', '.join(sorted(known))}",
+        )
+        return self.agent
+
+    def hint(self) -> str:
+        """As of `TaskForm`: the teammates that do not learn; runners compete, and have none."""
+        task, role = self.build(), self.agent.split("_")[0]
+        count = task.count(role)
+        if count < 2 or task.num_runners:
+            return ""
+        rest = (
+            f"the other {count - 1} play fixed policies" if count > 2 else "the other one is fixed"
+        )
+        return f"one of {count} {role}s learns, {rest}; to train all: --algorithm ippo"
+
+    @classmethod
+    def for_self_play(cls, given: Mapping[str, object]) -> Mapping[str, object]:
+        """As of `TaskForm`: rewards of steps, or with exits of captures and escapes."""
+        exits = given.get("task") == "escape" or {"exits", "num_exits"} & set(given)
+        return {"rewards": "win_loss" if exits else "zero_sum"}
+
+    def beside(self, run: str) -> Self:
+        """As of `TaskForm`; random moves are those of scripted agents."""
+        return replace(self, opponent=run, opponent_policy="sampled")
+
+    def profile(self) -> TaskProfile:
+        """As of `TaskForm`: task, role and size."""
+        task = self.build()
+        return TaskProfile(
+            self.task,
+            self.agent_in(task).split("_")[0],
+            task.max_cells,
+            random_start=self.start == "random",
+            duel=task.is_duel,
+            many_mazes=len(task.mazes) > 1,
+            goals=task.num_goals,
+        )
+
     def check_observation(self, name: str) -> None:
-        """ValueError unless this observation exists."""
+        """As of `TaskForm`."""
         check_observation(name)
+
+    def check_used(self) -> None:
+        """As of `TaskForm`: random moves of no opponents, and rewards of no agents."""
+        task = self.build()
+        if task.num_agents == 1:
+            only = f"task {self.task!r} has no other agent"
+            check_default(self, TaskSettings, ["opponent_epsilon"], only)
+        given = rewards_from_text(self.rewards) if is_coefficients(self.rewards) else {}
+        if len(given) < len(ROLES):  # coefficients without a role apply to all of them
+            for role in given:
+                check(
+                    role in task.seat_roles,
+                    f"rewards={self.rewards!r}: task {self.task!r} has no {role}; its roles are "
+                    f"{', '.join(dict.fromkeys(task.seat_roles))}",
+                )
+
+    def frozen(self) -> Self:
+        """As of `TaskForm`: maze files as text."""
+        return replace(self, maze=as_text(self.maze))
+
+    @property
+    def maze_text(self) -> str | None:
+        """As of `TaskForm`."""
+        maze = maze_or_suite(self.maze)
+        return None if isinstance(maze, str) else maze.to_text()
 
 
 def learning_agent(task: str, role: str) -> str:
@@ -178,11 +295,19 @@ def learning_agent(task: str, role: str) -> str:
     return "runner" if task in ("maze", "race") else "chaser"
 
 
+@lru_cache(maxsize=4)
+def _built_once(name: str, **changed: Any) -> Task:
+    """As `make_task`: tasks are immutable, and a run needs its task in several places."""
+    return make_task(name, **changed)
+
+
 @dataclass(frozen=True)
-class ReacherSettings(Settings):
+class ReacherSettings(TaskForm):
     """An arm that moves its tip to a target in as few steps as possible."""
 
     OBSERVATION: ClassVar[str] = "positions"
+    TASKS: ClassVar[tuple[str, ...]] = (REACHER,)
+    IDENTITY: ClassVar[tuple[str, ...]] = ()
 
     task: Annotated[str, choice(REACHER)] = REACHER
     """reacher (for the options of games in mazes see --task chase --help)."""
@@ -209,23 +334,31 @@ class ReacherSettings(Settings):
 
     @property
     def label(self) -> str:
-        """The beginning of the name of a run's folder."""
+        """As of `TaskForm`."""
         return f"{self.task}-{self.joints}"
 
     def build(self) -> ReacherTask:
-        """The task itself; ValueError for settings that it does not allow."""
+        """As of `TaskForm`."""
         return ReacherTask(**{name: own for name, own in vars(self).items() if name != "task"})
 
+    def profile(self) -> TaskProfile:
+        """As of `TaskForm`: the joints."""
+        return TaskProfile(self.task, "arm", 0, joints=self.joints, tuned="arms")
+
     def check_observation(self, name: str) -> None:
-        """ValueError unless this observation exists."""
+        """As of `TaskForm`."""
         one_of("observation", name, ARM_ENCODINGS)
 
 
 @dataclass(frozen=True)
-class SmallGameSettings(Settings):
+class SmallGameSettings(TaskForm):
     """A small game, whose states are all enumerated, and the policies of the other players."""
 
-    OBSERVATION: ClassVar[str] = "index"
+    AGENT: ClassVar[str] = "player"
+    POLICIES: ClassVar[tuple[str, ...]] = OPPONENT
+    AGENTS: ClassVar[tuple[str, ...]] = GAME_AGENTS
+    TASKS: ClassVar[tuple[str, ...]] = (GAME,)
+    IDENTITY: ClassVar[tuple[str, ...]] = ("game",)
 
     task: Annotated[str, choice(GAME)] = GAME
     """game (for the options of games in mazes see --task chase --help)."""
@@ -249,35 +382,55 @@ class SmallGameSettings(Settings):
         super().__post_init__()
         split_name(self.game)
 
-    @property
-    def agent(self) -> str:
-        """The learning player."""
-        return self.player
+    @classmethod
+    def is_named(cls, given: Mapping[str, object]) -> bool:
+        """As of `TaskForm`; also by the name of a game alone."""
+        return super().is_named(given) or given.get("game") is not None
 
     @property
     def label(self) -> str:
-        """The beginning of the name of a run's folder."""
+        """As of `TaskForm`."""
         name = "-".join(re.findall(r"[\w.]+", self.game.removeprefix(OPENSPIEL)))
         return name if self.player == "auto" else f"{name}-{self.player}"
 
+    def build(self) -> GameTask:
+        """The game, enumerated; one object for equal settings.
+
+        Raises:
+            ValueError: no such game, or one that cannot be enumerated.
+        """
+        return _game_with(self.game, self.max_steps)
+
+    @property
+    def sides(self) -> tuple[str, ...]:
+        """As of `TaskForm`: the players; the game is not enumerated."""
+        return _players_named(self.game)
+
+    @property
+    def discount(self) -> float:
+        """As of `TaskForm`: 1 if the game always ends within `max_steps`."""
+        longest = _longest_play(self.build())
+        ends = longest is not None and longest <= self.max_steps
+        return 1.0 if ends else GAME_DISCOUNT
+
     def check_observation(self, name: str) -> None:
-        """ValueError unless this observation exists."""
+        """As of `TaskForm`."""
         one_of("observation", name, GAME_ENCODINGS)
 
 
-AnyTask = TaskSettings | ReacherSettings | SmallGameSettings
+@lru_cache(maxsize=KEPT)
+def _game_with(name: str, max_steps: int) -> GameTask:
+    return GameTask(load_game(name), name, max_steps)
 
 
-def in_maze(task: AnyTask, what: str) -> TaskSettings:
-    """`task` if it is a game in mazes, otherwise ValueError; `what` starts the message."""
-    if not isinstance(task, TaskSettings):
-        raise ValueError(f"{what}: not for task {task.task!r}; use a game in mazes")
-    return task
+@lru_cache(maxsize=KEPT)
+def _players_named(game: str) -> tuple[str, ...]:
+    return names_of_players(game_named(game))
 
 
-def task_form(given: Mapping[str, object]) -> type[AnyTask]:
-    """The settings class of a task, by the settings "task" and "game"; `TaskSettings` for an
-    unknown name, which it refuses."""
-    if given.get("game") is not None or given.get("task") == GAME:
-        return SmallGameSettings
-    return ReacherSettings if given.get("task") == REACHER else TaskSettings
+@lru_cache(maxsize=KEPT)
+def _longest_play(task: GameTask) -> int | None:
+    return longest_play(task.game)
+
+
+FORMS += [SmallGameSettings, ReacherSettings, TaskSettings]

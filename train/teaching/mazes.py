@@ -4,45 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from pursuit.mazes.maze import Maze, library_names, load_maze
-from pursuit.mazes.suite_files import is_suite
+from pursuit.mazes.maze import Maze
 from pursuit.tasks.task import Task
 from pursuit.validation import check
+from train.settings.mazes import named_maze, names_in
 
-TITLE = "maze "
-"""Begins the line with the name before the text of a maze in settings."""
 OPENED = 8
 """Number of mazes of the axis `loops`, from no inner walls to all inner walls of the maze."""
-
-
-def names_in(given: str) -> list[str]:
-    """The names, files or texts of mazes in `curriculum_mazes`; ValueError if there are none."""
-    names = [name.strip() for name in given.split(",") if name.strip()]
-    check(bool(names), f"curriculum_mazes={given!r}; give names or files, separated by commas")
-    return names
-
-
-def named_maze(name: str) -> Maze:
-    """A maze from a name, a file, or its text, with or without the title of `titled`."""
-    if "\n" not in name:
-        return load_maze(name)
-    if not name.startswith(TITLE):
-        return Maze.from_text(name, "given as text")
-    title, _, text = name.removeprefix(TITLE).partition("\n")
-    return Maze.from_text(text, title)
-
-
-def titled(name: str, text: str) -> str:
-    """The text of a maze after a line with its name, for settings."""
-    return f"{TITLE}{name}\n{text}"
-
-
-def as_text(name: str) -> str:
-    """The name, for a maze or suite of the library; the titled text of any other maze."""
-    if name in library_names() or is_suite(name):
-        return name
-    maze = named_maze(name)
-    return titled(maze.name, maze.to_text())
 
 
 def training_mazes(name: str, given: str | None, task: Task) -> tuple[Maze, ...]:

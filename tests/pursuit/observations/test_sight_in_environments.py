@@ -30,7 +30,6 @@ from train.networks.layers import Hidden
 from train.networks.policy import LearnedPolicy, MazeSeat, sees_cells_only
 from train.runs.parts import settings_of
 from train.runs.saved import player_of
-from train.runs.tasks import task_of
 from train.settings.task import TaskSettings
 
 HIDDEN: dict[str, Any] = {
@@ -165,9 +164,9 @@ def test_settings_of_runs_store_view_settings() -> None:
     )  # fmt: skip
     assert limited.task.view_radius == "chaser=2,evader=3"
     assert (limited.task.line_of_sight, limited.task.unknown_maze) == ("all", "chaser")
-    task = task_of(limited.task)
+    task = limited.task.build()
     assert task == replace(
-        task_of(plain.task),
+        plain.task.build(),
         view_radius={"chaser": 2, "evader": 3}, line_of_sight=True, unknown_maze=("chaser",),
     )  # fmt: skip
     assert player_of(limited).features.shape == (11, 9, 9)

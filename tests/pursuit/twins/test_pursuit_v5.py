@@ -22,7 +22,6 @@ from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.pursuit_v5 import PursuitV5Rewards
 from pursuit.tasks.rewards import REWARDS
 from pursuit.tasks.task import Rewards, Task
-from train.runs.tasks import task_of
 from train.settings.presets import preset_task
 from train.settings.task import TaskSettings
 
@@ -202,7 +201,7 @@ def test_windows_of_any_odd_size_are_equal(obs_range: int) -> None:
 
 
 def test_the_preset_is_the_default_game() -> None:
-    task = task_of(TaskSettings(**preset_task("sisl-pursuit", TaskSettings)))
+    task = TaskSettings(**preset_task("sisl-pursuit", TaskSettings)).build()
     game = paired(pursuit_v5.parallel_env(), task)
     game.env.reset(seed=1)
     assert game.base.max_cycles == task.max_steps

@@ -28,7 +28,6 @@ from train.networks.policy import MazeSeat
 from train.runs.folder import RUN
 from train.runs.opponents import load_policy
 from train.runs.parts import settings_of
-from train.runs.tasks import task_of
 from train.settings.algorithms import PPOSettings
 from train.settings.presets import preset_task
 from train.settings.task import TaskSettings
@@ -38,7 +37,7 @@ CYCLES = 120
 
 def default_task(**changed: Any) -> Task:
     settings = TaskSettings(**{**preset_task("sisl-pursuit", TaskSettings), **changed})
-    return task_of(settings)
+    return settings.build()
 
 
 def policy_in(

@@ -13,9 +13,11 @@ from scripted_agents import InverseKinematics, LeastStepsPolicy, least_steps
 from train.evaluation.arm_contest import ArmContest, bounds_of
 from train.evaluation.scores import optimality_gap
 from train.experiments.expansion import load_study
+from train.families import maze
+from train.families.policies import loaded
 from train.kinds import open_run, start
 from train.runs.folder import RUN
-from train.runs.opponents import load_opponent, load_policy
+from train.runs.opponents import SAVED, load_policy
 from train.runs.parts import contest_of, parts_of, settings_of
 from train.runs.saved import load_settings
 from train.runs.worlds import world_of
@@ -63,8 +65,8 @@ def test_a_run_is_evaluated_rendered_and_read_again(
     assert settings == ReacherSettings(joints=1, max_steps=40)
     actions = load_policy(trained).act(ReacherSimulator(settings.build(), 5).view())
     assert actions.shape == (5, 1) and (np.abs(actions) <= 1).all()
-    with pytest.raises(ValueError, match="use a game in mazes"):
-        load_opponent(trained)
+    with pytest.raises(ValueError, match="give a run of this game"):
+        loaded(maze.POLICIES, SAVED, trained)
 
 
 def test_baselines_and_the_minimum_steps(capsys: pytest.CaptureFixture[str]) -> None:

@@ -15,7 +15,7 @@ from train.experiments.executors import perform
 from train.kinds import start, write_config
 from train.runs import opponents
 from train.runs.folder import RESULTS, RUN, SELF_PLAY
-from train.runs.tasks import _built_once
+from train.settings.task import _built_once
 
 TINY = "--maze 3x3 --frames 1024 --num-games 16 --minibatch-size 64 --threads 1 --episodes 4"
 

@@ -19,18 +19,19 @@ from scripted_agents import NearestGoalRunner, RandomAgent
 from scripted_agents.environments import make_vector_env
 from train.commands.evaluate import evaluate
 from train.commands.league import league
+from train.families import maze
+from train.families.policies import loaded
 from train.kinds import start
 from train.networks.policy import LearnedPolicy
 from train.runs.folder import RUN
-from train.runs.opponents import load_opponent
+from train.runs.opponents import SAVED
 from train.runs.parts import contest_of, settings_of
 from train.runs.stable_baselines import (
     description_of,
     load_stable_baselines,
     save_stable_baselines,
 )
-from train.runs.tasks import task_of
-from train.runs.worlds import GridWorld
+from train.runs.worlds import world_of
 from train.settings.task import TaskSettings
 
 
@@ -96,7 +97,7 @@ def test_a_saved_model_is_an_opponent(models: dict[str, Path], tmp_path: Path) -
 
 def mean_length(task: TaskSettings, policy: Any, episodes: int = 1000) -> float:
     """Mean episode length if all agents play `policy`."""
-    simulator = Simulator(task_of(task), episodes, 0, auto_restart=False)
+    simulator = Simulator(task.build(), episodes, 0, auto_restart=False)
     actions = np.zeros((episodes, simulator.num_agents), dtype=np.int32)
     while not simulator.ended.all():
         simulator.act([policy] * simulator.num_agents, actions)
@@ -170,7 +171,7 @@ def test_a_model_without_a_description_is_evaluated_ranked_and_an_opponent(
     chosen = settings_of(
         role="evader", maze="3x3", frames=1, opponent=ppo, opponent_observation="one_hot"
     )
-    world = GridWorld(chosen.task)
+    world = world_of(chosen.task)
     assert isinstance(world.opponents["chaser"], LearnedPolicy)
 
 
@@ -203,20 +204,20 @@ def test_models_with_their_descriptions_play_in_a_league(
 def test_damaged_and_foreign_models_are_refused(models: dict[str, Path], tmp_path: Path) -> None:
     path = tmp_path / "model.zip"
     with pytest.raises(ValueError, match="no such file"):
-        load_opponent(path)
+        loaded(maze.POLICIES, SAVED, path)
     path.write_bytes(models["ppo"].read_bytes())
     with pytest.raises(ValueError, match="description"):
-        load_opponent(path)
+        loaded(maze.POLICIES, SAVED, path)
     described = json.loads(description_of(models["ppo"]).read_text())
     description_of(path).write_text(json.dumps({**described, "observation": "cells"}))
     with pytest.raises(ValueError, match="its weights do not match observation='cells'"):
-        load_opponent(path)
+        loaded(maze.POLICIES, SAVED, path)
     description_of(path).write_text(json.dumps(described))
     path.write_bytes(models["ppo"].read_bytes()[:500])
     with pytest.raises(ValueError, match="damaged"):
-        load_opponent(path)
+        loaded(maze.POLICIES, SAVED, path)
     with pytest.raises(ValueError, match="run folder"):
-        load_opponent(tmp_path / "model.pt")
+        loaded(maze.POLICIES, SAVED, tmp_path / "model.pt")
     with pytest.raises(ValueError, match="no distribution"):
         load_stable_baselines(models["dqn"], greedy=False)
 

@@ -13,7 +13,7 @@ from scripted_agents.games import load_game, nash_conv
 from train.evaluation.exploitability import nash_conv as duel_nash_conv
 from train.kinds import start
 from train.runs.folder import SELF_PLAY
-from train.runs.opponents import player_policy
+from train.runs.opponents import policy_of
 from train.self_play.parts import self_play_settings_of
 
 SMALL = {"frames": 6000, "num_games": 32, "minibatch_size": 256, "width": 8, "learning_rate": 0.03}
@@ -58,7 +58,8 @@ def test_nash_conv_of_a_small_game_is_that_of_both_weights(tmp_path: Path, avera
     assert found["last"] != pytest.approx(found["average"], abs=1e-6)
     played = found["average" if average else "last"]
     assert results["evaluation"]["nash_conv"] == pytest.approx(played, abs=1e-9)
-    saved = {role: player_policy(str(tmp_path / "run"), run.trainee.task, role) for role in "AB"}
+    given, folder = run.trainee.settings.task, str(tmp_path / "run")
+    saved = {role: policy_of(given, folder, run.trainee.task, role) for role in "AB"}
     tables = {role: policy.table(run.trainee.task) for role, policy in saved.items()}
     assert nash_conv(game, tables, discount).nash_conv == pytest.approx(played, abs=1e-5)
 

@@ -30,7 +30,7 @@ from train.evaluation.matchups import match
 from train.kinds import resume, start
 from train.play.setup import name_of
 from train.runs.folder import RUN, SELF_PLAY
-from train.runs.opponents import opponents_of, policy_in_seat
+from train.runs.opponents import opponents_of, policy_of
 from train.runs.parts import contest_of, parts_of, settings_of
 from train.self_play.game_league import enter_game
 from train.self_play.league import Entry, LeagueTable, enter, play_league, rate, team_rows
@@ -255,7 +255,7 @@ def test_the_former_name_of_equilibrium_is_accepted_and_the_new_one_shown(
     task = make_task("chase", maze="3x3-tree")
     opponents = chosen_policies(task, "chaser", "optimal", 0.0)
     assert isinstance(opponents["evader"], OptimalEvader)
-    assert isinstance(policy_in_seat("optimal", task, "chaser"), OptimalChaser)
+    assert isinstance(policy_of(TaskSettings(), "optimal", task, "chaser"), OptimalChaser)
     assert roles_of_agent("optimal", task) == ("chaser", "evader")
 
 
@@ -305,10 +305,10 @@ def test_an_equilibrium_that_is_not_known_is_refused_before_anything_is_loaded_o
     def too_early(*given: Any, **named: Any) -> Any:
         raise AssertionError("expensive work before the refusal")
 
-    monkeypatch.setattr("train.self_play.league.load_opponent", too_early)
+    monkeypatch.setattr("train.self_play.league.loaded", too_early)
     with pytest.raises(ValueError, match="bytes"):
         enter([str(tmp_path / "run"), "equilibrium"], None)
-    monkeypatch.setattr("train.self_play.game_league.game_of", too_early)
+    monkeypatch.setattr("train.settings.task.load_game", too_early)
     pytest.importorskip("pyspiel")
     goofspiel = "openspiel:goofspiel(imp_info=False,returns_type=total_points,players={})"
     with pytest.raises(ValueError, match="general-sum game, whose equilibrium is not computed"):

@@ -24,11 +24,11 @@ from train.settings.checks import Settings
 from train.settings.curricula import CURRICULA
 from train.settings.reading import names_of, plain_settings, typed
 from train.settings.run import TrainSettings
-from train.settings.self_play import SelfPlaySettings, SmallGameSelfPlay
+from train.settings.self_play import GameSelfPlay, SelfPlaySettings
 from train.settings.task import ReacherSettings, SmallGameSettings, TaskSettings
 
 OF_TASKS = (TaskSettings, ReacherSettings, SmallGameSettings)
-OF_RUNS = (TrainSettings, SelfPlaySettings, SmallGameSelfPlay)
+OF_RUNS = (TrainSettings, SelfPlaySettings, GameSelfPlay)
 FORMS = dict.fromkeys([*OF_TASKS, *OF_RUNS, *HYPERPARAMETERS.values(), *CURRICULA.values()])
 SCALARS: dict[type, list[Any]] = {
     int: [np.int64(3), np.int32(3), np.uint8(3), 3.0, np.float64(3.0), np.float32(3.0)],

@@ -15,7 +15,6 @@ from test_teaching import CHASE, MAZE
 
 from train.commands.main import main
 from train.runs.parts import settings_of
-from train.runs.tasks import task_of
 from train.settings.curricula import ScheduleSettings
 from train.settings.presets import TaskProfile, curriculum_for, hyperparameters
 from train.teaching.mazes import first_rows, opened
@@ -24,9 +23,9 @@ from train.teaching.plan import training_task
 
 def test_mazes_of_a_curriculum_agree_with_the_last_one() -> None:
     settings = settings_of(**{**MAZE, "maze": "7x7"}, curriculum="maze-size")
-    mazes = training_task("maze-size", settings.curriculum_settings, task_of(settings.task)).mazes
+    mazes = training_task("maze-size", settings.curriculum_settings, settings.task.build()).mazes
     final = mazes[-1]
-    assert final == task_of(settings.task).mazes[0] and len(mazes) >= 4
+    assert final == settings.task.build().mazes[0] and len(mazes) >= 4
     sizes = [maze.num_cells for maze in mazes]
     assert sizes == sorted(sizes)
     for maze in mazes[:-1]:

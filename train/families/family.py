@@ -1,0 +1,174 @@
+"""`Family`: the record of the parts of a kind of game, and `World`: a task with its policies."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol
+
+from pursuit.simulator.batch import Batch
+from pursuit.validation import Missing
+from train.networks.seat import Seat
+from train.settings.checks import EVALUATION_SEED
+from train.settings.run import AgentSettings
+from train.settings.task_form import TaskForm
+from train.teaching.plan import Plan
+from train.teaching.teacher import EpisodeMetrics, Teacher
+
+if TYPE_CHECKING:  # TorchRL and TensorDict, which are slow to import; only training needs them
+    from train.environments.simulator_env import SimulatorEnv
+
+
+class Fixed(NamedTuple):
+    """A fixed policy of a run of self-play: its name, share of random moves, sampled or greedy."""
+
+    name: str
+    epsilon: float
+    played: str
+
+
+class SavedRuns(Protocol):
+    """Reads saved policies; `train.runs.opponents` gives it, as runs are above this layer."""
+
+    def settings(self, folder: Path) -> AgentSettings:
+        """The settings of a run of one agent, or of one side of self-play."""
+
+    def policy(self, folder: Path, greedy: bool) -> Any:
+        """The policy of such a run, from its last checkpoint."""
+
+    def has_distribution(self, folder: Path) -> bool:
+        """Whether the algorithm of such a run learns a distribution over actions."""
+
+    def sides(self, folder: Path) -> Mapping[str, Fixed | None] | None:
+        """Of a whole run of self-play the fixed policy of each role, None of one that learns; None
+        for any other folder."""
+
+    def model(self, path: Path, greedy: bool | None, **trained: Any) -> Any:
+        """The policy of a saved Stable-Baselines3 model."""
+
+
+@dataclass(frozen=True)
+class NamedPolicies:
+    """The policies of a family by name.
+
+    Attributes:
+        form: of the settings of the tasks in which they play.
+        names: of the built-in ones.
+        is_named: whether a name is that of a built-in or user-defined policy.
+        named: (name, task, agent, epsilon) -> the policy.
+        placed: (learned policy, task, agent, name, epsilon) -> it as a policy of this agent;
+            ValueError where it does not fit.
+        models: whether saved models of other libraries can play; or why not.
+    """
+
+    form: type[TaskForm]
+    names: tuple[str, ...]
+    is_named: Callable[[str], bool]
+    named: Callable[[str, Any, str, float], Any]
+    placed: Callable[[Any, Any, str, str, float], Any]
+    models: bool | Missing = True
+
+
+@dataclass(frozen=True)
+class World(ABC):
+    """A task with the policies of its agents, built once from settings.
+
+    Attributes:
+        settings: of the task.
+        team: whether the whole team of the learning agent is evaluated, if it has several members.
+        saved: reads saved policies.
+        BATCH: the class of the simulator.
+        scale: factor of rewards in training.
+    """
+
+    BATCH: ClassVar[Callable[..., Batch[Any]]]
+    scale: ClassVar[float] = 1.0
+
+    settings: Any
+    team: bool = False
+    saved: Any = field(default=None, compare=False)
+
+    @cached_property
+    def task(self) -> Any:
+        """The task; ValueError for settings that it does not allow."""
+        return self.settings.build()
+
+    @cached_property
+    def agent(self) -> str:
+        """The learning agent; ValueError unless the task has it."""
+        return str(self.settings.agent_in(self.task))
+
+    @property
+    @abstractmethod
+    def opponents(self) -> dict[str, Any]:
+        """The policies of the other agents, by agent or role; ValueError for an unknown one."""
+
+    @property
+    @abstractmethod
+    def context(self) -> Any:
+        """The task and its policies, for curricula."""
+
+    @abstractmethod
+    def contest(self, episodes: int, seed: int = EVALUATION_SEED) -> Any:
+        """The contest of evaluations: in the task itself, independent of the curriculum."""
+
+    @abstractmethod
+    def policies(self, seat: Seat) -> list[Any]:
+        """The policy of each agent of the training games; None for the learner's."""
+
+    @abstractmethod
+    def metrics(self, seat: Seat) -> EpisodeMetrics:
+        """How the outcomes of the learner's episodes are read from the simulator."""
+
+    def bounded(self, discount: float) -> bool:
+        """Whether the time limit ends the game, for learners with this discount."""
+        return False
+
+    def games(
+        self,
+        seat: Seat,
+        num_games: int,
+        seed: int,
+        plan: Plan | None,
+        first_game: int = 0,
+        discount: float = 0.0,
+    ) -> tuple[SimulatorEnv, Teacher | None]:
+        """The training environment, and the teacher in it.
+
+        Args:
+            seat: the learning agent, with the training task.
+            num_games: number of parallel games, times the members of a team.
+            seed: of the games.
+            plan: of the curriculum; None without one.
+            first_game: index of the first game among those of the seed.
+            discount: of the learner.
+        """
+        from train.environments.simulator_env import SimulatorEnv
+
+        members = seat.members if seat.team else 1
+        batch = self.BATCH(
+            seat.task, max(num_games // members, 1), seed, first_game, auto_restart=False
+        )
+        teacher = None if plan is None else Teacher(plan, batch, self.metrics(seat))
+        how = (teacher, members, self.scale, self.bounded(discount))
+        return SimulatorEnv(batch, seat, self.policies(seat), *how), teacher
+
+
+@dataclass(frozen=True)
+class Family:
+    """The parts of a kind of game; `Missing` where it lacks one.
+
+    Attributes:
+        settings: the form of the settings of its tasks.
+        seat: (settings of a run) -> the learning agent in its training games, alone.
+        world: (settings of a task, team, saved runs) -> the task with its policies.
+        policies: by name.
+    """
+
+    settings: type[TaskForm]
+    seat: Callable[[AgentSettings], Seat]
+    world: Callable[..., World]
+    policies: NamedPolicies | Missing

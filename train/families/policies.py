@@ -1,0 +1,84 @@
+"""Policies by name in the games of a family: named ones, those of saved runs, saved models."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+from pursuit.plugins import reading
+from pursuit.validation import check, need, shortened
+from train.families.family import NamedPolicies, SavedRuns
+
+
+def policy_named(
+    policies: NamedPolicies,
+    saved: SavedRuns,
+    name: str,
+    task: Any,
+    agent: str,
+    epsilon: float = 0.0,
+    played: str = "sampled",
+    observation: str | None = None,
+) -> Any:
+    """The policy of this name for an agent or role of a task.
+
+    Args:
+        policies: of the family.
+        saved: reads saved runs.
+        name: of a named policy, the folder of a run (of self-play: of all roles, also of those with
+            a fixed policy), or a saved model (.zip).
+        task, agent: the game, and the agent or role of the policy.
+        epsilon: share of random moves.
+        played: policy of a learned agent, "sampled" or "greedy".
+        observation: of a model without a description file.
+
+    Raises:
+        ValueError: an unknown policy, or one of another game or agent.
+    """
+    if policies.is_named(name):
+        return policies.named(name, task, agent, epsilon)
+    folder = Path(name)
+    sides = saved.sides(folder)
+    if sides is not None:
+        check(
+            agent in sides,
+            f"{name}: a run of self-play without a player {agent}; give a run of this game",
+        )
+        if (fixed := sides[agent]) is not None:
+            how = (epsilon or fixed.epsilon, "greedy" if played == "greedy" else fixed.played)
+            with reading(folder / "config.json"):
+                return policy_named(policies, saved, fixed.name, task, agent, *how)
+        folder /= agent
+    trained = {"task": task, "agent": agent, "observation": observation}
+    policy = loaded(policies, saved, folder, played, **trained)
+    return policies.placed(policy, task, agent, name, epsilon)
+
+
+def loaded(
+    policies: NamedPolicies, saved: SavedRuns, path: Path, played: str = "sampled", **trained: Any
+) -> Any:
+    """A policy from the folder of a run, or from a saved Stable-Baselines3 model; `trained` as of
+    `load_stable_baselines`.
+
+    Raises:
+        ValueError: neither of them, or damaged.
+    """
+    if os.path.isdir(path):  # unlike Path.is_dir() also for names that are too long
+        own = saved.settings(path).task
+        check(
+            isinstance(own, policies.form),
+            f"{path}: a run of task {own.task!r}; give a run of this game",
+        )
+        greedy = played == "greedy" or not saved.has_distribution(path)
+        policy = saved.policy(path, greedy)
+        policy.name = f"{path} ({'greedy' if greedy else 'sampled'})"
+        return policy
+    check(
+        path.suffix == ".zip",
+        f"{shortened(str(path))}: not a policy; give one of {', '.join(policies.names)} (or learn, "
+        "in self-play), package.module:Name, a run folder, or a saved Stable-Baselines3 model "
+        "(.zip)",
+    )
+    need(policies.models)
+    return saved.model(path, None if played == "sampled" else True, **trained)
