@@ -30,7 +30,7 @@ from scripted_agents import (
 from scripted_agents.environments import DEFAULTS
 from scripted_agents.limits import MAX_WORK, SEARCH_SECONDS, work_of
 from scripted_agents.references import (
-    ExactReference,
+    Solution,
     exact_work,
     is_exact_team,
     is_table_duel,
@@ -73,7 +73,7 @@ class GameContest(MazeContest):
     search_seconds: float = SEARCH_SECONDS
 
     @cached_property
-    def exact_reference(self) -> ExactReference:
+    def exact_reference(self) -> Solution:
         """As `Contest`, for games of up to `most_work`."""
         return reference_of(self.task, self.agent, self.opponents, self.most_work)
 

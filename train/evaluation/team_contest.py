@@ -13,7 +13,7 @@ from scripted_agents.hidden.limited_view_policies import limited_references
 from scripted_agents.joint.opponents import why_no_distribution
 from scripted_agents.limits import work_of
 from scripted_agents.long_work import OutOfTime, why_no_time
-from scripted_agents.references import ExactReference, reference_of
+from scripted_agents.references import Solution, reference_of
 from train.evaluation.contest import GameContest
 from train.evaluation.matchups import Matchup, exact_joint_match
 from train.evaluation.scores import FULL_VIEW, OUTCOME, Measure, Score
@@ -71,7 +71,7 @@ class TeamContest(GameContest):
         return {**others, self.agent: policy}
 
     @cached_property
-    def exact_reference(self) -> ExactReference:
+    def exact_reference(self) -> Solution:
         """As `Contest`, for the team as one player."""
         return reference_of(self.task, self.agent, self.opponents, self.most_work, team=True)
 
