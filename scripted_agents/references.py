@@ -7,7 +7,7 @@ in `limits`. `pursuit evaluate` prints the reason where a game without limited v
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -79,7 +79,7 @@ class Question:
     @property
     def hidden(self) -> str | None:
         """The reason why a best response with the full state is no optimum; None if it is."""
-        return "limited view" if any(map(self.task.hides_from, self.seats)) else None
+        return why_hidden(self.task, self.seats)
 
 
 @dataclass(frozen=True)
@@ -123,6 +123,11 @@ def solution_of(asked: Question, solvers: tuple[Solver, ...]) -> Solution:
             return Solution(solver.kind, "" if solver.exact else reason)
         reason = why if solver.exact else reason
     return Solution("none", reason)
+
+
+def why_hidden(task: Task, seats: Iterable[int]) -> str | None:
+    """The reason why the full state is not what these agents see; None if it is."""
+    return "limited view" if any(map(task.hides_from, seats)) else None
 
 
 def reference_of(
@@ -180,8 +185,9 @@ def _why_no_team(asked: Question) -> str | None:
 
 def _why_no_joint(asked: Question) -> str | None:
     task, seats = asked.task, asked.seats
-    if asked.hidden is not None or is_single_runner(task):
-        return asked.hidden or why_no_tour(task.num_goals)
+    hidden = why_hidden(task, seats or range(task.num_agents))  # for NashConv all respond
+    if hidden is not None or is_single_runner(task):
+        return hidden or why_no_tour(task.num_goals)
     most = team_work(task, asked.most_work) if asked.team else asked.most_work
     reason = why_not_joint(task, asked.policies, most, *seats)
     by_return = not seats or (task.num_goals > 0 and task.seat_roles[seats[0]] != "runner")
