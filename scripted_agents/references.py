@@ -20,9 +20,7 @@ from scripted_agents.agents.scripted import RandomAgent
 from scripted_agents.joint.opponents import has_distributions, why_no_distribution
 from scripted_agents.limits import (
     MAX_BOUNDED_CELLS,
-    MAX_EVALUATED_WORK,
     MAX_EXACT_CELLS,
-    MAX_EXACT_GOALS,
     MAX_EXACT_WORK,
     MAX_FINAL_WORK,
     MAX_TEAM_WORK,
@@ -88,15 +86,12 @@ class Solver:
 
     Attributes:
         kind: its name.
-        games: what it solves, in words.
-        gives: with what an agent is compared, in words.
-        why_not: (question) -> the reason why it does not solve that; None if it does.
+        why_not: (question) -> the reason why it does not solve that; None if it does. Its docstring
+            says what it solves, and with what an agent is compared (docs/explanation/exact.md).
         exact: whether it gives the value itself, not bounds.
     """
 
     kind: str
-    games: str
-    gives: str
     why_not: Callable[[Question], str | None]
     exact: bool = True
 
@@ -153,12 +148,17 @@ def reference_of(
 
 
 def _why_no_tour(asked: Question) -> str | None:
+    """One runner without other agents, up to MAX_EXACT_GOALS goals, in any mazes. Exact: the
+    shortest tours, in steps."""
     if not is_single_runner(asked.task):
         return "not one runner alone"
     return asked.hidden or why_no_tour(asked.task.num_goals)
 
 
 def _why_no_duel(asked: Question) -> str | None:
+    """One chaser and one evader without goals at random starts in mazes of up to MAX_EXACT_CELLS
+    cells, the opponent a table over both cells. Exact: the best response, the mean steps over all
+    starts."""
     task, others = asked.task, asked.fixed
     by_maze = asked.by_maze and len(task.mazes) > 1
     tables = is_solvable(task, *others) if by_maze else is_table_duel(task, *others)
@@ -166,6 +166,8 @@ def _why_no_duel(asked: Question) -> str | None:
 
 
 def _why_no_bounds(asked: Question) -> str | None:
+    """A duel as above with a limited view of the agent, in one maze of up to MAX_BOUNDED_CELLS
+    cells. Certified: a proven interval of the optimum, in discounted steps."""
     if asked.hidden is None:
         return "full view"
     small = asked.task.max_cells <= MAX_BOUNDED_CELLS
@@ -173,8 +175,14 @@ def _why_no_bounds(asked: Question) -> str | None:
 
 
 def _why_no_team(asked: Question) -> str | None:
+    """Several chasers and one evader without goals at random starts in one maze, or a duel with
+    options of the rules, policies with known distributions, work of up to MAX_EXACT_WORK; with
+    exits or turns in final results MAX_FINAL_WORK. Exact: the best response of the agent, the mean
+    over all starts, in steps; with exits in captures - escapes. The same for a whole team that
+    learns, against any number of evaders or chasers; in final results up to MAX_TEAM_WORK. Exact:
+    its best response as one player."""
     task, policies, most = asked.task, asked.policies, asked.most_work
-    if asked.team:  # as one player, against any number of evaders or chasers
+    if asked.team:
         return f"{task.num_goals} goal(s)" if task.num_goals else _why_no_joint(asked)
     if asked.agent is not None:
         policies = {**policies, task.agent_names[asked.seats[0]]: RandomAgent()}
@@ -184,6 +192,10 @@ def _why_no_team(asked: Question) -> str | None:
 
 
 def _why_no_joint(asked: Question) -> str | None:
+    """Any other game in one maze, policies with known distributions, work of up to MAX_WORK; in
+    final results, `pursuit evaluate` and `pursuit baseline` MAX_EVALUATED_WORK. Exact: the best
+    response of the agent from the starts of the evaluation, in steps; in a race in goals, in a
+    heist in return, with exits in captures - escapes."""
     task, seats = asked.task, asked.seats
     hidden = why_hidden(task, seats or range(task.num_agents))  # for NashConv all respond
     if hidden is not None or is_single_runner(task):
@@ -196,73 +208,31 @@ def _why_no_joint(asked: Question) -> str | None:
 
 
 def _why_no_escape(asked: Question) -> str | None:
+    """A game with exits and without goals in one maze, policies with known distributions. Exact:
+    NashConv, in captures - escapes."""
     task = asked.task
     if not task.most_exits or task.num_goals:
         return f"{task.most_exits} exit(s) and {task.num_goals} goal(s)"
     return why_not_joint(task, asked.policies, asked.most_work, *asked.seats)
 
 
+def _why_no_small_game(asked: Question) -> str | None:
+    """A small game, policies of all other players that depend on the state. Exact: the best
+    response, the mean return over all starts."""
+    return None
+
+
 def _why_no_arm(asked: Question) -> str | None:
+    """The arm with continuous actions. Exact: the least steps; a bound where they are not known
+    from every start."""
     discrete = asked.task.discrete_actions
     return "discrete actions; only a lower bound of the steps is known" if discrete else None
 
 
-TOUR = Solver(
-    "tour",
-    f"One runner without other agents, up to {MAX_EXACT_GOALS} goals, in any mazes",
-    "Exact: the shortest tours, in steps",
-    _why_no_tour,
-)
-DUEL = Solver(
-    "duel",
-    "One chaser and one evader without goals at random starts in mazes of up to "
-    f"{MAX_EXACT_CELLS:,} cells, the opponent a table over both cells",
-    "Exact: the best response, the mean steps over all starts",
-    _why_no_duel,
-)
-TEAM = Solver(
-    "team",
-    "Several chasers and one evader without goals at random starts in one maze, or a duel with "
-    f"options of the rules, policies with known distributions, work of up to {MAX_EXACT_WORK:,}; "
-    f"with exits or turns in final results {MAX_FINAL_WORK:,}",
-    "Exact: the best response of the agent, the mean over all starts, in steps; with exits in "
-    "captures - escapes",
-    _why_no_team,
-)
-JOINT = Solver(
-    "joint",
-    f"Any other game in one maze, policies with known distributions, work of up to {MAX_WORK:,}; "
-    f"in final results, `pursuit evaluate` and `pursuit baseline` {MAX_EVALUATED_WORK:,}",
-    "Exact: the best response of the agent from the starts of the evaluation, in steps; in a race "
-    "in goals, in a heist in return, with exits in captures - escapes",
-    _why_no_joint,
-)
-BOUNDS = Solver(
-    "bounds",
-    "A duel as above with a limited view of the agent, in one maze of up to "
-    f"{MAX_BOUNDED_CELLS} cells",
-    "Certified: a proven interval of the optimum, in discounted steps",
-    _why_no_bounds,
-    exact=False,
-)
-SMALL_GAME = Solver(
-    "small_game",
-    "A small game, policies of all other players that depend on the state",
-    "Exact: the best response, the mean return over all starts",
-    lambda asked: None,
-)
-ARM = Solver(
-    "arm",
-    "The arm with continuous actions",
-    "Exact: the least steps; a bound where they are not known from every start",
-    _why_no_arm,
-)
-ESCAPE = Solver(
-    "escape",
-    "A game with exits and without goals in one maze, policies with known distributions",
-    "Exact: the result of each side, in captures - escapes",
-    _why_no_escape,
-)
+TOUR, DUEL = Solver("tour", _why_no_tour), Solver("duel", _why_no_duel)
+TEAM, JOINT = Solver("team", _why_no_team), Solver("joint", _why_no_joint)
+BOUNDS, ESCAPE = Solver("bounds", _why_no_bounds, exact=False), Solver("escape", _why_no_escape)
+SMALL_GAME, ARM = Solver("small_game", _why_no_small_game), Solver("arm", _why_no_arm)
 
 MAZES, SMALL_GAMES, ARMS = (TOUR, DUEL, TEAM, JOINT, BOUNDS), (SMALL_GAME,), (ARM,)
 """The solvers of best responses in each family."""

@@ -268,11 +268,18 @@ def names(package: str) -> str:
 
 
 def references(_: str) -> str:
-    """With what an agent is compared, by kind."""
-    known = [(f"`{each.kind}`", each.games, each.gives) for each in (*MAZES, *SMALL_GAMES, *ARMS)]
+    """With what an agent is compared, by kind: two sentences of a docstring, with the limits."""
+    body = []
+    for solver in (*MAZES, *SMALL_GAMES, *ARMS):
+        text = " ".join((getdoc(solver.why_not) or "").split())
+        text = re.sub(r"MAX_\w+", lambda name: f"{getattr(limits_module, name[0]):,}", text)
+        game, compared = text.removesuffix(".").split(". ")[:2]
+        body.append((f"`{solver.kind}`", game, compared))
     bound = "A bound, where one is known: the optimum with full view, or with continuous actions"
-    none = ("`none`", "Everything else", f"{bound}; otherwise the best scripted agent")
-    return rows(("kind", "game", "compared with"), [*known, none])
+    body.append(("`none`", "Everything else", f"{bound}; otherwise the best scripted agent."))
+    return rows(
+        ("kind", "game", "compared with"), [[cell.rstrip(".") for cell in row] for row in body]
+    )
 
 
 def limits(_: str) -> str:
