@@ -13,9 +13,8 @@ from functools import cached_property
 from typing import Any
 
 from pursuit.reacher.task import ReacherTask
-from pursuit.simulator.policy import DistributionPolicy, Policy, TabularPolicy
+from pursuit.simulator.policy import Policy, tells_its_play
 from pursuit.tasks.task import Task
-from scripted_agents.agents.runner import NearestGoalRunner, TourRunner
 from scripted_agents.agents.scripted import RandomAgent
 from scripted_agents.joint.opponents import has_distributions, why_no_distribution
 from scripted_agents.limits import (
@@ -255,17 +254,24 @@ def _is_small_duel(task: Task) -> bool:
 
 
 def is_table_in(task: Task, policy: Any) -> bool:
-    """Whether a policy is a table [self cell, other cell, action] in the games of `task`.
+    """Whether a policy says that it is a table [self cell, other cell, action] in games of `task`.
 
-    For a learned policy this requires the view limits of its training, for which the table is
-    valid.
+    A learned policy is one by its observation (`is_table`), and with the view limits of its
+    training, for which the table is valid.
     """
     own, agent = getattr(policy, "task", None), getattr(policy, "agent", None)
-    if not isinstance(policy, TabularPolicy) or not isinstance(own, Task) or agent is None:
-        return isinstance(policy, TabularPolicy)
+    if not _is_function_of_cells(task, policy, "action_probabilities"):
+        return False
+    if not isinstance(own, Task) or agent is None:
+        return True
     seat = own.seat(agent)
     here = task.seat(own.seat_roles[seat])
     return own.sight.limits[seat] == task.sight.limits[here]
+
+
+def _is_function_of_cells(task: Task, policy: Any, method: str) -> bool:
+    says = getattr(policy, "is_table", None)
+    return tells_its_play(policy, method) and (says is None or bool(says(task)))
 
 
 def exact_work(task: Task, most_work: int) -> int:
@@ -333,15 +339,15 @@ def why_not_joint(
 # -- each of several mazes -------------------------------------------------------------------------
 
 
-def is_known(policy: Any) -> bool:
+def is_known(task: Task, policy: Any) -> bool:
     """Whether `train.evaluation.suite_tables.tables_of` supports a policy: scripted agents, and
     networks without memory that observe only cells and goals."""
-    known = NearestGoalRunner, TourRunner, TabularPolicy, DistributionPolicy
-    return isinstance(policy, known)
+    methods = "action_probabilities", "distribution"
+    return any(_is_function_of_cells(task, policy, method) for method in methods)
 
 
 def is_solvable(task: Task, *opponents: Policy | None) -> bool:
     """Whether values can be computed exactly in every maze: for a runner with one goal, or in a
     small duel with a tabular opponent."""
     one_goal = is_single_runner(task) and task.num_goals == 1 and task.start == "random"
-    return one_goal or (_is_small_duel(task) and all(map(is_known, opponents)))
+    return one_goal or (_is_small_duel(task) and all(is_known(task, each) for each in opponents))
