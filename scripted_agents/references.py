@@ -1,21 +1,20 @@
-"""With which exact optimum an agent is compared, or why with none: `reference_of`.
+"""With which exact optimum an agent is compared, or why with none: the solvers of each family.
 
-This is the one place that decides when a result (of `pursuit evaluate`, `pursuit baseline` or a
-run) has an exact reference: the contests of `train.evaluation` ask it for the kind of optimum that
-they compute. `pursuit evaluate` prints the reason where a game without limited views has no
-optimum. The numbers are in `limits`.
+This is the only place that decides it, for best responses, for matches of fixed policies and for
+NashConv. `solution_of` gives the first solver that says nothing against a question. The numbers are
+in `limits`. `pursuit evaluate` prints the reason where a game without limited views has no optimum.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from functools import cached_property
+from typing import Any
 
 from pursuit.reacher.task import ReacherTask
-from pursuit.simulator.policy import DistributionPolicy, Policy, TabularPolicy
+from pursuit.simulator.policy import Policy, tells_its_play
 from pursuit.tasks.task import Task
-from scripted_agents.agents.runner import NearestGoalRunner, TourRunner
 from scripted_agents.agents.scripted import RandomAgent
 from scripted_agents.joint.opponents import has_distributions, why_no_distribution
 from scripted_agents.limits import (
@@ -36,43 +35,93 @@ from scripted_agents.long_work import why_no_time
 
 
 @dataclass(frozen=True)
-class ExactReference:
-    """With what an agent is compared: the answer of `reference_of`.
-
-    Kinds:
-        tour: One runner without other agents, up to MAX_EXACT_GOALS goals, in any mazes. Exact: the
-            shortest tours, in steps.
-        duel: One chaser and one evader without goals at random starts in mazes of up to
-            MAX_EXACT_CELLS cells, the opponent a table over both cells. Exact: the best response,
-            the mean steps over all starts.
-        team: Several chasers and one evader without goals at random starts in one maze, or a duel
-            with options of the rules, policies with known distributions, work of up to
-            MAX_EXACT_WORK; with exits or turns in final results MAX_FINAL_WORK. Exact: the best
-            response of the agent, the mean over all starts, in steps; with exits in captures -
-            escapes. The same for a whole team that learns, against any number of evaders or
-            chasers; in final results up to MAX_TEAM_WORK. Exact: its best response as one player.
-        joint: Any other game in one maze, policies with known distributions, work of up to
-            MAX_WORK; in final results, `pursuit evaluate` and `pursuit baseline`
-            MAX_EVALUATED_WORK. Exact: the best response of the agent from the starts of the
-            evaluation, in steps; in a race in goals, in a heist in return, with exits in captures -
-            escapes.
-        bounds: A duel as above with a limited view of the agent, in one maze of up to
-            MAX_BOUNDED_CELLS cells. Certified: a proven interval of the optimum, in discounted
-            steps.
-        small_game: A small game, policies of all other players that depend on the state. Exact: the
-            best response, the mean return over all starts.
-        arm: The arm with continuous actions. Exact: the least steps; a bound where they are not
-            known from every start.
-        none: Everything else. A bound, where one is known: the optimum with full view, or with
-            continuous actions; otherwise the best scripted agent.
+class Question:
+    """Of what an exact value is asked.
 
     Attributes:
-        kind: of these.
-        reason: why no exact optimum is known, with the kinds "bounds" and "none"; else empty.
+        task: the game.
+        agent: who responds, by name or role; None if all policies are fixed, and their result or
+            NashConv is asked.
+        policies: of the other agents, by agent name or role; those of the agent's own role are of
+            its teammates.
+        most_work: the size (`work_of`) up to which whole games are solved.
+        by_maze: whether duels in several mazes are solved maze by maze, as in suites.
+        team: whether all agents of the role `agent` respond, as one player; then `most_work` is
+            that of `team_work`.
     """
 
-    kind: Literal["tour", "duel", "team", "joint", "bounds", "arm", "small_game", "none"]
+    task: Any
+    agent: str | None
+    policies: Mapping[str, Any]
+    most_work: int = MAX_WORK
+    by_maze: bool = False
+    team: bool = False
+
+    @cached_property
+    def seats(self) -> tuple[int, ...]:
+        """The indices of the agents that respond."""
+        if self.agent is None:
+            return ()
+        if not self.team:
+            return (self.task.seat(self.agent),)
+        return tuple(s for s, role in enumerate(self.task.seat_roles) if role == self.agent)
+
+    @property
+    def fixed(self) -> list[Policy | None]:
+        """The policies of the agents that do not respond; None for a missing one."""
+        named = enumerate(zip(self.task.agent_names, self.task.seat_roles, strict=True))
+        given = self.policies
+        return [given.get(n, given.get(role)) for s, (n, role) in named if s not in self.seats]
+
+    @property
+    def hidden(self) -> str | None:
+        """The reason why a best response with the full state is no optimum; None if it is."""
+        return why_hidden(self.task, self.seats)
+
+
+@dataclass(frozen=True)
+class Solver:
+    """One way to an exact value.
+
+    Attributes:
+        kind: its name.
+        why_not: (question) -> the reason why it does not solve that; None if it does. Its docstring
+            says what it solves, and with what an agent is compared (docs/explanation/exact.md).
+        exact: whether it gives the value itself, not bounds.
+    """
+
+    kind: str
+    why_not: Callable[[Question], str | None]
+    exact: bool = True
+
+
+@dataclass(frozen=True)
+class Solution:
+    """The answer of `solution_of`.
+
+    Attributes:
+        kind: of the first solver that solves it; "none" if there is none.
+        reason: why no exact value is known: that of the last exact solver; empty if one is known.
+    """
+
+    kind: str
     reason: str = ""
+
+
+def solution_of(asked: Question, solvers: tuple[Solver, ...]) -> Solution:
+    """The first of these solvers that has no reason against a question."""
+    reason = ""
+    for solver in solvers:
+        why = solver.why_not(asked)
+        if why is None:
+            return Solution(solver.kind, "" if solver.exact else reason)
+        reason = why if solver.exact else reason
+    return Solution("none", reason)
+
+
+def why_hidden(task: Task, seats: Iterable[int]) -> str | None:
+    """The reason why the full state is not what these agents see; None if it is."""
+    return "limited view" if any(map(task.hides_from, seats)) else None
 
 
 def reference_of(
@@ -82,58 +131,119 @@ def reference_of(
     most_work: int = MAX_WORK,
     by_maze: bool = False,
     team: bool = False,
-) -> ExactReference:
+) -> Solution:
     """Which exact optimum of an agent is known, and if none is, the reason.
 
     Args:
-        task: the game, or the arm.
-        agent: its name or role; not used of the arm.
-        opponents: the policies of the other agents, by agent name or role; those of the agent's own
-            role are of its teammates.
-        most_work: the size (`work_of`) up to which games of the kind "joint" are solved.
-        by_maze: whether duels in several mazes are solved maze by maze, as in suites.
-        team: whether all agents of the role `agent` respond, as one player; then `most_work` is
-            that of `team_work`.
+        task: a game in mazes, or the arm.
+        agent, most_work, by_maze, team: as of `Question`; the agent of an arm is not used.
+        opponents: the policies of the other agents, as of `Question`.
     """
-    if isinstance(task, ReacherTask):
-        if task.discrete_actions:
-            return _unknown("discrete actions; only a lower bound of the steps is known")
-        return ExactReference("arm")
-    seats = [task.seat(agent)]
-    if team:
-        seats = [seat for seat, role in enumerate(task.seat_roles) if role == agent]
-    if any(map(task.hides_from, seats)):
-        bounded = is_table_duel(task, *opponents.values()) and task.max_cells <= MAX_BOUNDED_CELLS
-        return ExactReference("bounds" if bounded else "none", "limited view")
-    if is_single_runner(task):
-        reason = why_no_tour(task.num_goals)
-        return ExactReference("tour") if reason is None else _unknown(reason)
-    if is_table_duel(task, *opponents.values()):
-        return ExactReference("duel")
-    if len(task.mazes) > 1:
-        if by_maze and is_solvable(task, *opponents.values()):
-            return ExactReference("duel")
-        return _unknown(f"{len(task.mazes)} mazes; whole games are solved in one")
-    policies = {**opponents, task.agent_names[seats[0]]: RandomAgent()}
-    if not team and is_exact_team(task, policies, exact_work(task, most_work)):
-        return ExactReference("team")
-    most_work = team_work(task, most_work) if team else most_work
-    reason = why_not_joint(task, opponents, most_work, *seats)
-    by_return = task.num_goals > 0 and task.seat_roles[seats[0]] != "runner"
-    if reason is None and by_return and task.reward_function is not None:
-        reason = "user-defined rewards"
-    kind: Literal["team", "joint"] = "team" if team and not task.num_goals else "joint"
-    return ExactReference(kind) if reason is None else _unknown(reason)
+    asked = Question(task, agent, opponents, most_work, by_maze, team)
+    return solution_of(asked, ARMS if isinstance(task, ReacherTask) else MAZES)
 
 
-def _unknown(reason: str) -> ExactReference:
-    return ExactReference("none", reason)
+# -- what each solver takes ------------------------------------------------------------------------
 
 
-# -- fixed policies, whose values are exact --------------------------------------------------------
+def _why_no_tour(asked: Question) -> str | None:
+    """One runner without other agents, up to MAX_EXACT_GOALS goals, in any mazes. Exact: the
+    shortest tours, in steps."""
+    if not is_single_runner(asked.task):
+        return "not one runner alone"
+    return asked.hidden or why_no_tour(asked.task.num_goals)
 
 
-def is_table_duel(task: Task, *policies: Policy) -> bool:
+def _why_no_duel(asked: Question) -> str | None:
+    """One chaser and one evader without goals at random starts in mazes of up to MAX_EXACT_CELLS
+    cells, the opponent a table over both cells. Exact: the best response, the mean steps over all
+    starts."""
+    task, others = asked.task, asked.fixed
+    by_maze = asked.by_maze and len(task.mazes) > 1
+    tables = is_solvable(task, *others) if by_maze else is_table_duel(task, *others)
+    return asked.hidden or (None if tables else "no small duel of tables")
+
+
+def _why_no_bounds(asked: Question) -> str | None:
+    """A duel as above with a limited view of the agent, in one maze of up to MAX_BOUNDED_CELLS
+    cells. Certified: a proven interval of the optimum, in discounted steps."""
+    if asked.hidden is None:
+        return "full view"
+    small = asked.task.max_cells <= MAX_BOUNDED_CELLS
+    return None if small and is_table_duel(asked.task, *asked.fixed) else asked.hidden
+
+
+def _why_no_team(asked: Question) -> str | None:
+    """Several chasers and one evader without goals at random starts in one maze, or a duel with
+    options of the rules, policies with known distributions, work of up to MAX_EXACT_WORK; with
+    exits or turns in final results MAX_FINAL_WORK. Exact: the best response of the agent, the mean
+    over all starts, in steps; with exits in captures - escapes. The same for a whole team that
+    learns, against any number of evaders or chasers; in final results up to MAX_TEAM_WORK. Exact:
+    its best response as one player."""
+    task, policies, most = asked.task, asked.policies, asked.most_work
+    if asked.team:
+        return f"{task.num_goals} goal(s)" if task.num_goals else _why_no_joint(asked)
+    if asked.agent is not None:
+        policies = {**policies, task.agent_names[asked.seats[0]]: RandomAgent()}
+        most = exact_work(task, most)
+    chase = asked.hidden is None and is_exact_team(task, policies, most)
+    return asked.hidden or (None if chase else "no small chase of one evader")
+
+
+def _why_no_joint(asked: Question) -> str | None:
+    """Any other game in one maze, policies with known distributions, work of up to MAX_WORK; in
+    final results, `pursuit evaluate` and `pursuit baseline` MAX_EVALUATED_WORK. Exact: the best
+    response of the agent from the starts of the evaluation, in steps; in a race in goals, in a
+    heist in return, with exits in captures - escapes."""
+    task, seats = asked.task, asked.seats
+    hidden = why_hidden(task, seats or range(task.num_agents))  # for NashConv all respond
+    if hidden is not None or is_single_runner(task):
+        return hidden or why_no_tour(task.num_goals)
+    most = team_work(task, asked.most_work) if asked.team else asked.most_work
+    reason = why_not_joint(task, asked.policies, most, *seats)
+    by_return = not seats or (task.num_goals > 0 and task.seat_roles[seats[0]] != "runner")
+    rewarded = task.reward_function is None or not by_return
+    return reason or (None if rewarded else "user-defined rewards")
+
+
+def _why_no_escape(asked: Question) -> str | None:
+    """A game with exits and without goals in one maze, policies with known distributions. Exact:
+    NashConv, in captures - escapes."""
+    task = asked.task
+    if not task.most_exits or task.num_goals:
+        return f"{task.most_exits} exit(s) and {task.num_goals} goal(s)"
+    return why_not_joint(task, asked.policies, asked.most_work, *asked.seats)
+
+
+def _why_no_small_game(asked: Question) -> str | None:
+    """A small game, policies of all other players that depend on the state. Exact: the best
+    response, the mean return over all starts."""
+    return None
+
+
+def _why_no_arm(asked: Question) -> str | None:
+    """The arm with continuous actions. Exact: the least steps; a bound where they are not known
+    from every start."""
+    discrete = asked.task.discrete_actions
+    return "discrete actions; only a lower bound of the steps is known" if discrete else None
+
+
+TOUR, DUEL = Solver("tour", _why_no_tour), Solver("duel", _why_no_duel)
+TEAM, JOINT = Solver("team", _why_no_team), Solver("joint", _why_no_joint)
+BOUNDS, ESCAPE = Solver("bounds", _why_no_bounds, exact=False), Solver("escape", _why_no_escape)
+SMALL_GAME, ARM = Solver("small_game", _why_no_small_game), Solver("arm", _why_no_arm)
+
+MAZES, SMALL_GAMES, ARMS = (TOUR, DUEL, TEAM, JOINT, BOUNDS), (SMALL_GAME,), (ARM,)
+"""The solvers of best responses in each family."""
+MATCHES, NASH_CONVS = (DUEL, TEAM), (DUEL, TEAM, ESCAPE)
+"""Those of matches, and of NashConv in steps or outcomes, of fixed policies in mazes; NashConv in
+returns is by `JOINT`."""
+
+
+# -- conditions of several solvers -----------------------------------------------------------------
+
+
+def is_table_duel(task: Task, *policies: Policy | None) -> bool:
     """Whether the task is a duel small enough to be solved, and all policies are tables."""
     tables = all(is_table_in(task, policy) for policy in policies)
     return len(task.mazes) == 1 and _is_small_duel(task) and tables
@@ -144,24 +254,31 @@ def _is_small_duel(task: Task) -> bool:
 
 
 def is_table_in(task: Task, policy: Any) -> bool:
-    """Whether a policy is a table [self cell, other cell, action] in the games of `task`.
+    """Whether a policy says that it is a table [self cell, other cell, action] in games of `task`.
 
-    For a learned policy this requires the view limits of its training, for which the table is
-    valid.
+    A learned policy is one by its observation (`is_table`), and with the view limits of its
+    training, for which the table is valid.
     """
     own, agent = getattr(policy, "task", None), getattr(policy, "agent", None)
-    if not isinstance(policy, TabularPolicy) or not isinstance(own, Task) or agent is None:
-        return isinstance(policy, TabularPolicy)
+    if not _is_function_of_cells(task, policy, "action_probabilities"):
+        return False
+    if not isinstance(own, Task) or agent is None:
+        return True
     seat = own.seat(agent)
     here = task.seat(own.seat_roles[seat])
     return own.sight.limits[seat] == task.sight.limits[here]
+
+
+def _is_function_of_cells(task: Task, policy: Any, method: str) -> bool:
+    says = getattr(policy, "is_table", None)
+    return tells_its_play(policy, method) and (says is None or bool(says(task)))
 
 
 def exact_work(task: Task, most_work: int) -> int:
     """The size up to which policies of a chase of one evader are evaluated exactly: during
     training, or with exits and turns also in final results (`most_work` above MAX_WORK)."""
     final = most_work > MAX_WORK and (task.most_exits > 0 or task.options.turns)
-    return MAX_FINAL_WORK if final else MAX_EXACT_WORK
+    return min(most_work, MAX_FINAL_WORK if final else MAX_EXACT_WORK)
 
 
 def team_work(task: Task, most_work: int) -> int:
@@ -222,15 +339,15 @@ def why_not_joint(
 # -- each of several mazes -------------------------------------------------------------------------
 
 
-def is_known(policy: Any) -> bool:
+def is_known(task: Task, policy: Any) -> bool:
     """Whether `train.evaluation.suite_tables.tables_of` supports a policy: scripted agents, and
     networks without memory that observe only cells and goals."""
-    known = NearestGoalRunner, TourRunner, TabularPolicy, DistributionPolicy
-    return isinstance(policy, known)
+    methods = "action_probabilities", "distribution"
+    return any(_is_function_of_cells(task, policy, method) for method in methods)
 
 
 def is_solvable(task: Task, *opponents: Policy | None) -> bool:
     """Whether values can be computed exactly in every maze: for a runner with one goal, or in a
     small duel with a tabular opponent."""
     one_goal = is_single_runner(task) and task.num_goals == 1 and task.start == "random"
-    return one_goal or (_is_small_duel(task) and all(map(is_known, opponents)))
+    return one_goal or (_is_small_duel(task) and all(is_known(task, each) for each in opponents))

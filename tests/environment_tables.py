@@ -31,7 +31,7 @@ from pursuit.reacher.parallel_env import ReacherParallelEnv
 from pursuit.tasks.rewards import REWARD_SCHEMES, Rewards
 from scripted_agents import environments
 from scripted_agents import limits as limits_module
-from scripted_agents.references import ExactReference
+from scripted_agents.references import ARMS, MAZES, SMALL_GAMES
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -268,11 +268,18 @@ def names(package: str) -> str:
 
 
 def references(_: str) -> str:
-    """With what an agent is compared, by kind: two sentences of the docstring, with the limits."""
-    text = " ".join((getdoc(ExactReference) or "").split("Attributes:")[0].split())
-    text = re.sub(r"MAX_\w+", lambda name: f"{getattr(limits_module, name[0]):,}", text)
-    parts = re.findall(r"(\w+): ([A-Z][^.]*)\. ([A-Z][^.]*)\.", text.split("Kinds: ")[1])
-    return rows(("kind", "game", "compared with"), [(f"`{kind}`", *rest) for kind, *rest in parts])
+    """With what an agent is compared, by kind: two sentences of a docstring, with the limits."""
+    body = []
+    for solver in (*MAZES, *SMALL_GAMES, *ARMS):
+        text = " ".join((getdoc(solver.why_not) or "").split())
+        text = re.sub(r"MAX_\w+", lambda name: f"{getattr(limits_module, name[0]):,}", text)
+        game, compared = text.removesuffix(".").split(". ")[:2]
+        body.append((f"`{solver.kind}`", game, compared))
+    bound = "A bound, where one is known: the optimum with full view, or with continuous actions"
+    body.append(("`none`", "Everything else", f"{bound}; otherwise the best scripted agent."))
+    return rows(
+        ("kind", "game", "compared with"), [[cell.rstrip(".") for cell in row] for row in body]
+    )
 
 
 def limits(_: str) -> str:

@@ -309,9 +309,28 @@ def play_all(
         player.act_together(view(seats[0]), tuple(seats), actions)
 
 
+def tells_its_play(policy: object, method: str) -> bool:
+    """Whether a method, "action_probabilities" or "distribution", tells what a policy plays.
+
+    Not without that method or with memory, nor where a class has an `act` of its own beside the
+    method of its base: that tells what the base plays. (`moves` defines all of a scripted agent.)
+    """
+    if not callable(getattr(policy, method, None)) or hasattr(policy, "begin"):
+        return False
+    for own in (getattr(policy, "__dict__", {}), *map(vars, type(policy).__mro__)):
+        if method in own or "moves" in own:
+            return True
+        if "act" in own:
+            return False
+    return False
+
+
 @runtime_checkable
 class TabularPolicy(Protocol):
-    """A policy that is a function of (own cell, other cell) in duels."""
+    """A policy that is a function of (own cell, other cell) in duels.
+
+    Where it is one in some tasks only, `is_table(task)` says in which, as of learned policies.
+    """
 
     def action_probabilities(self, maze: Maze, stay_action: bool = False) -> NDArray[np.float64]:
         """[self cell, other cell, action] float64, the exact distribution over actions."""

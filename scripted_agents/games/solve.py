@@ -14,7 +14,7 @@ from scipy.sparse.linalg import splu
 from pursuit.validation import number, shortened, whole
 from scripted_agents.games.small_game import DRAWN, Behaviour, SmallGame
 from scripted_agents.joint.layout import NO_SLIPS, Store
-from scripted_agents.joint.results import Equilibrium, JointNashConv, Solution
+from scripted_agents.joint.results import Equilibrium, JointNashConv, SolvedGame
 from scripted_agents.joint.shapley_iteration import StochasticGame, solve_game
 from scripted_agents.tolerances import SMALL_GAME_TOLERANCE, TIE
 
@@ -26,7 +26,7 @@ Values = NDArray[np.float64]
 Sweep = Callable[[Values], Values]
 
 
-class _Tables(Solution):
+class _Tables(SolvedGame):
     """A solution of a small game; `mean` and `tables` are short names of its attributes."""
 
     @property

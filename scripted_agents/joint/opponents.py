@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pursuit.rules.layout import Games
-from pursuit.simulator.policy import DistributionPolicy, MemoryPolicy, Policy
+from pursuit.simulator.policy import DistributionPolicy, Policy, tells_its_play
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task
 from scripted_agents.agents.scripted import MoveSets, Scripted
@@ -61,7 +61,7 @@ def policies_of(
             raise ValueError(f"{name} has no policy; add policies={{{name!r}: ...}}")
         if not hasattr(policy, "act"):
             policy = TablePolicy(task.mazes[0], policy)
-        if isinstance(policy, MemoryPolicy) or not isinstance(policy, DistributionPolicy):
+        if not tells_its_play(policy, "distribution"):
             bare = type(policy).__repr__ is object.__repr__
             shown = type(policy).__name__ if bare else repr(policy)
             raise ValueError(
@@ -73,7 +73,7 @@ def policies_of(
                 f"{policy!r} of {name} depends on the step; use one that was solved with "
                 "horizon=None"
             )
-        found[seat] = policy
+        found[seat] = cast(DistributionPolicy, policy)
     return found
 
 

@@ -19,7 +19,7 @@ from scripted_agents.joint.states import JointStates
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Solution:
+class SolvedGame:
     """A best response, or an equilibrium.
 
     Attributes:
@@ -34,11 +34,11 @@ class Solution:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Equilibrium(Solution):
+class Equilibrium(SolvedGame):
     """An equilibrium of a zero-sum game of two players.
 
     Attributes:
-        values, mean_over_starts, policies: as of `Solution`, for the first player.
+        values, mean_over_starts, policies: as of `SolvedGame`, for the first player.
         mixed: of the shape of `values`, bool: whether the matrix game there has no pure saddle
             point, so that optimal play must be random.
     """
@@ -47,7 +47,7 @@ class Equilibrium(Solution):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class JointResponse(Solution):
+class JointResponse(SolvedGame):
     """The result of `solve_joint`, and with values by cells of `best_team_response`.
 
     Attributes:

@@ -200,7 +200,9 @@ def evaluate_and_print(
     print(contest.line())
     if isinstance(contest, SuiteContest):
         check_default(given, type(given), ["exact_seconds"], "it is for games in one maze")
-        contest = replace(contest, exact=all(map(is_known, policies.values())))
+        contest = replace(
+            contest, exact=all(is_known(contest.task, policy) for policy in policies.values())
+        )
         played = evaluate_in_mazes(contest, policies, given.table)
         scores = [each.score(given.episodes) for each in played]
         more["suite"] = {each.name: summary_of(contest, each) for each in played}

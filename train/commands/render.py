@@ -12,6 +12,7 @@ import tyro
 from pursuit.rendering.animation import save_animation
 from pursuit.validation import at_least, check, passes
 from scripted_agents import (
+    BestResponse,
     InverseKinematics,
     LeastStepsPolicy,
     TablePolicy,
@@ -106,12 +107,14 @@ def optimal_policy(contest: AnyContest) -> Any:
         return TableAgent(contest.task, agent, contest.best.policies[agent])
     if not isinstance(contest, GameContest):
         raise ValueError("the optimum in several mazes is not one policy; give one of the mazes")
-    best, among = contest.best_response(), contest.best_team_response()
-    among = contest.best_of_outcomes if among is None else among
-    if best is not None:
+    by_steps = contest.measure.by_steps
+    own = contest.full if by_steps and len(contest.seats) == 1 else contest
+    outcome, kind = contest.measure.name == "outcome", own.exact_reference.kind
+    best = own.best_in(contest.measure) if outcome or kind in ("duel", "team") else None
+    if isinstance(best, BestResponse):
         return TablePolicy(contest.task.mazes[0], best.policy)
-    if among is not None:
-        return among.policy
+    if best is not None:
+        return best.policy
     reason = why_not_optimal(contest.task, "runner")
     if contest.role != "runner":
         reason = "the best response to these agents in this task is not solved"

@@ -9,7 +9,7 @@ from train.evaluation.arm_contest import ArmContest
 from train.evaluation.contest import GameContest
 from train.evaluation.contests import AnyContest
 from train.evaluation.score_table import score_table
-from train.evaluation.scores import OUTCOME, Reference, Score
+from train.evaluation.scores import BY_GOALS, BY_RETURN, BY_STEPS, OUTCOME, Reference, Score
 from train.evaluation.team_contest import describe_team
 from train.files import Plain
 from train.reports.tables import print_table
@@ -75,15 +75,16 @@ def print_whole_game(contest: GameContest) -> None:
         return
     agent = contest.agent
     found = (
-        ("mean optimum over all starts", " steps", contest.best_of_steps),
-        (f"highest return of {agent}, over all starts", "", contest.best_of_returns),
-        (f"most goals of {agent}, over all starts", "", contest.best_of_goals),
+        ("mean optimum over all starts", " steps", BY_STEPS),
+        (f"highest return of {agent}, over all starts", "", BY_RETURN),
+        (f"most goals of {agent}, over all starts", "", BY_GOALS),
     )
-    if (outcome := contest.best_of_outcomes) is not None:
+    outcome = contest.best_in(contest.measure)
+    if outcome is not None and contest.measure.name == "outcome":
         mean = outcome.mean_over_starts * (-1.0 if contest.role == "evader" else 1.0)
         print(f"{OUTCOME} with the best {agent}, over all starts: {mean:.4f} (exact)")
-    for text, unit, best in found:
-        if best is not None:
+    for text, unit, measure in found:
+        if (best := contest.best_in(measure)) is not None:
             print(f"{text}: {best.mean_over_starts:.4f}{unit} (exact)")
 
 

@@ -22,7 +22,7 @@ from scripted_agents import (
     ThesisInverseKinematics,
     least_steps_of,
 )
-from scripted_agents.references import ExactReference, reference_of
+from scripted_agents.references import Solution, reference_of
 from train.evaluation.games import half_width
 from train.evaluation.scores import (
     BY_STEPS,
@@ -97,7 +97,7 @@ class ArmContest(Contest[ArmPolicy, ReacherSimulator]):
         return BY_STEPS
 
     @property
-    def exact_reference(self) -> ExactReference:
+    def exact_reference(self) -> Solution:
         """As `Contest`."""
         return reference_of(self.task, "arm", {})
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,20 +22,12 @@ from scripted_agents import (
     HiddenChaseSolution,
     JointResponse,
     RandomAgent,
-    TeamResponse,
-    best_team_response,
     mean_over_starts,
     solve_joint,
 )
 from scripted_agents.environments import DEFAULTS
-from scripted_agents.limits import MAX_WORK, SEARCH_SECONDS, work_of
-from scripted_agents.references import (
-    ExactReference,
-    exact_work,
-    is_exact_team,
-    is_table_duel,
-    reference_of,
-)
+from scripted_agents.limits import MAX_WORK, SEARCH_SECONDS
+from scripted_agents.references import Solution, exact_work, reference_of
 from train.evaluation.departures import rates_of
 from train.evaluation.games import Lengths, best_reply, half_width, table_in
 from train.evaluation.hidden_contest import Certificate, discounted, solution_of
@@ -73,7 +65,7 @@ class GameContest(MazeContest):
     search_seconds: float = SEARCH_SECONDS
 
     @cached_property
-    def exact_reference(self) -> ExactReference:
+    def exact_reference(self) -> Solution:
         """As `Contest`, for games of up to `most_work`."""
         return reference_of(self.task, self.agent, self.opponents, self.most_work)
 
@@ -83,8 +75,8 @@ class GameContest(MazeContest):
 
     @property
     def is_table_duel(self) -> bool:
-        """Whether the mean length over all starts is computed without sampling."""
-        return is_table_duel(self.task, *self.opponents.values())
+        """Whether it is a duel that is solved, apart from a limited view of the agent."""
+        return self.full.exact_reference.kind == "duel"
 
     def _means(self, simulator: Simulator) -> tuple[float, float | None]:
         """Mean return and number of goals of the agent, or of the team, in finished games."""
@@ -96,7 +88,6 @@ class GameContest(MazeContest):
 
     def opponent_table(self) -> NDArray[np.float64]:
         """[self cell, other cell, action] of the opponent; requires `is_table_duel`."""
-        assert self.opponent is not None  # is_table_duel
         return table_in(self.task, self.opponent)
 
     def exact_match(self, policy: Policy) -> Matchup | None:
@@ -143,7 +134,7 @@ class GameContest(MazeContest):
         return float(lengths[won].sum() / self.tours[won].sum()) - 1.0
 
     @cached_property
-    def with_full_view(self) -> GameContest:
+    def with_full_view(self) -> Self:
         """The same contest with a full view of this agent (or team): its optimum is a bound.
 
         The views of the other agents are unchanged.
@@ -159,6 +150,11 @@ class GameContest(MazeContest):
         }
         return replace(self, task=replace(task, **sight))
 
+    @cached_property
+    def full(self) -> Self:
+        """The contest whose optimum is the best response: with full view."""
+        return self.with_full_view if self.is_limited else self
+
     def solution(self) -> HiddenChaseSolution | None:
         """The proven bounds of the optimum under a limited view; None if there are none."""
         if self.exact_reference.kind != "bounds":
@@ -172,103 +168,49 @@ class GameContest(MazeContest):
             return None
         return Certificate(proven.role, proven.discount, proven.lower, proven.upper)
 
-    def best_response(self, mask_bumps: bool = False) -> BestResponse | None:
-        """The exact best response to the opponent; None unless `is_table_duel`."""
-        if not self.is_table_duel:
-            return None
-        table, horizon = self.opponent_table(), self.task.max_steps
-        return best_reply(self.task, self.role, table, horizon, mask_bumps=mask_bumps)
+    # -- optima --------------------------------------------------------------------------------
 
-    def _score_of(self, name: str, best: BestResponse) -> Score:
-        """The score of a best response."""
-        starts = (self.task.mazes[0], self.task.min_start_distance)
-        mean, caught = (mean_over_starts(each, *starts) for each in (best.values, best.captured))
-        return self._exact_score(name, mean, caught)
+    @cached_property
+    def _best(self) -> dict[str, BestResponse | JointResponse | None]:
+        """The results of `best_in`, by name of the measure."""
+        return {}
 
-    def best_team_response(self) -> TeamResponse | None:
-        """The best response of this agent in a team chase; None if that is not solved, and with
-        exits, see `best_of_outcomes`."""
-        task, most = self.task, exact_work(self.task, self.most_work)
-        if task.most_exits or not is_exact_team(task, self.with_policy(RandomAgent()), most):
-            return None
-        if self.task.options.turns:
-            return self._joint_response(self.task)
-        name = self.task.agent_names[self.seat]
-        return best_team_response(self.task, name, self.opponents, self.task.max_steps)
+    def best_in(self, measure: Measure = BY_STEPS) -> BestResponse | JointResponse | None:
+        """The exact best response of this agent, or of this team as one player, solved once.
 
-    def optimal(self) -> Score | None:
-        """The exact optimum on the same starts; None if it is not known.
-
-        `exact_reference` says whether it is known. Also unknown if `max_steps` truncates every
-        episode, with a limited view (see `certificate`), and if evaders collect goals (see
-        `optimal_in`).
+        None if no solver takes this game (`exact_reference`), in a measure that is no aim in it
+        (`_aims`), and for a runner alone, whose optimum is `tours`.
         """
-        kind, most = self.exact_reference.kind, self.task.max_steps
-        if kind == "duel" and (best := self.best_response()) is not None:
-            return self._score_of("optimal", best)
-        if kind == "team" and (team := self.best_team_response()) is not None:
-            mean, (_, won) = team.mean_over_starts, self.play(team.policy)
-            share = float(won.mean())
-            return Score("optimal", mean, 0.0, share, self.episodes, True, apart="success: sampled")
-        if kind == "joint" and self.best_of_steps is not None:
-            return self._joint_score(self.best_of_steps, BY_STEPS)
-        if kind != "tour" or self.tours is None:
-            return None
-        share = float((self.tours <= most).mean())
-        if share == 0.0:  # every episode is truncated, so all policies have equal lengths
-            return None
-        lengths = np.minimum(self.tours, most)
-        mean = float(lengths.mean())
-        return Score("optimal", mean, half_width(lengths), share, self.episodes, False)
+        name, kind = measure.name, self.exact_reference.kind
+        if name not in self._best:
+            solved: BestResponse | JointResponse | None = None
+            if kind == "duel" and measure.by_steps:
+                solved = self._best_reply()
+            elif kind in ("team", "joint") and name in self._aims:
+                task, objective = self._aims[name]
+                own = [task.agent_names[seat] for seat in self.seats]
+                given: Any = {"objective": objective}
+                solved = solve_joint(task, own, self.opponents, task.max_steps, **given)
+            self._best[name] = solved
+        return self._best[name]
 
     @property
-    def solves_whole_game(self) -> bool:
-        """Whether `solve_joint` gives best responses of this agent."""
-        kind = self.exact_reference.kind
-        return kind == "joint" or (kind == "team" and work_of(self.task) <= self.most_work)
+    def _aims(self) -> dict[str, tuple[Task, str]]:
+        """By name of a measure, the task and the objective of `solve_joint` whose value it is.
 
-    def _joint_response(
-        self, task: Task, objective: Literal["steps", "return"] = "steps"
-    ) -> JointResponse:
-        """The best response of this agent, or of this team as one player, in a whole game."""
-        own = [task.agent_names[seat] for seat in self.seats]
-        return solve_joint(task, own, self.opponents, task.max_steps, objective=objective)
-
-    @cached_property
-    def best_of_steps(self) -> JointResponse | None:
-        """The best response in steps, for games that only `solve_joint` solves; None if the measure
-        is not steps."""
-        task = self.task
-        heist = task.num_goals and task.num_evaders
-        if heist or self.measure.name == "outcome" or not self.solves_whole_game:
-            return None
-        return self._joint_response(task)
-
-    @cached_property
-    def best_of_returns(self) -> JointResponse | None:
-        """The best response in returns, if other agents compete for goals; None with a user-defined
-        reward function."""
-        task = self.task
-        rivals = task.num_goals and task.num_agents > 1
-        if not rivals or task.reward_function is not None or not self.solves_whole_game:
-            return None
-        return self._joint_response(task, "return")
-
-    @cached_property
-    def best_of_goals(self) -> JointResponse | None:
-        """The best response in goals of a runner in a race, for any rewards."""
-        if self.measure != BY_GOALS or not self.solves_whole_game:
-            return None
-        by_goals = replace(self.task, rewards={self.role: Rewards(goal=1.0)})
-        return self._joint_response(by_goals, "return")
-
-    @cached_property
-    def best_of_outcomes(self) -> JointResponse | None:
-        """The best response in captures minus escapes (of an evader, in its negative); None if that
-        is not the measure."""
-        if self.measure.name != "outcome" or not self.solves_whole_game:
-            return None
-        return self._joint_response(self.by_outcome, "return")
+        Steps, but not if evaders collect goals or may escape; returns, if other agents compete for
+        goals, but for user-defined rewards; and the measure of the contest.
+        """
+        task, measure, aims = self.task, self.measure.name, {}
+        if measure != "outcome" and not (task.num_goals and task.num_evaders):
+            aims["steps"] = task, "steps"
+        if task.num_goals and task.num_agents > 1 and task.reward_function is None:
+            aims["return"] = task, "return"
+        if measure == "goals":
+            aims["goals"] = replace(task, rewards={self.role: Rewards(goal=1.0)}), "return"
+        if measure == "outcome":
+            aims["outcome"] = self.by_outcome, "return"
+        return aims
 
     @property
     def by_outcome(self) -> Task:
@@ -278,6 +220,49 @@ class GameContest(MazeContest):
         own = replace(OUTCOMES["chaser"], capture=shared, escape=-shared)
         rewards = {**OUTCOMES, "chaser": own if self.role == "chaser" else OUTCOMES["chaser"]}
         return replace(self.task, rewards=rewards)
+
+    def _best_reply(self, mask_bumps: bool = False) -> BestResponse:
+        """The best response in a duel."""
+        table, horizon = self.opponent_table(), self.task.max_steps
+        return best_reply(self.task, self.role, table, horizon, mask_bumps=mask_bumps)
+
+    def _duel_score(self, name: str, best: BestResponse) -> Score:
+        """The score of a best response in a duel."""
+        starts = (self.task.mazes[0], self.task.min_start_distance)
+        mean, caught = (mean_over_starts(each, *starts) for each in (best.values, best.captured))
+        return self._exact_score(name, mean, caught)
+
+    def optimal(self, measure: Measure = BY_STEPS) -> Score | None:
+        """The exact optimum in a measure on the same starts, or over all; None if it is not known.
+
+        `exact_reference` says whether it is known, and `best_in` in which measures. Also unknown if
+        `max_steps` truncates every episode of a runner alone, and with a limited view (see
+        `certificate`).
+        """
+        best, kind = self.best_in(measure), self.exact_reference.kind
+        if isinstance(best, BestResponse):
+            return self._duel_score("optimal", best)
+        if best is not None and kind == "team" and measure.by_steps:
+            mean, share = best.mean_over_starts, float(self.play(best.policy)[1].mean())
+            return Score("optimal", mean, 0.0, share, self.episodes, True, apart="success: sampled")
+        if best is not None:
+            return self._joint_score(best, measure)
+        if kind != "tour" or self.tours is None or not measure.by_steps:
+            return None
+        most = self.task.max_steps
+        share = float((self.tours <= most).mean())
+        if share == 0.0:  # every episode is truncated, so all policies have equal lengths
+            return None
+        lengths = np.minimum(self.tours, most)
+        mean = float(lengths.mean())
+        return Score("optimal", mean, half_width(lengths), share, self.episodes, False)
+
+    def optima(self) -> list[Score]:
+        """The known exact optima in steps, goals, returns and outcomes."""
+        measures = {each.name: each for each in (BY_STEPS, BY_GOALS, BY_RETURN)}
+        measures |= {self.measure.name: self.measure} if self.measure.name == "outcome" else {}
+        found = map(self.optimal, measures.values())
+        return [score for score in found if score is not None]
 
     def _joint_score(self, best: JointResponse, measure: Measure) -> Score:
         """The score of a best response: exact expectations in this measure from the starts of the
@@ -290,33 +275,18 @@ class GameContest(MazeContest):
         if measure.name == "outcome" and measure.less_is_better:
             expected = -expected
         lengths, won, left = self.played_out(simulator, best.policy)
-        in_steps: Lengths = expected if measure is BY_STEPS else lengths
+        in_steps: Lengths = expected if measure.by_steps else lengths
         mean, ci95, share = float(in_steps.mean()), half_width(in_steps), float(won.mean())
         means = dict(zip(("mean_return", "mean_goals"), self._means(simulator), strict=True))
         means |= {} if left is None else left.rates()
         values, others = self.measured(simulator, lengths, left), "success: sampled"
-        if measure is not BY_STEPS:
+        if not measure.by_steps:
             means[measure.column] = float(expected.mean())
             others = "the rest sampled"
         if measure == self.measure:
             values = expected
         more: Any = means | {"value_ci95": self._value_ci95(values), "apart": others}
         return Score(name, mean, ci95, share, self.episodes, False, **more)
-
-    def optimal_in(self, measure: Measure) -> Score | None:
-        """The best response in returns, in the goals of a runner in a race, or in captures minus
-        escapes: its exact expectation from the same starts. None if it is not known, or if no other
-        agent competes for goals."""
-        best = self.best_of_goals if measure == BY_GOALS else self.best_of_returns
-        best = self.best_of_outcomes if measure.name == "outcome" else best
-        return None if best is None else self._joint_score(best, measure)
-
-    def _optima(self) -> list[Score]:
-        """The known exact optima in steps, goals and returns."""
-        found = [self.optimal(), self.optimal_in(BY_GOALS), self.optimal_in(BY_RETURN)]
-        if self.measure.name == "outcome":
-            found.append(self.optimal_in(self.measure))
-        return [score for score in found if score is not None]
 
     def baselines(self) -> list[Score]:
         """Random, scripted (A* or nearest goal) and the known optima."""
@@ -329,11 +299,12 @@ class GameContest(MazeContest):
         if solution is not None:
             scores.append(self.score("certified", solution.policy))
         if self.is_limited:
-            full = self.with_full_view._optima()
+            full = self.with_full_view.optima()
             scores += [replace(best, name=f"{best.name}{FULL_VIEW}") for best in full]
-        scores += self._optima()
-        best = self.best_response(mask_bumps=True) if self.mask_bumps else None
-        return scores if best is None else [*scores, self._score_of("optimal with masks", best)]
+        scores += self.optima()
+        if self.mask_bumps and self.is_table_duel:
+            scores.append(self._duel_score("optimal with masks", self._best_reply(mask_bumps=True)))
+        return scores
 
     def reference(self, scores: Sequence[Score], learned: Score) -> Reference | None:
         """As `Contest`: the certified bound, else the exact optimum, a bound, or the best known."""
@@ -345,13 +316,11 @@ class GameContest(MazeContest):
 
     def optimal_lengths(self) -> NDArray[np.float64] | None:
         """As `Contest`; known for duels, single runners, and whole games measured in steps."""
-        if self.is_limited:
-            return None
-        best = self.best_response()
-        if best is not None:
+        best = self.best_in()
+        if isinstance(best, BestResponse):
             return best.values[tuple(self.starts().positions.T)]
-        if self.best_of_steps is not None:
-            return self.best_of_steps.values_of(self.starts().games)
-        if self.tours is None:
+        if best is not None:
+            return best.values_of(self.starts().games)
+        if self.is_limited or self.tours is None:
             return None
         return np.minimum(self.tours, self.task.max_steps).astype(np.float64)

@@ -121,7 +121,7 @@ def _compared(contest: ArmContest | GameContest, policy: Any) -> Evaluation:
     measure, value, reached = "steps", mean, optimum
     if game is not None and not game.measure.by_steps:
         measure, value = game.measure.name, float(game.values(policy).mean())
-        best = game.optimal_in(game.measure)
+        best = game.optimal(game.measure)
         reached = None if best is None else game.measure.of(best)
     figures = (half_width(lengths), float(won.mean()), optimum, gap, interval)
     unequal = "bounds of the minimum steps are not equal from every start"  # of an arm

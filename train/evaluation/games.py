@@ -169,7 +169,7 @@ def duel_role(role: str) -> Role:
     return "evader" if role == "evader" else "chaser"
 
 
-def table_in(task: Task, policy: Policy) -> Reals:
+def table_in(task: Task, policy: Policy | None) -> Reals:
     """[self cell, other cell, action] of a policy; requires `is_table_duel`."""
     assert isinstance(policy, TabularPolicy)
     return table_of(policy, task.mazes[0], task.stay_action, task.move_order)

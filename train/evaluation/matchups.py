@@ -21,7 +21,7 @@ from scripted_agents import (
 )
 from scripted_agents.joint.solver import lengths_of, quantities_of
 from scripted_agents.limits import MAX_EXACT_WORK, MAX_FINAL_WORK
-from scripted_agents.references import is_exact_team, is_table_duel
+from scripted_agents.references import MATCHES, Question, is_table_duel, solution_of
 from train.evaluation.games import (
     Escapes,
     all_caught,
@@ -75,8 +75,8 @@ class Matchup:
 
 def can_solve(task: Task, chaser: Policy, evader: Policy, most: int = MAX_FINAL_WORK) -> bool:
     """Whether `match` is exact."""
-    pair = {"chaser": chaser, "evader": evader}
-    return is_table_duel(task, chaser, evader) or is_exact_team(task, pair, most)
+    asked = Question(task, None, {"chaser": chaser, "evader": evader}, most)
+    return solution_of(asked, MATCHES).kind != "none"
 
 
 def play_pair(
@@ -154,28 +154,23 @@ def exact_match(
     Args:
         task: the game.
         policies: of all agents, by agent name or role.
-        most: the largest size of a team chase that is solved (`is_exact_team`); 0 for none.
+        most: the largest size of a team chase that is solved; 0 for none.
     """
-    if task.is_duel:
-        chaser, evader = (
-            policies.get(agent, policies.get(role))
-            for agent, role in zip(task.agent_names, task.seat_roles, strict=True)
-        )
-        if chaser is None or evader is None or not is_table_duel(task, chaser, evader):
-            return None
-        tables = table_in(task, chaser), table_in(task, evader)
-        means = (
-            mean_over_starts(values, task.mazes[0], task.min_start_distance)
-            for values in steps_and_ended(task, "chaser", tables)
-        )
-    elif most and is_exact_team(task, policies, most):
-        if why_not_team_chase(task) is not None:
-            return exact_joint_match(task, policies)
-        steps, late = team_survival(task, policies, task.max_steps)
-        means = (mean_over_team_starts(values, task) for values in (steps, 1.0 - late))
-    else:
+    asked = Question(task, None, policies, most)
+    kind = solution_of(asked, MATCHES).kind
+    if kind == "none":
         return None
-    mean, caught = means
+    if kind == "duel":
+        chaser, evader = (table_in(task, policy) for policy in asked.fixed)
+        mean, caught = (
+            mean_over_starts(values, task.mazes[0], task.min_start_distance)
+            for values in steps_and_ended(task, "chaser", (chaser, evader))
+        )
+    elif why_not_team_chase(task) is not None:
+        return exact_joint_match(task, policies)
+    else:
+        steps, late = team_survival(task, policies, task.max_steps)
+        mean, caught = (mean_over_team_starts(values, task) for values in (steps, 1.0 - late))
     return Matchup(mean, 0.0, caught, 0)
 
 
@@ -205,7 +200,7 @@ def match(
         task: the game.
         chaser, evader: the policies of all agents of each role.
         episodes: number of games, if they are sampled.
-        most: the largest size of a team chase that is solved (`is_exact_team`); 0 for none.
+        most: the largest size of a team chase that is solved; 0 for none.
     """
     found = exact_match(task, {"chaser": chaser, "evader": evader}, most)
     if found is not None:

@@ -27,6 +27,7 @@ from scripted_agents.tours.objective import tour_objective_gap
 from train.evaluation.contest import OUTCOMES, GameContest
 from train.evaluation.contests import AnyContest
 from train.evaluation.games import best_reply, duel_role, order_of
+from train.evaluation.scores import BY_RETURN, BY_STEPS
 from train.evaluation.small_game_contest import SmallGameContest
 
 
@@ -97,7 +98,7 @@ def _tour_gap(task: Task, rewards: Rewards, discount: float) -> float | None:
 def _duel_gap(contest: GameContest, rewards: Rewards, discount: float) -> float | None:
     task, maze = contest.task, contest.task.mazes[0]
     chases = contest.role == "chaser"
-    best = contest.best_response()
+    best = contest.best_in()
     if best is None:
         return None
     # With T steps the return is step * (1 + ... + discount**(T - 2)) + capture * discount**(T - 1).
@@ -132,11 +133,11 @@ def _joint_gap(contest: GameContest, discount: float) -> ObjectiveGap:
     Learners do not observe the remaining steps, so the policy is optimised without time limit.
     It is evaluated with the time limit. The discount is that of a round of turns.
     """
-    steps, returns = contest.best_of_steps, contest.best_of_returns
-    best = returns or steps or contest.best_of_outcomes
+    steps, returns = contest.best_in(BY_STEPS), contest.best_in(BY_RETURN)
+    best = returns or steps or contest.best_in(contest.measure)
     if best is None:
         return UNKNOWN
-    task, name = contest.task, best.agents[0]
+    task, name = contest.task, contest.task.agent_names[contest.seat]
     plan = solve_joint(task, [name], contest.opponents, None, discount, "return").policy
     played = {**contest.opponents, name: plan}
     if contest.measure.name == "outcome":

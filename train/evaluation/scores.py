@@ -18,7 +18,7 @@ from pursuit.simulator.policy import Policy
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task
 from scripted_agents.games.simulator import GameSimulator, StatePolicy
-from scripted_agents.references import ExactReference
+from scripted_agents.references import Solution
 from train.evaluation.departures import RATES
 from train.evaluation.games import play_out
 from train.evaluation.hidden_contest import Certificate
@@ -302,7 +302,7 @@ class Contest(ABC, Generic[PolicyT, GamesT]):
 
     @property
     @abstractmethod
-    def exact_reference(self) -> ExactReference:
+    def exact_reference(self) -> Solution:
         """Which exact optimum of the agent is known, or why none is."""
 
     success: ClassVar[str] = "success"

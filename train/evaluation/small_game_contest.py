@@ -16,7 +16,7 @@ from scripted_agents.games.episodes import play_of, play_of_response
 from scripted_agents.games.rendering import scene_of
 from scripted_agents.games.simulator import GameSimulator, GameTask, StatePolicy
 from scripted_agents.games.solve import SmallResponse, nash_conv, respond
-from scripted_agents.references import ExactReference
+from scripted_agents.references import SMALL_GAMES, Question, Solution, solution_of
 from train.evaluation.games import stepper
 from train.evaluation.scores import (
     BEST_RETURN,
@@ -55,9 +55,9 @@ class SmallGameContest(Contest[StatePolicy, GameSimulator]):
         return BY_RETURN
 
     @property
-    def exact_reference(self) -> ExactReference:
+    def exact_reference(self) -> Solution:
         """As `Contest`."""
-        return ExactReference("small_game")
+        return solution_of(Question(self.task, self.agent, self.opponents), SMALL_GAMES)
 
     @cached_property
     def tables(self) -> dict[str, NDArray[np.float64]]:

@@ -17,7 +17,7 @@ from pursuit.tasks.task import Task
 from scripted_agents import BestResponse, RandomAgent, mean_over_starts
 from scripted_agents.environments import DEFAULTS
 from scripted_agents.limits import SOLVED_MAZES
-from scripted_agents.references import ExactReference, is_solvable, reference_of
+from scripted_agents.references import Solution, is_solvable, reference_of
 from train.evaluation.departures import Departures
 from train.evaluation.games import Lengths, best_reply, half_width
 from train.evaluation.maze_contest import SCRIPTED, MazeContest
@@ -87,7 +87,7 @@ class SuiteContest(MazeContest):
     exact: bool = False
 
     @property
-    def exact_reference(self) -> ExactReference:
+    def exact_reference(self) -> Solution:
         """As `Contest`, maze by maze."""
         return reference_of(self.task, self.agent, self.opponents, by_maze=True)
 

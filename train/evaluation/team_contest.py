@@ -8,12 +8,12 @@ from functools import cached_property
 
 from pursuit.simulator.policy import Policy
 from pursuit.validation import check
-from scripted_agents import TeamResponse, evaluate_joint, solve_joint
+from scripted_agents import JointResponse, evaluate_joint, solve_joint
 from scripted_agents.hidden.limited_view_policies import limited_references
 from scripted_agents.joint.opponents import why_no_distribution
 from scripted_agents.limits import work_of
 from scripted_agents.long_work import OutOfTime, why_no_time
-from scripted_agents.references import ExactReference, reference_of
+from scripted_agents.references import Solution, reference_of
 from train.evaluation.contest import GameContest
 from train.evaluation.matchups import Matchup, exact_joint_match
 from train.evaluation.scores import FULL_VIEW, OUTCOME, Measure, Score
@@ -71,7 +71,7 @@ class TeamContest(GameContest):
         return {**others, self.agent: policy}
 
     @cached_property
-    def exact_reference(self) -> ExactReference:
+    def exact_reference(self) -> Solution:
         """As `Contest`, for the team as one player."""
         return reference_of(self.task, self.agent, self.opponents, self.most_work, team=True)
 
@@ -82,22 +82,6 @@ class TeamContest(GameContest):
         return limited_references(self.task, seat, self.opponents)
 
     # -- exact solutions -----------------------------------------------------------------------
-
-    @cached_property
-    def full(self) -> TeamContest:
-        """The contest whose optimum is the best response of the team: with full view."""
-        full = self.with_full_view if self.is_limited else self
-        assert isinstance(full, TeamContest)
-        return full
-
-    @property
-    def solves_whole_game(self) -> bool:
-        """As `GameContest`."""
-        return self.exact_reference.kind in ("team", "joint")
-
-    def best_team_response(self) -> TeamResponse | None:
-        """As `GameContest`."""
-        return self.best_of_steps if self.exact_reference.kind == "team" else None
 
     def why_not_solved(self, policy: Policy) -> str | None:
         """The reason why the play of a policy, and best responses of members to it, are not known
@@ -131,11 +115,11 @@ class TeamContest(GameContest):
     @cached_property
     def best(self) -> float | None:
         """The result of the best team response in the measure, the mean over all starts; None if it
-        is not known."""
-        full, name = self.full, self.measure.name
-        found = full.best_of_returns if name == "return" else full.best_of_steps
-        found = full.best_of_outcomes if name == "outcome" else found
-        return None if found is None else self._in_measure(found.mean_over_starts)
+        is not known, and of one against one."""
+        found = self.full.best_in(self.measure)
+        if not isinstance(found, JointResponse):
+            return None
+        return self._in_measure(found.mean_over_starts)
 
     def _in_measure(self, mean: float) -> float:
         """A mean of the objective in the measure: evaders minimise captures minus escapes."""

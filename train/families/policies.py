@@ -74,11 +74,11 @@ def loaded(
         policy = saved.policy(path, greedy)
         policy.name = f"{path} ({'greedy' if greedy else 'sampled'})"
         return policy
+    models = ", or a saved Stable-Baselines3 model (.zip)" if policies.models is True else ""
     check(
         path.suffix == ".zip",
         f"{shortened(str(path))}: not a policy; give one of {', '.join(policies.names)} (or learn, "
-        "in self-play), package.module:Name, a run folder, or a saved Stable-Baselines3 model "
-        "(.zip)",
+        f"in self-play), package.module:Name, a run folder{models}",
     )
     need(policies.models)
     return saved.model(path, None if played == "sampled" else True, **trained)

@@ -44,13 +44,12 @@ class JointPolicy:
 
     def act(self, view: GameView) -> NDArray[np.int32]:
         """[num_games] int32: the part of the agent of the view in the joint actions."""
-        task, draws = view.task, None
+        task, draws, first = view.task, None, view.task.seat(self.agent)
         if not self.greedy:
             draws = np.empty(view.num_games)
-            first = task.seat(self.agent)
             draw_together(view.streams, task.num_agents, view.steps, first, draws)
-        chosen = chosen_from(self.joint_distribution(task, view.games), draws)
-        return parts_of(chosen, task, self.agent)[:, view.seat - task.seat(self.agent)]
+        chosen = chosen_from(self.joint.probabilities_in(task, view.games, first), draws)
+        return parts_of(chosen, task, self.agent)[:, view.seat - first]
 
 
 def parts_of(joint: NDArray[Any], task: Task, role: str) -> NDArray[np.int32]:

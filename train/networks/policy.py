@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pursuit.mazes.maze import Maze
 from pursuit.mazes.maze_arrays import lay_out
-from pursuit.observations.custom import AGENT_ID, is_builtin, without_id
+from pursuit.observations.custom import AGENT_ID, without_id
 from pursuit.observations.masks import action_masks, has_masks, warn_of_masks
 from pursuit.observations.observations import Encoder
 from pursuit.rules.arrays import Array
@@ -21,6 +21,7 @@ from pursuit.rules.layout import Games
 from pursuit.simulator.policy import GameView, pairs_of_cells
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task
+from pursuit.validation import check
 from train.networks.features import Features, dtype_of, features_for, features_of, observed
 from train.networks.frames import Observations, stacked
 from train.networks.joint_policy import JointPolicy, parts_of
@@ -204,25 +205,27 @@ class MazeSeat(Seat):
             return JointPolicy(LearnedPolicy(network, self, greedy))
         if self.frame_stack > 1 or getattr(network, "policy_memory", None) is not None:
             return RecurrentPolicy(network, self, greedy)
-        sees_more = not is_builtin(self.encoding) and not sees_cells_only(self.task, self.encoding)
-        return (NetworkPolicy if sees_more else LearnedPolicy)(network, self, greedy)
+        known = sees_cells_only(self.task, self.encoding)
+        return (LearnedPolicy if known else NetworkPolicy)(network, self, greedy)
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=256)
 def sees_cells_only(task: Task, encoding: str) -> bool:
-    """Whether the observation is a function of cells and goals only, not of time.
+    """Whether an observation, built in or not, is a function of cells and goals only, not of time.
 
-    Tested on all pairs of cells of a duel, and on a thousand starts of other tasks.
+    Tested in a thousand states, fewer of large observations: at the first, second, middle and last
+    step, and at many others. In a duel these are pairs of cells of up to ten mazes, else starts.
     """
-    encoder, samples = Encoder(task, encoding), [Simulator(task, 1000).games]
-    if task.is_duel:
-        samples = [pairs_of_cells(task, maze, 0) for maze in task.mazes]
+    encoder = Encoder(task, encoding, dtype_of(encoding))
+    most = max(min(1000, NUMBERS_AT_ONCE // (task.num_agents * math.prod(encoder.shape))), 10)
+    mazes = task.mazes[:: 1 + len(task.mazes) // 10] if task.is_duel else ()
+    samples = [pairs_of_cells(task, maze, 0) for maze in mazes] or [Simulator(task, most).games]
     for sample in samples:
-        step = 1 + len(sample.steps) // 100_000  # a subset suffices in large mazes
+        step = 1 + len(sample.steps) * len(samples) // most
         games = Games(*(array[::step].copy() for array in sample))
         games.steps[:] = 0
-        at_first = encoder.encode(games)
-        for steps in (1, task.max_steps // 2, task.max_steps - 1):
+        at_first, last = encoder.encode(games), task.max_steps - 1
+        for steps in (1, last // 2, last, np.arange(len(games.steps)) % task.max_steps):
             games.steps[:] = steps
             if not np.array_equal(at_first, encoder.encode(games)):
                 return False
@@ -300,7 +303,25 @@ class NetworkPolicy:
 class LearnedPolicy(NetworkPolicy):
     """A policy that observes cells and goals only, so that its distribution is known exactly."""
 
+    def is_table(self, task: Task) -> bool:
+        """Whether it observes cells and goals only also in the games of `task`."""
+        return all(sees_cells_only(each, self.encoding) for each in (self.task, task))
+
     def distribution(self, task: Task, games: Games, seat: int) -> NDArray[np.float64]:
+        """[games, actions] float64: the action probabilities of agent `seat`, whatever the step.
+
+        Raises:
+            ValueError: as `probabilities_in`; an observation that depends on the step.
+        """
+        found = self.probabilities_in(task, games, seat)
+        check(
+            sees_cells_only(task, self.encoding),
+            f"a policy that observes {self.encoding!r} depends on the step in task {task.name!r}, "
+            "so it has no distribution in a state",
+        )
+        return found
+
+    def probabilities_in(self, task: Task, games: Games, seat: int) -> NDArray[np.float64]:
         """[games, actions] float64: the action probabilities of agent `seat` in these games.
 
         Raises:

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cached_property
-
 import numpy as np
-from numpy.typing import NDArray
 
 from pursuit.environments.single_agent import fill_seats
 from pursuit.replays.adapters import MazeAdapter, State
@@ -15,7 +12,7 @@ from pursuit.simulator.policy import Policy
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import ACTIONS
 from pursuit.validation import whole
-from scripted_agents import tour_lengths
+from scripted_agents import BestResponse, JointResponse, tour_lengths
 from scripted_agents.limits import MAX_EXACT_GOALS, is_single_runner
 from train.evaluation.contest import GameContest
 from train.evaluation.games import Escapes, stepper, won_by
@@ -168,25 +165,19 @@ class Session:
         rounds = -(-int(simulator.steps[0]) // self.task.steps_per_round)
         return rounds, bool(won_by(simulator, self.seat, escapes.seen)[0]), collected
 
-    @cached_property
-    def values(self) -> NDArray[np.float64] | None:
-        """[cell of agent 0, cell of agent 1, ...] float64, expected steps of the best response to
-        the other agents, at most `max_steps`; None for games that are not solved, have goals or
-        exits, or are played in turns."""
-        if self.task.most_exits or self.task.options.turns:
-            return None
-        best = self.contest.best_response()
-        if best is not None:
-            return best.values
-        team = self.contest.best_team_response()
-        return None if team is None else team.values
+    @property
+    def best(self) -> BestResponse | JointResponse | None:
+        """The best response to the other agents in steps; None for games that are not solved, have
+        goals or exits, or several evaders."""
+        full = self.contest.full
+        return full.best_in() if full.exact_reference.kind in ("duel", "team") else None
 
     def optimum(self, positions: list[int], goals: list[int]) -> float | None:
         """The optimal steps from a start: expected steps in a chase, the shortest tour of a runner;
         None if unknown."""
-        task = self.task
-        if task.options.turns and (among := self.contest.best_team_response()) is not None:
-            return float(among.values_of(self._new_simulator().games)[0])
+        task, best = self.task, self.best
+        if task.options.turns and isinstance(best, JointResponse):
+            return float(best.values_of(self._new_simulator().games)[0])
         if is_single_runner(task):
             there = [goal for goal in goals if goal >= 0]
             if len(set(there)) > MAX_EXACT_GOALS:
@@ -194,7 +185,8 @@ class Session:
             maze = task.mazes[int(self.simulator.maze_index[0])]
             tour = float(tour_lengths(maze, np.array(positions), np.array([there]))[0])
             return min(tour, float(task.max_steps))
-        return None if self.values is None else float(self.values[tuple(positions)])
+        cells = (task.max_cells,) * task.num_agents
+        return None if best is None else float(best.values.reshape(cells)[tuple(positions)])
 
     def title(self) -> str:
         """One line that describes the game."""

@@ -127,7 +127,7 @@ def sides_of(task: TaskForm) -> tuple[str, ...]:
             and not iskeyword(name)
             and name not in settings
             and len(name) <= LONGEST,
-            f"{task.label}: a player is called {shortened(name)}; rename it to a "
+            f"{shortened(task.label)}: a player is called {shortened(name)}; rename it to a "
             f"word of at most {LONGEST} letters that is not the name of a setting, as options and "
             "folders have the names of players",
         )

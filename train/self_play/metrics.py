@@ -29,7 +29,7 @@ from scripted_agents.limits import (
     SEARCH_SECONDS,
 )
 from scripted_agents.long_work import report
-from scripted_agents.references import is_exact_team, is_table_duel, why_not_joint
+from scripted_agents.references import JOINT, NASH_CONVS, Question, is_table_duel, solution_of
 from train.evaluation.contest import OUTCOMES
 from train.evaluation.exploitability import exploitability, nash_conv, team_exploitability
 from train.evaluation.games import order_of, other_role, table_in
@@ -73,16 +73,17 @@ def exploited(task: Task, chaser: Policy, evader: Policy, discount: float) -> di
 
     In mazes above `MAX_GAME_CELLS` cells only "nash_conv", which does not need the game's value.
     """
-    if is_table_duel(task, chaser, evader):
+    pair = {"chaser": chaser, "evader": evader}
+    kind = solution_of(Question(task, None, pair, MAX_EXACT_WORK), NASH_CONVS).kind
+    if kind == "duel":
         tables = table_in(task, chaser), table_in(task, evader)
         game = (task.mazes[0], *tables, discount, order_of(task))
         if task.mazes[0].num_cells > MAX_GAME_CELLS:
             return {"nash_conv": nash_conv(*game)}
         exploited_by = exploitability(*game)
-    elif not has_nash_conv(task, chaser, evader):
+    elif kind == "none":
         return {}
     elif task.options != PLAIN:
-        pair = {"chaser": chaser, "evader": evader}
         return {"nash_conv": nash_conv_with_options(task, pair, discount).nash_conv}
     else:
         exploited_by = team_exploitability(task, chaser, evader, discount)
@@ -98,9 +99,8 @@ def exploited(task: Task, chaser: Policy, evader: Policy, discount: float) -> di
 def has_nash_conv(task: Task, chaser: Policy, evader: Policy, most: int = MAX_EXACT_WORK) -> bool:
     """Whether `exploited` is exact: in small duels and teams against one evader, and in small games
     with exits."""
-    pair = {"chaser": chaser, "evader": evader}
-    exits = task.most_exits and not task.num_goals and why_not_joint(task, pair, most) is None
-    return is_table_duel(task, chaser, evader) or is_exact_team(task, pair) or bool(exits)
+    asked = Question(task, None, {"chaser": chaser, "evader": evader}, most)
+    return solution_of(asked, NASH_CONVS).kind != "none"
 
 
 def nash_conv_with_options(
@@ -262,11 +262,7 @@ def whole_game(
     "returns": by role, "gains": by role}. Empty if the game is larger than `most` (`work_of`),
     partially observable, or has a user-defined reward function.
     """
-    if (
-        any(task.hides_from(agent) for agent in task.agent_names)
-        or task.reward_function is not None
-        or why_not_joint(task, pair, most) is not None
-    ):
+    if JOINT.why_not(Question(task, None, pair, most)) is not None:
         return {}
     if task.most_exits and not task.num_goals:
         game = nash_conv_with_options(task, pair, discount)

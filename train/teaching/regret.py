@@ -58,7 +58,7 @@ class RegretScorer:
             ValueError: a policy that is no table, such as a recurrent one.
         """
         check(
-            is_known(policy),
+            is_known(self.task, policy),
             "exact scores need a policy without memory; leave out recurrent and frame_stack",
         )
         part = replace(self.task, maze=tuple(self.task.mazes[number] for number in mazes))

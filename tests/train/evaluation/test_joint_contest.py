@@ -50,14 +50,14 @@ HEIST = GameContest(
 
 
 def test_a_race_has_a_gap_in_steps_and_a_regret_in_returns() -> None:
-    optimum, paid = RACE.optimal(), RACE.optimal_in(BY_RETURN)
-    assert optimum is not None and paid is not None and RACE.best_of_steps is not None
+    optimum, paid = RACE.optimal(), RACE.optimal(BY_RETURN)
+    assert optimum is not None and paid is not None and RACE.best_in() is not None
     alone = solve_joint(RACE.task, "runner_0", RACE.opponents)  # not both runners as one
-    assert alone.mean_over_starts == RACE.best_of_steps.mean_over_starts
+    assert alone.mean_over_starts == RACE.best_in().mean_over_starts
     assert optimum.mean_steps == pytest.approx(alone.mean_over_starts, rel=0.02)
     lengths = RACE.optimal_lengths()
     assert lengths is not None and lengths.mean() == optimum.mean_steps
-    played = RACE.score("optimal", RACE.best_of_steps.policy)
+    played = RACE.score("optimal", RACE.best_in().policy)
     assert abs(played.mean_steps - optimum.mean_steps) < 0.1
     for policy in (RandomAgent(), NearestGoalRunner()):
         score = RACE.score("scripted", policy)
@@ -66,11 +66,11 @@ def test_a_race_has_a_gap_in_steps_and_a_regret_in_returns() -> None:
 
 
 def test_a_heist_has_no_gap_in_steps() -> None:
-    best = HEIST.optimal_in(BY_RETURN)
+    best = HEIST.optimal(BY_RETURN)
     assert HEIST.optimal() is None and best is not None
     names = [score.name for score in HEIST.baselines()]
     assert names == ["random", "A* evader", "optimal return"]
-    response = HEIST.best_of_returns
+    response = HEIST.best_in(BY_RETURN)
     assert response is not None and best.mean_return is not None
     returns = HEIST.values(response.policy)
     assert abs(returns.mean() - best.mean_return) < 4.0 * returns.std() / len(returns) ** 0.5
@@ -81,15 +81,15 @@ def test_each_of_several_evaders_is_judged_by_its_own_life() -> None:
     opponents: dict[str, Policy] = {"chaser": AStarChaser(0.2), "evader": AStarEvader(0.2)}
     contest = GameContest(task, "evader_1", opponents, 1000)
     optimum = contest.optimal()
-    assert optimum is not None and contest.optimal_in(BY_RETURN) is None
-    lengths, _ = contest.play(contest.best_of_steps.policy)  # type: ignore[union-attr]
+    assert optimum is not None and contest.optimal(BY_RETURN) is None
+    lengths, _ = contest.play(contest.best_in().policy)  # type: ignore[union-attr]
     assert abs(lengths.mean() - optimum.mean_steps) < 4.0 * lengths.std() / len(lengths) ** 0.5
     assert optimum.mean_steps > contest.score("A*", AStarEvader(0.2)).mean_steps
 
 
 def test_a_game_that_is_too_large_says_how_large_it_is(capsys: pytest.CaptureFixture[str]) -> None:
     contest = replace(RACE, most_work=10_000)
-    assert contest.optimal() is None and contest.optimal_in(BY_RETURN) is None
+    assert contest.optimal() is None and contest.optimal(BY_RETURN) is None
     print_whole_game(contest)
     told = capsys.readouterr().out
     assert "distinct states: 3,645" in told and "no exact optimum: 3,645 states" in told
@@ -103,7 +103,7 @@ def test_other_references_stay_as_they_are() -> None:
     duel = GameContest(make_task("chase", maze="3x3"), "chaser", {"evader": AStarEvader(0.2)}, 100)
     lone = GameContest(make_task("maze", maze="3x3"), "runner", {}, 100)
     for contest in (duel, lone):
-        assert contest.best_of_steps is None or contest is duel
+        assert contest.best_in() is None or contest is duel
         names = [score.name for score in contest.baselines()]
         assert names.count("optimal") == 1 and "optimal return" not in names
     assert np.isfinite(lone.optimal().mean_steps)  # type: ignore[union-attr]
@@ -162,7 +162,7 @@ def test_full_sight_is_a_bound_where_sight_is_limited() -> None:
     limited = GameContest(task, "evader", {"chaser": AStarChaser(0.2)}, 500)
     scores = limited.baselines()
     full = next(s for s in scores if s.name == "optimal return, full view")
-    whole = replace(HEIST, episodes=500).optimal_in(BY_RETURN)
+    whole = replace(HEIST, episodes=500).optimal(BY_RETURN)
     assert whole is not None and full.mean_return == pytest.approx(whole.mean_return)
     found = limited.reference(scores, scores[0])
     assert found is not None and (found.kind, found.unit) == ("bound", "return")
@@ -279,7 +279,7 @@ def test_shared_goals_are_counted_exactly(runners: int) -> None:
 
 
 def test_the_optimum_of_a_race_collects_most_goals() -> None:
-    best, response = RACE.optimal_in(BY_GOALS), RACE.best_of_goals
+    best, response = RACE.optimal(BY_GOALS), RACE.best_in(BY_GOALS)
     assert best is not None and best.mean_goals is not None and response is not None
     goals = RACE.values(response.policy)
     assert abs(goals.mean() - best.mean_goals) < 4.0 * goals.std() / len(goals) ** 0.5
@@ -291,8 +291,8 @@ def test_the_optimum_of_a_race_collects_most_goals() -> None:
         "optimal goals",
         "goals",
     )
-    assert HEIST.optimal_in(BY_GOALS) is None
-    assert replace(RACE, most_work=1).optimal_in(BY_GOALS) is None
+    assert HEIST.optimal(BY_GOALS) is None
+    assert replace(RACE, most_work=1).optimal(BY_GOALS) is None
 
 
 @pytest.mark.parametrize(

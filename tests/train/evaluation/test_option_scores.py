@@ -83,7 +83,7 @@ def test_the_best_chaser_at_an_exit_has_a_closed_form() -> None:
     )
     contest = GameContest(task, "chaser", {"evader": moves_west(CORRIDOR)}, episodes=50)
     assert contest.exact_reference.kind == "team"
-    best = contest.optimal_in(contest.measure)
+    best = contest.optimal(contest.measure)
     assert best is not None and best.outcome == pytest.approx(7 / 9)
     assert contest.optimal() is None  # steps are no aim here
     # With 20 steps nothing is lost by the discount: it is captured from every other start.
@@ -98,9 +98,9 @@ def test_the_best_outcome_is_reached_and_beats_all_others(case: str, role: str) 
     others = {"chaser": EVADERS, "evader": CHASERS}[role]
     other = {"chaser": "evader", "evader": "chaser"}[role]
     contest = GameContest(task, role, {other: others}, episodes=2000)
-    best = contest.optimal_in(contest.measure)
+    best = contest.optimal(contest.measure)
     assert best is not None and best.outcome is not None
-    response = contest.best_of_outcomes
+    response = contest.best_in(contest.measure)
     assert response is not None
     sample = contest.values(response.policy)
     assert abs(sample.mean() - best.outcome) <= 4.5 * sample.std() / len(sample) ** 0.5 + 1e-6
@@ -116,7 +116,7 @@ def test_nash_conv_of_an_escape_is_the_sum_of_both_gains() -> None:
     best = []
     for role, other in (("chaser", "evader"), ("evader", "chaser")):
         contest = GameContest(task, role, {other: pair[other]}, episodes=2)
-        found = contest.optimal_in(contest.measure)
+        found = contest.optimal(contest.measure)
         assert found is not None and found.outcome is not None
         best.append(found.outcome)
     assert exploited(task, CHASERS, EVADERS, 0.9)["nash_conv"] == pytest.approx(best[0] - best[1])
@@ -160,9 +160,9 @@ def test_the_optimum_of_a_runner_that_slips_is_no_tour() -> None:
     task = Task(SHORT, num_runners=1, num_goals=1, slip=0.5, max_steps=500)
     contest = GameContest(task, "runner", {}, episodes=20)
     assert contest.exact_reference.kind == "joint" and contest.tours is None
-    assert contest.best_of_steps is not None
+    assert contest.best_in() is not None
     mean = (2 * 1 + 2 * 5 / 3 + 2 * 8 / 3) / 6
-    assert contest.best_of_steps.mean_over_starts == pytest.approx(mean)
+    assert contest.best_in().mean_over_starts == pytest.approx(mean)
     assert contest.score("own", NearestGoalRunner()).mean_steps > 1.0
 
 

@@ -85,7 +85,7 @@ def test_the_optimum_of_a_duel_has_the_captures_of_its_own_steps() -> None:
     contest: Any = contest_of(
         TaskSettings(task="chase", role="chaser", maze="5x5", max_steps=6), 100
     )
-    best, played = contest.best_response(), contest.optimal()
+    best, played = contest.best_in(), contest.optimal()
     assert played.exact and played.apart == ""
     own = contest.score("", contest.opponents["chaser"])
     assert played.mean_steps <= own.mean_steps and played.success_rate > own.success_rate

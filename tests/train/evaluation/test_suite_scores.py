@@ -60,7 +60,7 @@ def test_exact_means_are_those_of_many_games(role: str, greedy: bool) -> None:
     exact = contest_of_role(role, exact=True)
     played = contest_of_role(role, episodes=1200)
     policy = network(MazeSeat(exact.task, role, "planes"), greedy)
-    assert exact.is_computed and not played.is_computed and is_known(policy)
+    assert exact.is_computed and not played.is_computed and is_known(exact.task, policy)
     found, games = (contest.in_mazes("learned", policy) for contest in (exact, played))
     assert found.exact and games.lengths is not None
     widths = 4 * games.lengths.reshape(4, -1).std(axis=1) / 300**0.5

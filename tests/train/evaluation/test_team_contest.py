@@ -131,7 +131,7 @@ def test_teams_and_their_members_against_plain_value_iteration(
         gap = result["members"][member]["gap"]
         assert gap == pytest.approx(score.mean_steps / value - 1.0)
     # Its policy attains the value.
-    response = contest.best_team_response()
+    response = contest.best_in()
     assert response is not None
     lengths, won = contest.play(response.policy)
     assert abs(lengths.mean() - best) <= 4.0 * lengths.std() / len(lengths) ** 0.5
@@ -176,7 +176,7 @@ def test_with_exits_a_team_is_measured_by_captures_minus_escapes() -> None:
     assert score.exact and score.outcome == pytest.approx(played.returns["chaser_0"])
     both = solve_joint(task, "chaser", pair, 12, objective="return").mean_over_starts / 2.0
     assert contest.best == pytest.approx(both)
-    optimum = contest.optimal_in(contest.measure)
+    optimum = contest.optimal(contest.measure)
     assert optimum is not None and optimum.outcome == pytest.approx(both)
     found = team_results(contest, pair["chaser"], score)
     assert found["gap"] == pytest.approx(both - played.returns["chaser_0"])
