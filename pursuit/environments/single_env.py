@@ -115,7 +115,8 @@ class OneAgent:
         """Step with checked actions; rewards, terminations and truncations [games], overwritten by
         later steps."""
         interface, simulator, seat = self.interface, self.simulator, self.seat
-        simulator.act(self.policies, interface.actions)
+        if len(self.policies) > 1:
+            simulator.act(self.policies, interface.actions)
         interface.step(seat, actions)
         terminations, truncations = simulator.terminated, simulator.truncated
         active = interface.active
@@ -210,7 +211,7 @@ class GameEnv(OneAgent, Rendered, Single):
         checked = self.interface.check_action(self.seat, action)
         rewards, terminations, truncations = self._advance(checked)
         self._show()
-        info = self._info()
+        info = self._info() if self.has_masks else {}
         terminated, truncated = bool(terminations[0]), bool(truncations[0])
         if terminated or truncated:
             info["episode_return"] = float(self._own(self.simulator.returns)[0])
