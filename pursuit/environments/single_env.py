@@ -1,27 +1,26 @@
-"""Gymnasium environments of one game, and the base classes of all Gymnasium environments.
-
-`SingleEnv` is one game, `pursuit.environments.vector.LockstepVectorEnv` a batch. Both use the
-methods of `GamesOfWorld`, which mazes and arms implement.
-"""
+"""`GameEnv`: one agent of one game as a Gymnasium environment; and what it shares with a batch."""
 
 from __future__ import annotations
 
 import json
 import sys
-from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any
 
 import gymnasium
 import numpy as np
 from gymnasium.envs.registration import EnvSpec
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from pursuit.environments.types import GamesSimulator, Info, Observations, Options, Single, Space
+from pursuit.environments.interface import GameInterface
+from pursuit.environments.types import Info, Observations, Options, Single, Space
+from pursuit.observations.masks import ACTION_MASK
 from pursuit.rendering.rendering import Drawable
 from pursuit.rendering.windows import Rendered
 from pursuit.rules.arrays import Array
-from pursuit.validation import as_array, checked_seed, random_seed
+from pursuit.simulator.batch import Batch
+from pursuit.validation import check_bool, checked_seed, random_seed
 
 MAKERS = (gymnasium.make.__code__, gymnasium.make_vec.__code__)
 """The functions that read no limit of a task from a `TaskSpec`."""
@@ -53,38 +52,6 @@ class TaskSpec(EnvSpec):
         return json.dumps({**json.loads(super().to_json()), "max_episode_steps": self._time_limit})
 
 
-def checked_actions(
-    actions: ArrayLike,
-    kinds: str,
-    shape: tuple[int, ...],
-    rule: str,
-    limits: tuple[int, int] | None,
-) -> Array:
-    """`actions` as an array.
-
-    Args:
-        actions: the actions of a batch of games.
-        kinds: the allowed kinds of dtypes, in NumPy's codes.
-        shape: the required shape.
-        rule: description of valid actions, for messages.
-        limits: the smallest and largest value; None for no check.
-
-    Raises:
-        ValueError: a wrong dtype or shape, or a value outside the limits.
-    """
-    chosen = as_array("actions", actions, kinds, rule)
-    if chosen.shape != shape or chosen.dtype.kind not in kinds:
-        raise ValueError(
-            f"actions of shape {chosen.shape} and dtype {chosen.dtype}; give {rule} of shape "
-            f"{shape}"
-        )
-    if limits is not None:
-        low, high = np.minimum.reduce(chosen, axis=None), np.maximum.reduce(chosen, axis=None)
-        if low < limits[0] or high > limits[1]:
-            raise ValueError(f"actions from {low} to {high}; give {rule}")
-    return chosen
-
-
 def row_of(observations: Observations, game: int | np.intp) -> Observations:
     """The entry of one game in a batch of observations, or in a dict of batches."""
     if isinstance(observations, dict):
@@ -92,14 +59,39 @@ def row_of(observations: Observations, game: int | np.intp) -> Observations:
     return observations[game]
 
 
-class GamesOfWorld(ABC):
-    """Interface of Gymnasium environments to simulators; all arrays are [games, ...].
+class OneAgent:
+    """What Gymnasium environments of one game and of many share: one agent of a batch.
 
     The `spec` is a `TaskSpec`, when Gymnasium has set one.
+
+    Attributes:
+        interface, simulator, task: the games, their batch and their task.
+        seat: the index of the agent.
+        policies: of all agents in their order; None for this one.
+        has_masks: whether the infos hold an "action_mask".
+        mask_in_observation: whether observations are {"observation", "action_mask"}.
     """
 
+    simulator: Batch[Any]
     task: Any
     _spec: TaskSpec | None = None
+
+    def _play(
+        self,
+        interface: GameInterface,
+        agent: str | int,
+        policies: Mapping[str, Any],
+        mask_in_observation: bool,
+    ) -> tuple[Space, Space]:
+        """Set the attributes; the spaces of the agent."""
+        self.interface, self.simulator = interface, interface.simulator
+        self.task = self.simulator.task
+        self.seat = self.task.seat(agent)
+        self.policies = interface.policies_of(self.seat, policies)
+        self.has_masks = interface.has_masks(self.seat)
+        self.mask_in_observation = check_bool("mask_in_observation", mask_in_observation)
+        self._seeded = False
+        return interface.spaces(self.seat, mask_in_observation)
 
     def _max_steps(self) -> int:
         """The longest episode."""
@@ -119,51 +111,66 @@ class GamesOfWorld(ABC):
             self._spec = TaskSpec(**{**given, "max_episode_steps": limit})
             self._spec.task_limit = self._max_steps()
 
-    @abstractmethod
-    def _begin(
-        self, seed: int | None, options: Options, games: NDArray[np.bool_] | None = None
-    ) -> None:
-        """Start new episodes in all games, or those of a mask; ValueError for invalid options."""
+    def _advance(self, actions: Any) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
+        """Step with checked actions; rewards, terminations and truncations [games], overwritten by
+        later steps."""
+        interface, simulator, seat = self.interface, self.simulator, self.seat
+        if len(self.policies) > 1:
+            simulator.act(self.policies, interface.actions)
+        interface.step(seat, actions)
+        terminations, truncations = simulator.terminated, simulator.truncated
+        active = interface.active
+        if active is not None:  # the agent may leave a game that goes on
+            left = active[:, seat] == 0
+            terminations, truncations = terminations | left, truncations & ~left
+        return self._own(simulator.rewards), terminations, truncations
 
-    @abstractmethod
-    def _checked(self, actions: ArrayLike) -> Array | int:
-        """The actions in the form that `_advance` needs; ValueError for invalid ones."""
+    def _own(self, amounts: Array) -> Array:
+        """[games] the rewards or returns of the agent; all agents of an arm have the same."""
+        return amounts if amounts.ndim == 1 else amounts[:, self.seat]
 
-    @abstractmethod
-    def _advance(self, actions: Array | int) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
-        """Step; rewards, terminations and truncations [games], overwritten by later steps."""
-
-    @abstractmethod
     def _observe(self) -> Observations:
         """[games, ...] the observations, an array or a dict of arrays."""
-
-    @abstractmethod
-    def _returns(self) -> NDArray[np.float64]:
-        """[games] the sum of rewards of the current episodes."""
+        observed = self.interface.observe(self.seat)
+        if not self.mask_in_observation:
+            return observed
+        masks = self.interface.masks(self.seat)
+        return {"observation": observed, ACTION_MASK: masks.astype(np.int8)}
 
     def _infos(self) -> dict[str, Array]:
         """The infos of every reset and step, without Gymnasium's masks."""
-        return {}
-
-    @abstractmethod
-    def _scene(self, game: int = 0) -> Drawable:
-        """The scene of one game."""
+        if not self.has_masks:
+            return {}
+        return {ACTION_MASK: self.interface.masks(self.seat).astype(np.int8)}
 
 
-class SingleEnv(GamesOfWorld, Rendered, Single):
-    """One game of a simulator. The info of the last step has the return and length of the episode.
+class GameEnv(OneAgent, Rendered, Single):
+    """One agent of one game as a Gymnasium environment; policies play the others.
+
+    The info of the last step has the return and the length of the episode.
 
     Args:
-        simulator: a simulator of one game with `auto_restart=False`.
-        observed, action: the spaces of observations and actions.
+        interface: the game, of a simulator of one game with `auto_restart=False`.
+        agent: your agent, by name or index.
+        policies: the policies of the other agents, by name.
+        render_mode: None, "ansi", "rgb_array" or "human".
+        mask_in_observation: whether observations are {"observation", "action_mask"}.
+
+    Raises:
+        ValueError: an unknown agent or render mode, or a missing policy.
     """
 
-    simulator: GamesSimulator
-
-    def __init__(self, simulator: GamesSimulator, observed: Space, action: Space) -> None:
-        self.simulator, self.task = simulator, simulator.task
-        self.observation_space, self.action_space = observed, action
-        self._seeded = False
+    def __init__(
+        self,
+        interface: GameInterface,
+        agent: str | int,
+        policies: Mapping[str, Any],
+        render_mode: str | None = None,
+        mask_in_observation: bool = False,
+    ) -> None:
+        self._render_as(render_mode, interface.render_fps)
+        spaces = self._play(interface, agent, policies, mask_in_observation)
+        self.observation_space, self.action_space = spaces
 
     def reset(
         self, *, seed: int | None = None, options: Options = None
@@ -173,7 +180,8 @@ class SingleEnv(GamesOfWorld, Rendered, Single):
         Args:
             seed: seeds all random streams; an arm then draws a new pose.
             options: the start state: "positions" and "goals", and "maze", its number, if there are
-                several; for an arm `{"angles": [joints] radians, "target": (x, y)}`.
+                several; for an arm `{"angles": [joints] radians, "target": (x, y)}`; for a small
+                game `{"state": state}`.
 
         Raises:
             ValueError: a seed out of range, or an invalid start. Nothing is changed then.
@@ -182,7 +190,7 @@ class SingleEnv(GamesOfWorld, Rendered, Single):
             seed = checked_seed(seed)
         elif not self._seeded:
             seed = random_seed()
-        self._begin(seed, options)
+        self.interface.start(seed, options)
         super().reset(seed=seed)
         self._seeded = True
         self._show()
@@ -191,7 +199,7 @@ class SingleEnv(GamesOfWorld, Rendered, Single):
     def _info(self) -> Info:
         return {name: values[0] for name, values in self._infos().items()}
 
-    def step(self, action: ArrayLike) -> tuple[Observations, float, bool, bool, Info]:
+    def step(self, action: Any) -> tuple[Observations, float, bool, bool, Info]:
         """Step your agent and all other agents.
 
         Raises:
@@ -200,11 +208,19 @@ class SingleEnv(GamesOfWorld, Rendered, Single):
         """
         if not self._seeded:
             raise ValueError("step before reset; call reset() first")
-        rewards, terminations, truncations = self._advance(self._checked(action))
+        checked = self.interface.check_action(self.seat, action)
+        rewards, terminations, truncations = self._advance(checked)
         self._show()
-        info = self._info()
+        info = self._info() if self.has_masks else {}
         terminated, truncated = bool(terminations[0]), bool(truncations[0])
         if terminated or truncated:
-            info["episode_return"] = float(self._returns()[0])
+            info["episode_return"] = float(self._own(self.simulator.returns)[0])
             info["episode_length"] = int(self.simulator.steps[0])
         return row_of(self._observe(), 0), float(rewards[0]), terminated, truncated, info
+
+    def action_masks(self) -> NDArray[np.bool_]:
+        """[actions] bool, the legal actions, for sb3-contrib's MaskablePPO."""
+        return self.interface.masks(self.seat)[0]
+
+    def _scene(self) -> Drawable:
+        return self.interface.scene(0)

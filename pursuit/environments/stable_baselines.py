@@ -17,7 +17,7 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecEnv
 
 from pursuit.environments.types import Info, Observations
-from pursuit.environments.vector import RESET_MASK, LockstepVectorEnv
+from pursuit.environments.vector import RESET_MASK, GameVectorEnv
 from pursuit.observations.masks import ACTION_MASK
 from pursuit.rules.arrays import Array
 
@@ -27,7 +27,7 @@ SPACES = ("observation_space", "action_space")
 
 
 class StableBaselinesVecEnv(VecEnv):
-    """A `SingleAgentVectorEnv` or `ReacherVectorEnv` for Stable-Baselines3.
+    """A `SingleAgentVectorEnv`, `ReacherVectorEnv` or other `GameVectorEnv` for Stable-Baselines3.
 
     It behaves as a `DummyVecEnv` of as many `gymnasium.make` environments, each in a `Monitor`:
     the same seeds give the same games, `reset_infos` holds the infos of the last resets, and the
@@ -46,8 +46,8 @@ class StableBaselinesVecEnv(VecEnv):
         ValueError: another environment, or one in a wrapper.
     """
 
-    def __init__(self, env: LockstepVectorEnv) -> None:
-        if not isinstance(env, LockstepVectorEnv):
+    def __init__(self, env: GameVectorEnv) -> None:
+        if not isinstance(env, GameVectorEnv):
             raise ValueError(f"env={env!r}; give a vector environment of Pursuit: envs.unwrapped")
         env.autoreset_mode = env.metadata["autoreset_mode"] = AutoresetMode.SAME_STEP
         self.env = env
@@ -145,8 +145,6 @@ class StableBaselinesVecEnv(VecEnv):
 
     def action_masks(self) -> NDArray[np.bool_]:
         """[num_envs, actions] bool: the allowed actions; ValueError for an arm."""
-        if not hasattr(self.env, "action_masks"):
-            raise ValueError("an arm has no action masks: every action is legal")
         return self.env.action_masks()
 
     def env_is_wrapped(self, wrapper_class: Any, indices: Indices = None) -> list[bool]:

@@ -1,13 +1,12 @@
 """Names of the types that environments share."""
 
 from collections.abc import Mapping
-from typing import Any, Protocol, TypeAlias
+from typing import Any, TypeAlias
 
 import gymnasium
-from numpy.typing import ArrayLike
 from pettingzoo import AECEnv, ParallelEnv
 
-from pursuit.rules.arrays import Array, Flags, Ints, Words
+from pursuit.rules.arrays import Array
 
 Space = gymnasium.Space[Any]
 Observations: TypeAlias = Array | dict[str, Array]
@@ -22,24 +21,3 @@ Single: TypeAlias = gymnasium.Env[Any, Any]
 Vector: TypeAlias = gymnasium.vector.VectorEnv[Any, Any, Any]
 Parallel: TypeAlias = ParallelEnv[str, Any, Any]
 TurnBased: TypeAlias = AECEnv[str, Any, Any]
-
-
-class GamesSimulator(Protocol):
-    """What environments use of a `Simulator` or a `ReacherSimulator`."""
-
-    task: Any
-    num_games: int
-    streams: Words
-    rewards: Array
-    terminated: Flags
-    truncated: Flags
-
-    @property
-    def steps(self) -> Ints:
-        """[num_games] int32, steps of the episode so far."""
-
-    def seed(self, seed: int, games: ArrayLike | None = None) -> None:
-        """Seed the random streams."""
-
-    def reset(self, seed: int | None = None, games: ArrayLike | None = None) -> None:
-        """Start new episodes."""

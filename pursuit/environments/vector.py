@@ -1,8 +1,8 @@
-"""Gymnasium vector environments over the simulators: seeds, ends of episodes, and restarts."""
+"""`GameVectorEnv`: one agent of many games as a Gymnasium vector environment, with restarts."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,8 +10,9 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
-from pursuit.environments.single_env import GamesOfWorld, row_of
-from pursuit.environments.types import GamesSimulator, Info, Observations, Options, Space, Vector
+from pursuit.environments.interface import GameInterface
+from pursuit.environments.single_env import OneAgent, row_of
+from pursuit.environments.types import Info, Observations, Options, Vector
 from pursuit.rules.arrays import Array
 from pursuit.validation import checked_seed, is_int, random_seed, whole
 
@@ -38,8 +39,8 @@ def masked_infos(infos: dict[str, Array], games: NDArray[np.bool_]) -> Info:
     return masked
 
 
-class LockstepVectorEnv(GamesOfWorld, Vector):
-    """A batch of games of a simulator, with Gymnasium's modes of automatic resets.
+class GameVectorEnv(OneAgent, Vector):
+    """One agent of a batch of games, with Gymnasium's modes of automatic resets.
 
     `autoreset_mode` determines when a game restarts:
 
@@ -57,42 +58,44 @@ class LockstepVectorEnv(GamesOfWorld, Vector):
     `RecordEpisodeStatistics`.)
 
     Args:
-        simulator: a simulator with `auto_restart=False`.
-        observed, actions: the spaces of one game.
+        interface: the games, of a simulator with `auto_restart=False`.
+        agent: your agent, by name or index.
+        policies: the policies of the other agents, by name.
         render_mode: None, "rgb_array" or "ansi".
-        render_fps: frames per second.
         seed: seed of the first reset, if `reset` gets none.
         autoreset_mode: one of `gymnasium.vector.AutoresetMode`, or its name.
+        mask_in_observation: whether observations are {"observation", "action_mask"}.
 
     Raises:
-        ValueError: an invalid render mode, seed or autoreset mode.
+        ValueError: an unknown agent, an invalid render mode, seed or autoreset mode, or a missing
+            policy.
     """
 
     def __init__(
         self,
-        simulator: GamesSimulator,
-        observed: Space,
-        actions: Space,
-        render_mode: str | None,
-        render_fps: int,
-        seed: int | None,
-        autoreset_mode: str | AutoresetMode,
+        interface: GameInterface,
+        agent: str | int,
+        policies: Mapping[str, Any],
+        render_mode: str | None = None,
+        seed: int | None = None,
+        autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
+        mask_in_observation: bool = False,
     ) -> None:
         if render_mode not in (None, "rgb_array", "ansi"):
             raise ValueError(f"render_mode {render_mode!r}; give None, 'rgb_array' or 'ansi'")
         self.autoreset_mode = checked_autoreset(autoreset_mode)
-        self.simulator, self.task, self.num_envs = simulator, simulator.task, simulator.num_games
+        observed, actions = self._play(interface, agent, policies, mask_in_observation)
+        self.num_envs = self.simulator.num_games
         self.single_observation_space, self.single_action_space = observed, actions
         self.observation_space = batch_space(observed, self.num_envs)
         self.action_space = batch_space(actions, self.num_envs)
         self.metadata = {
             "autoreset_mode": self.autoreset_mode,
             "render_modes": ["ansi", "rgb_array"],
-            "render_fps": render_fps,
+            "render_fps": interface.render_fps,
         }
         self.render_mode = render_mode
         self._first_seed = None if seed is None else checked_seed(seed)
-        self._seeded = False
         self._over = np.zeros(self.num_envs, dtype=bool)
         self._limit: int | None = None
 
@@ -135,7 +138,7 @@ class LockstepVectorEnv(GamesOfWorld, Vector):
             self._seed_each(listed, first, chosen)
             first, own = None, next((each for each in listed if each is not None), None)
         try:
-            self._begin(first, options, None if chosen.all() else chosen)
+            self.interface.start(first, options, None if chosen.all() else chosen)
         except ValueError:
             self.simulator.streams[:] = streams
             raise
@@ -167,7 +170,7 @@ class LockstepVectorEnv(GamesOfWorld, Vector):
         self, seeds: list[int | None], others: int | None, chosen: NDArray[np.bool_]
     ) -> None:
         """Give game i the streams of a single game with seed `seeds[i]`."""
-        simulator, single = self.simulator, type(self.simulator)(self.task)  # type: ignore[call-arg]
+        simulator, single = self.simulator, type(self.simulator)(self.task, 1, 0, 0, False)
         if others is not None:
             simulator.seed(others)
         for game in np.flatnonzero(chosen):
@@ -214,7 +217,7 @@ class LockstepVectorEnv(GamesOfWorld, Vector):
         if ended.any():
             infos = masked_infos(
                 {
-                    "episode_return": self._returns(),
+                    "episode_return": self._own(simulator.returns),
                     "episode_length": simulator.steps.astype(np.int64),
                 },
                 ended,
@@ -233,6 +236,9 @@ class LockstepVectorEnv(GamesOfWorld, Vector):
         infos |= masked_infos(self._infos(), np.ones(self.num_envs, dtype=bool))
         return self._observe(), rewards, terminations, truncations, infos
 
+    def _checked(self, actions: ArrayLike) -> Array:
+        return self.interface.check_actions(self.seat, actions, self._over)
+
     def _filled(self, actions: ArrayLike, waiting: NDArray[np.bool_]) -> ArrayLike:
         """The actions, with 0 for the games of the mask `waiting`, which ignore theirs."""
         try:
@@ -250,7 +256,7 @@ class LockstepVectorEnv(GamesOfWorld, Vector):
             final[game] = row_of(observed, game)
         return final
 
-    def _advance_others(self, actions: Array | int, waiting: NDArray[np.bool_]) -> list[Array]:
+    def _advance_others(self, actions: Array, waiting: NDArray[np.bool_]) -> list[Array]:
         """Restart the games of the mask `waiting`, and step the others."""
         simulator, streams = self.simulator, self.simulator.streams[waiting]
         # Truncated games do not move. (A game may continue after the capture of your evader.)
@@ -262,11 +268,15 @@ class LockstepVectorEnv(GamesOfWorld, Vector):
             array[waiting] = 0
         return results
 
+    def action_masks(self) -> NDArray[np.bool_]:
+        """[num_envs, actions] bool, the legal actions, for sb3-contrib's MaskablePPO."""
+        return self.interface.masks(self.seat)
+
     def render(self) -> tuple[Any, ...] | None:
         """A tuple of one text or image per game, by the render mode; None without render mode."""
         if self.render_mode is None:
             return None
-        scenes = [self._scene(game) for game in range(self.num_envs)]
+        scenes = [self.interface.scene(game) for game in range(self.num_envs)]
         return tuple(
             scene.text() if self.render_mode == "ansi" else scene.draw() for scene in scenes
         )

@@ -6,122 +6,29 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
 from gymnasium.vector import AutoresetMode
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pursuit.environments.parallel import RENDER_FPS
-from pursuit.environments.single_env import SingleEnv, checked_actions
-from pursuit.environments.types import Observations, Options, Single, Space, Vector
-from pursuit.environments.vector import LockstepVectorEnv
-from pursuit.observations.masks import ACTION_MASK
+from pursuit.environments.single_env import GameEnv
+from pursuit.environments.types import Single, Vector
+from pursuit.environments.vector import GameVectorEnv
 from pursuit.rendering.windows import metadata_of
 from pursuit.rules.arrays import Array
 from pursuit.simulator.simulator import Simulator
-from pursuit.validation import check, check_bool, named_settings, one_of, whole
+from pursuit.validation import check, named_settings, whole
 from scripted_agents.games.agents import UNIFORM, named_agent
 from scripted_agents.games.encoding import encoded_states
 from scripted_agents.games.game import State
-from scripted_agents.games.rendering import StateScene, scene_of
-from scripted_agents.games.seats import (
-    Opponent,
-    PlayedGame,
-    action_number,
-    begin,
-    seat_policies,
-    spaces_of,
-    task_of,
-    with_waits,
-)
-from scripted_agents.games.simulator import (
-    ENCODINGS,
-    OBSERVE,
-    ONE_HOT,
-    GameSimulator,
-    GameTask,
-    StatePolicy,
-)
+from scripted_agents.games.interface import Opponent, PlayedGame, SmallGameInterface, task_of
+from scripted_agents.games.simulator import OBSERVE, ONE_HOT, GameSimulator, GameTask
 from scripted_agents.games.solve import check_policies
 
 Policies = Mapping[str, Opponent]
 
 
-class SeatOfSmallGame:
-    """One player of a batch of games, with policies for the others.
-
-    Implements the methods that `SingleEnv` and `LockstepVectorEnv` need.
-    """
-
-    simulator: GameSimulator
-    task: GameTask
-    policies: list[StatePolicy | None]
-
-    def _take_seat(
-        self,
-        task: GameTask,
-        player: str | int,
-        policies: Policies,
-        num_envs: int,
-        observation: str,
-        mask_in_observation: bool,
-    ) -> tuple[GameSimulator, Space, Space]:
-        """Set the policies; the simulator, and the spaces of observations and actions."""
-        self.game, self.player = task.game, task.seat(player)
-        self.policies = seat_policies(task, policies, self.player)
-        self.observation = one_of("observation", observation, ENCODINGS)
-        self.mask_in_observation = check_bool("mask_in_observation", mask_in_observation)
-        spaces = spaces_of(task, self.player, observation, mask_in_observation)
-        self._legal = task.legal(self.player)
-        self.has_masks = not self._legal.all()
-        simulator = GameSimulator(task, num_envs, auto_restart=False)
-        self._actions = np.zeros((num_envs, task.num_agents), dtype=np.int32)
-        return simulator, *spaces
-
-    def _begin(
-        self, seed: int | None, options: Options, games: NDArray[np.bool_] | None = None
-    ) -> None:
-        begin(self.simulator, seed, options, games)
-
-    def _checked_legal(self, actions: Array, over: NDArray[np.bool_]) -> NDArray[np.int32]:
-        """[games] the numbers of legal actions, except in games of the mask `over`."""
-        simulator = self.simulator
-        numbers = with_waits(simulator, self.player, actions)
-        wrong = ~self._legal[simulator.state, numbers] & ~over
-        if wrong.any():
-            game = int(wrong.argmax())
-            why = simulator.why_illegal(game, self.player, int(numbers[game]))
-            raise ValueError(f"{why}; use action_masks(), as sb3-contrib's MaskablePPO does")
-        return numbers
-
-    def _advance(self, actions: Array | int) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
-        simulator = self.simulator
-        simulator.act(self.policies, self._actions)
-        self._actions[:, self.player] = actions
-        simulator.step(self._actions)
-        return simulator.rewards[:, self.player], simulator.terminated, simulator.truncated
-
-    def _observe(self) -> Observations:
-        observed = self.simulator.observe(self.observation, self.player)
-        if not self.mask_in_observation:
-            return observed
-        return {"observation": observed, ACTION_MASK: self._masks().astype(np.int8)}
-
-    def _returns(self) -> NDArray[np.float64]:
-        return self.simulator.returns[:, self.player]
-
-    def _infos(self) -> dict[str, Array]:
-        return {ACTION_MASK: self._masks().astype(np.int8)} if self.has_masks else {}
-
-    def _masks(self) -> NDArray[np.bool_]:
-        """[games, actions], a new array: the legal actions."""
-        return self._legal[self.simulator.state]
-
-    def _scene(self, game: int = 0) -> StateScene:
-        return scene_of(self.simulator, game)
-
-
 # skrl looks for Gymnasium's class among the direct bases only.
-class SmallGameEnv(SeatOfSmallGame, SingleEnv, Single):
+class SmallGameEnv(GameEnv, Single):
     """One player of an enumerated game as a Gymnasium environment; policies play the others.
 
     Actions are numbers of `game.action_lists[player]`. Illegal ones are refused; while your player
@@ -152,6 +59,7 @@ class SmallGameEnv(SeatOfSmallGame, SingleEnv, Single):
     """
 
     simulator: GameSimulator
+    task: GameTask
 
     def __init__(
         self,
@@ -165,18 +73,19 @@ class SmallGameEnv(SeatOfSmallGame, SingleEnv, Single):
         mask_in_observation: bool = False,
     ) -> None:
         task = task_of(game, max_steps)
-        self._render_as(render_mode, RENDER_FPS)
         if encode is not None:
             check(callable(encode), f"encode={encode!r}; give a function of a state, or None")
             task, observation = replace(task), OBSERVE
             task.observed[task.seat(player)] = encoded_states(task.game.states, "encode", encode)
-        seat = self._take_seat(task, player, policies, 1, observation, mask_in_observation)
-        super().__init__(*seat)
         self.recorded: Simulator | None = None
         if task.game.task is not None:
             played = replace(task.game.task, max_steps=task.max_steps)
             self.recorded = Simulator(played, auto_restart=False)
             self.recorded.last_seed = None
+        simulator = GameSimulator(task, auto_restart=False)
+        copy = SmallGameInterface(simulator, observation, self.recorded)
+        super().__init__(copy, player, policies, render_mode, mask_in_observation)
+        self.game, self.player, self.observation = task.game, self.seat, observation
 
     @property
     def state(self) -> int:
@@ -192,32 +101,8 @@ class SmallGameEnv(SeatOfSmallGame, SingleEnv, Single):
         """[states, *shape]: the observation in every state, to compute a table."""
         return self.task.observations(self.player, self.observation).copy()
 
-    def action_masks(self) -> NDArray[np.bool_]:
-        """[actions] bool, the legal actions of the present state."""
-        return self._masks()[0]
 
-    def _begin(
-        self, seed: int | None, options: Options, games: NDArray[np.bool_] | None = None
-    ) -> None:
-        super()._begin(seed, options, games)
-        if self.recorded is not None:
-            start: State = self.game.states[self.state]
-            exits = start[2] if self.recorded.task.num_exits else None
-            self.recorded.place(start[0], start[1] or None, seed=seed, exits=exits)
-
-    def _checked(self, actions: ArrayLike) -> Array:
-        number = action_number(self.task, self.player, actions)
-        return self._checked_legal(np.array([number], dtype=np.int32), self.simulator.ended)
-
-    def _advance(self, actions: Array | int) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
-        results = super()._advance(actions)
-        if self.recorded is not None:
-            pairs = zip(self.game.action_lists, self._actions[0].tolist(), strict=True)
-            self.recorded.step([[every[number] for every, number in pairs]])
-        return results
-
-
-class SmallGameVectorEnv(SeatOfSmallGame, LockstepVectorEnv, Vector):
+class SmallGameVectorEnv(GameVectorEnv, Vector):
     """One player of many copies of a game as a Gymnasium vector environment over a `GameSimulator`.
 
     For restarts and infos see `pursuit.environments.vector`, for actions `SmallGameEnv`.
@@ -234,6 +119,7 @@ class SmallGameVectorEnv(SeatOfSmallGame, LockstepVectorEnv, Vector):
     """
 
     simulator: GameSimulator
+    task: GameTask
 
     def __init__(
         self,
@@ -248,20 +134,11 @@ class SmallGameVectorEnv(SeatOfSmallGame, LockstepVectorEnv, Vector):
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         mask_in_observation: bool = False,
     ) -> None:
-        num_envs = whole("num_envs", num_envs, 1, 2**63 - 1)
-        task = task_of(game, max_steps)
-        seat = self._take_seat(task, player, policies, num_envs, observation, mask_in_observation)
-        super().__init__(*seat, render_mode, RENDER_FPS, seed, autoreset_mode)
-
-    def action_masks(self) -> NDArray[np.bool_]:
-        """[num_envs, actions] bool, the legal actions of the present states."""
-        return self._masks()
-
-    def _checked(self, actions: ArrayLike) -> Array:
-        most = self.task.num_actions(self.player) - 1
-        rule = f"integers from 0 to {most}"
-        given = checked_actions(actions, "iu", (self.num_envs,), rule, (0, most))
-        return self._checked_legal(given, self.simulator.ended | self._over)
+        num_envs, task = whole("num_envs", num_envs, 1, 2**63 - 1), task_of(game, max_steps)
+        simulator = GameSimulator(task, num_envs, auto_restart=False)
+        modes = render_mode, seed, autoreset_mode, mask_in_observation
+        super().__init__(SmallGameInterface(simulator, observation), player, policies, *modes)
+        self.game, self.player, self.observation = task.game, self.seat, observation
 
 
 def _arguments(
