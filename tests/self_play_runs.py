@@ -4,19 +4,35 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.simulator.policy import GameView
+from scripted_agents.games.simulator import GameTask
+from train.evaluation.maze_sides import MazeSides
+from train.evaluation.return_sides import SmallGameSides
+from train.evaluation.sides import Sides
 from train.kinds import resume, start
 from train.runs.folder import SELF_PLAY
 from train.runs.loop import Run
+from train.runs.worlds import world_of
 from train.self_play.learners import learning_side
 from train.self_play.pool import OpponentPool
 from train.settings.self_play import ROLES, LearningSide, SelfPlaySettings, self_play_ppo
 from train.settings.task import TaskSettings
+
+
+def sides_of_task(task: Any, discount: float = 0.95, **settings: Any) -> Sides:
+    """The sides of a game in a maze or of a small game, without the settings of a run."""
+    given: Any = TaskSettings(**settings)
+    if isinstance(task, GameTask):
+        given = SimpleNamespace(sides=task.agent_names)
+        return SmallGameSides(SimpleNamespace(settings=given), task, discount)
+    return MazeSides(world_of(given), task, discount)
+
 
 QUICK = replace(self_play_ppo(), num_games=64, minibatch_size=512)
 

@@ -38,7 +38,7 @@ from train.runs.saved import from_plain
 from train.runs.single import single_agent
 from train.runs.unused_settings import check_unused_settings
 from train.self_play.parts import self_play_from_plain, self_play_parts, self_play_settings_of
-from train.self_play.small_games import self_play_run
+from train.self_play.trainee import SelfPlay
 from train.settings.mazes import as_text, names_in
 from train.settings.run import TrainSettings
 from train.settings.self_play import SelfPlayBase, WholeSettings
@@ -82,7 +82,7 @@ KINDS: dict[str, Kind] = {
         self_play_settings_of,
         self_play_from_plain,
         partial(build_parts, self_play_parts),
-        partial(build_run, self_play_run),
+        partial(build_run, SelfPlay),
         "pursuit self-play",
         (CURVE, REPORT),
     ),

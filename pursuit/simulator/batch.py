@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from typing import Any, Generic, Protocol, TypeVar
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pursuit.rules.arrays import Array
-from pursuit.rules.randomness import seed_starts, seed_streams
+from pursuit.rules.randomness import draw_uniform, seed_starts, seed_streams
 from pursuit.simulator.next_episode import fill, game_indices
 from pursuit.simulator.state import SimulatorState, check_arrays
 from pursuit.validation import check_bool, checked_seed, whole, whole_numbers
@@ -62,8 +63,10 @@ class Batch(ABC, Generic[AnyTask]):
         rewards: [num_games, agents] float32, of the last step; of an arm [num_games].
         returns: likewise float64, the sum of rewards of the episode so far.
         terminated, truncated: [num_games] bool, of the last step; never both.
+        PLAYS_TABLES: whether games of two can be played by tables, as `GameSimulator.play` does.
     """
 
+    PLAYS_TABLES: ClassVar[bool] = False
     streams: NDArray[np.uint64]
     rewards: NDArray[np.float32]
     returns: NDArray[np.float64]
@@ -90,9 +93,18 @@ class Batch(ABC, Generic[AnyTask]):
     def step(self, actions: ArrayLike) -> None:
         """Step all games with the actions of all agents; ValueError for invalid ones."""
 
-    @abstractmethod
     def view(self, seat: int | str) -> Any:
         """The games as the policy of an agent sees them; live."""
+        return SeatView(self, self.task.seat(seat), self.streams)
+
+    def text(self, game: int) -> str:
+        """A game as text, for pictures and pages of games that are not drawn: its state, without
+        random streams."""
+        hidden = ("streams", "terminated", "truncated", "returns", "steps")
+        live = {name: array for name, array in self._live().items() if name not in hidden}
+        return "\n".join(
+            f"{name}: {np.asarray(array[game]).tolist()}" for name, array in live.items()
+        )
 
     def act(self, policies: Sequence[Any], actions: NDArray[np.int32]) -> None:
         """Write the actions of all agents with a policy into `actions` [games, agents]."""
@@ -203,3 +215,53 @@ def _copied(kind: type[Any], batch: tuple[Any, ...], arrays: Arrays) -> Any:
     for array, copied in zip(simulator._arrays, arrays, strict=True):
         array[:] = copied
     return simulator
+
+
+@dataclass(frozen=True, eq=False)
+class SeatView:
+    """Games of any kind as the policy of an agent sees them.
+
+    Attributes:
+        batch: all games, live.
+        seat: the index of the agent.
+        streams: [num_games, ...] uint64, the random streams, the last of which are those of the
+            agents in their order; a policy draws from its own stream only.
+        games: [num_games] which games these are; None for all.
+    """
+
+    batch: Batch[Any]
+    seat: int
+    streams: NDArray[np.uint64]
+    games: NDArray[np.intp] | None = None
+
+    @property
+    def task(self) -> Any:
+        """The task of the games."""
+        return self.batch.task
+
+    @property
+    def num_games(self) -> int:
+        """Number of games in the view."""
+        return len(self.streams)
+
+    @property
+    def steps(self) -> NDArray[np.int32]:
+        """[num_games] int32, steps of the episode so far."""
+        return self.of(lambda batch: batch.steps)
+
+    def of(self, function: Callable[[Batch[Any]], Array]) -> Array:
+        """[num_games, ...] those rows of a function of the batch [all games, ...]."""
+        found = function(self.batch)
+        return found if self.games is None else found[self.games]
+
+    def uniform(self) -> NDArray[np.float64]:
+        """[num_games] float64 in [0, 1), from the agent's own random stream, which advances."""
+        numbers = np.empty(self.num_games)
+        last = self.streams.shape[1] - self.task.num_agents
+        draw_uniform(self.streams, last + self.seat, numbers)
+        return numbers
+
+    def select(self, games: NDArray[np.intp]) -> SeatView:
+        """A view of these games, with copies of the random streams."""
+        own = games if self.games is None else self.games[games]
+        return SeatView(self.batch, self.seat, self.streams[games], own)

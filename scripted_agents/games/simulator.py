@@ -234,6 +234,8 @@ class GameSimulator(Batch[GameTask]):
         last_seed: the last seed of all streams; None after `set_state`.
     """
 
+    PLAYS_TABLES: ClassVar[bool] = True
+
     def __init__(
         self,
         task: GameTask,

@@ -40,8 +40,8 @@ from train.files import Plain, check_folder, reserved, write_json
 from train.reports.tables import ResultTable, numeric, print_table, words
 from train.runs.folder import SELF_PLAY, read_config
 from train.settings.checks import Settings, check_default
-from train.settings.task import AGENT, ReacherSettings, SmallGameSettings, TaskSettings
-from train.settings.task_form import AnyTask, task_form, with_values
+from train.settings.task import AGENT, ReacherSettings, TaskSettings
+from train.settings.task_form import AnyTask, with_values
 
 
 @dataclass(frozen=True)
@@ -74,8 +74,8 @@ class Evaluated(Settings):
 class EvaluateCommand(Evaluated):
     """Evaluate the policy of a run, exactly if possible, otherwise by sampled episodes.
 
-    Of self-play give the folder of one side, such as runs/pair/chaser; in a small game the whole
-    run gives NashConv.
+    Of self-play give the folder of one side, such as runs/pair/chaser; the whole run gives the
+    policies of all sides against each other, with NashConv where it is known.
     """
 
     opponent: Annotated[str | None, AGENT] = None
@@ -117,7 +117,7 @@ def evaluate(arguments: Sequence[str]) -> None:
         check_folder(given.run)
     replays = None if given.replays is None else with_suffix(given.replays)
     with reserved(given.out, replays, given.table, overwrite=given.overwrite):
-        if isinstance(given, EvaluateCommand) and is_small_self_play(given.run):
+        if isinstance(given, EvaluateCommand) and read_config(given.run)[0] == SELF_PLAY:
             content = evaluate_players(given)
         elif isinstance(given, EvaluateCommand) and given.env is not None:
             content = evaluate_in_pursuit_v5(given)
@@ -129,30 +129,23 @@ def evaluate(arguments: Sequence[str]) -> None:
             write_json(given.out, {**content, "versions": versions(), "machine": machine()})
 
 
-def is_small_self_play(run: Path) -> bool:
-    """Whether this is a whole run of self-play in a small game."""
-    kind, plain = read_config(run)
-    return kind == SELF_PLAY and task_form(plain.get("task", {})) is SmallGameSettings
-
-
 def evaluate_players(given: EvaluateCommand) -> Plain:
-    """Print the exact NashConv of a whole run of self-play in a small game; the results."""
+    """Print the evaluation of a whole run of self-play, exact if possible; the results."""
     others = ("opponent", "opponent_policy", "opponent_epsilon")
     names = (*others, "maze", "replays", "table", "exact_seconds")
     why = f"{given.run} is a whole run of self-play, in which every player plays its own policy"
     check_default(given, EvaluateCommand, names, why)
-    from train.kinds import read_settings  # torch is slow to import
+    from train.evaluation.sides import Profile  # torch is slow to import
+    from train.kinds import read_settings
     from train.runs.opponents import policy_of
-    from train.self_play.small_game_report import describe_small_game
-    from train.self_play.small_games import described, exact_row
+    from train.self_play.parts import game_of_all
 
     settings: Any = read_settings(given.run)[1]
-    task, discount, run = settings.task.build(), settings.discount, str(given.run)
-    players = {name: policy_of(settings.task, run, task, name) for name in settings.sides}
-    tables = {name: player.table(task) for name, player in players.items()}
-    found = exact_row(task, tables, discount)
-    content = {**described(task, discount), "discount": discount, "evaluation": found}
-    print(*describe_small_game(content), sep="\n")
+    game, run = game_of_all(settings.task, settings.discount), str(given.run)
+    players = {name: policy_of(settings.task, run, game.task, name) for name in settings.sides}
+    found = game.evaluate(Profile(players, ()), given.episodes)
+    content = {**game.describe_game(), "discount": game.discount, "evaluation": found}
+    print(*game.describe(content), sep="\n")
     return content
 
 

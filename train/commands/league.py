@@ -6,7 +6,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
@@ -16,8 +16,7 @@ from train.files import Plain, check_output_folder, hold, write_json
 from train.reports.tables import ResultTable, print_table
 from train.runs.provenance import command_line
 from train.settings.checks import Settings, check_default
-from train.settings.self_play import MEMBERS, ROLES
-from train.settings.task import GAME
+from train.settings.self_play import MEMBERS
 
 if TYPE_CHECKING:
     from train.self_play.league import LeagueTable
@@ -76,37 +75,30 @@ def league(arguments: Sequence[str]) -> None:
     names, out = given.entries, given.out
     check_output_folder(out, lambda folder: (folder / LEAGUE).exists(), given.overwrite)
     from train.machine import machine, versions  # torch is slow to import
-    from train.self_play.game_league import enter_game, play_game_league
-    from train.self_play.league import enter, play_league, policies_of, rate, team_rows
+    from train.self_play.league import enter, play_league, policies_of, rate
     from train.self_play.payoffs import (
         draw_league,
-        legend_of,
         payoff_tables,
         ratings_table,
         teams_table,
     )
 
-    task: Any
-    entered: Any
-    where: Plain
-    models = (given.model_roles, given.model_observations)
     if given.game is not None:
         of_mazes = ("maze", "opponent_epsilon", "model_roles", "model_observations")
         check_default(given, LeagueCommand, of_mazes, "it is for games in mazes")
-        task, entered = enter_game(names, given.game, given.greedy, given.names)
-        where, place = {"task": GAME, "maze": None, "game": task.name}, f"in game {task.name}"
-    else:
-        how = (given.maze, given.opponent_epsilon, given.greedy)
-        task, entered = enter(names, *how, given.names, *models)
-        maze = task.mazes[0].name
-        where, place = {"task": task.name, "maze": maze}, f"on maze {maze}"
+    how = (given.maze, given.opponent_epsilon, given.greedy, given.names)
+    models = (given.model_roles, given.model_observations)
+    game, entered = enter(names, *how, *models, given.game)
+    place, max_steps, where = game.place(), game.task.max_steps, game.describe_game()
     lock = hold(out, "league")
-    play = play_league if given.game is None else play_game_league
-    table = play(task, entered, given.games, given.seed)
-    content = rate(table, given.seed) | {
+    table = play_league(game, entered, given.games, given.seed)
+    content: Plain = rate(table, given.seed)
+    content |= {
         "format": FORMAT,
-        **where,
-        "max_steps": task.max_steps,
+        "task": where["task"],
+        "maze": where["maze"],
+        **({"game": where["game"]} if "game" in where else {}),
+        "max_steps": max_steps,
         "seed": given.seed,
         "greedy": given.greedy,
         "opponent_epsilon": given.opponent_epsilon,
@@ -115,7 +107,7 @@ def league(arguments: Sequence[str]) -> None:
         "versions": versions(),
         "machine": machine(),
     }
-    teams = team_rows(task, entered, table) if given.game is None else []
+    teams = game.team_rows(entered, table)
     content |= {"team": teams} if teams else {}
     write_json(out / LEAGUE, content)
     draw_league(out / "league.png", table, f"League {place.replace('maze ', '')}")
@@ -126,11 +118,11 @@ def league(arguments: Sequence[str]) -> None:
         tables["teams"] = teams_table(teams, table.measure)
     for stem, each in tables.items():
         each.write(out, stem)
-    _print(place, task.max_steps, table, tables, content)
+    _print(place, max_steps, table, tables, content)
     for role, other, why in dict.fromkeys((r["role"], r["against"], r["reason"]) for r in teams):
         if why:
             print(f"no exact best response of the {role}s against {other}: {why}")
-    if given.game is None and (legend := legend_of(names, given.opponent_epsilon)):
+    if legend := game.legend(names, given.opponent_epsilon):
         print(legend)
     lock.release()
     print(f"figures and tables: {out}")
@@ -146,7 +138,7 @@ def _print(
     exact = "exact" if not table.ci95.any() else "± is the 95 % interval"
     first, second = table.roles
     both = table.first is not None
-    several = "{}s" if table.roles == ROLES else "policies of {}"
+    several = "{}s" if table.counts_captures else "policies of {}"
     unit = f"returns of {first}, then of {second}," if both else table.measure.unit
     print(
         f"{unit} {place}, at most {max_steps} ({exact}); rows: {several.format(first)}, "
@@ -158,7 +150,7 @@ def _print(
     if both:
         print("general-sum game: no Nash averaging and no ratings")
         return
-    for line in survival_lines(max_steps, content) if table.roles == ROLES else ():
+    for line in survival_lines(max_steps, content) if table.counts_captures else ():
         print(f"warning: {line}", file=sys.stderr)
     for role in table.roles:
         if content[f"{role}_cycle"]:

@@ -16,14 +16,13 @@ from train.commands.progress import (
     finish_run,
     start_or_resume,
 )
-from train.evaluation.scores import OUTCOMES, UNTIL_CAPTURE
 from train.files import Plain
 from train.reports.tables import print_table
 from train.runs.folder import CURVE, REPORT, SELF_PLAY
 from train.self_play.learners import checked_names, learning_side, sides_of, unchecked_self_play
 from train.settings.algorithms import Hyperparameters
 from train.settings.reading import names_of
-from train.settings.self_play import LEARN, ROLES, LearningSide, SelfPlayBase, self_play_form
+from train.settings.self_play import LEARN, LearningSide, SelfPlayBase, self_play_form
 from train.settings.task_form import AnyTask, default_task
 
 ALGORITHM = (
@@ -101,11 +100,11 @@ def self_play(arguments: Sequence[str]) -> None:
     given, settings = parsed(arguments)
     label = f"self-play-{settings.task.game_label}"
     started, final = start_or_resume(SELF_PLAY, settings, given, label)
-    from train.self_play.mixing import describe_mixing, known_mixed_share  # torch is slow to import
+    from train.evaluation.self_play_text import describe_mixing
 
     run = cast("Run[SelfPlay]", started)
     print(f"self-play: {run.trainee.line()}; opponents: {run.trainee.settings.sampling}")
-    for line in describe_mixing(known_mixed_share(run.trainee.task, run.trainee.parts.discount)):
+    for line in describe_mixing(run.trainee.game.mixed_share()):
         print(line)
     drawn = present if given.report else None
     content = finish_run(run, final, "pursuit self-play", drawn)
@@ -198,45 +197,22 @@ def other_options(side: LearningSide, hyper: Hyperparameters) -> object:
 
 def present(run: Run[SelfPlay], content: Plain) -> None:
     """Write the figures, the tables and the report; as `Run.present`."""
-    from train.self_play.payoffs import matches_table  # torch is slow to import
     from train.self_play.report import draw_self_play, title_of, write_self_play_report
-    from train.self_play.small_game_report import draw_curve, write_small_game_report
-    from train.self_play.small_games import SmallGamePlay
 
-    trainee, folder, unit = run.trainee, run.folder, run.trainee.settings.budget_unit
-    if isinstance(trainee, SmallGamePlay):
-        draw_curve(folder / CURVE, run.rows, content, unit)
-        write_small_game_report(folder, trainee, content)
-        return
-    draw_self_play(folder / CURVE, run.rows, title_of(content), unit)
+    trainee, folder = run.trainee, run.folder
+    draw_self_play(folder / CURVE, trainee, run.rows, title_of(content))
     write_self_play_report(folder, trainee, content)
-    matches_table(content["matches"]).write(folder)
+    for stem, table in trainee.game.files(content).items():
+        table.write(folder, stem)
 
 
 def show(run: Run[SelfPlay], content: Plain) -> None:
     """Print the results."""
-    from train.self_play.payoffs import legend_of, matches_table
-    from train.self_play.report import describe_exploitability
-    from train.self_play.small_game_report import describe_small_game, returns_table
-    from train.self_play.small_games import SmallGamePlay
-
-    if isinstance(run.trainee, SmallGamePlay):
-        print()
-        print_table(returns_table(content), 100)
-        print("", *describe_small_game(content), sep="\n")
-        print(f"results{'' if run.present is None else f', curve and {REPORT}'}: {run.folder}")
-        return
-    matches = content["matches"]
-    exact = not any(row["games"] for row in matches)
-    exits = any("outcome" in row for row in matches)
-    print(
-        f"\n{(OUTCOMES if exits else UNTIL_CAPTURE).unit}, at most {run.trainee.task.max_steps} "
-        f"({'exact' if exact else 'sampled' if exits else '± is the 95 % interval'}); "
-        "rows: chasers, columns: evaders"
-    )
-    print_table(matches_table(matches), 100)
-    players = {row[role] for row in matches for role in ROLES}
-    print(legend_of(players, run.trainee.settings.task.opponent_epsilon))
-    print("", *describe_exploitability(content), sep="\n")
-    drawn = "" if run.present is None else f", curve, table and {REPORT}"
-    print(f"results{drawn}, pool: {run.folder}")
+    game = run.trainee.game
+    for each in game.tables(content):
+        print(f"\n{each.head}" if each.head else "")
+        print_table(each.table, 100)
+        if each.legend:
+            print(each.legend)
+    print("", *game.describe(content), sep="\n")
+    print(f"results{'' if run.present is None else f', curve and {REPORT}'}: {run.folder}")

@@ -68,17 +68,13 @@ def report_again(folder: Path, out: Path | None) -> Path:
     from train.runs.parts import contest_of
     from train.runs.saved import load_settings, trains_team
     from train.self_play.report import write_self_play_report
-    from train.self_play.small_game_report import write_small_game_report
-    from train.self_play.small_games import SmallGamePlay
 
     kind, _ = read_settings(folder)
     with closing(ProgressLine()) as tell:
         evaluate_runs([folder], tell)
     if kind == SELF_PLAY:
         trainee: Any = open_run(folder).trainee
-        small = isinstance(trainee, SmallGamePlay)
-        write: Any = write_small_game_report if small else write_self_play_report
-        return write(folder, trainee, load_results(folder), out)
+        return write_self_play_report(folder, trainee, load_results(folder), out)
     settings, results = load_settings(folder), load_results(folder)
     policy = load_policy(folder, greedy=settings.evaluate == "greedy")
     episodes = results["evaluation"]["episodes"]

@@ -10,7 +10,7 @@ import numpy as np
 
 from pursuit.mazes.maze import Maze
 from pursuit.reacher.simulator import ReacherSimulator
-from pursuit.rules.arrays import Flags, Longs, Reals
+from pursuit.rules.arrays import Array, Flags, Longs, Reals
 from pursuit.rules.layout import ESCAPED
 from pursuit.simulator.policy import Policy, TabularPolicy
 from pursuit.simulator.simulator import Simulator
@@ -62,9 +62,15 @@ def play_out(
     return lengths, victories
 
 
-def stepper(simulator: Any, policies: Sequence[Any]) -> Callable[[], None]:
-    """A function that plays one step of all games, in a maze or small, by the agents' policies."""
-    actions = np.zeros((simulator.num_games, simulator.task.num_agents), dtype=np.int32)
+def stepper(
+    simulator: Any, policies: Sequence[Any], actions: Array | None = None
+) -> Callable[[], None]:
+    """A function that plays one step of all games by the agents' policies.
+
+    The actions are in `actions` [games, agents] int32 after every step, if it is given.
+    """
+    if actions is None:
+        actions = np.zeros((simulator.num_games, simulator.task.num_agents), dtype=np.int32)
 
     def step() -> None:
         simulator.act(policies, actions)

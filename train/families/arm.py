@@ -53,4 +53,5 @@ FAMILY = Family(
     seat_of,
     ArmWorld,
     Missing("an arm has no other agents; give the folder of a run of another game"),
+    Missing("an arm has no sides; use `pursuit train`"),
 )

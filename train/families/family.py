@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from pursuit.simulator.batch import Batch
 from pursuit.validation import Missing
+from train.evaluation.sides import Sides
+from train.families.policies import NamedPolicies
 from train.networks.seat import Seat
 from train.settings.checks import EVALUATION_SEED
 from train.settings.run import AgentSettings
@@ -20,56 +21,6 @@ from train.teaching.teacher import EpisodeMetrics, Teacher
 
 if TYPE_CHECKING:  # TorchRL and TensorDict, which are slow to import; only training needs them
     from train.environments.simulator_env import SimulatorEnv
-
-
-class Fixed(NamedTuple):
-    """A fixed policy of a run of self-play: its name, share of random moves, sampled or greedy."""
-
-    name: str
-    epsilon: float
-    played: str
-
-
-class SavedRuns(Protocol):
-    """Reads saved policies; `train.runs.opponents` gives it, as runs are above this layer."""
-
-    def settings(self, folder: Path) -> AgentSettings:
-        """The settings of a run of one agent, or of one side of self-play."""
-
-    def policy(self, folder: Path, greedy: bool) -> Any:
-        """The policy of such a run, from its last checkpoint."""
-
-    def has_distribution(self, folder: Path) -> bool:
-        """Whether the algorithm of such a run learns a distribution over actions."""
-
-    def sides(self, folder: Path) -> Mapping[str, Fixed | None] | None:
-        """Of a whole run of self-play the fixed policy of each role, None of one that learns; None
-        for any other folder."""
-
-    def model(self, path: Path, greedy: bool | None, **trained: Any) -> Any:
-        """The policy of a saved Stable-Baselines3 model."""
-
-
-@dataclass(frozen=True)
-class NamedPolicies:
-    """The policies of a family by name.
-
-    Attributes:
-        form: of the settings of the tasks in which they play.
-        names: of the built-in ones.
-        is_named: whether a name is that of a built-in or user-defined policy.
-        named: (name, task, agent, epsilon) -> the policy.
-        placed: (learned policy, task, agent, name, epsilon) -> it as a policy of this agent;
-            ValueError where it does not fit.
-        models: whether saved models of other libraries can play; or why not.
-    """
-
-    form: type[TaskForm]
-    names: tuple[str, ...]
-    is_named: Callable[[str], bool]
-    named: Callable[[str, Any, str, float], Any]
-    placed: Callable[[Any, Any, str, str, float], Any]
-    models: bool | Missing = True
 
 
 @dataclass(frozen=True)
@@ -166,9 +117,11 @@ class Family:
         seat: (settings of a run) -> the learning agent in its training games, alone.
         world: (settings of a task, team, saved runs) -> the task with its policies.
         policies: by name.
+        sides: (world, task, discount) -> its sides in self-play and leagues.
     """
 
     settings: type[TaskForm]
     seat: Callable[[AgentSettings], Seat]
     world: Callable[..., World]
     policies: NamedPolicies | Missing
+    sides: Callable[..., Sides] | Missing

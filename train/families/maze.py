@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from pursuit.environments.single_agent import fill_seats
-from pursuit.mazes.suite_files import PREFIX
 from pursuit.observations.custom import is_builtin
 from pursuit.simulator.policy import Policy
 from pursuit.simulator.simulator import Simulator
@@ -20,14 +19,16 @@ from scripted_agents.environments import (
     default_policies,
     is_agent,
     named_policy,
+    roles_of_agent,
 )
 from train.evaluation.contest import GameContest
 from train.evaluation.games import won_by
+from train.evaluation.maze_sides import MazeSides
 from train.evaluation.scores import BY_MOST_STEPS, measure_of
 from train.evaluation.suite_contest import SuiteContest
 from train.evaluation.team_contest import TeamContest
-from train.families.family import Family, NamedPolicies, SavedRuns, World
-from train.families.policies import loaded
+from train.families.family import Family, World
+from train.families.policies import NamedPolicies, SavedRuns, loaded
 from train.networks.policy import MazeSeat
 from train.networks.seat import Seat
 from train.settings.checks import EVALUATION_SEED
@@ -103,16 +104,6 @@ class GridWorld(World):
         if len(self.task.mazes) > 1:
             return SuiteContest(*given)
         return GameContest(*given, mask_bumps=self.settings.mask_bumps)
-
-
-def check_one_maze(task: Task, what: str) -> None:
-    """ValueError if a task has several mazes; `what` is the subject of the message."""
-    name = task.mazes[0].name
-    check(
-        len(task.mazes) == 1,
-        f"{what} needs one maze, but the task has {len(task.mazes)}; use one of them, such as "
-        f"{PREFIX if '/' in name else ''}{name}",
-    )
 
 
 # -- policies --------------------------------------------------------------------------------------
@@ -194,5 +185,7 @@ def placed(policy: Policy, task: Task, role: str, name: str, epsilon: float) -> 
     return policy
 
 
-POLICIES = NamedPolicies(TaskSettings, AGENTS, is_agent, named_policy, placed)
-FAMILY = Family(TaskSettings, seat_of, GridWorld, POLICIES)
+POLICIES = NamedPolicies(
+    TaskSettings, AGENTS, is_agent, named_policy, roles_of_agent, placed, role_of
+)
+FAMILY = Family(TaskSettings, seat_of, GridWorld, POLICIES, MazeSides)

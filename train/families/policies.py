@@ -3,12 +3,70 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, Protocol
 
 from pursuit.plugins import reading
-from pursuit.validation import check, need, shortened
-from train.families.family import NamedPolicies, SavedRuns
+from pursuit.validation import Missing, check, need, shortened
+from train.settings.run import AgentSettings
+from train.settings.task_form import TaskForm
+
+
+class Fixed(NamedTuple):
+    """A fixed policy of a run of self-play: its name, share of random moves, sampled or greedy."""
+
+    name: str
+    epsilon: float
+    played: str
+
+
+class SavedRuns(Protocol):
+    """Reads saved policies; `train.runs.opponents` gives it, as runs are above this layer."""
+
+    def settings(self, folder: Path) -> AgentSettings:
+        """The settings of a run of one agent, or of one side of self-play."""
+
+    def policy(self, folder: Path, greedy: bool) -> Any:
+        """The policy of such a run, from its last checkpoint."""
+
+    def has_distribution(self, folder: Path) -> bool:
+        """Whether the algorithm of such a run learns a distribution over actions."""
+
+    def sides(self, folder: Path) -> Mapping[str, Fixed | None] | None:
+        """Of a whole run of self-play the fixed policy of each role, None of one that learns; None
+        for any other folder."""
+
+    def model(self, path: Path, greedy: bool | None, **trained: Any) -> Any:
+        """The policy of a saved Stable-Baselines3 model."""
+
+
+@dataclass(frozen=True)
+class NamedPolicies:
+    """The policies of a family by name.
+
+    Attributes:
+        form: of the settings of the tasks in which they play.
+        names: of the built-in ones.
+        is_named: whether a name is that of a built-in or user-defined policy.
+        named: (name, task, agent, epsilon) -> the policy.
+        agents: (name, task) -> the agents or roles that the policy of this name can play;
+            ValueError for none.
+        placed: (learned policy, task, agent, name, epsilon) -> it as a policy of this agent;
+            ValueError where it does not fit.
+        agent_of: (learned policy) -> its agent or role.
+        models: whether saved models of other libraries can play; or why not.
+    """
+
+    form: type[TaskForm]
+    names: tuple[str, ...]
+    is_named: Callable[[str], bool]
+    named: Callable[[str, Any, str, float], Any]
+    agents: Callable[[str, Any], tuple[str, ...]]
+    placed: Callable[[Any, Any, str, str, float], Any]
+    agent_of: Callable[[Any], str]
+    models: bool | Missing = True
 
 
 def policy_named(

@@ -3,27 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
 from typing import Any, ClassVar
-
-import numpy as np
 
 from pursuit.validation import Missing, check
 from scripted_agents.environments import is_custom_policy
 from scripted_agents.games.agents import AGENTS, TableAgent, named_agent
-from scripted_agents.games.episodes import return_range
-from scripted_agents.games.simulator import GameSimulator, GameTask, StatePolicy
-from scripted_agents.games.small_game import KEPT
+from scripted_agents.games.simulator import GameSimulator, GameTask
+from train.evaluation.return_sides import SmallGameSides, reward_scale
 from train.evaluation.small_game_contest import SmallGameContest
-from train.families.family import Family, NamedPolicies, World
-from train.families.policies import policy_named
-from train.networks.seat import Seat
+from train.families.family import Family
+from train.families.game_world import GameWorld
+from train.families.policies import NamedPolicies
 from train.networks.small_game_policy import SmallGameSeat
 from train.settings.checks import EVALUATION_SEED
 from train.settings.run import AgentSettings
 from train.settings.task import SmallGameSettings
 from train.teaching.context import SmallGameContext
-from train.teaching.teacher import EpisodeMetrics
 
 
 def seat_of(settings: AgentSettings) -> SmallGameSeat:
@@ -34,52 +29,17 @@ def seat_of(settings: AgentSettings) -> SmallGameSeat:
     return SmallGameSeat(task, given.agent_in(task), *how)
 
 
-@lru_cache(maxsize=2 * KEPT)
-def reward_scale(task: GameTask, player: str, discount: float) -> float:
-    """The factor of a player's rewards in training with which all its returns lie in [-1, 1].
-
-    They are the units of the coefficients of losses; large returns would make the value loss
-    dominate. Without discount (1) returns are those within `max_steps`.
-    """
-    horizon = task.horizon(discount)
-    largest = float(np.abs(return_range(task.game, player, discount, horizon)).max())
-    return 1.0 / largest if largest > 0.0 else 1.0
-
-
 @dataclass(frozen=True)
-class SmallGameWorld(World):
+class SmallGameWorld(GameWorld):
     """A small game with the policies of the other players."""
 
     BATCH: ClassVar[Any] = GameSimulator
-
-    @cached_property
-    def opponents(self) -> dict[str, StatePolicy]:
-        """As of `World`."""
-        given = self.settings
-        how = (given.opponent_epsilon, given.opponent_policy)
-        return {
-            name: policy_named(POLICIES, self.saved, given.opponent, self.task, name, *how)
-            for name in self.task.agent_names
-            if name != self.agent
-        }
 
     @property
     def context(self) -> SmallGameContext:
         """As of `World`."""
         epsilon = self.settings.opponent_epsilon
         return SmallGameContext(self.task, self.agent, self.opponents, epsilon)
-
-    def policies(self, seat: Seat) -> list[StatePolicy | None]:
-        """As of `World`."""
-        return [self.opponents.get(name) for name in self.task.agent_names]
-
-    def metrics(self, seat: Seat) -> EpisodeMetrics:
-        """As of `World`."""
-        number = seat.number
-        return EpisodeMetrics(
-            lambda games: games.returns[:, number] > games.returns.mean(axis=1),
-            lambda games: games.returns[:, number],
-        )
 
     @property
     def scale(self) -> float:  # type: ignore[override]
@@ -100,6 +60,20 @@ def is_named(name: str) -> bool:
     return name in AGENTS or is_custom_policy(name)
 
 
+def players_of(name: str, task: GameTask) -> tuple[str, ...]:
+    """The players that the policy of this name can play; ValueError for none."""
+    found, refused = list[str](), ValueError()
+    for player in task.agent_names:
+        try:
+            named_agent(name, task, player)
+            found.append(player)
+        except ValueError as error:
+            refused = error
+    if not found:
+        raise refused
+    return tuple(found)
+
+
 def placed(policy: Any, task: GameTask, player: str, name: str, epsilon: float) -> TableAgent:
     """A learned policy as a table, with random actions; ValueError if it is of another player."""
     check(
@@ -109,6 +83,14 @@ def placed(policy: Any, task: GameTask, player: str, name: str, epsilon: float) 
     return TableAgent(task, player, policy.table(task), epsilon, policy.name)
 
 
+def player_of(policy: Any) -> str:
+    """The player of a learned policy."""
+    return str(policy.agent)
+
+
 NO_MODELS = Missing("a saved model plays in mazes; give the folder of a run of this game")
-POLICIES = NamedPolicies(SmallGameSettings, AGENTS, is_named, named_agent, placed, NO_MODELS)
-FAMILY = Family(SmallGameSettings, seat_of, SmallGameWorld, POLICIES)
+POLICIES = NamedPolicies(
+    SmallGameSettings, AGENTS, is_named, named_agent, players_of, placed, player_of, NO_MODELS
+)
+SmallGameWorld.POLICIES = POLICIES
+FAMILY = Family(SmallGameSettings, seat_of, SmallGameWorld, POLICIES, SmallGameSides)

@@ -10,12 +10,13 @@ from pursuit.validation import check
 from scripted_agents.environments import agent_name
 from train.evaluation.contest import GameContest
 from train.evaluation.games import other_role
-from train.families.maze import check_fits, check_one_maze
+from train.families.maze import check_fits
 from train.play.session import Session
 from train.runs.folder import CONFIG
 from train.runs.opponents import is_self_play, policy_of
 from train.runs.saved import load_settings
 from train.runs.worlds import world_of
+from train.settings.mazes import check_one_maze
 from train.settings.self_play import ROLES
 from train.settings.task import TaskSettings
 from train.settings.task_form import with_values

@@ -13,8 +13,7 @@ from pursuit.tasks.task import Task
 from pursuit.validation import as_path, check, check_bool, need
 from train.algorithms.registry import entry
 from train.families import family_of, maze
-from train.families.family import Fixed
-from train.families.policies import policy_named
+from train.families.policies import Fixed, policy_named
 from train.runs.folder import (
     CONFIG,
     MISFITS,

@@ -1,7 +1,4 @@
-"""Leagues: all policies of one role against all of another, with ratings and their intervals.
-
-The roles are chasers and evaders, or the players of a small game (`train.self_play.game_league`).
-"""
+"""Leagues: all policies of one side against all of the other, with ratings and their intervals."""
 
 from __future__ import annotations
 
@@ -14,39 +11,35 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.tasks.task import Task
-from pursuit.validation import check, shortened
-from scripted_agents.environments import AGENTS, agent_name, is_agent, named_policy, roles_of_agent
-from scripted_agents.limits import MAX_EVALUATED_WORK, MAX_FINAL_WORK
-from train.evaluation.games import half_width, other_role
-from train.evaluation.matchups import can_solve, match, pair_payoffs
-from train.evaluation.scores import OUTCOMES, UNTIL_CAPTURE, Measure
-from train.evaluation.team_contest import TeamContest
-from train.families.maze import POLICIES, check_fits, role_of
-from train.families.policies import loaded
-from train.files import Plain
-from train.reports.tables import Row
-from train.runs.folder import CONFIG
-from train.runs.opponents import SAVED, is_self_play
-from train.runs.saved import load_settings
-from train.runs.stable_baselines import description_of
-from train.self_play.names import entry_names
-from train.self_play.ratings import (
+from pursuit.validation import check, need, shortened
+from scripted_agents.environments import agent_name
+from scripted_agents.limits import MAX_FINAL_WORK
+from train.evaluation.ratings import (
     best_response_cycle,
     elo_ratings,
     nash_average,
     pairwise_wins,
     preference_cycle,
 )
+from train.evaluation.scores import OUTCOMES, UNTIL_CAPTURE, Measure
+from train.evaluation.sides import Sides
+from train.families import family_of
+from train.families.policies import NamedPolicies, loaded
+from train.files import Plain
+from train.runs.folder import CONFIG
+from train.runs.opponents import SAVED, is_self_play
+from train.runs.saved import load_settings
+from train.runs.stable_baselines import description_of
+from train.self_play.names import entry_names
+from train.self_play.parts import game_of_all
 from train.settings.checks import evaluation_seed
 from train.settings.self_play import ROLES
-from train.settings.task import SmallGameSettings, TaskSettings
-from train.settings.task_form import with_values
+from train.settings.task_form import default_task, with_values
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A policy in one role: a `Policy`, or in a small game a `TableAgent`."""
+    """A policy of one side."""
 
     name: str
     role: str
@@ -57,14 +50,14 @@ class Entry:
 class LeagueTable:
     """The results of a league; payoffs are steps until capture, truncated at the horizon.
 
-    With exits they are escapes minus captures, and shown with the other sign; in a small game
+    With exits they are escapes minus captures, and shown with the other sign; in other games
     returns of the second player.
 
     Attributes:
         payoff, ci95: [chasers, evaders] float64; the half width is 0 for exact payoffs.
-        lengths: [chasers, evaders, games] int64, the payoffs of the sampled games; in a small game
+        lengths: [chasers, evaders, games] int64, the payoffs of the sampled games; in other games
             float64.
-        chasers, evaders: their names; in a small game those of the first and the second player.
+        chasers, evaders: their names; in other games those of the first and the second player.
         horizon: steps after which a game is truncated; None for no limit, and with exits.
         measure: of the payoffs that are shown, with the direction of the first role.
         roles: those of the rows and of the columns.
@@ -83,6 +76,11 @@ class LeagueTable:
     first: NDArray[np.float64] | None = None
 
     @property
+    def counts_captures(self) -> bool:
+        """Whether payoffs count captures or the steps to them, so that some may never happen."""
+        return self.measure in (UNTIL_CAPTURE, OUTCOMES)
+
+    @property
     def sign(self) -> float:
         """The factor of payoffs, which the columns maximise, where they are shown."""
         return 1.0 if self.measure.less_is_better else -1.0
@@ -95,70 +93,108 @@ class LeagueTable:
 
 def enter(
     names: Sequence[str],
-    maze: str | None,
+    maze: str | None = None,
     opponent_epsilon: float = 0.0,
     greedy: bool = False,
     called: Sequence[str] = (),
     model_roles: Sequence[str] = (),
     model_observations: Sequence[str] = (),
-) -> tuple[Task, list[Entry]]:
-    """The task and the entries of a league.
+    game: str | None = None,
+) -> tuple[Sides, list[Entry]]:
+    """The game and the entries of a league.
 
     Args:
-        names: folders of runs, saved Stable-Baselines3 models (.zip), and names of scripted agents
-            and of user-defined policies.
+        names: folders of runs, of self-play those of all sides; saved Stable-Baselines3 models
+            (.zip); names of built-in and of user-defined policies, each for every side that it can
+            play.
         maze: the maze, if there is no run among the entries; None for 5x5.
         opponent_epsilon: probability of random moves of astar.
         greedy: learned policies take their most probable action instead of sampling.
         called: names in tables, one per entry; by default those of `entry_names`.
         model_roles, model_observations: of the models without a description file: one for all, or
             one for each in the order of `names`.
+        game: a small game by name; the time limit is that of the first run, or the default. None
+            for the game of the first run, or without one a chase in the maze.
 
     Raises:
-        ValueError: an entry that is not a run, is of another game or given twice, or a role without
-            entries.
+        ValueError: an entry that is not a run, is of another game or given twice, a side without
+            entries, or more than two sides.
     """
     names = [agent_name(name) for name in names]
-    title = dict(zip(names, entry_names(names, is_agent, called), strict=True))
-    models = [name for name in names if is_model(name)]
-    runs = [name for name in names if not is_agent(name) and name not in models]
-    paths = [(name, path) for name in runs for path in folders_of(name)]
-    task = _task_of(paths, maze)
+    given = default_task({} if game is None else {"game": game})
+    first = next((name for name in names if os.path.isdir(name)), None)
+    if game is None and first is not None:
+        given = _settings_of(first)
+    policies = need(family_of(given).policies)
+    title = dict(zip(names, entry_names(names, policies.is_named, called), strict=True))
+    models = [n for n in names if policies.models is True and is_model(n, policies)]
+    runs = [name for name in names if not policies.is_named(name) and name not in models]
+    given.check_league([name for name in names if policies.is_named(name)])
+    roles = given.sides
+    check(
+        len(roles) == 2,
+        f"{given.game_label} has {len(roles)} players; a league needs two: use pursuit evaluate",
+    )
+    paths = [(name, path) for name in runs for path in folders_of(name, roles, policies.names)]
+    if paths:
+        own = load_settings(paths[0][1]).task
+        check(
+            type(own) is type(given),
+            f"{paths[0][0]}: a run of task {own.task!r}; give a run of {given.game_label}",
+        )
+        check(maze is None, f"maze={maze!r}, but {first} has its own maze; leave maze out")
+        given = with_values(given, str(first), max_steps=own.max_steps) if game else own
+    elif maze is not None:
+        given = with_values(given, f"maze={maze}", maze=maze)
+    given.check_league(())
+    sides = game_of_all(given)
+    task = sides.task
     bare = [name for name in models if not description_of(name).is_file()]
-    roles = _one_each("model_roles", model_roles, bare)
+    model_sides = _one_each("model_roles", model_roles, bare)
     observations = _one_each("model_observations", model_observations, bare)
     agents = []
-    for name in filter(is_agent, names):  # first, as they are refused quickly
+    for name in filter(policies.is_named, names):  # first, as they are refused quickly
         epsilon = opponent_epsilon if name == "astar" else 0.0
         shown = title[name] + (f" (epsilon {epsilon:g})" if epsilon and not called else "")
-        for role in roles_of_agent(name, task):
-            agents.append(Entry(shown, role, named_policy(name, task, role, epsilon)))
-    given: Plain = {
+        for role in policies.agents(name, task):
+            agents.append(Entry(shown, role, policies.named(name, task, role, epsilon)))
+    trained: Plain = {
         name: {"agent": role, "observation": observation}
-        for name, role, observation in zip(bare, roles, observations, strict=False)
+        for name, role, observation in zip(bare, model_sides, observations, strict=False)
     }
-    for role in roles:
-        check(role in ROLES, f"model_roles: {role!r}; give chaser or evader")
+    for role in model_sides:
+        check(role in roles, f"model_roles: {role!r}; give {' or '.join(roles)}")
     entries = []
     for name, path in [*paths, *((name, Path(name)) for name in models)]:
         played = "greedy" if greedy else "sampled"
-        policy = loaded(POLICIES, SAVED, path, played, task=task, **given.get(name, {}))
-        role = role_of(policy)
-        check(role in ROLES, f"{name}: trained as {role!r}; a league needs chasers and evaders")
-        check_fits(policy, role, task, name)
-        entries.append(Entry(title[name], role, policy))
+        policy = loaded(policies, SAVED, path, played, task=task, **trained.get(name, {}))
+        role = policies.agent_of(policy)
+        check(
+            role in roles,
+            f"{name}: trained as {role!r}; a league needs {roles[0]}s and {roles[1]}s",
+        )
+        entries.append(Entry(title[name], role, policies.placed(policy, task, role, name, 0.0)))
     entries += agents
-    for role in ROLES:
+    for role in roles:
         check(
             any(entry.role == role for entry in entries),
-            f"no {role} among the entries; add astar or a run of a {role}",
+            f"no {role} among the entries; add {policies.names[0]} or a run of a {role}",
         )
-    return task, entries
+    return sides, entries
 
 
-def folders_of(
-    name: str, roles: Sequence[str] = ROLES, agents: Sequence[str] = AGENTS
-) -> list[Path]:
+def _settings_of(name: str) -> Any:
+    """The settings of the task of a run, or of the first side of self-play."""
+    folder = Path(name)
+    check((folder / CONFIG).exists(), f"{name}: no run here ({CONFIG} is missing); give a run")
+    if is_self_play(folder):
+        learned = [path.parent for path in sorted(folder.glob(f"*/{CONFIG}"))]
+        check(bool(learned), f"{name}: self-play without a checkpoint yet; resume it first")
+        folder = learned[0]
+    return load_settings(folder).task
+
+
+def folders_of(name: str, roles: Sequence[str], agents: Sequence[str]) -> list[Path]:
     """The folder of a run, or the folders of all learned sides of self-play.
 
     Args:
@@ -189,24 +225,6 @@ def folders_of(
     return inner
 
 
-def _task_of(runs: Sequence[tuple[str, Path]], maze: str | None) -> Task:
-    """The task of the first run; without runs, a chase in this maze (None: 5x5)."""
-    if not runs:
-        return TaskSettings(maze="5x5" if maze is None else maze).build()
-    name, folder = runs[0]
-    settings = load_settings(folder).task
-    if isinstance(settings, SmallGameSettings):
-        raise ValueError(f"{name}: a run of a small game; give --game {settings.game!r}")
-    check(maze is None, f"maze={maze!r}, but {name} has its own maze; leave maze out")
-    task = with_values(settings, name, maze=settings.maze).build()
-    check(
-        bool(task.num_chasers and task.num_evaders),
-        f"{name}: trained in task {task.name!r}; a league needs chasers and evaders",
-    )
-    check(not task.num_runners, f"{name}: trained in a task with runners; a league has none")
-    return task
-
-
 def _one_each(what: str, given: Sequence[str], models: Sequence[str]) -> list[str]:
     """One value for each model; a single value is for all."""
     check(
@@ -217,69 +235,33 @@ def _one_each(what: str, given: Sequence[str], models: Sequence[str]) -> list[st
     return [*given] * len(models) if len(given) == 1 else [*given]
 
 
-def is_model(name: str) -> bool:
+def is_model(name: str, policies: NamedPolicies) -> bool:
     """Whether an entry is a saved Stable-Baselines3 model."""
-    return not is_agent(name) and Path(name).suffix == ".zip"
+    return not policies.is_named(name) and Path(name).suffix == ".zip"
 
 
 def play_league(
-    task: Task, entries: Sequence[Entry], games: int, seed: int, most: int = MAX_FINAL_WORK
+    game: Sides, entries: Sequence[Entry], games: int, seed: int, most: int = MAX_FINAL_WORK
 ) -> LeagueTable:
-    """Every chaser against every evader: exact payoffs where possible, and sampled games.
+    """Every policy of the first side against every one of the second: exact payoffs where possible,
+    and sampled games.
 
-    `seed` is an evaluation seed, which training never uses; `most` as in `match`.
+    `seed` is an evaluation seed, which training never uses; `most` as of `Sides.pair`.
     """
-    starts = evaluation_seed(seed)
-    sides = {role: [entry for entry in entries if entry.role == role] for role in ROLES}
-    shape = (len(sides["chaser"]), len(sides["evader"]))
-    payoff, ci95 = np.zeros(shape), np.zeros(shape)
-    lengths = np.zeros((*shape, games), dtype=np.int64)
-    for i, chaser in enumerate(sides["chaser"]):
-        for j, evader in enumerate(sides["evader"]):
-            lengths[i, j] = pair_payoffs(task, chaser.policy, evader.policy, games, starts)
-            if can_solve(task, chaser.policy, evader.policy, most):
-                payoff[i, j] = match(task, chaser.policy, evader.policy, most=most).payoff
-            else:
-                payoff[i, j] = lengths[i, j].mean()
-                ci95[i, j] = half_width(lengths[i, j])
-    names = [[entry.name for entry in sides[role]] for role in ROLES]
-    how = (None, OUTCOMES) if task.most_exits else (task.max_steps, UNTIL_CAPTURE)
+    starts, (first, second) = evaluation_seed(seed), game.roles
+    sides = [[entry for entry in entries if entry.role == role] for role in game.roles]
+    pairs = [
+        [game.pair(one.policy, two.policy, games, starts, most) for two in sides[1]]
+        for one in sides[0]
+    ]
+    payoff, ci95 = (np.array([[pair[at] for pair in row] for row in pairs]) for at in (0, 1))
+    own = None
+    if pairs[0][0].first is not None:
+        own = np.array([[pair.first for pair in row] for row in pairs], dtype=np.float64)
+    names = [[entry.name for entry in side] for side in sides]
+    lengths = np.array([[pair.sampled for pair in row] for row in pairs])
+    how = (game.horizon, game.league_measure, (first, second), own)
     return LeagueTable(names[0], names[1], payoff, ci95, lengths, *how)
-
-
-def team_rows(task: Task, entries: Sequence[Entry], table: LeagueTable) -> list[Row]:
-    """Every team of several agents against every policy of the other role, with its best response.
-
-    Returns:
-        Rows with "role", "team", "against"; "payoff" and "ci95" of the table; "best_response" of
-        the team as one player (with full view), in the unit of the table and over all starts, and
-        "gap" (`Measure.gap`); or None and the "reason".
-    """
-    rows: list[Row] = []
-    for role in [role for role in ROLES if task.count(role) > 1]:
-        for other in [entry for entry in entries if entry.role == other_role(role)]:
-            how: Plain = {"most_work": MAX_EVALUATED_WORK}
-            contest = TeamContest(task, role, {other.role: other.policy}, **how)
-            best = contest.best
-            for entry in [entry for entry in entries if entry.role == role]:
-                at = (entry.name, other.name) if role == ROLES[0] else (other.name, entry.name)
-                place = table.chasers.index(at[0]), table.evaders.index(at[1])
-                payoff = float(table.shown[place])
-                gap = None if best is None else contest.measure.gap(payoff, best)
-                rows.append(
-                    {
-                        "role": role,
-                        "team": entry.name,
-                        "against": other.name,
-                        "payoff": payoff,
-                        "ci95": float(table.ci95[place]),
-                        "best_response": best,
-                        "gap": gap,
-                        "full_view": contest.is_limited,
-                        "reason": contest.full.exact_reference.reason,
-                    }
-                )
-    return rows
 
 
 def survival(table: LeagueTable) -> Plain:
@@ -332,7 +314,7 @@ def rate(table: LeagueTable, seed: int = 0) -> Plain:
         "payoff": table.shown.tolist(),
         "ci95": table.ci95.tolist(),
         "games": table.lengths.shape[2],
-        **(survival(table) if table.roles == ROLES else {}),
+        **(survival(table) if table.counts_captures else {}),
         "unit": table.measure.unit,
     }
     average = nash_average(table.payoff)
@@ -341,7 +323,7 @@ def rate(table: LeagueTable, seed: int = 0) -> Plain:
         f"{first}_mixture": average.column.tolist(),
         f"{second}_mixture": average.row.tolist(),
     }
-    against = "steps" if table.roles == ROLES else "payoff"
+    against = "steps" if table.counts_captures else "payoff"
     for role, names, results, nash in (
         (first, table.chasers, -table.lengths, table.payoff @ average.row),
         (second, table.evaders, table.lengths.swapaxes(0, 1), average.column @ table.payoff),

@@ -2,77 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from functools import partial
+from collections.abc import Sequence
 from pathlib import Path
 
+from train.evaluation.payoff_table import payoff_table
 from train.evaluation.scores import Measure
 from train.files import Plain
 from train.reports.figures import draw_matrix
 from train.reports.tables import Column, ResultTable, Row, numeric, words
 from train.self_play.league import LeagueTable
-from train.settings.self_play import ROLES
-
-
-def payoff_table(
-    chasers: Sequence[str],
-    evaders: Sequence[str],
-    steps: Sequence[Sequence[float]],
-    ci95: Sequence[Sequence[float]],
-    never: Sequence[Sequence[bool]] | None = None,
-    roles: tuple[str, str] = ROLES,
-) -> ResultTable:
-    """A row for each chaser: "against NAME" and "against NAME ci95" for every evader.
-
-    Args:
-        chasers, evaders: their names, all different in each.
-        steps: [chasers][evaders], until capture or the end.
-        ci95: [chasers][evaders], half widths of confidence intervals; 0 for exact steps.
-        never: [chasers][evaders], whether the evader is never caught.
-        roles: of rows and columns.
-    """
-    own, other = roles
-    rows = []
-    for i, chaser in enumerate(chasers):
-        row: Row = {own: chaser}
-        for j, evader in enumerate(evaders):
-            row[f"against {evader}"] = float(steps[i][j])
-            row[f"against {evader} ci95"] = float(ci95[i][j])
-            if never is not None:
-                row[f"against {evader} never caught"] = bool(never[i][j])
-        rows.append(row)
-    cells = [Column(evader, partial(_cell, f"against {evader}")) for evader in evaders]
-    return ResultTable(rows, [words(f"{own} \\ {other}", own), *cells])
-
-
-def _cell(name: str, row: Row) -> str:
-    half = row[f"{name} ci95"]
-    value = "never" if row.get(f"{name} never caught") else f"{row[name]:.2f}"
-    return value + (f" ± {half:.2f}" if half else "")
-
-
-def matches_table(matches: Sequence[Plain]) -> ResultTable:
-    """The "matches" of the results of self-play."""
-    chasers = list(dict.fromkeys(str(row["chaser"]) for row in matches))
-    evaders = list(dict.fromkeys(str(row["evader"]) for row in matches))
-    by_pair = {(row["chaser"], row["evader"]): row for row in matches}
-
-    def grid(name: str) -> list[list[float]]:
-        return [[by_pair[chaser, evader][name] for evader in evaders] for chaser in chasers]
-
-    exits = any("outcome" in row for row in matches)
-    half = [[0.0] * len(evaders)] * len(chasers) if exits else grid("ci95")  # ci95 is of the steps
-    return payoff_table(chasers, evaders, grid("outcome" if exits else "steps"), half)
-
-
-def legend_of(names: Iterable[str], epsilon: float) -> str:
-    """What the scripted agents among these names are: astar with this epsilon, and equilibrium."""
-    meanings = {
-        "astar": f"epsilon {epsilon:g}",
-        "equilibrium": "an equilibrium policy of the discounted game, which is not always the best "
-        "against these opponents",
-    }
-    return "; ".join(f"{name}: {meanings[name]}" for name in meanings if name in {*names})
 
 
 def ratings_table(role: str, content: Plain) -> ResultTable:
@@ -109,7 +47,7 @@ def payoff_tables(table: LeagueTable, content: Plain) -> dict[str, ResultTable]:
     """The payoffs of a league by the name of the file; of a general-sum game those of each role."""
     own, other, roles = table.chasers, table.evaders, table.roles
     if table.first is None:
-        never = content["never"] if roles == ROLES else None
+        never = content["never"] if table.counts_captures else None
         return {"table": payoff_table(own, other, content["payoff"], content["ci95"], never, roles)}
     return {
         f"table_{role}": payoff_table(own, other, payoff, table.ci95.tolist(), None, roles)

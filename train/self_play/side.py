@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,17 +12,11 @@ from numpy.typing import NDArray
 
 from pursuit.simulator.batch import Batch
 from pursuit.simulator.policy import Policy
-from pursuit.simulator.simulator import Simulator
-from pursuit.tasks.task import Task
-from scripted_agents.games.episodes import return_range
-from scripted_agents.games.simulator import GameSimulator, GameTask, OpponentTables
-from scripted_agents.games.small_game import KEPT
+from scripted_agents.games.simulator import OpponentTables
 from train.algorithms.learner import Learner
 from train.algorithms.registry import Algorithm, Build, build_learner
 from train.environments.hooks import EpisodeHook
-from train.evaluation.games import all_caught
-from train.networks.policy import MazeSeat
-from train.networks.small_game_policy import SmallGameSeat
+from train.networks.seat import Seat
 from train.runs.folder import check_learned, game_digest
 from train.runs.training_state import restore_simulator, simulator_tensors
 from train.self_play.pool import OpponentPool, PoolPolicy
@@ -52,9 +45,9 @@ class Opponents(EpisodeHook):
 
     Args:
         simulator: the games.
+        game: that of all sides, which scores episodes.
         role: of the learner.
         others: the other roles.
-        discount: of the scores.
         seed: of the sampling.
         steps: approximate number of steps between updates of an opponent that learns.
 
@@ -67,14 +60,14 @@ class Opponents(EpisodeHook):
     def __init__(
         self,
         simulator: Batch[Any],
+        game: Any,
         role: str,
         others: Sequence[str],
-        discount: float,
         seed: int,
         steps: int = 1,
     ) -> None:
         super().__init__()
-        self.simulator, self.role, self.discount = simulator, role, discount
+        self.simulator, self.game, self.role = simulator, game, role
         pool: Any = None  # set once all sides are constructed
         count = simulator.num_games
         self.policies = {other: PoolPolicy(pool, count, steps) for other in others}
@@ -89,18 +82,13 @@ class Opponents(EpisodeHook):
 
     def episode_ended(self, games: NDArray[np.bool_]) -> None:
         """Record the learner's scores against the opponents of these games."""
-        if isinstance(self.simulator, GameSimulator):
-            returns = self.simulator.returns[games]
-            scores = game_scores(self.simulator.task, self.role, returns)
-        else:
-            assert isinstance(self.simulator, Simulator)
-            scores = maze_scores(self.simulator, self.role, games, self.discount)
+        scores = self.game.scores(self.simulator, self.role, games)
         for policy in self.policies.values():
             note(policy.pool, policy.opponents[games], scores)
 
     def opponent_tables(self) -> OpponentTables | None:
         """As of `EpisodeHook`, where there is one opponent and all of its pool have tables."""
-        if len(self.policies) > 1 or not isinstance(self.simulator, GameSimulator):
+        if len(self.policies) > 1 or not self.simulator.PLAYS_TABLES:
             return None
         ((other, policy),) = self.policies.items()
         cumulative = policy.all_tables(self.simulator.task)
@@ -110,55 +98,14 @@ class Opponents(EpisodeHook):
 
     def note_episodes(self, members: NDArray[np.int64], returns: NDArray[np.float64]) -> None:
         """Record the learner's scores in these episodes."""
-        assert isinstance(self.simulator, GameSimulator)
         (policy,) = self.policies.values()
-        note(policy.pool, members, game_scores(self.simulator.task, self.role, returns))
+        note(policy.pool, members, self.game.scores_of_returns(self.role, returns))
 
 
 def note(pool: OpponentPool, members: NDArray[np.int64], scores: NDArray[np.float64]) -> None:
     """Record scores [n] against members [n] of a pool."""
     for member in np.unique(members).tolist():
         pool.note(member, scores[members == member])
-
-
-def maze_scores(
-    simulator: Simulator, role: str, games: NDArray[np.bool_], discount: float
-) -> NDArray[np.float64]:
-    """[n] the scores in [0, 1] of a role in the games of a mask, which have just ended.
-
-    The score of an evader is 1 - discount ** steps, its share of the highest discounted return;
-    that of a chaser is discount ** steps. With exits a chaser scores 1 for a game that ends by a
-    capture, 0 for one that ends by an escape, 1/2 if time is up.
-    """
-    task = simulator.task
-    rounds = -(-simulator.steps[games] // task.steps_per_round)
-    left = discount ** rounds.astype(np.float64)
-    if task.most_exits:  # the escapes of the last step, as `Payoffs` counts games to their end
-        won = all_caught(simulator)[games].astype(np.float64)
-        left = np.where(simulator.terminated[games], won, 0.5)
-    return np.asarray(left if role == "chaser" else 1.0 - left)
-
-
-def game_scores(task: GameTask, player: str, returns: NDArray[np.float64]) -> NDArray[np.float64]:
-    """[n] the scores in [0, 1] of a player in episodes with these returns [n, players].
-
-    In a zero-sum game of two the return as a share of its range within the time limit, so that they
-    also differ where one player never has a return above 0. In other games 1 for a return above the
-    mean of all players, 0 for one below it, 1/2 for one equal to it.
-    """
-    own = returns[:, task.seat(player)]
-    if task.game.zero_sum:
-        low, high = range_of_returns(task, player)
-        return np.clip((own - low) / max(high - low, 1e-9), 0.0, 1.0)
-    lead = own - returns.mean(axis=1)
-    return np.asarray(0.5 + 0.5 * np.sign(np.where(np.abs(lead) < 1e-9, 0.0, lead)))
-
-
-@lru_cache(maxsize=2 * KEPT)
-def range_of_returns(task: GameTask, player: str) -> tuple[float, float]:
-    """The least and the largest expected return of a player within the time limit, whatever all
-    play, without discount."""
-    return return_range(task.game, player, 1.0, task.max_steps)
 
 
 @dataclass(frozen=True)
@@ -168,20 +115,18 @@ class SideParts:
     Attributes:
         seat: the role that learns, in the games.
         algorithm, hyper, build: the algorithm, its hyperparameters, and its build options.
-        discount: of the exact game.
-        scale: of the rewards.
+        game: that of all sides (`train.evaluation.sides.Sides`).
         training: the task of the training games, with short episodes.
         min_probability: of actions of the evaluated policy.
         average: whether the averaged weights are evaluated, saved and pooled, or the last ones.
     """
 
-    seat: MazeSeat | SmallGameSeat
+    seat: Seat
     algorithm: Algorithm
     hyper: Hyperparameters
     build: Build
-    discount: float
-    scale: float
-    training: Task | GameTask
+    game: Any
+    training: Any
     min_probability: float
     average: bool = True
 
@@ -189,19 +134,14 @@ class SideParts:
         """The training environment of the side with this number, and its opponents."""
         from train.environments.simulator_env import SimulatorEnv
 
+        game, seat, members = self.game, self.seat, self.seat.members
         count, steps = self.hyper.num_games, getattr(self.hyper, "rollout_steps", 1)
         seed, first = self.build.seed, number * 2**20
-        drawn = (self.seat.agent, others, self.discount, 2 * seed + number, steps)
-        task, seat, members = self.training, self.seat, self.seat.members
-        small = isinstance(task, GameTask)
-        form: Any = GameSimulator if small else Simulator
-        games = form(task, count // members, seed, first, auto_restart=False)
-        opponents = Opponents(games, *drawn)
-        roles = task.agent_names if isinstance(task, GameTask) else task.seat_roles
-        policies = [opponents.policies.get(role) for role in roles]
-        bounded = small and self.discount == 1.0
-        how = (opponents, members, self.scale, bounded)
-        return SimulatorEnv(games, seat, policies, *how), opponents
+        batch = game.world.BATCH(self.training, count // members, seed, first, auto_restart=False)
+        opponents = Opponents(batch, game, seat.agent, others, 2 * seed + number, steps)
+        policies = [opponents.policies.get(role) for role in game.by_agent]
+        how = (opponents, members, game.scale(seat.agent), game.bounded)
+        return SimulatorEnv(batch, seat, policies, *how), opponents
 
 
 class Side:

@@ -1,57 +1,43 @@
-"""Self-play: chasers and evaders learn against each other, measured by exact exploitability."""
+"""Self-play: all sides of a game learn against each other, measured by exact exploitability."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from copy import copy
-from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, ClassVar
 
 import numpy as np
 
-from pursuit.simulator.policy import Policy
-from scripted_agents.games.simulator import GameTask
-from scripted_agents.limits import MAX_FINAL_WORK, MAX_SNAPSHOT_CELLS
+from pursuit.validation import need
 from scripted_agents.long_work import report
-from scripted_agents.references import is_exact_team
-from train.evaluation.games import other_role
-from train.evaluation.matchups import discounted_steps, match
-from train.evaluation.scores import DISCOUNTED, OUTCOME, Measure
+from train.evaluation.sides import DRY_RUN, Profile, ResultLimits
 from train.files import Plain
 from train.runs.folder import CONFIG, SELF_PLAY, SIDE, game_digest, save_checkpoint, save_config
-from train.runs.loop import BRIEF_STEPS
+from train.runs.loop import BRIEF_STEPS, build_parts, build_run
 from train.runs.trainee import Clock
 from train.runs.training_state import policy_memories, restore_policy_memories
-from train.self_play.meta_game import PAIR_EPISODES, Payoffs
-from train.self_play.metrics import (
-    DRY_RUN,
-    ResultLimits,
-    approximate_best_responses,
-    exact_best_responses,
-    exploited,
-    format_row,
-    has_nash_conv,
-    limited_best_responses,
-    matches,
-    scripted_references,
-    team_references,
-    whole_game,
-)
+from train.self_play.meta_game import Payoffs
 from train.self_play.mixtures import nash_convs_of, snapshot_results
-from train.self_play.parts import SelfPlayParts, side_settings
+from train.self_play.parts import (
+    SelfPlayParts,
+    response_settings,
+    self_play_parts,
+    side_settings,
+)
 from train.self_play.pool import Member, OpponentPool, weights
 from train.self_play.side import Side
 from train.settings.checks import evaluation_seed
-from train.settings.self_play import NASH_SAMPLING, ROLES
+from train.settings.self_play import NASH_SAMPLING
 from train.tensors import State
 
 
 class SelfPlay:
-    """Both roles learn against each other; a `Trainee`.
+    """All sides learn against each other; a `Trainee`.
 
-    The run folder contains `chaser/` and `evader/`, saved as separate policies for
-    `pursuit evaluate`, `render` and `league`, and `pool/` with the snapshots.
+    The run folder contains a folder of every side, such as `chaser/` and `evader/`, saved as
+    separate policies for `pursuit evaluate`, `render` and `league`, and `pool/` with the snapshots.
 
     Args:
         parts: of the run.
@@ -62,7 +48,8 @@ class SelfPlay:
         One of `MISFITS`: a state of other settings.
 
     Attributes:
-        task, sides, pools: the game, the learning sides, and the opponents in each role.
+        game: the game of all sides (`train.evaluation.sides.Sides`).
+        sides, pools: the learning sides, and the opponents in each role.
         payoffs: between members of the pools.
         mixtures: the Nash mixtures that the rules of `NASH_SAMPLING` draw from.
         taken, progress: snapshots and progress so far, in [0, 1].
@@ -75,7 +62,7 @@ class SelfPlay:
     evaluates_first: ClassVar[bool] = True
 
     def __init__(self, parts: SelfPlayParts, folder: Path, state: State | None = None) -> None:
-        self.settings, self.task = parts.settings, parts.task
+        self.settings, self.game = parts.settings, parts.game
         self.parts, self.folder = parts, folder
         self.sides: dict[str, Side] = {}
         for role, own in parts.sides.items():
@@ -95,19 +82,26 @@ class SelfPlay:
         if state is not None:
             self._load_state_dict(state)
         self._update_sampling()
-        self.objective = self._objective()
+        self.objective = self.game.objective(self.policies)
 
-    def _objective(self) -> Measure:
-        # It depends on the game alone: every learned policy is a table.
-        exact = has_nash_conv(self.task, self.policy("chaser"), self.policy("evader"))
-        unit = OUTCOME if self.task.most_exits else DISCOUNTED
-        column, unit = ("nash_conv", unit) if exact else ("steps", "steps")
-        return Measure(column, unit)
+    @property
+    def task(self) -> Any:
+        """The game that is played."""
+        return self.game.task
 
-    def payoff(self, chaser: Policy, evader: Policy) -> float:
-        """The payoff of two policies, which evaders maximise: `discounted_steps`."""
-        seed = evaluation_seed(self.settings.seed)
-        return discounted_steps(self.task, chaser, evader, self.parts.discount, PAIR_EPISODES, seed)
+    @property
+    def policies(self) -> dict[str, Any]:
+        """The policies that are evaluated, by role."""
+        return {role: self.policy(role) for role in self.parts.roles}
+
+    @property
+    def profile(self) -> Profile:
+        """The policies that are evaluated, and those to compare with."""
+        return Profile(self.policies, tuple(self.sides), self.parts.scripted)
+
+    def payoff(self, one: Any, two: Any) -> float:
+        """The payoff of two policies, which the second role maximises."""
+        return self.game.payoff(one, two, evaluation_seed(self.settings.seed))
 
     def _pool(self, role: str) -> OpponentPool:
         if role in self.sides:
@@ -123,18 +117,14 @@ class SelfPlay:
 
     def line(self) -> str:
         """The game in one line of text."""
-        task = self.task
-        return (
-            f"{task.name} on maze {task.mazes[0].name}, {task.num_chasers} chaser(s), "
-            f"{task.num_evaders} evader(s)"
-        )
+        return self.game.line()
 
     @property
     def frames(self) -> int:
         """Steps of all learning agents."""
         return sum(side.learner.frames for side in self.sides.values())
 
-    def policy(self, role: str) -> Policy:
+    def policy(self, role: str) -> Any:
         """The policy of a role that is evaluated (see `Side.evaluated_policy`)."""
         side = self.sides.get(role)
         return self.parts.frozen[role] if side is None else side.evaluated_policy()
@@ -197,26 +187,9 @@ class SelfPlay:
     # -- evaluation ------------------------------------------------------------------------------
 
     def evaluate(self, episodes: int = 300, most: int = 0) -> dict[str, float]:
-        """Exact exploitability where possible, and both sides against scripted agents.
-
-        Exploitability is in discounted steps, lengths are in steps: exact in a duel, and of a team
-        up to the size `most` (`match`). With exits both are in captures minus escapes.
-        """
-        chaser, evader = (self.policy(role) for role in ROLES)
-        row = exploited(self.task, chaser, evader, self.parts.discount)
-        met = match(self.task, chaser, evader, episodes, most=most)
-        row["steps"] = met.steps
-        if met.outcome is not None and met.escaped is not None:
-            row["outcome"] = met.outcome
-            row |= {"capture_rate": met.caught, "escape_rate": met.escaped}
-            row["timeout_rate"] = max(1.0 - met.caught - met.escaped, 0.0)
-        for name in scripted_references(self.task):
-            for role in self.sides:
-                other = self.parts.scripted[name, other_role(role)]
-                one, two = (chaser, other) if role == "chaser" else (other, evader)
-                row[f"{role}_vs_{name}"] = match(self.task, one, two, episodes, most=most).shown
-        self.last = row
-        return row
+        """As `Sides.evaluate`."""
+        self.last = self.game.evaluate(self.profile, episodes, most)
+        return self.last
 
     def forget_episodes(self) -> None:
         """As `Trainee`; self-play logs no means over training games."""
@@ -225,55 +198,19 @@ class SelfPlay:
             side.env.finished_lengths.clear()
 
     def log_fields(self, row: dict[str, float]) -> list[str]:
-        """As `format_row`."""
-        return format_row(row)
+        """As `Sides.fields`."""
+        return self.game.fields(row)
 
     def results(self, episodes: int) -> Plain:
-        """Exploitability, matches between all policies, pools; for teams best responses to each
-        side, exact if the game is small enough, otherwise approximate, and `team_results`."""
-        settings, limits = self.settings, self.limits
-        pair, players = {role: self.policy(role) for role in ROLES}, dict[str, dict[str, Policy]]()
-        for role in ROLES:
-            players[role] = {"learned" if role in self.sides else "frozen": pair[role]}
-            for name in scripted_references(self.task, role):
-                if (name, role) in self.parts.scripted:
-                    players[role][name] = self.parts.scripted[name, role]
+        """The evaluation, the policies against others, the pools, and further results of the game
+        (`Sides.more`)."""
+        limits, profile = self.limits, self.profile
         evaluation = dict(self.last) if limits.is_dry_run else {}
         evaluation = evaluation or self.evaluate(episodes, limits.evaluated_work)
-        game = {"task": settings.task.task, "maze": self.task.mazes[0].name}
-        met = matches(self.task, players, episodes, limits.evaluated_work)
-        content = self.content(game, evaluation, {"matches": met})
-        limited = any(self.task.hides_from(agent) for agent in self.task.agent_names)
-        known = "nash_conv" in evaluation
-        exact_team = not self.task.most_exits and is_exact_team(self.task, pair, MAX_FINAL_WORK)
-        if limited:
-            content["limited_view"] = True  # best responses and values have full view
-            report("best responses with a limited view", 0.0)
-            intervals = limited_best_responses(self.task, pair, limits.search_seconds)
-            content["limited_best_responses"] = intervals
-        if not known and not exact_team:
-            report("NashConv of the whole game", 0.0)
-            most = limits.whole_game_work
-            content["whole_game"] = whole_game(self.task, pair, self.parts.discount, most)
-        small = self.task.max_cells <= MAX_SNAPSHOT_CELLS
-        if known and small and not limited:
-            self.add_snapshot_results(content, pair)
-        if exact_team:
-            solved = is_exact_team(self.task, pair, limits.response_work)
-            learned = {role: pair[role] for role in self.sides if solved}
-            content["exact_best_response"] = exact_best_responses(self.task, learned)
-        how = (episodes, limits.team_work, content.get("exact_best_response", {}))
-        content |= team_references(self.task, pair, [*self.sides], *how)
-        if not known and not exact_team and settings.best_response_seconds:
-            content["approximate_best_response"] = approximate_best_responses(self, episodes)
-        return content
-
-    def content(self, game: Plain, evaluation: dict[str, float], played: Plain) -> Plain:
-        """The entries of all results: of this game, evaluation and policies against others."""
         sides = [*self.sides.values()]
         updates = (getattr(side.learner, "update_form", "torch") for side in sides)
-        return {
-            **game,
+        content: Plain = {
+            **self.game.describe_game(),
             "algorithm": ", ".join(side.parts.algorithm.name for side in sides),
             "sampling": self.settings.sampling,
             "seed": self.settings.seed,
@@ -281,41 +218,53 @@ class SelfPlay:
             "precision": sides[0].parts.build.precision,
             "update": ", ".join(updates),
             "evaluation": evaluation,
-            **played,
+            **self.game.played(profile, episodes, limits),
             "pools": {role: pool.described() for role, pool in self.pools.items()},
             "mixtures": self.mixtures,
         }
 
-    def add_snapshot_results(self, content: Plain, pair: Mapping[str, Any]) -> None:
+        def add_snapshots() -> None:
+            self.add_snapshot_results(content, profile.policies)
+
+        respond = self.response_to if self.settings.best_response_seconds else None
+        self.game.more(content, profile, episodes, limits, add_snapshots, respond)
+        return content
+
+    def response_to(self, role: str) -> dict[str, Any]:
+        """The policies of all sides after PPO has learned against that of this role, which is
+        fixed: a bound on the value of a best response."""
+        settings = response_settings(self.settings, role, self.folder / role)
+        with TemporaryDirectory() as folder:
+            run = build_run(SelfPlay, build_parts(self_play_parts, settings), Path(folder))
+            what = f"approximate best response against the {role}"
+            if not self.limits.is_dry_run:
+                run.train(lambda run, row: report(what, run.progress))
+            policies: dict[str, Any] = run.trainee.policies
+            return policies
+
+    def add_snapshot_results(self, content: Plain, policies: Mapping[str, Any]) -> None:
         """Add `snapshot_results`, and in the evaluation NashConv of the policies that the sampling
-        rule converges in: of the mixture (the lower bound), or of the last ones, `pair`."""
+        rule converges in: of the mixture (the lower bound), or of the last ones, `policies`."""
         kept = {role: self.pools[role].snapshots for role in self.sides}
         mixtures: Mapping[str, Mapping[str, float]] | None = self.mixtures
         if self.limits.is_dry_run:
-            kept = {r: [Member(name, pair[r], False) for name in "ab"] for r in self.sides}
+            kept = {r: [Member(name, policies[r], False) for name in "ab"] for r in self.sides}
             mixtures = None
-        discount, sampling = self.parts.discount, self.settings.sampling
         least = next(iter(self.sides.values())).parts.min_probability
-        content |= snapshot_results(self.task, sampling, discount, kept, mixtures, least)
+        content |= snapshot_results(self.game, self.settings.sampling, kept, mixtures, least)
         bounds, evaluation = content.get("mixture_nash_conv"), content["evaluation"]
         evaluation["played_nash_conv"] = bounds[0] if bounds else evaluation["nash_conv"]
-        if not isinstance(self.task, GameTask) and not self.task.is_duel:
+        if not self.game.compares_weights:
             return
-        fixed = {role: policy for role, policy in pair.items() if role not in self.sides}
+        fixed = {role: policy for role, policy in policies.items() if role not in self.sides}
         content["nash_conv_of"] = nash_convs_of(
-            self.sides, lambda learned: self.nash_conv_of({**fixed, **learned})
+            self.sides, lambda learned: need(self.game.nash_conv({**fixed, **learned}))
         )
-
-    def nash_conv_of(self, pair: Mapping[str, Any]) -> float:
-        """Exact NashConv of policies by role, in the unit of `evaluate`."""
-        chaser, evader = (pair[role] for role in ROLES)
-        return exploited(self.task, chaser, evader, self.parts.discount)["nash_conv"]
 
     def brief(self) -> SelfPlay:
         """As `Trainee`."""
         small = copy(self)
-        small.task = replace(self.task, max_steps=min(self.task.max_steps, BRIEF_STEPS))
-        small.limits = DRY_RUN
+        small.game, small.limits = self.game.brief(BRIEF_STEPS), DRY_RUN
         return small
 
     # -- files -----------------------------------------------------------------------------------

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from pursuit.mazes.maze import Maze, library_names, load_maze
-from pursuit.mazes.suite_files import is_suite
+from pursuit.mazes.suite_files import PREFIX, is_suite
+from pursuit.tasks.task import Task
 from pursuit.validation import check
 
 TITLE = "maze "
@@ -43,3 +44,13 @@ def as_text(name: str) -> str:
         return name
     maze = named_maze(name)
     return titled(maze.name, maze.to_text())
+
+
+def check_one_maze(task: Task, what: str) -> None:
+    """ValueError if a task has several mazes; `what` is the subject of the message."""
+    name = task.mazes[0].name
+    check(
+        len(task.mazes) == 1,
+        f"{what} needs one maze, but the task has {len(task.mazes)}; use one of them, such as "
+        f"{PREFIX if '/' in name else ''}{name}",
+    )

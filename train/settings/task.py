@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from pathlib import Path
@@ -38,9 +38,10 @@ from pursuit.tasks.visibility import (
     view_radius_text,
 )
 from pursuit.validation import Rule, check, choice, one_of, rule
-from scripted_agents.environments import AGENTS, agent_name
+from scripted_agents.environments import AGENTS, SEARCHERS, agent_name, check_agent
 from scripted_agents.games.agents import AGENTS as GAME_AGENTS
 from scripted_agents.games.agents import DISCOUNT as GAME_DISCOUNT
+from scripted_agents.games.agents import EQUILIBRIUM
 from scripted_agents.games.enumeration import names_of_players
 from scripted_agents.games.episodes import longest_play
 from scripted_agents.games.named import game_named, load_game, split_name
@@ -48,7 +49,7 @@ from scripted_agents.games.simulator import ENCODINGS as GAME_ENCODINGS
 from scripted_agents.games.simulator import GameTask
 from scripted_agents.games.small_game import KEPT
 from train.settings.checks import RANDOM_MOVES, check_default
-from train.settings.mazes import as_text, maze_or_suite
+from train.settings.mazes import as_text, check_one_maze, maze_or_suite
 from train.settings.profile import TaskProfile
 from train.settings.task_form import FORMS, TaskForm
 
@@ -241,6 +242,44 @@ class TaskSettings(TaskForm):
         exits = given.get("task") == "escape" or {"exits", "num_exits"} & set(given)
         return {"rewards": "win_loss" if exits else "zero_sum"}
 
+    def check_self_play(self, sides: Mapping[str, object], members: Sequence[str]) -> None:
+        """As of `TaskForm`: chasers and evaders only, in one maze."""
+        task = self.build()
+        check_one_maze(task, "self-play")
+        check(
+            bool(task.num_chasers and task.num_evaders),
+            f"task {task.name!r} has no chasers or no evaders; use chase or heist",
+        )
+        check(
+            not task.num_goals or self.rewards == "zero_sum",
+            f"rewards={self.rewards!r} with goals; use zero_sum: opponents are scored by steps, so "
+            "chasers must be rewarded for short episodes",
+        )
+        check(
+            not task.most_exits or (self.rewards != "zero_sum" and not task.num_goals),
+            f"rewards={self.rewards!r}, num_goals={task.num_goals} with exits; use win_loss "
+            "without goals: opponents are scored by captures and escapes, and zero_sum pays steps",
+        )
+        check(not task.num_runners, f"task {task.name!r} has runners; use chase or heist")
+        for role, side in sides.items():
+            for name in (side, *(name for name in members if role in SEARCHERS.get(name, SIDES))):
+                if isinstance(name, str) and name in AGENTS:
+                    check_agent(name, task, role)
+
+    def check_league(self, names: Sequence[str]) -> None:
+        """As of `TaskForm`: chasers and evaders only."""
+        task = self.build()
+        check(
+            bool(task.num_chasers and task.num_evaders),
+            f"task {task.name!r}: a league needs chasers and evaders",
+        )
+        check(not task.num_runners, f"task {task.name!r} has runners; a league has none")
+
+    @property
+    def how_fixed(self) -> tuple[Any, ...]:
+        """As of `TaskForm`; random moves are those of A*."""
+        return 0.0, self.opponent_policy, self.opponent_observation
+
     def beside(self, run: str) -> Self:
         """As of `TaskForm`; random moves are those of scripted agents."""
         return replace(self, opponent=run, opponent_policy="sampled")
@@ -405,6 +444,14 @@ class SmallGameSettings(TaskForm):
     def sides(self) -> tuple[str, ...]:
         """As of `TaskForm`: the players; the game is not enumerated."""
         return _players_named(self.game)
+
+    def check_league(self, names: Sequence[str]) -> None:
+        """As of `TaskForm`, before the game is enumerated."""
+        check(
+            EQUILIBRIUM not in names or getattr(game_named(self.game), "zero_sum", True),
+            f"game={self.game!r} is a general-sum game, whose equilibrium is not computed; leave "
+            f"{EQUILIBRIUM} out",
+        )
 
     @property
     def discount(self) -> float:

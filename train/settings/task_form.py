@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar, Self, TypeAlias
 
@@ -85,6 +85,19 @@ class TaskForm(Settings):
     def for_self_play(cls, given: Mapping[str, object]) -> Mapping[str, object]:
         """The defaults in self-play that differ from the others, where these settings are given."""
         return {}
+
+    def check_self_play(self, sides: Mapping[str, object], members: Sequence[str]) -> None:
+        """ValueError unless this task has these sides of self-play and members of their pools."""
+
+    def check_league(self, names: Sequence[str]) -> None:
+        """ValueError unless this task, and the built-in policies of these names, fit a league."""
+
+    @property
+    def how_fixed(self) -> tuple[Any, ...]:
+        """Of fixed policies in self-play: the share of random moves, sampled or greedy, and the
+        observation of models; as of `policy_named`."""
+        own = vars(self)
+        return own.get("opponent_epsilon", 0.0), own.get("opponent_policy", "sampled")
 
     def beside(self, run: str) -> Self:
         """Those of one side of self-play with the policies of the other sides of this run."""

@@ -14,10 +14,10 @@ from scripted_agents import AStarChaser, AStarEvader, RandomAgent, TablePolicy
 from scripted_agents.references import is_known, is_table_in, reference_of
 from train.evaluation.contest import GameContest
 from train.evaluation.matchups import can_solve, match
+from train.evaluation.self_play_metrics import exploited
 from train.networks.policy import JointPolicy, LearnedPolicy, NetworkPolicy, sees_cells_only
 from train.runs.parts import parts_of, settings_of
 from train.runs.single import SingleAgent
-from train.self_play.metrics import exploited
 
 DUEL = {"maze": "3x3", "max_steps": 20}
 

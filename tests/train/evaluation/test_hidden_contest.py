@@ -17,6 +17,8 @@ from train.evaluation.exploitability import exploitability
 from train.evaluation.objective_gap import objective_gap
 from train.evaluation.recordings import sides_of
 from train.evaluation.score_table import score_table
+from train.evaluation.self_play_metrics import limited_best_responses
+from train.evaluation.self_play_text import describe_exploitability
 from train.evaluation.suite_contest import SuiteContest
 from train.evaluation.suite_report import summary_of
 from train.networks.actor_critic import ActorCritic
@@ -25,8 +27,6 @@ from train.networks.numbering import QTablePolicy, StateNumbers
 from train.networks.policy import MazeSeat
 from train.runs.report import summary
 from train.runs.single import evaluation_of
-from train.self_play.metrics import limited_best_responses
-from train.self_play.report import describe_exploitability
 
 
 @pytest.fixture(autouse=True)

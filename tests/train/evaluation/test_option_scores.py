@@ -18,8 +18,8 @@ from train.evaluation.contest import GameContest
 from train.evaluation.games import Escapes, won_by
 from train.evaluation.matchups import exact_match, match, pair_payoffs, play_pair
 from train.evaluation.objective_gap import objective_gap
+from train.evaluation.self_play_metrics import exploited
 from train.play.session import Session
-from train.self_play.metrics import exploited
 from train.self_play.parts import self_play_settings_of
 
 WEST = 3

@@ -18,10 +18,10 @@ from pursuit.simulator.policy import GameView
 from pursuit.tasks.task import Task
 from scripted_agents.environments import POLICIES
 from train.commands.main import main
+from train.evaluation.sides import ResultLimits
 from train.kinds import start
 from train.runs.folder import METRICS, RESULTS, RUN, SELF_PLAY, load_checkpoint, load_results
 from train.runs.loop import Run
-from train.self_play.metrics import ResultLimits
 
 
 @pytest.fixture(autouse=True)
@@ -139,13 +139,13 @@ def test_what_cannot_be_evaluated_is_an_error_before_training(
 @pytest.mark.parametrize(
     "broken, task",
     [
-        ("trainee.matches", {}),
-        ("mixtures.diversity_of", {}),
-        ("mixtures.mixture_bounds", {}),
-        ("trainee.limited_best_responses", {"view_radius": "1"}),
-        ("trainee.exact_best_responses", {"num_chasers": 2}),
-        ("trainee.whole_game", {"num_evaders": 2}),
-        ("metrics.build_run", {"num_evaders": 2}),
+        ("evaluation.maze_sides.matches", {}),
+        ("evaluation.maze_sides.diversity_of", {}),
+        ("self_play.mixtures.mixture_bounds", {}),
+        ("evaluation.maze_sides.limited_best_responses", {"view_radius": "1"}),
+        ("evaluation.maze_sides.exact_best_responses", {"num_chasers": 2}),
+        ("evaluation.maze_sides.whole_game", {"num_evaders": 2}),
+        ("self_play.trainee.build_run", {"num_evaders": 2}),
     ],
 )
 def test_what_self_play_cannot_evaluate_is_an_error_before_training(
@@ -153,7 +153,7 @@ def test_what_self_play_cannot_evaluate_is_an_error_before_training(
 ) -> None:
     settings = both(task, sampling="uniform", best_response_seconds=0.01)
     run = start(SELF_PLAY, settings, tmp_path)
-    monkeypatch.setattr(f"train.self_play.{broken}", fail)
+    monkeypatch.setattr(f"train.{broken}", fail)
     with pytest.raises(ValueError, match="cannot be evaluated"):
         run.train()
     assert run.trainee.frames == 0

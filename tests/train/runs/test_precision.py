@@ -9,12 +9,12 @@ import pytest
 from self_play_runs import make_run
 
 from train.evaluation.scores import Score
+from train.evaluation.self_play_metrics import exploited
 from train.kinds import start
 from train.networks.layers import Trunk
 from train.runs.folder import RUN, load_results
 from train.runs.opponents import load_policy
 from train.runs.parts import contest_of, settings_of
-from train.self_play.metrics import exploited
 
 SMALL: dict[str, Any] = {"num_games": 32, "rollout_steps": 16, "minibatch_size": 256}
 SMALL |= {"frames": 2048, "threads": 1}

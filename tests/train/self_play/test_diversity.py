@@ -21,7 +21,7 @@ from scripted_agents import (
     evaluate_exactly,
     mean_over_starts,
 )
-from train.self_play.diversity import (
+from train.evaluation.diversity import (
     cyclic_share,
     describe_diversity,
     diversity,
@@ -31,7 +31,7 @@ from train.self_play.diversity import (
     spread,
     visited_states,
 )
-from train.self_play.report import describe_exploitability
+from train.evaluation.self_play_text import describe_exploitability
 
 MAZE = load_maze("3x3")
 

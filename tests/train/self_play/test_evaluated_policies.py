@@ -11,10 +11,10 @@ import pytest
 import torch
 from self_play_runs import make_run
 
+from train.evaluation import self_play_metrics as metrics
 from train.networks.recurrent_policy import probabilities_of, without_improbable
 from train.runs.opponents import load_policy
 from train.runs.parts import settings_of
-from train.self_play import metrics
 from train.self_play.side import DECAY
 from train.settings.self_play import ROLES, self_play_ppo
 

@@ -13,8 +13,7 @@ from train.commands.main import main
 from train.kinds import start
 from train.runs.folder import RUN, SELF_PLAY
 from train.runs.parts import settings_of
-from train.self_play.game_league import enter_game, play_game_league, sampled_returns
-from train.self_play.league import rate
+from train.self_play.league import enter, play_league, rate
 from train.self_play.parts import self_play_settings_of
 
 PURE = [f"round_games:{name}" for name in ("rock", "paper", "scissors")]
@@ -22,8 +21,8 @@ TWICE = "round_games:Rounds(rounds=2)"
 
 
 def league_of(names: list[str], game: str, games: int = 20) -> Any:
-    task, entries = enter_game(names, game)
-    return play_game_league(task, entries, games, 0)
+    sides, entries = enter(names, game=game)
+    return play_league(sides, entries, games, 0)
 
 
 def test_rock_paper_scissors_has_its_matrix_its_equilibrium_and_its_cycle() -> None:
@@ -46,10 +45,10 @@ def test_rock_paper_scissors_has_its_matrix_its_equilibrium_and_its_cycle() -> N
 
 
 def test_sampled_returns_have_the_exact_mean() -> None:
-    task, entries = enter_game(["uniform", PURE[0]], TWICE)
+    sides, entries = enter(["uniform", PURE[0]], game=TWICE)
     mixed, rock = entries[0].policy, entries[3].policy
     assert (entries[0].role, entries[3].role) == ("row", "column")
-    found = sampled_returns(task, (mixed, rock), 3000, 2**62)
+    found = sides.pair(mixed, rock, 3000, 2**62, 0).sampled
     # Each round is -1, 0 or 1 with equal chances: mean 0, variance 2/3.
     assert abs(found.mean()) < 4.0 * (4.0 / 3.0 / 3000.0) ** 0.5
     assert np.bincount((found + 2).astype(int)) / 3000 == pytest.approx(

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from self_play_runs import go_on, make_run, make_settings
+from self_play_runs import go_on, make_run, make_settings, sides_of_task
 
 from pursuit.mazes.maze import load_maze
 from pursuit.simulator.simulator import Simulator
@@ -32,8 +32,7 @@ from train.play.setup import name_of
 from train.runs.folder import RUN, SELF_PLAY
 from train.runs.opponents import opponents_of, policy_of
 from train.runs.parts import contest_of, parts_of, settings_of
-from train.self_play.game_league import enter_game
-from train.self_play.league import Entry, LeagueTable, enter, play_league, rate, team_rows
+from train.self_play.league import Entry, LeagueTable, enter, play_league, rate
 from train.self_play.parts import self_play_parts, self_play_settings_of
 from train.self_play.payoffs import payoff_tables
 from train.settings.task import TaskSettings
@@ -312,9 +311,9 @@ def test_an_equilibrium_that_is_not_known_is_refused_before_anything_is_loaded_o
     pytest.importorskip("pyspiel")
     goofspiel = "openspiel:goofspiel(imp_info=False,returns_type=total_points,players={})"
     with pytest.raises(ValueError, match="general-sum game, whose equilibrium is not computed"):
-        enter_game(["uniform", "equilibrium"], goofspiel.format(2))
+        enter(["uniform", "equilibrium"], game=goofspiel.format(2))
     with pytest.raises(ValueError, match="3 players; a league needs two"):
-        enter_game(["uniform"], goofspiel.format(3))
+        enter(["uniform"], game=goofspiel.format(3))
 
 
 def test_payoffs_of_escapes_have_the_sign_of_self_play(tmp_path: Path) -> None:
@@ -327,7 +326,8 @@ def test_payoffs_of_escapes_have_the_sign_of_self_play(tmp_path: Path) -> None:
         for role, form in (("chaser", AStarChaser), ("evader", AStarEvader))
         for name, epsilon in agents
     ]
-    table = play_league(task, entries, 400, 0)
+    sides = sides_of_task(task)
+    table = play_league(sides, entries, 400, 0)
     content = rate(table)
     assert content["unit"] == table.measure.unit == "captures - escapes (chasers want more)"
     for i, chaser in enumerate(entries[:2]):
@@ -337,7 +337,7 @@ def test_payoffs_of_escapes_have_the_sign_of_self_play(tmp_path: Path) -> None:
     strong, weak = content["chaser_ratings"]
     assert strong["elo"] > weak["elo"] and strong["steps_against_nash"] > weak["steps_against_nash"]
     assert np.min(content["payoff"]) <= content["nash"]["value"] <= np.max(content["payoff"])
-    for row in team_rows(task, entries, table):
+    for row in sides.team_rows(entries, table):
         other = next(e for e in entries[2:] if e.name == row["against"])
         own = next(e for e in entries[:2] if e.name == row["team"])
         assert row["payoff"] == match(task, own.policy, other.policy).outcome

@@ -6,13 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from self_play_runs import sides_of_task
 
 from pursuit.mazes.maze import load_maze
 from pursuit.tasks.task import make_task
 from scripted_agents import solve_chase
 from scripted_agents.games import GameTask, load_game, mixed_share
 from train.commands.main import main
-from train.self_play.mixing import describe_mixing, known_mixed_share
+from train.evaluation.self_play_text import describe_mixing
 
 
 def visits_of_a_duel(maze_name: str, order: str) -> tuple[float, float]:
@@ -47,23 +48,23 @@ def test_the_share_of_a_duel_is_that_of_its_equilibrium(maze: str, order: str) -
     task = make_task("chase", maze=maze, move_order=order, rewards="zero_sum")
     mixed, total = visits_of_a_duel(maze, order)
     assert mixed > 0.0
-    assert known_mixed_share(task, 0.95) == pytest.approx(mixed / total, abs=1e-6)
+    assert sides_of_task(task).mixed_share() == pytest.approx(mixed / total, abs=1e-6)
 
 
 def test_games_whose_share_is_not_known_and_games_in_turns() -> None:
     zero_sum = {"maze": "3x3-open", "rewards": "zero_sum"}
     turns = make_task("chase", **zero_sum, move_order="turns", stay_action=True)
-    assert known_mixed_share(turns, 0.95) == 0.0
+    assert sides_of_task(turns).mixed_share() == 0.0
     for task in (
         make_task("chase", maze="15x15", rewards="zero_sum"),
         make_task("chase", maze="3x3-open"),  # other rewards
         make_task("chase", **zero_sum, view_radius=1),
         make_task("heist", maze="3x3", num_goals=1, rewards="zero_sum"),
     ):
-        assert known_mixed_share(task, 0.95) is None
+        assert sides_of_task(task).mixed_share() is None
         assert describe_mixing(None) == []
     soccer = GameTask(load_game("soccer(rows=2,columns=4)"), "soccer")
-    assert known_mixed_share(soccer, 0.95) == mixed_share(soccer.game, 0.95)
+    assert sides_of_task(soccer).mixed_share() == mixed_share(soccer.game, 0.95)
 
 
 def test_the_first_lines_of_a_run_say_it(

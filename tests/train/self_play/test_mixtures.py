@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from self_play_runs import make_run
+from self_play_runs import make_run, sides_of_task
 
 from pursuit import load_maze, make_task
 from scripted_agents import (
@@ -21,9 +21,9 @@ from scripted_agents import (
     mean_over_starts,
     solve_chase,
 )
+from train.evaluation.self_play_text import describe_exploitability
 from train.self_play.mixtures import mixture_bounds, mixture_nash_conv
 from train.self_play.pool import Member
-from train.self_play.report import describe_exploitability
 
 SMALL, DISCOUNT = load_maze("2x2"), 0.6
 
@@ -81,13 +81,13 @@ def test_a_mixture_lies_between_its_bounds(role: Any, seed: int) -> None:
     game = mean_over_starts(solve_chase(SMALL, DISCOUNT).values, SMALL)
     sign = 1.0 if role == "chaser" else -1.0
     exact = sign * (best_against_mixture(tables, role, 30) - game)
-    lower, upper = mixture_bounds(task, role, tables, np.full(3, 1 / 3), DISCOUNT)
+    lower, upper = mixture_bounds(sides_of_task(task, DISCOUNT), role, tables, np.full(3, 1 / 3))
     assert lower - 1e-5 <= exact <= upper + 1e-5
     each = [exploited(SMALL, role, table, DISCOUNT) for table in tables]
     assert upper == pytest.approx(np.mean(each), abs=1e-6)
     # Of one table there is nothing to infer: the recursion is the best response.
     one = sign * (best_against_mixture(tables[-1:], role, 30) - game)
-    bounds = mixture_bounds(task, role, tables[-1:], np.ones(1), DISCOUNT)
+    bounds = mixture_bounds(sides_of_task(task, DISCOUNT), role, tables[-1:], np.ones(1))
     assert bounds == pytest.approx((one, one), abs=1e-5)
 
 
@@ -104,12 +104,12 @@ def test_mixtures_of_equal_policies_are_that_policy() -> None:
     }
     expected = sum(exploited(maze, role, table, 0.95) for role, table in pair.items())
     for shares in (None, {role: {"1": 0.25, "3": 0.75} for role in pair}):
-        found = mixture_nash_conv(task, 0.95, kept, shares)
+        found = mixture_nash_conv(sides_of_task(task), kept, shares)
         assert found == pytest.approx((expected, expected))
     # A mixture with other policies than snapshots has no bounds here.
     other = {role: {"1": 0.5, "astar": 0.5} for role in pair}
-    assert mixture_nash_conv(task, 0.95, kept, other) is None
-    assert mixture_nash_conv(task, 0.95, {"chaser": kept["chaser"]}, None) is None
+    assert mixture_nash_conv(sides_of_task(task), kept, other) is None
+    assert mixture_nash_conv(sides_of_task(task), {"chaser": kept["chaser"]}, None) is None
 
 
 @pytest.mark.parametrize("sampling", ["nash-mixture", "latest"])

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from train.self_play.ratings import (
+from train.evaluation.ratings import (
     best_response_cycle,
     elo_ratings,
     nash_average,

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from self_play_runs import QUICK, Always, go_on, make_run, make_settings, side_by
+from self_play_runs import QUICK, Always, go_on, make_run, make_settings, side_by, sides_of_task
 
 from pursuit.mazes.maze import load_maze
 from pursuit.simulator.simulator import Simulator
@@ -33,16 +33,16 @@ from train.environments.simulator_env import SimulatorEnv
 from train.evaluation.exploitability import exploitability, nash_conv, team_exploitability
 from train.evaluation.games import table_in
 from train.evaluation.matchups import discounted_steps, match, play_pair
+from train.evaluation.self_play_metrics import format_row
+from train.evaluation.self_play_text import describe_exploitability, describe_whole_game
 from train.experiments.rows import read_run
 from train.kinds import open_run, start
 from train.networks.policy import MazeSeat
 from train.runs.folder import SELF_PLAY
 from train.runs.loop import Run
 from train.runs.opponents import load_policy
-from train.self_play.metrics import format_row
 from train.self_play.parts import self_play_parts, self_play_settings_of
 from train.self_play.pool import OpponentPool
-from train.self_play.report import describe_exploitability, describe_whole_game
 from train.self_play.side import Opponents
 from train.settings.self_play import LearningSide, SelfPlaySettings, self_play_ppo
 from train.settings.task import TaskSettings
@@ -54,7 +54,7 @@ def make_env(tmp_path: Path, role: str, **settings: int) -> SimulatorEnv:
     task = make_task("chase", maze="5x5", max_steps=12, **settings)
     simulator = Simulator(task, 32, seed=1, auto_restart=False)
     other = "evader" if role == "chaser" else "chaser"
-    opponents = Opponents(simulator, role, [other], 0.95, seed=0)
+    opponents = Opponents(simulator, sides_of_task(task), role, [other], seed=0)
     pool = OpponentPool(tmp_path, RandomAgent(), 3, lambda state: Always(0))
     opponents.policies[other].pool = pool
     policies = [opponents.policies.get(seat) for seat in task.seat_roles]

@@ -11,16 +11,16 @@ import numpy as np
 import pytest
 import torch
 from round_games import Rounds
-from self_play_runs import go_on
+from self_play_runs import go_on, sides_of_task
 
 from scripted_agents.games import enumerate_game
 from scripted_agents.games.simulator import GameTask
+from train.evaluation.return_sides import describe_returns as describe_small_game
 from train.kinds import start
 from train.runs.folder import SELF_PLAY
 from train.runs.loop import Run
 from train.self_play.mixtures import mixture_bounds
 from train.self_play.parts import self_play_settings_of
-from train.self_play.small_game_report import describe_small_game
 
 PAYOFF = np.array([[0, -1, 1], [1, 0, -1], [-1, 1, 0]])
 """[own, other] of rock, paper, scissors."""
@@ -61,12 +61,12 @@ def test_a_mixture_lies_between_its_bounds(role: str, seed: int) -> None:
     task = GameTask(game, "twice", 5)
     moves = np.random.default_rng(seed).integers(3, size=(3, 2))
     tables = np.eye(3)[moves].reshape(3, -1)
-    lower, upper = mixture_bounds(task, role, tables, np.full(3, 1 / 3), 1.0)
+    lower, upper = mixture_bounds(sides_of_task(task, 1.0), role, tables, np.full(3, 1 / 3))
     exact = best_against_mixture(moves)  # the value of the game is 0
     assert lower - 1e-9 <= exact <= upper + 1e-9
     assert upper == pytest.approx(2.0)  # each of them is beaten in both rounds
     # Without discount the second round counts as the first, with 0.5 half as much.
-    one = mixture_bounds(task, role, tables[:1], np.ones(1), 0.5)
+    one = mixture_bounds(sides_of_task(task, 0.5), role, tables[:1], np.ones(1))
     assert one == pytest.approx((1.5, 1.5))
 
 

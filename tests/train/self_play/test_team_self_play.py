@@ -14,12 +14,12 @@ from self_play_runs import go_on, make_run
 
 from scripted_agents import solve_joint
 from train.commands.main import main
+from train.evaluation.self_play_text import describe_exploitability
 from train.evaluation.team_contest import TeamContest, describe_team
 from train.files import read_json
 from train.runs.folder import read_metrics
 from train.runs.loop import Run
 from train.runs.opponents import load_policy
-from train.self_play.report import describe_exploitability
 from train.settings.self_play import self_play_ppo
 
 PPO = replace(

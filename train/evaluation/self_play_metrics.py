@@ -1,12 +1,9 @@
-"""Metrics of self-play: exploitability, matches between all policies, best responses."""
+"""Metrics of self-play in mazes: exploitability, matches between all policies, best responses."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import Any
+from dataclasses import replace
 
 from pursuit.rules.layout import PLAIN
 from pursuit.simulator.policy import Policy
@@ -21,9 +18,7 @@ from scripted_agents import (
 )
 from scripted_agents.environments import SCRIPTED, SEARCHERS
 from scripted_agents.limits import (
-    MAX_EVALUATED_WORK,
     MAX_EXACT_WORK,
-    MAX_FINAL_WORK,
     MAX_GAME_CELLS,
     MAX_WORK,
     SEARCH_SECONDS,
@@ -38,34 +33,7 @@ from train.evaluation.matchups import match
 from train.evaluation.scores import OUTCOME
 from train.evaluation.team_contest import TeamContest, team_results
 from train.files import Plain
-from train.runs.loop import build_parts, build_run
-from train.self_play.parts import response_settings, self_play_parts
-from train.settings.self_play import ROLES, SelfPlaySettings
-
-
-@dataclass(frozen=True)
-class ResultLimits:
-    """How much is computed for the results of a run.
-
-    Attributes:
-        evaluated_work: size up to which games of teams are evaluated exactly (`match`).
-        whole_game_work: size up to which whole games are solved (`whole_game`).
-        response_work: size up to which exact best responses of teams are solved.
-        team_work: as `GameContest.most_work`, for the results of teams.
-        search_seconds: of each interval of a best response with a limited view.
-        is_dry_run: whether the last evaluation is used again, best responses are not trained, and
-            the current policies are taken for the snapshots, which a new run does not have.
-    """
-
-    evaluated_work: int = MAX_FINAL_WORK
-    whole_game_work: int = MAX_WORK
-    response_work: int = MAX_FINAL_WORK
-    team_work: int = MAX_EVALUATED_WORK
-    search_seconds: float = SEARCH_SECONDS
-    is_dry_run: bool = False
-
-
-DRY_RUN = ResultLimits(0, 20_000, 20_000, 20_000, 0.0, is_dry_run=True)
+from train.settings.self_play import ROLES
 
 
 def exploited(task: Task, chaser: Policy, evader: Policy, discount: float) -> dict[str, float]:
@@ -173,27 +141,6 @@ def exact_best_responses(task: Task, learned: Mapping[str, Policy]) -> dict[str,
         report(f"exact best response against the {role}", number / len(learned))
         best = solve_joint(task, other_role(role), {role: policy}, task.max_steps)
         steps[f"against_{role}"] = best.mean_over_starts
-    return steps
-
-
-def approximate_best_responses(trainee: Any, episodes: int) -> dict[str, float]:
-    """Mean steps (with exits captures minus escapes) of a PPO trained against each learned side of
-    a run (`SelfPlay`), which is fixed.
-
-    A bound on the value of a best response: {"against_evader": steps, ...}.
-    """
-    steps = {}
-    for role in trainee.sides:
-        assert isinstance(trainee.settings, SelfPlaySettings)
-        settings = response_settings(trainee.settings, role, trainee.folder / role)
-        with TemporaryDirectory() as folder:
-            parts = build_parts(self_play_parts, settings)
-            run = build_run(type(trainee), parts, Path(folder))
-            what = f"approximate best response against the {role}"
-            if not trainee.limits.is_dry_run:
-                run.train(lambda run, row, what=what: report(what, run.progress))  # type: ignore[misc]
-            chaser, evader = (run.trainee.policy(side) for side in ROLES)
-            steps[f"against_{role}"] = match(trainee.task, chaser, evader, episodes).shown
     return steps
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +16,7 @@ from scripted_agents.duel.action_values import outcomes
 from scripted_agents.duel.best_response import MoveOrder
 from scripted_agents.references import is_table_duel
 from train.evaluation.games import order_of, table_in
-from train.self_play.pool import Member
-from train.self_play.ratings import pairwise_wins
+from train.evaluation.ratings import pairwise_wins
 from train.settings.self_play import ROLES
 
 Table = NDArray[np.float64]
@@ -163,14 +163,14 @@ def cyclic_share(results: NDArray[np.float64]) -> float | None:
     return int(np.trace(better @ better @ better)) // 3 / triples
 
 
-def spread(members: Sequence[Member], most: int) -> list[Member]:
+def spread(members: Sequence[Any], most: int) -> list[Any]:
     """At most `most` of these members, spread evenly from the first to the last."""
     places = np.linspace(0, len(members) - 1, min(most, len(members))).astype(int)
     return [members[place] for place in np.unique(places).tolist()]
 
 
 def diversity_of(
-    task: Task, discount: float, kept: Mapping[str, Sequence[Member]]
+    task: Task, discount: float, kept: Mapping[str, Sequence[Any]]
 ) -> dict[str, Measures]:
     """The diversity of both roles, for snapshots in the pools, spread over the run.
 
