@@ -76,7 +76,7 @@ class OneAgent:
     task: Any
     _spec: TaskSpec | None = None
 
-    def _play(
+    def _set_agent(
         self,
         interface: GameInterface,
         agent: str | int,
@@ -169,7 +169,7 @@ class GameEnv(OneAgent, Rendered, Single):
         mask_in_observation: bool = False,
     ) -> None:
         self._render_as(render_mode, interface.render_fps)
-        spaces = self._play(interface, agent, policies, mask_in_observation)
+        spaces = self._set_agent(interface, agent, policies, mask_in_observation)
         self.observation_space, self.action_space = spaces
 
     def reset(

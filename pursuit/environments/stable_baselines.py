@@ -144,7 +144,7 @@ class StableBaselinesVecEnv(VecEnv):
         return [result[game] if by_game else result for game in self._get_indices(indices)]
 
     def action_masks(self) -> NDArray[np.bool_]:
-        """[num_envs, actions] bool: the allowed actions; ValueError for an arm."""
+        """[num_envs, actions] bool: the allowed actions; ValueError if not `Discrete`."""
         return self.env.action_masks()
 
     def env_is_wrapped(self, wrapper_class: Any, indices: Indices = None) -> list[bool]:

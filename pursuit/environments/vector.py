@@ -84,7 +84,7 @@ class GameVectorEnv(OneAgent, Vector):
         if render_mode not in (None, "rgb_array", "ansi"):
             raise ValueError(f"render_mode {render_mode!r}; give None, 'rgb_array' or 'ansi'")
         self.autoreset_mode = checked_autoreset(autoreset_mode)
-        observed, actions = self._play(interface, agent, policies, mask_in_observation)
+        observed, actions = self._set_agent(interface, agent, policies, mask_in_observation)
         self.num_envs = self.simulator.num_games
         self.single_observation_space, self.single_action_space = observed, actions
         self.observation_space = batch_space(observed, self.num_envs)
