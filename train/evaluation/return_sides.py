@@ -262,7 +262,7 @@ class SmallGameSides(ReturnSides):
     @property
     def mixtures(self) -> bool | Missing:
         """As of `Sides`: in a zero-sum game of two."""
-        return self.task.game.zero_sum or Missing("not a game of two players with opposite rewards")
+        return self.task.game.zero_sum or Missing("needs two players with opposite rewards")
 
     def line(self) -> str:
         """As of `Sides`."""

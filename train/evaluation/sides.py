@@ -133,7 +133,7 @@ class Sides(ABC):
     def mixtures(self) -> bool | Missing:
         """Whether a Nash mixture of the payoffs of two sides exists, or why not."""
         if len(self.roles) != 2:
-            return Missing(f"a Nash mixture is one of two sides, but {len(self.roles)} play")
+            return Missing(f"needs two sides, but {len(self.roles)} play")
         return True
 
     @abstractmethod

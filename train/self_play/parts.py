@@ -92,7 +92,7 @@ def self_play_parts(settings: SelfPlayBase) -> SelfPlayParts:
     if settings.sampling in NASH_SAMPLING and isinstance(game.mixtures, Missing):
         why = game.mixtures.reason
         raise ValueError(
-            f"sampling={settings.sampling!r}: {why}; use latest, window, uniform or pfsp"
+            f"sampling={settings.sampling!r} {why}; use latest, window, uniform or pfsp"
         )
     task, scripted, frozen = game.task, game.scripted(settings.members), dict[str, Any]()
     for role, name in settings.sides.items():
