@@ -1,7 +1,7 @@
 """Every limit of exactness: the sizes up to which games are solved, and the reasons above them.
 
-`references.reference_of` says with which exact solution an agent is compared; these are the numbers
-that it uses, and those of the solvers. docs/explanation/exact.md holds a table of this file.
+The solvers of `references` say what is solved exactly; these are the numbers that they use, and
+those of the solutions. docs/explanation/exact.md holds a table of this file.
 """
 
 from __future__ import annotations

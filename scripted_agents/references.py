@@ -235,22 +235,26 @@ SMALL_GAME, ARM = Solver("small_game", _why_no_small_game), Solver("arm", _why_n
 
 MAZES, SMALL_GAMES, ARMS = (TOUR, DUEL, TEAM, JOINT, BOUNDS), (SMALL_GAME,), (ARM,)
 """The solvers of best responses in each family."""
-MATCHES, NASH_CONVS = (DUEL, TEAM), (DUEL, TEAM, ESCAPE)
-"""Those of matches, and of NashConv in steps or outcomes, of fixed policies in mazes; NashConv in
-returns is by `JOINT`."""
+MATCHES, NASH_CONVS, INTERVALS = (DUEL, TEAM), (DUEL, TEAM, ESCAPE), (DUEL, BOUNDS)
+"""Those of fixed policies in mazes: of matches, of NashConv in steps or outcomes (in returns it is
+by `JOINT`), and of intervals of best responses with their views."""
 
 
 # -- conditions of several solvers -----------------------------------------------------------------
 
 
 def is_table_duel(task: Task, *policies: Policy | None) -> bool:
+    """Whether the task is a duel in one maze at random starts, and solved (`is_solved_duel`)."""
+    return len(task.mazes) == 1 and task.start == "random" and is_solved_duel(task, *policies)
+
+
+def is_solved_duel(task: Task, *policies: Policy | None) -> bool:
     """Whether the task is a duel small enough to be solved, and all policies are tables."""
-    tables = all(is_table_in(task, policy) for policy in policies)
-    return len(task.mazes) == 1 and _is_small_duel(task) and tables
+    return _is_small_duel(task) and all(is_table_in(task, policy) for policy in policies)
 
 
 def _is_small_duel(task: Task) -> bool:
-    return task.is_duel and task.max_cells <= MAX_EXACT_CELLS and task.start == "random"
+    return task.is_duel and task.max_cells <= MAX_EXACT_CELLS
 
 
 def is_table_in(task: Task, policy: Any) -> bool:
@@ -349,5 +353,7 @@ def is_known(task: Task, policy: Any) -> bool:
 def is_solvable(task: Task, *opponents: Policy | None) -> bool:
     """Whether values can be computed exactly in every maze: for a runner with one goal, or in a
     small duel with a tabular opponent."""
-    one_goal = is_single_runner(task) and task.num_goals == 1 and task.start == "random"
+    if task.start != "random":
+        return False
+    one_goal = is_single_runner(task) and task.num_goals == 1
     return one_goal or (_is_small_duel(task) and all(is_known(task, each) for each in opponents))

@@ -183,6 +183,6 @@ class ArmContest(Contest[ArmPolicy, ReacherSimulator]):
         """As `Contest`."""
         return scene_of(games, caption=caption)
 
-    def optimal_lengths(self) -> NDArray[np.float64]:
-        """As `Contest`: the lower bounds."""
-        return self.bounds().lower.astype(np.float64)
+    def optimal_lengths(self) -> NDArray[np.float64] | None:
+        """As `Contest`."""
+        return self.bounds().lower.astype(np.float64) if self.knows_least_steps else None

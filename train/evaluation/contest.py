@@ -30,7 +30,7 @@ from scripted_agents.limits import MAX_WORK, SEARCH_SECONDS
 from scripted_agents.references import Solution, exact_work, reference_of
 from train.evaluation.departures import rates_of
 from train.evaluation.games import Lengths, best_reply, half_width, table_in
-from train.evaluation.hidden_contest import Certificate, discounted, solution_of
+from train.evaluation.hidden_contest import Certificate, bounds_in, discounted
 from train.evaluation.matchups import Matchup, exact_match
 from train.evaluation.maze_contest import SCRIPTED, MazeContest
 from train.evaluation.scores import (
@@ -159,7 +159,7 @@ class GameContest(MazeContest):
         """The proven bounds of the optimum under a limited view; None if there are none."""
         if self.exact_reference.kind != "bounds":
             return None
-        return solution_of(self.task, self.agent, self.opponent_table(), self.search_seconds)
+        return bounds_in(self.task, self.agent, self.opponent_table(), self.search_seconds)
 
     def certificate(self) -> Certificate | None:
         """As `Contest`."""

@@ -110,8 +110,7 @@ def _compared(contest: ArmContest | GameContest, policy: Any) -> Evaluation:
         why = None if steps is not None else contest.exact_reference.reason
         return Evaluation(*played, steps, gap, both, "steps", mean, steps, why)
     lengths, won = contest.play(policy)
-    proven = isinstance(contest, GameContest) or contest.knows_least_steps
-    least = contest.optimal_lengths() if proven else None
+    least = contest.optimal_lengths()
     mean, optimum, gap, interval = float(lengths.mean()), None, None, None
     if least is not None:
         optimum = float(least.mean())

@@ -175,10 +175,11 @@ def duel_role(role: str) -> Role:
     return "evader" if role == "evader" else "chaser"
 
 
-def table_in(task: Task, policy: Policy | None) -> Reals:
-    """[self cell, other cell, action] of a policy; requires `is_table_duel`."""
+def table_in(task: Task, policy: Policy | None, maze: Maze | None = None) -> Reals:
+    """[self cell, other cell, action] of a policy in a maze, by default the first of the task;
+    requires `is_solved_duel`."""
     assert isinstance(policy, TabularPolicy)
-    return table_of(policy, task.mazes[0], task.stay_action, task.move_order)
+    return table_of(policy, maze or task.mazes[0], task.stay_action, task.move_order)
 
 
 def best_reply(

@@ -18,7 +18,7 @@ from pursuit.rules.arrays import Longs, Reals
 from pursuit.simulator.policy import Policy
 from pursuit.tasks.task import Task
 from scripted_agents import HiddenChaseSolution, mean_over_starts, solve_hidden_chase
-from scripted_agents.limits import MAX_BOUNDED_CELLS, SEARCH_SECONDS, SEARCH_WIDTH
+from scripted_agents.limits import SEARCH_SECONDS, SEARCH_WIDTH
 from scripted_agents.references import is_table_in
 from train.evaluation.games import best_reply, duel_role, half_width, mean_steps, order_of, table_in
 
@@ -60,12 +60,10 @@ class Certificate:
         )
 
 
-def solution_of(
+def bounds_in(
     task: Task, agent: str, table: Reals, seconds: float = SEARCH_SECONDS
-) -> HiddenChaseSolution | None:
-    """The bounds of a duel in one maze against a table, cached; None if the maze is too large."""
-    if task.max_cells > MAX_BOUNDED_CELLS:
-        return None
+) -> HiddenChaseSolution:
+    """The bounds of a duel in one maze against a table, cached."""
     limit = task.sight.limits[task.seat(agent)]
     return _solution(
         task.mazes[0],
@@ -91,23 +89,23 @@ def _solution(
 
 def best_response_interval(
     task: Task, role: str, table: Reals, seconds: float = SEARCH_SECONDS
-) -> tuple[float, float] | None:
+) -> tuple[float, float]:
     """Bounds of the best response of a role, with its view, to the table of its opponent.
 
     Args:
-        task: a duel in one maze.
+        task: a duel in one maze that `INTERVALS` of `scripted_agents.references` solve.
         role: of the best response.
         table: [own cell, other cell, action] of its opponent.
         seconds: of the search for an interval.
 
     Returns:
         The mean over the starts in discounted steps: a proven interval with a limited view, twice
-        the exact value with full view; None in mazes above `MAX_BOUNDED_CELLS`.
+        the exact value with full view.
     """
     (agent,) = (task.agent_names[seat] for seat, own in enumerate(task.seat_roles) if own == role)
     if task.hides_from(agent):
-        proven = solution_of(task, agent, table, seconds)
-        return None if proven is None else (float(proven.lower), float(proven.upper))
+        proven = bounds_in(task, agent, table, seconds)
+        return float(proven.lower), float(proven.upper)
     best = best_reply(task, role, table, None, DISCOUNT)
     mean = mean_over_starts(best.values, task.mazes[0], task.min_start_distance)
     return mean, mean

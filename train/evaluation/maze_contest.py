@@ -19,7 +19,7 @@ from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import ROLES, Task
 from scripted_agents import tour_lengths
 from scripted_agents.hidden.limited_view_policies import limited_references
-from scripted_agents.limits import is_single_runner, why_no_tour
+from scripted_agents.references import TOUR, Question
 from train.evaluation.departures import Departures
 from train.evaluation.games import Escapes, other_role, play_out, stepper, won_by
 from train.evaluation.scores import (
@@ -178,7 +178,7 @@ class MazeContest(Contest[Policy, Simulator]):
     def tours(self) -> NDArray[np.int64] | None:
         """[starts] length of the shortest tour of a single runner; None if it is not known."""
         task = self.task
-        if not is_single_runner(task) or why_no_tour(task.num_goals) is not None:
+        if TOUR.why_not(Question(task, None, {})) is not None:
             return None
         simulator = self.starts()
         lengths = np.zeros(simulator.num_games, dtype=np.int64)

@@ -10,7 +10,7 @@ from pursuit.replays.recorder import Recorder
 from pursuit.replays.replay import Replay
 from pursuit.replays.viewer.data import Builder, Extras, Side
 from scripted_agents import action_values
-from scripted_agents.references import is_table_duel
+from scripted_agents.references import is_table_in
 from train.evaluation.arm_contest import ArmContest
 from train.evaluation.contest import GameContest
 from train.evaluation.contests import AnyContest
@@ -98,7 +98,7 @@ def sides_of(contest: AnyContest, policy: Any, most_both: int = MOST_BOTH_CELLS)
         return []
     maze, seat = task.mazes[0], task.seat(contest.agent)
     theirs = contest.opponent_table()
-    learned = table_in(task, policy) if is_table_duel(task, policy) else None
+    learned = table_in(task, policy) if is_table_in(task, policy) else None
     rules = (task.max_steps, task.stay_action, order_of(task))
     names, other = task.agent_names, 1 - seat
     found = action_values(duel_role(task.seat_roles[seat]), maze, theirs, *rules)

@@ -24,7 +24,7 @@ from scripted_agents.limits import (
     SEARCH_SECONDS,
 )
 from scripted_agents.long_work import report
-from scripted_agents.references import JOINT, NASH_CONVS, Question, is_table_duel, solution_of
+from scripted_agents.references import INTERVALS, JOINT, NASH_CONVS, Question, solution_of
 from train.evaluation.contest import OUTCOMES
 from train.evaluation.exploitability import exploitability, nash_conv, team_exploitability
 from train.evaluation.games import order_of, other_role, table_in
@@ -190,10 +190,10 @@ def limited_best_responses(
     """
     intervals: Plain = {}
     for role, policy in pair.items():
-        if is_table_duel(task, policy):
-            table = table_in(task, policy)
-            bounds = best_response_interval(task, other_role(role), table, seconds)
-            intervals |= {} if bounds is None else {f"against_{role}": bounds}
+        asked = Question(task, other_role(role), {role: policy})
+        if solution_of(asked, INTERVALS).kind != "none":
+            how = table_in(task, policy), seconds
+            intervals[f"against_{role}"] = best_response_interval(task, other_role(role), *how)
     if len(intervals) == len(ROLES):  # an evader's best response is against the chaser
         (low, high), (least, most) = intervals["against_chaser"], intervals["against_evader"]
         intervals["nash_conv"] = max(low - most, 0.0), high - least

@@ -12,18 +12,13 @@ from numpy.typing import NDArray
 from pursuit.reacher.simulator import ReacherSimulator
 from pursuit.reacher.task import ReacherTask
 from pursuit.rules.arrays import Array
-from pursuit.simulator.policy import Policy, TabularPolicy
+from pursuit.simulator.policy import Policy
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task
 from scripted_agents import least_steps_of, tour_lengths
-from scripted_agents.joint.optimal import table_of
-from scripted_agents.limits import (
-    MAX_CURRICULUM_JOINTS,
-    MAX_EXACT_CELLS,
-    is_single_runner,
-    why_no_tour,
-)
-from train.evaluation.games import best_reply, other_role
+from scripted_agents.limits import MAX_CURRICULUM_JOINTS
+from scripted_agents.references import TOUR, Question, is_solved_duel, reference_of
+from train.evaluation.games import best_reply, other_role, table_in
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,36 +59,31 @@ def optimum_of(task: Task, agent: str, opponents: Mapping[str, Policy]) -> Optim
     """The exact optimum of a task; None if unknown.
 
     It is known for a single runner with up to MAX_EXACT_GOALS goals, and for duels in which the
-    opponent's policy is a table.
+    opponent's policy is a table, with full view.
 
     Args:
         task: with all mazes of the training games.
         agent: the learning agent, by name or role.
         opponents: the fixed policy of every other role.
     """
-    if is_single_runner(task):
-        if why_no_tour(task.num_goals) is not None:
-            return None
+    if TOUR.why_not(Question(task, None, {})) is None:
         return _optimum(
             task, lambda number, maze, cells, goals: tour_lengths(maze, cells[:, 0], goals)
         )
-    if not task.is_duel or task.max_cells > MAX_EXACT_CELLS:
-        return None
     role = task.seat_roles[task.seat(agent)]
-    policy = opponents[other_role(role)]
-    if not isinstance(policy, TabularPolicy):
+    policy = opponents.get(other_role(role))
+    if not is_solved_duel(task, policy):
         return None
     tables = [
-        best_reply(task, role, table, task.max_steps, maze=maze).values
+        best_reply(task, role, table_in(task, policy, maze), task.max_steps, maze=maze).values
         for maze in task.mazes
-        for table in [table_of(policy, maze, task.stay_action, task.move_order)]
     ]
     return _optimum(task, lambda number, maze, cells, goals: tables[number][tuple(cells.T)])
 
 
 def arm_optimum(task: ReacherTask) -> Optimum | None:
     """The minimum steps of an arm; None for many joints, and for discrete actions."""
-    if task.joints > MAX_CURRICULUM_JOINTS or task.discrete_actions:
+    if task.joints > MAX_CURRICULUM_JOINTS or reference_of(task, "arm", {}).kind != "arm":
         return None
 
     def steps(
