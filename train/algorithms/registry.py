@@ -18,14 +18,16 @@ from train.algorithms import (
     continuous,
     cross_entropy,
     dqn,
+    ippo,
+    mappo,
     nfsp,
     ppo,
     q_learning,
+    qmix,
     regularized,
     vdn,
 )
 from train.algorithms.learner import Build, Learner, network_loader
-from train.algorithms.rollouts import actor_critic_of
 from train.networks.policy import Player, Seat
 from train.networks.small_game_policy import SmallGameSeat
 from train.settings.algorithms import HYPERPARAMETERS, LEARNERS, TUNED_AS, Hyperparameters
@@ -198,26 +200,27 @@ def entry(name: str) -> Algorithm:
     return replace(custom, name=name)
 
 
-BOTH = frozenset({"discrete", "continuous"})
-CONTINUOUS = frozenset({"continuous"})
-_LOAD_ACTOR_CRITIC = network_loader(actor_critic_of)
-_LOAD_DETERMINISTIC = network_loader(continuous.DDPG.network_of)
+def _ours(name: str, build: Any, network_of: Any = None, load: Any = None, **able: Any) -> None:
+    """Register an algorithm whose policy is the network that `network_of` makes, or its `load`."""
+    load = load or network_loader(network_of)
+    register(Algorithm(name, HYPERPARAMETERS[name], build, load, **able))
 
 
-def _ours(name: str, build: Any, load: Any, **abilities: Any) -> None:
-    register(Algorithm(name, HYPERPARAMETERS[name], build, load, **abilities))
-
-
-_ROLLOUTS: Any = {"has_advantages": True, "self_play": True, "teams": True}
-_ours("ppo", ppo.PPO.build, _LOAD_ACTOR_CRITIC, **_ROLLOUTS, actions=BOTH, recurrent=True)
-_ours("a2c", a2c.A2C.build, _LOAD_ACTOR_CRITIC, **_ROLLOUTS, actions=BOTH, recurrent=True)
-_ours("reinforce", a2c.Reinforce.build, _LOAD_ACTOR_CRITIC, actions=BOTH)
+_BOTH: Any = {"actions": frozenset({"discrete", "continuous"})}
+_CONTINUOUS: Any = {"actions": frozenset({"continuous"})}
 _GREEDY: Any = {"learns_distribution": False}
-_ours("dqn", dqn.DQN, network_loader(dqn.network_of), **_GREEDY, self_play=True)
+_ROLLOUTS: Any = {"has_advantages": True, "self_play": True, "teams": True}
+_TEAM: Any = {"self_play": True, "teams": True, "whole_role": True}
+_TEAM_PPO: Any = {"has_advantages": True, "recurrent": True, **_TEAM}
+
+_ours("ppo", ppo.PPO.build, ppo.PPO.network_of, **_ROLLOUTS, **_BOTH, recurrent=True)
+_ours("a2c", a2c.A2C.build, a2c.A2C.network_of, **_ROLLOUTS, **_BOTH, recurrent=True)
+_ours("reinforce", a2c.Reinforce.build, a2c.Reinforce.network_of, **_BOTH)
+_ours("dqn", dqn.DQN, dqn.DQN.network_of, **_GREEDY, self_play=True)
 _ours(
     "q_learning",
     q_learning.QLearning,
-    q_learning.load,
+    load=q_learning.load,
     **_GREEDY,
     tabular=True,
     check_player=q_learning.check_player,
@@ -225,19 +228,17 @@ _ours(
 _ours(
     "cross_entropy",
     cross_entropy.CrossEntropy,
-    network_loader(cross_entropy.network_of),
-    actions=BOTH,
+    cross_entropy.network_of,
+    **_BOTH,
     check_player=cross_entropy.check_player,
 )
-_ours("ddpg", continuous.DDPG, _LOAD_DETERMINISTIC, **_GREEDY, actions=CONTINUOUS)
-_ours("td3", continuous.TD3, _LOAD_DETERMINISTIC, **_GREEDY, actions=CONTINUOUS)
-_ours("sac", continuous.SAC, network_loader(continuous.SAC.network_of), actions=CONTINUOUS)
-_ours("mmd", regularized.MMD.build, _LOAD_ACTOR_CRITIC, **_ROLLOUTS)
-_ours("rnad", regularized.RNaD.build, _LOAD_ACTOR_CRITIC, **_ROLLOUTS)
-_TEAM: Any = {"self_play": True, "teams": True, "whole_role": True}
-_TEAM_PPO: Any = {"has_advantages": True, "recurrent": True, **_TEAM}
-_ours("ippo", ppo.PPO.build, _LOAD_ACTOR_CRITIC, **_TEAM_PPO)
-_ours("mappo", ppo.PPO.build, _LOAD_ACTOR_CRITIC, **_TEAM_PPO)
-_ours("vdn", vdn.VDN, network_loader(dqn.network_of), **_GREEDY, **_TEAM)
-_ours("qmix", vdn.VDN, network_loader(dqn.network_of), **_GREEDY, **_TEAM)
-_ours("nfsp", nfsp.NFSP, network_loader(dqn.network_of), self_play=True)
+_ours("ddpg", continuous.DDPG, continuous.DDPG.network_of, **_GREEDY, **_CONTINUOUS)
+_ours("td3", continuous.TD3, continuous.TD3.network_of, **_GREEDY, **_CONTINUOUS)
+_ours("sac", continuous.SAC, continuous.SAC.network_of, **_CONTINUOUS)
+_ours("mmd", regularized.MMD.build, regularized.MMD.network_of, **_ROLLOUTS)
+_ours("rnad", regularized.RNaD.build, regularized.RNaD.network_of, **_ROLLOUTS)
+_ours("ippo", ippo.IPPO.build, ippo.IPPO.network_of, **_TEAM_PPO)
+_ours("mappo", mappo.MAPPO.build, mappo.MAPPO.network_of, **_TEAM_PPO)
+_ours("vdn", vdn.VDN, vdn.VDN.network_of, **_GREEDY, **_TEAM)
+_ours("qmix", qmix.QMIX, qmix.QMIX.network_of, **_GREEDY, **_TEAM)
+_ours("nfsp", nfsp.NFSP, nfsp.NFSP.network_of, self_play=True)
