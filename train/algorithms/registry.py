@@ -30,7 +30,8 @@ from train.algorithms import (
 from train.algorithms.learner import Build, Learner, network_loader
 from train.networks.policy import Player, Seat
 from train.networks.small_game_policy import SmallGameSeat
-from train.settings.algorithms import HYPERPARAMETERS, LEARNERS, TUNED_AS, Hyperparameters
+from train.settings.algorithms import HYPERPARAMETERS, LEARNERS, TUNED_AS, TeamSettings
+from train.settings.hyperparameters import Hyperparameters
 from train.tensors import State
 
 __all__ = ["ALGORITHMS", "Algorithm", "Build", "entry", "register"]
@@ -50,7 +51,6 @@ class Algorithm:
         has_advantages: whether it reports advantages to the hook of its environment.
         self_play: whether it can learn against a learning opponent.
         teams: whether it can learn for several agents of a role in self-play.
-        whole_role: whether it learns for all agents of the role in `train` too.
         tabular: whether it has a table over the states of one maze or small game, and no network.
         recurrent: whether its network can be recurrent.
         actions: the kinds of actions that it supports: "discrete", "continuous".
@@ -65,11 +65,15 @@ class Algorithm:
     has_advantages: bool = False
     self_play: bool = False
     teams: bool = False
-    whole_role: bool = False
     tabular: bool = False
     recurrent: bool = False
     actions: frozenset[str] = frozenset({"discrete"})
     check_player: Callable[[Any, Any], object] = lambda settings, player: None
+
+    @property
+    def whole_role(self) -> bool:
+        """Whether it learns for all agents of the role in `train` too: it has `TeamSettings`."""
+        return issubclass(self.settings, TeamSettings)
 
     def check(self, settings: Hyperparameters, player: Player, device: str, greedy: bool) -> None:
         """ValueError for unsupported settings or players.
@@ -210,8 +214,6 @@ _BOTH: Any = {"actions": frozenset({"discrete", "continuous"})}
 _CONTINUOUS: Any = {"actions": frozenset({"continuous"})}
 _GREEDY: Any = {"learns_distribution": False}
 _ROLLOUTS: Any = {"has_advantages": True, "self_play": True, "teams": True}
-_TEAM: Any = {"self_play": True, "teams": True, "whole_role": True}
-_TEAM_PPO: Any = {"has_advantages": True, "recurrent": True, **_TEAM}
 
 _ours("ppo", ppo.PPO.build, ppo.PPO.network_of, **_ROLLOUTS, **_BOTH, recurrent=True)
 _ours("a2c", a2c.A2C.build, a2c.A2C.network_of, **_ROLLOUTS, **_BOTH, recurrent=True)
@@ -237,8 +239,8 @@ _ours("td3", continuous.TD3, continuous.TD3.network_of, **_GREEDY, **_CONTINUOUS
 _ours("sac", continuous.SAC, continuous.SAC.network_of, **_CONTINUOUS)
 _ours("mmd", regularized.MMD.build, regularized.MMD.network_of, **_ROLLOUTS)
 _ours("rnad", regularized.RNaD.build, regularized.RNaD.network_of, **_ROLLOUTS)
-_ours("ippo", ippo.IPPO.build, ippo.IPPO.network_of, **_TEAM_PPO)
-_ours("mappo", mappo.MAPPO.build, mappo.MAPPO.network_of, **_TEAM_PPO)
-_ours("vdn", vdn.VDN, vdn.VDN.network_of, **_GREEDY, **_TEAM)
-_ours("qmix", qmix.QMIX, qmix.QMIX.network_of, **_GREEDY, **_TEAM)
+_ours("ippo", ippo.IPPO.build, ippo.IPPO.network_of, **_ROLLOUTS, recurrent=True)
+_ours("mappo", mappo.MAPPO.build, mappo.MAPPO.network_of, **_ROLLOUTS, recurrent=True)
+_ours("vdn", vdn.VDN, vdn.VDN.network_of, **_GREEDY, self_play=True, teams=True)
+_ours("qmix", qmix.QMIX, qmix.QMIX.network_of, **_GREEDY, self_play=True, teams=True)
 _ours("nfsp", nfsp.NFSP, nfsp.NFSP.network_of, self_play=True)

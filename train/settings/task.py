@@ -71,6 +71,8 @@ class TaskSettings(Settings):
     """A game in mazes, and the opponents in it."""
 
     OBSERVATION: ClassVar[str] = "index"
+    game: ClassVar[None] = None
+    """The name of a small game: none."""
     ADDED: ClassVar[tuple[str, ...]] = (
         *("capture", "n_catch", "capture_check", "exits", "num_exits", "collisions", "slip"),
     )
@@ -183,6 +185,8 @@ class ReacherSettings(Settings):
     """An arm that moves its tip to a target in as few steps as possible."""
 
     OBSERVATION: ClassVar[str] = "positions"
+    game: ClassVar[None] = None
+    """The name of a small game: none."""
 
     task: Annotated[str, choice(REACHER)] = REACHER
     """reacher (for the options of games in mazes see --task chase --help)."""
