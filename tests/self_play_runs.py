@@ -34,6 +34,12 @@ def sides_of_task(task: Any, discount: float = 0.95, **settings: Any) -> Sides:
     return MazeSides(world_of(given), task, discount)
 
 
+def tables_of(run: Run[Any]) -> dict[str, Any]:
+    """The tables of the policies of a run in a small game."""
+    tables: dict[str, Any] = run.trainee.game.tables_of(run.trainee.policies)
+    return tables
+
+
 QUICK = replace(self_play_ppo(), num_games=64, minibatch_size=512)
 
 

@@ -137,8 +137,8 @@ def write_config(
 def with_mazes(settings: WholeSettings) -> WholeSettings:
     """The same settings with maze files replaced by their text."""
     changed: Plain = {"task": settings.task.frozen()}
-    own: Any = getattr(settings, "curriculum_settings", None)
-    if (given := getattr(own, "curriculum_mazes", None)) is not None:
+    own: Any = settings.curriculum_settings
+    if (given := own.curriculum_mazes) is not None:
         texts = ",".join(map(as_text, names_in(given)))
         changed["curriculum_settings"] = replace(own, curriculum_mazes=texts)
     return replace(settings, **changed)

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import torch
 import trained_games
+from self_play_runs import tables_of
 
 from scripted_agents.games.named import load_game
 from scripted_agents.games.simulator import GameSimulator, GameTask
@@ -212,7 +213,7 @@ def test_without_discount_nothing_is_worth_anything_after_the_time_limit(
 def test_nash_conv_equals_brute_force_over_pure_policies(tmp_path: Path, game: str) -> None:
     """Three players and general sums as well; the returns are those of the simulator."""
     run = played(tmp_path, game=game, frames=4000)
-    task, tables = run.trainee.task, run.trainee.tables()
+    task, tables = run.trainee.task, tables_of(run)
     discount = run.trainee.parts.discount
     assert discount == (0.95 if game == CROWD else 1.0)
     returns = expected_returns(task.game, tables, discount)

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, cast
+from collections.abc import Callable
+from typing import Any, ClassVar
 
 import torch
 
 from curricula import linear
 from pursuit.observations.masks import ACTION_MASK
-from train.algorithms.collector import NEXT_CRITIC, NEXT_MASK, Collector, Columns
+from train.algorithms.collector import NEXT_MASK, Collector, Columns
 from train.algorithms.learner import Build, HasState, VecEnv
 from train.algorithms.off_policy import OffPolicyLearner
-from train.algorithms.replay import NEXT_IDLE, Batch, returns_to_expect, weighted_mean
+from train.algorithms.replay import Batch, returns_to_expect, weighted_mean
 from train.networks.distributions import masked
-from train.networks.policy import CRITIC
-from train.networks.q_network import Mixer, QNetwork
+from train.networks.q_network import QNetwork
 from train.networks.seat import Seat
-from train.networks.separate import network_with_sharing
-from train.settings.algorithms import QMIXSettings
 from train.settings.off_policy import DQNSettings
 
 
@@ -39,12 +37,18 @@ class DQN(OffPolicyLearner):
     network: QNetwork
 
     def __init__(self, settings: DQNSettings, env: VecEnv, options: Build) -> None:
-        network, self.target = (network_of(settings, env.player, options) for _ in range(2))
+        network, self.target = (self.network_of(settings, env.player, options) for _ in range(2))
         steps = settings.rollout_steps
         collector = Collector(env, self.act, steps, 0, options.device, keep_next=True)
         super().__init__(settings, env, network, collector, options.device, options.seed)
         self.epsilon = 1.0
         self.target.load_state_dict(network.state_dict())
+
+    @staticmethod
+    def network_of(settings: Any, player: Seat, build: Build) -> QNetwork:
+        """A new action value network for the player."""
+        sizes = (player.features, player.num_actions, build.hidden(settings))
+        return QNetwork(*sizes, settings.dueling, build.fused).to(build.device)
 
     @property
     def update_form(self) -> str:
@@ -78,18 +82,31 @@ class DQN(OffPolicyLearner):
         if self.updates % settings.target_update_interval == 0:
             self.target.load_state_dict(self.network.state_dict())
         self.updates += 1
-        networks = (self.network, self.target)
-        loss, error = dqn_loss(*networks, batch, settings.gamma, settings.double)
+        loss, error = self.loss(batch)
         self.descend(loss)
         return error, {"loss": loss.detach(), "td_error": error.mean()}
+
+    def loss(self, batch: Batch) -> tuple[torch.Tensor, torch.Tensor]:
+        """`dqn_loss` of these networks."""
+        gamma, double = self.settings.gamma, self.settings.double
+        return dqn_loss(self.network, self.target, batch, gamma, double)
 
     def parts(self) -> dict[str, HasState]:
         """As of `NetworkLearner`, with the target network."""
         return {**super().parts(), "target": self.target}
 
 
+JointValue = Callable[[QNetwork, torch.Tensor, Batch, str], torch.Tensor]
+"""(network, values [batch, agents], batch, when) -> [batch], values of joint actions; see `VDN`."""
+
+
 def dqn_loss(
-    network: QNetwork, target: QNetwork, batch: Batch, gamma: float, double: bool
+    network: QNetwork,
+    target: QNetwork,
+    batch: Batch,
+    gamma: float,
+    double: bool,
+    joint_value: JointValue | None = None,
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """The squared temporal-difference error, and |error| of every transition.
 
@@ -101,54 +118,32 @@ def dqn_loss(
         target: evaluates the next action.
         batch: "observation", "action", "reward", "next_observation", "terminated", "steps" (to the
             next observation); with prioritised replay "priority_weight"; with masks
-            "next_action_mask", the allowed next actions. Of a team (`VDN`) observations and actions
-            are [batch, agents, ...], with "idle" and "next_idle" [batch, agents], the agents that
-            have left; values are the sums over the others, or mixed (`Mixer`) by the state in
-            "critic_observation" and "next_critic_observation".
+            "next_action_mask", the allowed next actions. Of a team (`VDN`) observations, actions
+            and masks are [batch, agents, ...].
         gamma: discount of a step.
         double: whether `network` chooses the next action.
+        joint_value: of a team, the value of a joint action.
 
     Returns:
         The loss, and |error| [batch], detached.
     """
-    team = NEXT_IDLE in batch
+    shape = batch["action"].shape
 
-    def agents(name: str) -> torch.Tensor:
-        """The rows of all agents."""
-        return batch[name].flatten(0, 1) if team else batch[name]
+    def rows(name: str) -> torch.Tensor:
+        """A column by agent: [batch * agents, ...] of a team."""
+        return batch[name].flatten(0, len(shape) - 1)
 
-    def joint(
-        values: torch.Tensor, actions: torch.Tensor, idle: str, state: str, of: QNetwork
-    ) -> torch.Tensor:
+    def value(of: QNetwork, values: torch.Tensor, action: torch.Tensor, when: str) -> torch.Tensor:
         """[batch] the values of these actions."""
-        chosen = values.gather(-1, actions).squeeze(-1)
-        if not team:
-            return chosen
-        each = chosen.view_as(batch[idle]) * ~batch[idle]
-        return each.sum(dim=1) if of.mixer is None else of.mixer(each, batch[state])
+        chosen = values.gather(-1, action[:, None]).view(shape)
+        return chosen if joint_value is None else joint_value(of, chosen, batch, when)
 
-    seen, following = agents("observation"), agents("next_observation")
+    seen, following = rows("observation"), rows("next_observation")
     with torch.no_grad():
         next_values = target.forward_inference(following)
         chooser = network.forward_inference(following) if double else next_values
-        chooser = masked(chooser, agents(NEXT_MASK) if NEXT_MASK in batch else None)
-    next_action = chooser.argmax(dim=-1, keepdim=True)
-    next_joint = joint(next_values, next_action, NEXT_IDLE, NEXT_CRITIC, target)
-    goal = returns_to_expect(batch, next_joint, gamma)
-    values = network.forward_inference(seen)
-    error = joint(values, agents("action")[:, None], "idle", CRITIC, network) - goal
+        chooser = masked(chooser, rows(NEXT_MASK) if NEXT_MASK in batch else None)
+    next_value = value(target, next_values, chooser.argmax(dim=-1), "next_")
+    goal = returns_to_expect(batch, next_value, gamma)
+    error = value(network, network.forward_inference(seen), rows("action"), "") - goal
     return weighted_mean(error.square(), batch), error.detach().abs()
-
-
-def network_of(settings: DQNSettings, player: Seat, build: Build) -> QNetwork:
-    """A new action value network for the player; with separate networks of its agents all."""
-
-    def new() -> QNetwork:
-        sizes = (player.features, player.num_actions, build.hidden(settings))
-        return QNetwork(*sizes, settings.dueling, build.fused)
-
-    network = network_with_sharing(new, settings, player)
-    features = player.critic_features
-    if isinstance(settings, QMIXSettings) and features is not None and player.members > 1:
-        network.mixer = Mixer(features, player.members, settings.mixing_width)
-    return cast(QNetwork, network.to(build.device))

@@ -9,7 +9,7 @@ import torch
 from pursuit.observations.masks import ACTION_MASK
 from pursuit.simulator.policy import Policy
 from train.algorithms.collector import Columns
-from train.algorithms.dqn import DQN, network_of
+from train.algorithms.dqn import DQN
 from train.algorithms.learner import Build, HasState, VecEnv
 from train.algorithms.replay import Batch, Replay
 from train.networks.distributions import Categorical
@@ -43,7 +43,7 @@ class NFSP(DQN):
 
     def __init__(self, settings: NFSPSettings, env: VecEnv, options: Build) -> None:
         super().__init__(settings, env, options)
-        self.average_network = network_of(settings, env.player, options)
+        self.average_network = self.network_of(settings, env.player, options)
         weights, rate = self.average_network.parameters(), settings.average_learning_rate
         self.average_optimizer = self.new_optimizer(weights, rate)
         self.reservoir = Reservoir(settings.reservoir_size, self.generator)

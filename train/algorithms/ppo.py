@@ -16,6 +16,7 @@ from train.algorithms.rollouts import Figures, Frames, TorchEngine, actor_critic
 from train.networks.actor_critic import ActorCritic
 from train.networks.distributions import DISTRIBUTION
 from train.networks.fused_actor_critic import LossCoefficients
+from train.networks.seat import Seat
 from train.settings.algorithms import A2CSettings, PPOSettings, ReinforceSettings
 
 
@@ -58,10 +59,15 @@ class PPO(NetworkLearner):
         self.frames_of_row = ppo.rollout_steps if network.policy_memory is not None else 1
         self.engine = self._choose_engine(fused)
 
+    @staticmethod
+    def network_of(settings: Any, player: Seat, build: Build) -> ActorCritic:
+        """A new network for the player."""
+        return actor_critic_of(settings, player, build)
+
     @classmethod
     def build(cls, settings: Any, env: VecEnv, options: Build) -> Self:
         """A learner with a new network for an environment."""
-        network = actor_critic_of(settings, env.player, options)
+        network = cls.network_of(settings, env.player, options)
         return cls(settings, env, network, options.device, options.fused)
 
     def iterate(self, progress: float) -> dict[str, float]:
@@ -167,7 +173,10 @@ def ppo_loss(
     coefficients: LossCoefficients,
     penalties: Callable[[Any], Figures] | None = None,
 ) -> tuple[torch.Tensor, Figures]:
-    """The clipped surrogate objective with value loss and entropy bonus, to be minimised.
+    """The loss of PPO where the default, the fused kernel `clipped_loss`, does not support the run.
+
+    The clipped surrogate objective with value loss and entropy bonus, to be minimised. The kernel,
+    in `train/networks/fused_kernels.py`, computes the same; `PPO._choose_engine` chooses.
 
     Equal to TorchRL's `ClipPPOLoss` with squared value errors, and advantages standardised as the
     coefficients say (tested); that has a fixed cost which slowed training of 128x128 networks to

@@ -18,16 +18,19 @@ from train.algorithms import (
     continuous,
     cross_entropy,
     dqn,
+    ippo,
+    mappo,
     nfsp,
     ppo,
     q_learning,
+    qmix,
     regularized,
     vdn,
 )
 from train.algorithms.learner import Build, Learner, network_loader
-from train.algorithms.rollouts import actor_critic_of
 from train.networks.seat import Seat
-from train.settings.algorithms import HYPERPARAMETERS, LEARNERS, TUNED_AS, Hyperparameters
+from train.settings.algorithms import HYPERPARAMETERS, LEARNERS, TUNED_AS, TeamSettings
+from train.settings.hyperparameters import Hyperparameters
 from train.tensors import State
 
 __all__ = ["ALGORITHMS", "Algorithm", "Build", "entry", "register"]
@@ -47,7 +50,6 @@ class Algorithm:
         has_advantages: whether it reports advantages to the hook of its environment.
         self_play: whether it can learn against a learning opponent.
         teams: whether it can learn for several agents of a role in self-play.
-        whole_role: whether it learns for all agents of the role in `train` too.
         tabular: whether it has a table over the states of one maze or small game, and no network.
         recurrent: whether its network can be recurrent.
         actions: the kinds of actions that it supports: "discrete", "continuous".
@@ -62,11 +64,15 @@ class Algorithm:
     has_advantages: bool = False
     self_play: bool = False
     teams: bool = False
-    whole_role: bool = False
     tabular: bool = False
     recurrent: bool = False
     actions: frozenset[str] = frozenset({"discrete"})
     check_player: Callable[[Any, Any], object] = lambda settings, player: None
+
+    @property
+    def whole_role(self) -> bool:
+        """Whether it learns for all agents of the role in `train` too: it has `TeamSettings`."""
+        return issubclass(self.settings, TeamSettings)
 
     def check(self, settings: Hyperparameters, player: Seat, device: str, greedy: bool) -> None:
         """ValueError for unsupported settings or players.
@@ -197,26 +203,25 @@ def entry(name: str) -> Algorithm:
     return replace(custom, name=name)
 
 
-BOTH = frozenset({"discrete", "continuous"})
-CONTINUOUS = frozenset({"continuous"})
-_LOAD_ACTOR_CRITIC = network_loader(actor_critic_of)
-_LOAD_DETERMINISTIC = network_loader(continuous.DDPG.network_of)
+def _ours(name: str, build: Any, network_of: Any = None, load: Any = None, **able: Any) -> None:
+    """Register an algorithm whose policy is the network that `network_of` makes, or its `load`."""
+    load = load or network_loader(network_of)
+    register(Algorithm(name, HYPERPARAMETERS[name], build, load, **able))
 
 
-def _ours(name: str, build: Any, load: Any, **abilities: Any) -> None:
-    register(Algorithm(name, HYPERPARAMETERS[name], build, load, **abilities))
-
-
-_ROLLOUTS: Any = {"has_advantages": True, "self_play": True, "teams": True}
-_ours("ppo", ppo.PPO.build, _LOAD_ACTOR_CRITIC, **_ROLLOUTS, actions=BOTH, recurrent=True)
-_ours("a2c", a2c.A2C.build, _LOAD_ACTOR_CRITIC, **_ROLLOUTS, actions=BOTH, recurrent=True)
-_ours("reinforce", a2c.Reinforce.build, _LOAD_ACTOR_CRITIC, actions=BOTH)
+_BOTH: Any = {"actions": frozenset({"discrete", "continuous"})}
+_CONTINUOUS: Any = {"actions": frozenset({"continuous"})}
 _GREEDY: Any = {"learns_distribution": False}
-_ours("dqn", dqn.DQN, network_loader(dqn.network_of), **_GREEDY, self_play=True)
+_ROLLOUTS: Any = {"has_advantages": True, "self_play": True, "teams": True}
+
+_ours("ppo", ppo.PPO.build, ppo.PPO.network_of, **_ROLLOUTS, **_BOTH, recurrent=True)
+_ours("a2c", a2c.A2C.build, a2c.A2C.network_of, **_ROLLOUTS, **_BOTH, recurrent=True)
+_ours("reinforce", a2c.Reinforce.build, a2c.Reinforce.network_of, **_BOTH)
+_ours("dqn", dqn.DQN, dqn.DQN.network_of, **_GREEDY, self_play=True)
 _ours(
     "q_learning",
     q_learning.QLearning,
-    q_learning.load,
+    load=q_learning.load,
     **_GREEDY,
     tabular=True,
     check_player=q_learning.check_player,
@@ -224,19 +229,17 @@ _ours(
 _ours(
     "cross_entropy",
     cross_entropy.CrossEntropy,
-    network_loader(cross_entropy.network_of),
-    actions=BOTH,
+    cross_entropy.network_of,
+    **_BOTH,
     check_player=cross_entropy.check_player,
 )
-_ours("ddpg", continuous.DDPG, _LOAD_DETERMINISTIC, **_GREEDY, actions=CONTINUOUS)
-_ours("td3", continuous.TD3, _LOAD_DETERMINISTIC, **_GREEDY, actions=CONTINUOUS)
-_ours("sac", continuous.SAC, network_loader(continuous.SAC.network_of), actions=CONTINUOUS)
-_ours("mmd", regularized.MMD.build, _LOAD_ACTOR_CRITIC, **_ROLLOUTS)
-_ours("rnad", regularized.RNaD.build, _LOAD_ACTOR_CRITIC, **_ROLLOUTS)
-_TEAM: Any = {"self_play": True, "teams": True, "whole_role": True}
-_TEAM_PPO: Any = {"has_advantages": True, "recurrent": True, **_TEAM}
-_ours("ippo", ppo.PPO.build, _LOAD_ACTOR_CRITIC, **_TEAM_PPO)
-_ours("mappo", ppo.PPO.build, _LOAD_ACTOR_CRITIC, **_TEAM_PPO)
-_ours("vdn", vdn.VDN, network_loader(dqn.network_of), **_GREEDY, **_TEAM)
-_ours("qmix", vdn.VDN, network_loader(dqn.network_of), **_GREEDY, **_TEAM)
-_ours("nfsp", nfsp.NFSP, network_loader(dqn.network_of), self_play=True)
+_ours("ddpg", continuous.DDPG, continuous.DDPG.network_of, **_GREEDY, **_CONTINUOUS)
+_ours("td3", continuous.TD3, continuous.TD3.network_of, **_GREEDY, **_CONTINUOUS)
+_ours("sac", continuous.SAC, continuous.SAC.network_of, **_CONTINUOUS)
+_ours("mmd", regularized.MMD.build, regularized.MMD.network_of, **_ROLLOUTS)
+_ours("rnad", regularized.RNaD.build, regularized.RNaD.network_of, **_ROLLOUTS)
+_ours("ippo", ippo.IPPO.build, ippo.IPPO.network_of, **_ROLLOUTS, recurrent=True)
+_ours("mappo", mappo.MAPPO.build, mappo.MAPPO.network_of, **_ROLLOUTS, recurrent=True)
+_ours("vdn", vdn.VDN, vdn.VDN.network_of, **_GREEDY, self_play=True, teams=True)
+_ours("qmix", qmix.QMIX, qmix.QMIX.network_of, **_GREEDY, self_play=True, teams=True)
+_ours("nfsp", nfsp.NFSP, nfsp.NFSP.network_of, self_play=True)

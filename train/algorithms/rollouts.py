@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, cast
+from typing import Any
 
 import torch
 
@@ -14,10 +14,10 @@ from train.algorithms.learner import Build, HasState, VecEnv, backward
 from train.algorithms.table_rollouts import TableCollector, plays_by_tables
 from train.networks.actor_critic import ActorCritic
 from train.networks.distributions import DISTRIBUTION
+from train.networks.features import Features
 from train.networks.fused_actor_critic import LossCoefficients
 from train.networks.policy import CRITIC
 from train.networks.seat import Seat
-from train.networks.separate import network_with_sharing
 from train.settings.algorithms import ActorCriticSettings
 
 Frames = dict[str, torch.Tensor]
@@ -33,15 +33,13 @@ def select(frames: Frames, chosen: torch.Tensor) -> Frames:
     return {name: column.index_select(0, chosen) for name, column in frames.items()}
 
 
-def actor_critic_of(settings: ActorCriticSettings, player: Seat, build: Build) -> ActorCritic:
-    """A new actor-critic network for the player; with separate networks of its agents all."""
-
-    def new() -> ActorCritic:
-        sizes = (player.features, player.num_actions, build.hidden(settings))
-        action_std = settings.action_std if player.continuous else None
-        return ActorCritic(*sizes, settings.shared, action_std, player.critic_features)
-
-    return cast(ActorCritic, network_with_sharing(new, settings, player).to(build.device))
+def actor_critic_of(
+    settings: ActorCriticSettings, player: Seat, build: Build, critic: Features | None = None
+) -> ActorCritic:
+    """A new actor-critic network for the player; `critic` are the features of a central critic."""
+    sizes = (player.features, player.num_actions, build.hidden(settings))
+    action_std = settings.action_std if player.continuous else None
+    return ActorCritic(*sizes, settings.shared, action_std, critic).to(build.device)
 
 
 class TorchEngine:

@@ -190,7 +190,7 @@ def other_options(side: LearningSide, hyper: Hyperparameters) -> object:
         (f.name, Annotated[hints[f.name], tyro.conf.arg(help=help_text)],
          field(default=getattr(side.hyper, f.name)))
         for f in fields(side.hyper)
-        if not hasattr(hyper, f.name)
+        if f.name not in vars(hyper)
     ]  # fmt: skip
     return make_dataclass("Others", options, frozen=True)()
 

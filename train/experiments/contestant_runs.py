@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from time import perf_counter, process_time
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import torch
 from filelock import FileLock
@@ -31,6 +31,7 @@ from train.runs.worlds import world_of
 from train.schemas import read_as
 from train.settings.algorithms import PPOSettings
 from train.settings.checks import CLOCKS, SEED, Settings
+from train.settings.curricula import CurriculumSettings
 from train.settings.reading import plain_settings
 from train.settings.task import TaskSettings
 
@@ -55,7 +56,10 @@ class ContestantSettings(Settings):
             idle machine).
         evaluations: evenly spaced over the budget; with several two more are at 1/4 and 1/2 of the
             first interval.
+        curriculum_settings: there is no curriculum.
     """
+
+    curriculum_settings: ClassVar[CurriculumSettings] = CurriculumSettings()
 
     task: TaskSettings = field(default_factory=TaskSettings)
     hyper: PPOSettings = field(default_factory=PPOSettings)

@@ -128,9 +128,9 @@ def frozen_mazes(settings: Any) -> tuple[Any, Plain]:
     names: Plain = {**named_policies(asdict(settings))}
     if settings.task != frozen.task:
         names["maze"] = settings.task.maze
-    before, after = (getattr(s, "curriculum_settings", None) for s in (settings, frozen))
+    before, after = (each.curriculum_settings.curriculum_mazes for each in (settings, frozen))
     if before != after:
-        names["curriculum_mazes"] = before.curriculum_mazes  # type: ignore[union-attr]
+        names["curriculum_mazes"] = before
     return frozen, names
 
 

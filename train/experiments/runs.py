@@ -73,7 +73,7 @@ class TrainingRun:
         """What the row of the run says of its game, budget and seed; its name has a fingerprint of
         all settings."""
         budget = {column: getattr(self.settings, name) for name, column in MEASURED.items()}
-        game = getattr(getattr(self.settings, "task", None), "game", None)
+        game = self.settings.task.game
         own = {} if game is None else {"game": game}
         named = {"variant": self.label["variant"]} if "variant" in self.label else {}
         return {**own, **budget, **named, "kind": self.kind, "seed": self.seed}

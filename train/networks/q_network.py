@@ -23,32 +23,6 @@ class DuelingHead(nn.Module):
         return self.value(hidden) + advantage - advantage.mean(dim=-1, keepdim=True)
 
 
-class Mixer(nn.Module):
-    """The value of a joint action from the agents' values, in which it never falls: QMIX (Rashid et
-    al., 2018), figure 2, with one embedding of the state for all weights.
-
-    Args:
-        features: of the observation of the state.
-        agents: of the team.
-        width: hidden units.
-    """
-
-    def __init__(self, features: Features, agents: int, width: int) -> None:
-        super().__init__()
-        self.state = Trunk(features, Hidden(width))
-        self.sizes = [agents * width, width, width]
-        self.weights = nn.Linear(width, sum(self.sizes))
-        self.offset = nn.Linear(width, 1)
-
-    def forward(self, values: torch.Tensor, state: torch.Tensor) -> torch.Tensor:
-        """[batch] from the values [batch, agents] and the observations of the state."""
-        seen = self.state(self.state.prepare(state))
-        first, bias, second = torch.split(self.weights(seen), self.sizes, dim=-1)
-        layer = first.abs().view(*values.shape, -1)
-        hidden = nn.functional.elu((values[..., None] * layer).sum(dim=1) + bias)
-        return (hidden * second.abs()).sum(dim=1) + self.offset(seen).squeeze(-1)
-
-
 class QNetwork(nn.Module):
     """A network of action values.
 
@@ -62,7 +36,6 @@ class QNetwork(nn.Module):
     Attributes:
         policy_trunk: the hidden layers.
         policy_head: [..., width] -> [..., actions].
-        mixer: of the values of a team; None without one.
     """
 
     def __init__(
@@ -74,7 +47,6 @@ class QNetwork(nn.Module):
         fused: bool = True,
     ) -> None:
         super().__init__()
-        self.mixer: Mixer | None = None
         self.policy_trunk = Trunk(features, hidden)
         self._fused = fused_layers(self.policy_trunk) if fused else None
         sizes = hidden.width, num_actions

@@ -10,7 +10,7 @@ from torch import nn
 
 from train.networks.distributions import Categorical
 from train.networks.features import Features
-from train.settings.algorithms import SEPARATE, SHARED
+from train.settings.algorithms import SEPARATE, TeamSettings
 
 
 class Unprepared:
@@ -46,7 +46,6 @@ class SeparateNetworks(nn.Module):
         self.__dict__["policy_memory"] = getattr(first, "policy_memory", None)
         self.policy_trunk = self.value_trunk = Unprepared()
         self.policy_head = self.value_head = nn.Identity()
-        self.mixer = None  # of QMIX
 
     def owner(self, observation: torch.Tensor) -> torch.Tensor:
         """[...] int64: the number of the agent that each observation [..., *shape] is of."""
@@ -130,14 +129,18 @@ class SeparateNetworks(nn.Module):
         return str(getattr(self.networks[0], "update_form", "torch"))
 
 
-def network_with_sharing(new: Callable[[], nn.Module], settings: Any, player: Any) -> Any:
+def network_of_team(
+    network_of: Callable[..., Any], settings: TeamSettings, player: Any, *rest: Any
+) -> Any:
     """A new network for a player; with `sharing` "separate" one for each agent of its role.
 
     Args:
-        new: makes a network.
+        network_of: (settings, player, *rest) -> a network.
         settings: of the algorithm.
         player: whose observation ends with "+id", if networks are separate.
+        rest: further arguments of `network_of`.
     """
-    if getattr(settings, "sharing", SHARED) == SEPARATE and player.members > 1:
-        return SeparateNetworks([new() for _ in range(player.members)], player.features)
-    return new()
+    if settings.sharing == SEPARATE and player.members > 1:
+        networks = [network_of(settings, player, *rest) for _ in range(player.members)]
+        return SeparateNetworks(networks, player.features)
+    return network_of(settings, player, *rest)

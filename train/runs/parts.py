@@ -16,7 +16,6 @@ from pursuit.observations.custom import without_id
 from pursuit.validation import check
 from train.algorithms.registry import Algorithm, Build, entry
 from train.families.family import World
-from train.files import Plain
 from train.networks.policy import NO_WALLS
 from train.networks.seat import Seat
 from train.runs.saved import player_of, unchecked_settings
@@ -96,7 +95,7 @@ def parts_of(settings: AgentSettings, rank: int = 0) -> Parts:
             )
     if settings.frames is not None:
         games, steps = hyper.num_games, seat.task.max_steps
-        iterations = settings.frames / (games * getattr(hyper, "rollout_steps", 1))
+        iterations = settings.frames / (games * hyper.rollout_steps)
         episodes = settings.frames / (games * steps)
         if iterations < FEWEST_ITERATIONS or episodes < FEWEST_EPISODES:
             warnings.warn(
@@ -142,14 +141,13 @@ def check_sizes(hyper: Hyperparameters, seat: Seat) -> None:
     Raises:
         ValueError: one does not; names the bytes and the setting.
     """
-    given: Plain = vars(hyper)
     observation, games = 4 * prod(seat.features.shape), hyper.num_games
     frame = 2 * observation + 32 + 4 * seat.num_actions
-    steps, width = given.get("rollout_steps", 1), given.get("width", 0)
+    steps, width = hyper.rollout_steps, hyper.width
     needs = {
         f"num_games={games} × rollout_steps={steps}": games * steps * frame,
-        f"buffer_size={given.get('buffer_size', 0)}": given.get("buffer_size", 0) * frame,
-        f"reservoir_size={given.get('reservoir_size', 0)}": given.get("reservoir_size", 0) * frame,
+        f"buffer_size={hyper.buffer_size}": hyper.buffer_size * frame,
+        f"reservoir_size={hyper.reservoir_size}": hyper.reservoir_size * frame,
         # Each weight of the second layer also has a gradient and two moments of Adam.
         f"width={width}": 16 * width**2,
     }

@@ -17,7 +17,7 @@ from train.networks.seat import Seat
 from train.runs.folder import CONFIG, RUN, SIDE, read_config
 from train.runs.forms import RESTORE
 from train.runs.provenance import check_parts, check_sources
-from train.settings.algorithms import JOINT, SHARED
+from train.settings.algorithms import JOINT, SHARED, TeamSettings
 from train.settings.common import with_memory
 from train.settings.curricula import curriculum_form
 from train.settings.defaults import DEFAULTS_BY, default_settings
@@ -154,14 +154,14 @@ def team_seat(seat: Any, settings: AgentSettings) -> Any:
     """The seat of all agents of the role, if the algorithm trains these; ValueError for a single
     agent of a role then."""
     hyper: Any = settings.hyper
-    if not entry(settings.algorithm).whole_role or seat.NO_TEAM:
+    if not isinstance(hyper, TeamSettings) or seat.NO_TEAM:
         return seat
     check(
         seat.agent == seat.role,
         f"role={seat.agent!r}, but {settings.algorithm} trains all agents of a role; give "
         f"{seat.role}, or use ppo or dqn",
     )
-    sharing = getattr(hyper, "sharing", SHARED)
+    sharing = hyper.sharing
     check(
         sharing == SHARED or settings.frame_stack == 1,
         f"sharing={sharing!r} does not support frame_stack={settings.frame_stack}; use "
@@ -171,10 +171,9 @@ def team_seat(seat: Any, settings: AgentSettings) -> Any:
     if joint:
         check_team_as_one(seat, settings)
     encoding = without_id(seat.encoding)
-    if getattr(hyper, "with_id", False) and seat.members > 1:
+    if hyper.with_id and seat.members > 1:
         encoding += AGENT_ID
-    critic = getattr(hyper, "critic_observation", "")
-    return replace(seat, encoding=encoding, team=True, joint=joint, critic=critic)
+    return replace(seat, encoding=encoding, team=True, joint=joint, critic=hyper.critic_observation)
 
 
 def check_team_as_one(seat: Any, settings: AgentSettings) -> None:

@@ -178,7 +178,7 @@ def enter(
     for role in roles:
         check(
             any(entry.role == role for entry in entries),
-            f"no {role} among the entries; add {policies.names[0]} or a run of a {role}",
+            f"no policy of {role} among the entries; add {policies.names[0]}, or a run of {role}",
         )
     return sides, entries
 

@@ -135,7 +135,7 @@ class SideParts:
         from train.environments.simulator_env import SimulatorEnv
 
         game, seat, members = self.game, self.seat, self.seat.members
-        count, steps = self.hyper.num_games, getattr(self.hyper, "rollout_steps", 1)
+        count, steps = self.hyper.num_games, self.hyper.rollout_steps
         seed, first = self.build.seed, number * 2**20
         batch = game.world.BATCH(self.training, count // members, seed, first, auto_restart=False)
         opponents = Opponents(batch, game, seat.agent, others, 2 * seed + number, steps)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import Annotated, Any, ClassVar
+from dataclasses import dataclass, fields, replace
+from typing import Annotated, Any, ClassVar, Self
 
 from pursuit.observations.custom import check_observation
 from pursuit.plugins import Registry
@@ -52,6 +52,11 @@ class ActorCriticSettings(NetworkSettings):
                 f"gamma={self.gamma}, gamma_end={self.gamma_end}; both must be in [0, 1) to anneal "
                 "the discount: lower them, or leave gamma_end out",
             )
+
+    def per_step(self, steps: int) -> Self:
+        """As in `Hyperparameters`."""
+        own, end = super().per_step(steps), self.gamma_end
+        return own if end is None else replace(own, gamma_end=end ** (1.0 / steps))
 
     @property
     def last_gamma(self) -> float:
@@ -133,6 +138,8 @@ class TeamSettings(Settings):
     agent_id: bool = True
     """Whether the agents of a team observe their number within the role (encoding +id). Separate
     networks always do."""
+    critic_observation = ""
+    """Observation of the central critic or mixing network; without annotation it is no field."""
 
     @property
     def with_id(self) -> bool:

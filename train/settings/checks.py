@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from math import inf
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from pursuit.validation import Rule, check, check_fields, is_int, rule
 
@@ -30,7 +30,13 @@ SEED = rule(lambda value: 0 <= value < EVALUATION_SEED, "give 0 to 2**62-1 (othe
 
 @dataclass(frozen=True)
 class Settings:
-    """Base of settings: the rules of all fields are applied on construction."""
+    """Base of settings: the rules of all fields are applied on construction.
+
+    Attributes:
+        ADDED: settings that older versions did not write.
+    """
+
+    ADDED: ClassVar[tuple[str, ...]] = ()
 
     def __post_init__(self) -> None:
         check_fields(self)

@@ -30,9 +30,17 @@ from train.settings.checks import Positive, Settings, Share
 class CurriculumSettings(Settings):
     """No curriculum: the task itself from the start."""
 
+    schedule_unit = "share"
+    """Unit of the schedule, if there is one; without annotation it is no field."""
+
     def build(self, axis: Any, seed: int) -> Curriculum:
         """A new curriculum over the values of an `Axis`, or over levels if that is None."""
         raise ValueError(f"{type(self).__name__} builds no curriculum; give it build(axis, seed)")
+
+    @property
+    def curriculum_mazes(self) -> str | None:
+        """The mazes that it names; None for one that names none."""
+        return None
 
     @property
     def solved_within(self) -> float:

@@ -25,10 +25,21 @@ class Hyperparameters(Settings):
     SELF_PLAY_ONLY: ClassVar[bool] = False
     """Whether the algorithm is for self-play only."""
 
+    # Values of learners that lack these settings; without annotations they are no fields.
+    rollout_steps = 1
+    """Steps of every game between two updates."""
+    minibatch_size = 0
+    """Frames of one gradient step on a rollout."""
+    buffer_size = 0
+    """Transitions in the replay buffer."""
+    reservoir_size = 0
+    """Actions that an average policy is fitted to."""
+    width = 0
+    """Units of each hidden layer."""
+
     def per_step(self, steps: int) -> Self:
         """The same with the discount of each of so many steps of a round; `gamma` is of a round."""
-        names = [name for name in ("gamma", "gamma_end") if getattr(self, name, None) is not None]
-        return replace(self, **{name: getattr(self, name) ** (1.0 / steps) for name in names})
+        return replace(self, gamma=self.gamma ** (1.0 / steps))
 
     @property
     def last_gamma(self) -> float:

@@ -96,7 +96,7 @@ def complete_settings(form: type[Any], given: Any, name: str = "") -> Plain:
     The names in `form.ADDED`, which older versions did not write, may be missing.
 
     Args:
-        form: a dataclass.
+        form: a class of settings.
         given: the table.
         name: of the table, in messages.
 
@@ -105,7 +105,7 @@ def complete_settings(form: type[Any], given: Any, name: str = "") -> Plain:
     """
     check(isinstance(given, Mapping), f"{name}={shortened(given)}; give a table")
     names = names_of(form)
-    own: Plain = {added: getattr(form, added) for added in getattr(form, "ADDED", ())}
+    own: Plain = {added: getattr(form, added) for added in form.ADDED}
     own |= {key: value for key, value in given.items() if name or key not in INNER}
     missing = next((known for known in names if known not in own), None)
     where = f" of {name}" if name else ""

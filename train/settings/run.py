@@ -31,7 +31,7 @@ SHARED_OUT = ("num_games", "minibatch_size")
 def check_several_processes(settings: TrainSettings[Any]) -> None:
     """ValueError for settings that data parallel training does not support."""
     hyper, own, count = settings.hyper, settings.curriculum_settings, settings.processes
-    alike = type(own) in ALIKE and getattr(own, "schedule_unit", "share") != "episodes"
+    alike = type(own) in ALIKE and own.schedule_unit != "episodes"
     found = [
         ("algorithm", settings.algorithm, settings.algorithm == "ppo", "use ppo"),
         ("device", settings.device, settings.device == "cpu", "use cpu"),
@@ -47,7 +47,7 @@ def check_several_processes(settings: TrainSettings[Any]) -> None:
         ),
     ]
     for name in SHARED_OUT:
-        value = getattr(hyper, name, 0)
+        value = getattr(hyper, name)
         fits = value % count == 0 and value >= 2 * count
         found.append((name, value, fits, f"use a multiple of {count} of at least {2 * count}"))
     for name, value, fits, instead in found:

@@ -14,6 +14,7 @@ from train.files import Plain
 from train.settings.algorithms import Hyperparameters, PPOSettings, hyperparameter_form
 from train.settings.checks import NotNegative, threads_from
 from train.settings.common import RunSettings
+from train.settings.curricula import CurriculumSettings
 from train.settings.presets import TUNED_RULES
 from train.settings.run import AgentSettings
 from train.settings.task import AGENT, SIDES, TaskSettings
@@ -85,10 +86,12 @@ class SelfPlayBase(RunSettings):
         task: the game.
         ADDED: settings that older versions did not write.
         UNDISCOUNTED: whether a discount of 1 is allowed.
+        curriculum_settings: there is no curriculum.
     """
 
     ADDED: ClassVar[tuple[str, ...]] = ("average",)
     UNDISCOUNTED: ClassVar[bool] = False
+    curriculum_settings: ClassVar[CurriculumSettings] = CurriculumSettings()
 
     task: AnyTask
     sampling: Annotated[str, passes(SAMPLING_PARTS.check)] = "latest"
@@ -158,7 +161,7 @@ class SelfPlayBase(RunSettings):
         discounts = {}
         for role in self.learning:
             hyper = self.side(role).hyper
-            last = "gamma" if getattr(hyper, "gamma_end", None) is None else "gamma_end"
+            last = "gamma" if hyper.last_gamma == hyper.gamma else "gamma_end"
             discounts[f"{role}.{last}"] = hyper.last_gamma
         for name, discount in discounts.items():
             check(

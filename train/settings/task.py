@@ -401,7 +401,7 @@ class SmallGameSettings(TaskForm):
 
     task: Annotated[str, choice(GAME)] = GAME
     """game (for the options of games in mazes see --task chase --help)."""
-    game: str = ""
+    game: str = ""  # type: ignore[assignment]
     """Name of the game: a shipped one such as soccer or goofspiel(cards=4), openspiel:NAME(...), or
     package.module:Name(size=4) of a class or function that returns a Game."""
     player: str = "auto"

@@ -24,6 +24,7 @@ class TaskForm(Settings):
         AGENTS: the names of built-in policies.
         TASKS: the names of its tasks.
         IDENTITY: settings that a default of the form needs.
+        game: the name of a small game; None for others.
     """
 
     OBSERVATION: ClassVar[str] = "index"
@@ -35,6 +36,7 @@ class TaskForm(Settings):
 
     task: str = ""
     """Name of the task."""
+    game = None  # without annotation it is no field
 
     @property
     @abstractmethod

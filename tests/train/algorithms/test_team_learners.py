@@ -17,7 +17,6 @@ from pursuit import Simulator, chase_v0
 from pursuit.observations.observations import Encoder
 from pursuit.tasks.task import make_task
 from scripted_agents import evaluate_joint
-from train.algorithms.dqn import dqn_loss
 from train.algorithms.ppo import ppo_loss
 from train.environments.simulator_env import SimulatorEnv
 from train.evaluation.matchups import play_pair
@@ -274,7 +273,7 @@ def test_the_loss_of_vdn_is_that_of_the_sum_of_the_values() -> None:
         for weight in learner.target.parameters():
             weight.add_(0.1 * torch.randn_like(weight))
     gamma = learner.settings.gamma
-    loss, _ = dqn_loss(learner.network, learner.target, batch, gamma, True)
+    loss, _ = learner.loss(batch)
     errors = []
     with torch.no_grad():
         for row in range(len(idle)):
@@ -310,7 +309,7 @@ def test_qmix_mixes_values_monotonically_by_the_state() -> None:
     left["next_idle"] = torch.ones_like(batch["idle"])
     learner.target.load_state_dict(learner.network.state_dict())
     gamma = learner.settings.gamma
-    loss, _ = dqn_loss(learner.network, learner.target, left, gamma, True)
+    loss, _ = learner.loss(left)
     none = torch.zeros(40, 3)
     following = mixer(none, batch["next_critic_observation"]) * ~batch["terminated"]
     goal = batch["reward"] + gamma ** batch["steps"] * following

@@ -11,10 +11,10 @@ import pytest
 import torch
 from self_play_runs import make_run
 
-from train.evaluation import self_play_metrics as metrics
 from train.networks.recurrent_policy import probabilities_of, without_improbable
 from train.runs.opponents import load_policy
 from train.runs.parts import settings_of
+from train.self_play import trainee
 from train.self_play.side import DECAY
 from train.settings.self_play import ROLES, self_play_ppo
 
@@ -139,12 +139,12 @@ def test_best_responses_have_a_budget_of_the_unit_of_the_run(
         budgets.append((settings.seconds, settings.frames))
         return parts_of(settings)
 
-    parts_of = metrics.self_play_parts
-    monkeypatch.setattr(metrics, "self_play_parts", noted)
+    parts_of = trainee.self_play_parts
+    monkeypatch.setattr(trainee, "self_play_parts", noted)
     task = {"task": "heist", "maze": "2x2", "num_goals": 2, "max_steps": 10}
     run = make_run(tmp_path / "run", task=task, best_response_seconds=0.03, **budget)
     run.train()
-    results = [metrics.approximate_best_responses(run.trainee, 20) for _ in range(2)]
+    results = [run.trainee.results(20)["approximate_best_response"] for _ in range(2)]
     if frames is None:
         assert set(budgets) == {(0.03, None)}
     else:

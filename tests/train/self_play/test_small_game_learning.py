@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from self_play_runs import tables_of
 from trained_games import Chase
 
 from pursuit.mazes.maze import load_maze
@@ -163,7 +164,7 @@ def test_mmd_and_rnad_learn_the_mixtures_of_matrix_games(
     found = run.trainee.evaluate()
     assert found["nash_conv"] < 0.15
     assert found["game_value"] == pytest.approx({"biased": 0.0, "pennies": 1 / 3}[name], abs=1e-9)
-    for own, mixture in zip(run.trainee.tables().values(), mixtures, strict=True):
+    for own, mixture in zip(tables_of(run).values(), mixtures, strict=True):
         np.testing.assert_allclose(own, mixture, atol=0.08)
 
 

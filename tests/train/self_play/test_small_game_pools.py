@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import torch
 from round_games import Rounds
-from self_play_runs import go_on, sides_of_task
+from self_play_runs import go_on, sides_of_task, tables_of
 
 from scripted_agents.games import enumerate_game
 from scripted_agents.games.simulator import GameTask
@@ -158,7 +158,7 @@ def test_sides_have_their_own_algorithms_or_are_fixed(tmp_path: Path) -> None:
     run.train()
     names = {role: side.parts.algorithm.name for role, side in run.trainee.sides.items()}
     assert names == {"a": "dqn", "c": "mmd"}
-    assert run.trainee.tables()["b"] == pytest.approx(0.5)
+    assert tables_of(run)["b"] == pytest.approx(0.5)
     rows = {(r["player"], r["policy"]) for r in run.results(10)["returns"]}
     assert {("a", "learned"), ("b", "frozen"), ("c", "learned")} <= rows
 
