@@ -33,6 +33,7 @@ from train.evaluation.objective_gap import UNKNOWN, objective_gap
 from train.evaluation.pursuit_v5 import ENCODING, play_pursuit_v5
 from train.evaluation.recordings import recorded
 from train.evaluation.scores import Score
+from train.evaluation.sides import Profile
 from train.evaluation.small_game_contest import SmallGameContest
 from train.evaluation.suite_contest import SuiteContest
 from train.evaluation.suite_report import summary_of
@@ -135,8 +136,7 @@ def evaluate_players(given: EvaluateCommand) -> Plain:
     names = (*others, "maze", "replays", "table", "exact_seconds")
     why = f"{given.run} is a whole run of self-play, in which every player plays its own policy"
     check_default(given, EvaluateCommand, names, why)
-    from train.evaluation.sides import Profile  # torch is slow to import
-    from train.kinds import read_settings
+    from train.kinds import read_settings  # torch is slow to import
     from train.runs.opponents import policy_of
     from train.self_play.parts import game_of_all
 

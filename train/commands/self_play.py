@@ -16,6 +16,7 @@ from train.commands.progress import (
     finish_run,
     start_or_resume,
 )
+from train.evaluation.self_play_text import describe_mixing
 from train.files import Plain
 from train.reports.tables import print_table
 from train.runs.folder import CURVE, REPORT, SELF_PLAY
@@ -100,8 +101,6 @@ def self_play(arguments: Sequence[str]) -> None:
     given, settings = parsed(arguments)
     label = f"self-play-{settings.task.game_label}"
     started, final = start_or_resume(SELF_PLAY, settings, given, label)
-    from train.evaluation.self_play_text import describe_mixing
-
     run = cast("Run[SelfPlay]", started)
     print(f"self-play: {run.trainee.line()}; opponents: {run.trainee.settings.sampling}")
     for line in describe_mixing(run.trainee.game.mixed_share()):

@@ -89,9 +89,9 @@ def test_runs_enter_for_the_players_that_they_learned(
     assert names == {"table.csv", "row_policies.csv", "column_policies.csv"}
     for arguments, message in (
         (["one", "--game", TWICE], "no policy of row among the entries"),
-        (["one", "uniform"], "one: a run of a small game; give --game"),
+        (["one"], "no policy of row among the entries"),  # the game is that of the run
         (["one", "uniform", "--game", "round_games:Clash"], "was trained in game"),
-        (["both", "uniform"], "self-play of column, row, but the league is of chaser and evader"),
+        (["both", "astar"], "astar: neither a folder of a run"),
     ):
         with pytest.raises(SystemExit):
             main(["league", *arguments, "--out", "m"])
