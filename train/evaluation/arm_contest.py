@@ -14,6 +14,7 @@ from pursuit.reacher.policy import ArmPolicy
 from pursuit.reacher.rendering import ArmScene, scene_of
 from pursuit.reacher.simulator import ReacherSimulator
 from pursuit.reacher.task import ReacherTask
+from pursuit.validation import check
 from scripted_agents import (
     IK_METHODS,
     InverseKinematics,
@@ -85,6 +86,7 @@ class ArmContest(Contest[ArmPolicy, ReacherSimulator]):
     they would then depend on the policy.
     """
 
+    NO_REPLAY: ClassVar[str] = ""
     simulator: ClassVar[type[ReacherSimulator]] = ReacherSimulator
 
     task: ReacherTask
@@ -132,6 +134,35 @@ class ArmContest(Contest[ArmPolicy, ReacherSimulator]):
         lengths, reached = self.play(policy)
         mean, share = float(lengths.mean()), float(reached.mean())
         return Score(name, mean, half_width(lengths), share, len(lengths), False)
+
+    def scripted(self) -> ArmPolicy:
+        """As `Contest`: inverse kinematics."""
+        check(
+            not self.task.discrete_actions,
+            "an arm with discrete actions has only learned policies; give the folder of a run",
+        )
+        return InverseKinematics()
+
+    def best_policy(self) -> ArmPolicy:
+        """As `Contest`."""
+        check(not self.task.discrete_actions, "unknown for discrete actions: omit --optimal")
+        return LeastStepsPolicy()
+
+    @property
+    def notes(self) -> list[str]:
+        """As `Contest`: the bounds of the minimum steps."""
+        bounds = self.bounds()
+        if self.task.discrete_actions:
+            least = "minimum steps with continuous actions, a lower bound for discrete actions"
+        elif bounds.share_exact == 1.0:
+            least = "minimum steps, exact from every start"
+        else:
+            least = (
+                f"at least {bounds.lower.mean():.3f} steps and at most {bounds.upper.mean():.3f}, "
+                f"exact from {100 * bounds.share_exact:.1f} % of the starts; gaps are to the lower "
+                "bound"
+            )
+        return [f"optimal: {least}"]
 
     def bounds(self) -> Bounds:
         """Bounds of the minimum lengths of these episodes."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from pursuit.simulator.policy import Policy
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import ROLES, Task
 from scripted_agents import tour_lengths
+from scripted_agents.environments import DEFAULTS
 from scripted_agents.hidden.limited_view_policies import limited_references
 from scripted_agents.limits import is_single_runner, why_no_tour
 from train.evaluation.departures import Departures
@@ -47,6 +48,7 @@ class MazeContest(Contest[Policy, Simulator]):
     Starts are seeded, and the same for all evaluated policies.
     """
 
+    NO_REPLAY: ClassVar[str] = ""
     simulator: ClassVar[type[Simulator]] = Simulator
 
     task: Task
@@ -85,6 +87,14 @@ class MazeContest(Contest[Policy, Simulator]):
         return if evaders collect goals, as that game ends with a capture or the last goal; captures
         minus escapes in other tasks with exits."""
         return measure_of(self.task, self.role)
+
+    def brief(self, steps: int) -> Self:
+        """As `Contest`."""
+        return replace(self, task=replace(self.task, max_steps=min(self.task.max_steps, steps)))
+
+    def scripted(self) -> Policy:
+        """As `Contest`: A*, of a runner the nearest goal."""
+        return DEFAULTS[self.role](0.0)
 
     @property
     def opponent(self) -> Policy | None:

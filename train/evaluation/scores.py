@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any, ClassVar, Generic, Self, TypeVar
+from typing import Any, ClassVar, Generic, NamedTuple, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -278,6 +278,22 @@ def beside_of(teammates: Mapping[str, str]) -> str:
     return "".join(f" + {n} × {name}" if n > 1 else f" + {name}" for name, n in counts.items())
 
 
+class ObjectiveGap(NamedTuple):
+    """The loss of the policy with the best discounted return; None where unknown.
+
+    Attributes:
+        gap: its `optimality_gap`, at most 0 for evaders.
+        missing_return: the best undiscounted return minus its own, if other agents collect goals;
+            with exits in captures minus escapes, for an evader its own minus the least.
+    """
+
+    gap: float | None = None
+    missing_return: float | None = None
+
+
+UNKNOWN = ObjectiveGap()
+
+
 PolicyT = TypeVar("PolicyT", Policy, ArmPolicy, StatePolicy)
 GamesT = TypeVar("GamesT", Simulator, ReacherSimulator, GameSimulator)
 
@@ -305,6 +321,10 @@ class Contest(ABC, Generic[PolicyT, GamesT]):
     def exact_reference(self) -> Solution:
         """Which exact optimum of the agent is known, or why none is."""
 
+    NO_REPLAY: ClassVar[str] = (
+        "games in mazes and arms; `pursuit view` shows episodes of a small game"
+    )
+    """Which games have replays; "" where this one has."""
     success: ClassVar[str] = "success"
     """The heading of success rates in tables."""
 
@@ -325,9 +345,59 @@ class Contest(ABC, Generic[PolicyT, GamesT]):
         """Further columns of `metrics.csv` for an evaluated policy."""
         return {}
 
+    def further(self, policy: PolicyT, score: Score, scores: Sequence[Score]) -> Plain:
+        """Further entries of `results.json` for an evaluated policy: its score, and those of all
+        policies."""
+        return {}
+
+    def objective_gap(self, discount: float) -> ObjectiveGap:
+        """The loss of the policy with the best discounted return, exact over all starts."""
+        return UNKNOWN
+
     def solved_up_to(self, most_work: int) -> Self:
         """The same contest; whole games are solved up to this size (`work_of`)."""
         return self
+
+    def exactly(self, policies: Iterable[PolicyT] = ()) -> Self:
+        """The same contest; scores are exact where that is a choice and can be for all of these."""
+        return self
+
+    def brief(self, steps: int) -> Self:
+        """The same contest with episodes of at most these steps where tasks allow it, and without
+        solutions of whole games; for measurements of the time that evaluations take."""
+        return self
+
+    @property
+    def by_maze(self) -> Any:
+        """The evaluation in each of several mazes, a `SuiteContest`; None for any other."""
+        return None
+
+    # -- what is said of the game --------------------------------------------------------------
+
+    @property
+    def notes(self) -> list[str]:
+        """What is said of the optimum below tables of scores, as lines of text."""
+        return []
+
+    def facts(self) -> Iterator[str]:
+        """What is known of the whole game beside the scores, as lines of text."""
+        yield from ()
+
+    @property
+    def why_no_optimum(self) -> str:
+        """Why no exact optimum is known even with full view; "" if one is, or if it is not said."""
+        return self.exact_reference.reason
+
+    # -- policies ------------------------------------------------------------------------------
+
+    def scripted(self) -> PolicyT:
+        """The scripted policy of the agent; ValueError if there is none."""
+        raise ValueError("this game has only learned policies; give the folder of a run")
+
+    def best_policy(self) -> PolicyT:
+        """The exactly optimal policy of the agent; ValueError if it is not known."""
+        reason = self.exact_reference.reason or "it is not solved"
+        raise ValueError(f"optimal policy: {reason}; leave out --optimal")
 
     # -- scores --------------------------------------------------------------------------------
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.rendering.rendering import Drawable
-from scripted_agents.games.agents import EQUILIBRIUM, UNIFORM, named_agent
+from scripted_agents.games.agents import EQUILIBRIUM, UNIFORM, TableAgent, named_agent
 from scripted_agents.games.episodes import play_of, play_of_response
 from scripted_agents.games.rendering import scene_of
 from scripted_agents.games.simulator import GameSimulator, GameTask, StatePolicy
@@ -21,8 +21,10 @@ from train.evaluation.games import stepper
 from train.evaluation.scores import (
     BEST_RETURN,
     BY_RETURN,
+    UNKNOWN,
     Contest,
     Measure,
+    ObjectiveGap,
     Reference,
     Score,
     label_of,
@@ -93,6 +95,18 @@ class SmallGameContest(Contest[StatePolicy, GameSimulator]):
         """The best response within the time limit."""
         return respond(self.task.game, self.agent, self.tables, 1.0, self.task.max_steps)
 
+    def brief(self, steps: int) -> SmallGameContest:
+        """As `Contest`."""
+        return replace(self, task=replace(self.task, max_steps=steps))
+
+    def scripted(self) -> StatePolicy:
+        """As `Contest`: uniform."""
+        return named_agent(UNIFORM, self.task, self.agent)
+
+    def best_policy(self) -> StatePolicy:
+        """As `Contest`: that of the first step."""
+        return TableAgent(self.task, self.agent, self.best.policies[self.agent])
+
     def columns(self, policy: StatePolicy) -> dict[str, float]:
         """As `Contest`: how far the return is below that of the best response, and NashConv with
         the policies of the others."""
@@ -100,13 +114,15 @@ class SmallGameContest(Contest[StatePolicy, GameSimulator]):
         found = nash_conv(self.task.game, tables, 1.0, self.task.max_steps)
         return {"return_regret": found.gains[self.agent], "nash_conv": found.nash_conv}
 
-    def missing_return(self, discount: float) -> float:
-        """The return that the best response for a discount lacks."""
+    def objective_gap(self, discount: float) -> ObjectiveGap:
+        """As `Contest`: the return that the best response for a discount lacks."""
+        if discount <= 0.0:
+            return UNKNOWN
         plan = self.best
         if discount != 1.0:
             plan = respond(self.task.game, self.agent, self.tables, discount)
         own = self._score("", plan.policies[self.agent]).mean_return
-        return self.best.mean_over_starts - float(own or 0.0)
+        return ObjectiveGap(missing_return=self.best.mean_over_starts - float(own or 0.0))
 
     def baselines(self) -> list[Score]:
         """Uniform play, the equilibrium of a zero-sum game of two, and the best response."""
