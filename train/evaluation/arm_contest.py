@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import ClassVar
@@ -14,6 +14,8 @@ from pursuit.reacher.policy import ArmPolicy
 from pursuit.reacher.rendering import ArmScene, scene_of
 from pursuit.reacher.simulator import ReacherSimulator
 from pursuit.reacher.task import ReacherTask
+from pursuit.replays.replay import Replay
+from pursuit.replays.viewer.data import Builder
 from pursuit.validation import check
 from scripted_agents import (
     IK_METHODS,
@@ -25,6 +27,7 @@ from scripted_agents import (
 )
 from scripted_agents.references import Solution, reference_of
 from train.evaluation.games import half_width
+from train.evaluation.recordings import add_recorded
 from train.evaluation.scores import (
     BY_STEPS,
     Contest,
@@ -213,6 +216,17 @@ class ArmContest(Contest[ArmPolicy, ReacherSimulator]):
     def scene(self, games: ReacherSimulator, caption: str, before: object = None) -> ArmScene:
         """As `Contest`."""
         return scene_of(games, caption=caption)
+
+    def add_episodes(
+        self,
+        builder: Builder,
+        policy: ArmPolicy,
+        games: Mapping[str, int],
+        player: str,
+        encoding: str | None = None,
+    ) -> Replay:
+        """As `Contest`, without observations."""
+        return add_recorded(builder, self, policy, games, player)
 
     def optimal_lengths(self) -> NDArray[np.float64]:
         """As `Contest`: the lower bounds."""

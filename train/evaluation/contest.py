@@ -14,6 +14,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from pursuit.replays.viewer.data import Side
 from pursuit.simulator.policy import Policy
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Rewards, Task
@@ -42,7 +43,7 @@ from scripted_agents.limits import (
     work_of,
 )
 from scripted_agents.long_work import OutOfTime, why_no_time
-from scripted_agents.references import Solution, exact_work, reference_of
+from scripted_agents.references import Solution, exact_work, is_table_duel, reference_of
 from scripted_agents.tours.tour import expected_tour_length, num_states
 from train.evaluation.departures import OUTCOMES, rates_of
 from train.evaluation.games import Lengths, best_reply, half_width, table_in
@@ -50,6 +51,7 @@ from train.evaluation.hidden_contest import Certificate, discounted, solution_of
 from train.evaluation.matchups import Matchup, exact_match
 from train.evaluation.maze_contest import SCRIPTED, MazeContest
 from train.evaluation.objective_gap import duel_gap, joint_gap, tour_gap
+from train.evaluation.recordings import MOST_BOTH_CELLS, MOST_OVERLAY_CELLS, duel_sides
 from train.evaluation.scores import (
     BY_GOALS,
     BY_RETURN,
@@ -423,6 +425,14 @@ class GameContest(MazeContest):
             name = "optimum under limited view, pessimistic bound"
             return Reference("certified", name, DISCOUNTED, proven.far, proven.gap(steps))
         return super().reference(scores, learned)
+
+    def sides(self, policy: Policy, most_both: int = MOST_BOTH_CELLS) -> list[Side]:
+        """As `MazeContest`."""
+        task = self.task
+        if not self.is_table_duel or task.max_cells > MOST_OVERLAY_CELLS:
+            return []
+        learned = table_in(task, policy) if is_table_duel(task, policy) else None
+        return duel_sides(task, self.seat, self.opponent_table(), learned, most_both)
 
     def optimal_lengths(self) -> NDArray[np.float64] | None:
         """As `Contest`; known for duels, single runners, and whole games measured in steps."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar, Self
@@ -14,6 +14,8 @@ from pursuit.environments.parallel import scene_of
 from pursuit.environments.single_agent import fill_seats
 from pursuit.rendering.marks import outcome_of
 from pursuit.rendering.rendering import Scene
+from pursuit.replays.replay import Replay
+from pursuit.replays.viewer.data import Builder, Side
 from pursuit.simulator.policy import Policy
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import ROLES, Task
@@ -23,6 +25,7 @@ from scripted_agents.hidden.limited_view_policies import limited_references
 from scripted_agents.limits import is_single_runner, why_no_tour
 from train.evaluation.departures import Departures
 from train.evaluation.games import Escapes, other_role, play_out, stepper, won_by
+from train.evaluation.recordings import MOST_BOTH_CELLS, add_recorded
 from train.evaluation.scores import (
     BY_GOALS,
     Contest,
@@ -219,6 +222,32 @@ class MazeContest(Contest[Policy, Simulator]):
         """As `Contest`."""
         comparable = (*self.limited, "random") if self.is_limited else None
         return strongest_reference(scores, learned, self.measure, comparable)
+
+    def players(self, player: str) -> dict[str, str]:
+        """As `Contest`."""
+        task, found = self.task, {}
+        for seat, (name, role) in enumerate(zip(task.agent_names, task.seat_roles, strict=True)):
+            policy = self.opponents.get(name, self.opponents.get(role))
+            found[name] = player if seat in self.seats or policy is None else label_of(policy)
+        return found
+
+    def sides(self, policy: Policy, most_both: int = MOST_BOTH_CELLS) -> list[Side]:
+        """The overlays of episodes: `duel_sides` of a duel against a tabular policy in a small
+        maze."""
+        return []
+
+    def add_episodes(
+        self,
+        builder: Builder,
+        policy: Policy,
+        games: Mapping[str, int],
+        player: str,
+        encoding: str | None = None,
+    ) -> Replay:
+        """As `Contest`, with overlays."""
+        seen = {} if encoding is None else {"seat": self.agent, "encoding": encoding}
+        sides = self.sides(policy)
+        return add_recorded(builder, self, policy, games, player, sides=sides, **seen)
 
     def scene(self, games: Simulator, caption: str, before: Scene | None = None) -> Scene:
         """As `Contest`."""

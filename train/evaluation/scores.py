@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from pursuit.reacher.policy import ArmPolicy
 from pursuit.reacher.simulator import ReacherSimulator
 from pursuit.rendering.rendering import Drawable
+from pursuit.replays.replay import Replay
+from pursuit.replays.viewer.data import Builder
 from pursuit.simulator.policy import Policy
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task
@@ -470,6 +472,32 @@ class Contest(ABC, Generic[PolicyT, GamesT]):
                 scenes.append(self.scene(games, caption, scenes[-1]))
             scenes.extend([scenes[-1]] * 3)
         return scenes
+
+    def players(self, player: str) -> dict[str, str]:
+        """The names of all policies by agent, if `player` is that of the evaluated one."""
+        return dict.fromkeys(self.task.agent_names, player)
+
+    def add_episodes(
+        self,
+        builder: Builder,
+        policy: PolicyT,
+        games: Mapping[str, int],
+        player: str,
+        encoding: str | None = None,
+    ) -> Replay | None:
+        """Add episodes to a page.
+
+        Args:
+            builder: of the page.
+            policy: the evaluated policy.
+            games: the numbers of the episodes by label.
+            player: the name of the policy.
+            encoding: the observation of the agent that is shown, where it can be.
+
+        Returns:
+            The replay; None where there is none.
+        """
+        return None
 
     # -- lengths -------------------------------------------------------------------------------
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.rendering.rendering import Drawable
+from pursuit.replays.viewer.data import Builder
 from scripted_agents.games.agents import EQUILIBRIUM, UNIFORM, TableAgent, named_agent
 from scripted_agents.games.episodes import play_of, play_of_response
 from scripted_agents.games.rendering import scene_of
@@ -30,6 +31,7 @@ from train.evaluation.scores import (
     label_of,
     strongest_reference,
 )
+from train.evaluation.small_game_replay import add_small_game
 from train.files import Plain
 from train.settings.checks import EVALUATION_SEED
 
@@ -141,6 +143,22 @@ class SmallGameContest(Contest[StatePolicy, GameSimulator]):
         """As `Contest`."""
         by_name = {**self.opponents, self.agent: policy}
         return stepper(games, [by_name[name] for name in self.task.agent_names])
+
+    def players(self, player: str) -> dict[str, str]:
+        """As `Contest`."""
+        return {**{n: label_of(own) for n, own in self.opponents.items()}, self.agent: player}
+
+    def add_episodes(
+        self,
+        builder: Builder,
+        policy: StatePolicy,
+        games: Mapping[str, int],
+        player: str,
+        encoding: str | None = None,
+    ) -> None:
+        """As `Contest`, with exact values and best responses."""
+        policies = {**self.opponents, self.agent: policy}
+        add_small_game(builder, self.task, policies, games, 1.0, self.players(player))
 
     def scene(self, games: GameSimulator, caption: str, before: object = None) -> Drawable:
         """As `Contest`: the state as text."""

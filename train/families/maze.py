@@ -196,8 +196,9 @@ def check_fits(policy: Policy, role: str, task: Task, name: str) -> None:
 
 
 def placed(policy: Policy, task: Task, agent: str, name: str, epsilon: float) -> Policy:
-    """A learned policy, checked by `check_fits`; it makes no random moves."""
-    check_fits(policy, task.seat_roles[task.seat(agent)], task, name)
+    """A policy, a learned one checked by `check_fits`; it makes no random moves."""
+    if hasattr(policy, "task"):  # scripted ones may be of roles that the task does not have
+        check_fits(policy, task.seat_roles[task.seat(agent)], task, name)
     return policy
 
 

@@ -13,7 +13,7 @@ from pursuit.simulator.policy import Policy
 from pursuit.tasks.task import Task
 from scripted_agents.limits import MAX_EXACT_WORK
 from train.evaluation.contest import GameContest
-from train.evaluation.recordings import MOST_OVERLAY_CELLS, recorded, sides_of
+from train.evaluation.recordings import MOST_OVERLAY_CELLS, recorded
 from train.evaluation.scores import OUTCOME, OUTCOMES, UNTIL_CAPTURE
 from train.evaluation.team_contest import describe_team
 from train.files import Plain, read_json
@@ -109,7 +109,7 @@ def write_self_play_report(
     if path is None:
         replay.save(folder / REPLAYS)
     builder = Builder()
-    sides = sides_of(contest, pair["chaser"], MOST_OVERLAY_CELLS)
+    sides = contest.sides(pair["chaser"], MOST_OVERLAY_CELLS)
     builder.add(replay, Extras(names=list(games), sides=sides))
     league = snapshots_league(trainee, task, pair)
     path = path or folder / REPORT
