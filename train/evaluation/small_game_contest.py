@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,45 +17,28 @@ from scripted_agents.games.rendering import scene_of
 from scripted_agents.games.simulator import GameSimulator, GameTask, StatePolicy
 from scripted_agents.games.solve import SmallResponse, nash_conv, respond
 from scripted_agents.references import SMALL_GAMES, Question, Solution, solution_of
-from train.evaluation.games import stepper
+from train.evaluation.return_contest import ReturnContest
 from train.evaluation.scores import (
     BEST_RETURN,
-    BY_RETURN,
     UNKNOWN,
-    Contest,
-    Measure,
     ObjectiveGap,
-    Reference,
     Score,
     label_of,
-    strongest_reference,
 )
 from train.evaluation.small_game_replay import add_small_game
 from train.files import Plain
-from train.settings.checks import EVALUATION_SEED
 
 
 @dataclass(frozen=True)
-class SmallGameContest(Contest[StatePolicy, GameSimulator]):
+class SmallGameContest(ReturnContest):
     """Evaluation of one player of a small game against fixed policies; all scores are exact.
 
-    The measure is the return of an episode, without discount and within the time limit. Its optimum
-    may depend on the time. The success rate of a score is the share of episodes that end in time.
+    The optimum is that within the time limit, so that it may depend on the time.
     """
 
-    success: ClassVar[str] = "ended"
-    simulator: ClassVar[type[GameSimulator]] = GameSimulator
-
     task: GameTask
-    agent: str
     opponents: Mapping[str, StatePolicy]
-    episodes: int = 1000
-    seed: int = EVALUATION_SEED
-
-    @property
-    def measure(self) -> Measure:
-        """As `Contest`."""
-        return BY_RETURN
+    batch: type[GameSimulator] = field(default=GameSimulator, init=False)
 
     @property
     def exact_reference(self) -> Solution:
@@ -134,19 +116,6 @@ class SmallGameContest(Contest[StatePolicy, GameSimulator]):
         mean, steps, ended = play_of_response(*rest)
         best = Score(BEST_RETURN, steps, 0.0, ended, self.episodes, True, mean_return=mean)
         return [*scores, best]
-
-    def reference(self, scores: Sequence[Score], learned: Score) -> Reference | None:
-        """As `Contest`."""
-        return strongest_reference(scores, learned, self.measure)
-
-    def stepper(self, games: GameSimulator, policy: StatePolicy) -> Callable[[], None]:
-        """As `Contest`."""
-        by_name = {**self.opponents, self.agent: policy}
-        return stepper(games, [by_name[name] for name in self.task.agent_names])
-
-    def players(self, player: str) -> dict[str, str]:
-        """As `Contest`."""
-        return {**{n: label_of(own) for n, own in self.opponents.items()}, self.agent: player}
 
     def add_episodes(
         self,
