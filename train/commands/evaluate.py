@@ -20,10 +20,9 @@ from train.commands.parse import parse, warn
 from train.commands.progress import ProgressLine
 from train.commands.scores import print_objective_gap, print_reference, print_scores, print_team
 from train.commands.suites import compared, evaluate_in_mazes
-from train.evaluation.contests import AnyContest
 from train.evaluation.pursuit_v5 import ENCODING, play_pursuit_v5
 from train.evaluation.recordings import recorded
-from train.evaluation.scores import UNKNOWN, Score
+from train.evaluation.scores import UNKNOWN, AnyContest, Score
 from train.evaluation.suite_report import summary_of
 from train.files import Plain, check_folder, reserved, write_json
 from train.reports.tables import ResultTable, numeric, print_table, words
@@ -201,7 +200,8 @@ def evaluate_and_print(
     chosen = "greedy" if loaded.greedy else "sampled"
 
     def solve() -> tuple[AnyContest, list[Score], Plain]:
-        own = replace(contest)  # its copy has no solutions yet
+        solved: Any = contest
+        own = replace(solved)  # its copy has no solutions yet
         found = scores or [*own.baselines(), *(own.score(*each) for each in policies.items())]
         gap = UNKNOWN if loaded.gamma is None else own.objective_gap(loaded.gamma)
         return own, found, evaluation_of(found, chosen, own, gap, policies[evaluated])

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from train.evaluation.contests import AnyContest
 from train.evaluation.score_table import score_table
-from train.evaluation.scores import OUTCOME, Reference, Score
+from train.evaluation.scores import OUTCOME, AnyContest, Reference, Score
 from train.evaluation.team_contest import describe_team
 from train.files import Plain
 from train.reports.tables import print_table

@@ -30,6 +30,7 @@ from train.evaluation.games import half_width
 from train.evaluation.recordings import add_recorded
 from train.evaluation.scores import (
     BY_STEPS,
+    Actions,
     Contest,
     Measure,
     Reference,
@@ -231,3 +232,15 @@ class ArmContest(Contest[ArmPolicy, ReacherSimulator]):
     def optimal_lengths(self) -> NDArray[np.float64]:
         """As `Contest`: the lower bounds."""
         return self.bounds().lower.astype(np.float64)
+
+    def proven_lengths(self) -> NDArray[np.float64] | None:
+        """As `Contest`."""
+        return self.optimal_lengths() if self.knows_least_steps else None
+
+    @property
+    def actions(self) -> Actions:
+        """As `Contest`: the turns of the joints; discrete ones from 0 for -1 to 2 for 1."""
+        shape = (self.task.joints,)
+        if self.task.discrete_actions:
+            return Actions(3, shape, lambda actions: actions - 1.0)
+        return Actions(None, shape, lambda actions: actions.astype(np.float64))

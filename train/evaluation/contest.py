@@ -43,7 +43,13 @@ from scripted_agents.limits import (
     work_of,
 )
 from scripted_agents.long_work import OutOfTime, why_no_time
-from scripted_agents.references import Solution, exact_work, is_table_duel, reference_of
+from scripted_agents.references import (
+    Solution,
+    exact_work,
+    is_table_duel,
+    is_table_in,
+    reference_of,
+)
 from scripted_agents.tours.tour import expected_tour_length, num_states
 from train.evaluation.departures import OUTCOMES, rates_of
 from train.evaluation.games import Lengths, best_reply, half_width, table_in
@@ -333,6 +339,14 @@ class GameContest(MazeContest):
             reason = "the best response to these agents in this task is not solved"
         check(reason is None, f"optimal {self.role}: {reason}; leave out --optimal")
         return TourRunner()
+
+    def optimum(self) -> Score | None:
+        """As `Contest`."""
+        return self.optimal(self.measure)
+
+    def is_exact_for(self, policy: Policy) -> bool:
+        """As `Contest`: of tables in a duel."""
+        return self.is_table_duel and is_table_in(self.task, policy)
 
     def optima(self) -> list[Score]:
         """The known exact optima in steps, goals, returns and outcomes."""

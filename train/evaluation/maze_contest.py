@@ -28,6 +28,7 @@ from train.evaluation.games import Escapes, other_role, play_out, stepper, won_b
 from train.evaluation.recordings import MOST_BOTH_CELLS, add_recorded
 from train.evaluation.scores import (
     BY_GOALS,
+    Actions,
     Contest,
     Measure,
     Reference,
@@ -98,6 +99,11 @@ class MazeContest(Contest[Policy, Simulator]):
     def scripted(self) -> Policy:
         """As `Contest`: A*, of a runner the nearest goal."""
         return DEFAULTS[self.role](0.0)
+
+    @property
+    def actions(self) -> Actions:
+        """As `Contest`."""
+        return Actions(self.task.num_actions)
 
     @property
     def opponent(self) -> Policy | None:

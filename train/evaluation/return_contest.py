@@ -21,6 +21,7 @@ from train.evaluation.games import half_width, play_out, stepper
 from train.evaluation.scores import (
     BEST_RETURN,
     BY_RETURN,
+    Actions,
     Contest,
     Measure,
     Reference,
@@ -140,17 +141,30 @@ class ReturnContest(Contest[Any, Any]):
             found = found[:, [self.task.seat(name) for name in self.names]].sum(axis=1)
         return lengths, ended, np.array(found, dtype=np.float64)
 
+    def values(self, policy: Any) -> NDArray[np.float64]:
+        """As `Contest`."""
+        return self.played_out(policy)[2]
+
+    def optimum(self) -> Score | None:
+        """As `Contest`: exact in its return."""
+        if self.response is None:
+            return None
+        value, policy = self.response
+        best = self.score(BEST_RETURN, policy)
+        exact: Any = {"exact": True, "mean_return": value, "value_ci95": 0.0}
+        return replace(best, **exact, apart="steps and ends: sampled")
+
+    @property
+    def actions(self) -> Actions:
+        """As `Contest`: those of the random policy."""
+        return Actions(need(self.random).num_actions)
+
     def baselines(self) -> list[Score]:
         """The random policy, and the best response where it is known: exact in its return."""
-        scores = []
-        if not isinstance(self.random, Missing):
-            scores.append(self.score("random", self.random))
-        if self.response is not None:
-            value, policy = self.response
-            best = self.score(BEST_RETURN, policy)
-            exact: Any = {"exact": True, "mean_return": value, "value_ci95": 0.0}
-            scores.append(replace(best, **exact, apart="steps and ends: sampled"))
-        return scores
+        missing = isinstance(self.random, Missing)
+        scores = [] if missing else [self.score("random", self.random)]
+        best = self.optimum()
+        return scores if best is None else [*scores, best]
 
     def reference(self, scores: Sequence[Score], learned: Score) -> Reference | None:
         """As `Contest`."""

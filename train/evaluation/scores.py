@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any, ClassVar, Generic, NamedTuple, Self, TypeVar
+from typing import Any, ClassVar, Generic, NamedTuple, Self, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -296,12 +296,26 @@ class ObjectiveGap(NamedTuple):
 UNKNOWN = ObjectiveGap()
 
 
+class Actions(NamedTuple):
+    """The actions of an agent as a function of observations returns them.
+
+    Attributes:
+        number: of discrete ones, which are integers from 0; None for any numbers.
+        shape: of those in one game.
+        moves: (actions of all games) -> the same as the simulator takes them.
+    """
+
+    number: int | None
+    shape: tuple[int, ...] = ()
+    moves: Callable[[NDArray[Any]], NDArray[Any]] = lambda actions: actions.astype(np.int32)
+
+
 PolicyT = TypeVar("PolicyT", Policy, ArmPolicy, StatePolicy)
 GamesT = TypeVar("GamesT", Simulator, ReacherSimulator, GameSimulator)
 
 
 class Contest(ABC, Generic[PolicyT, GamesT]):
-    """Evaluation of one agent; the base of all contests.
+    """Evaluation of one agent; the base of all contests, which are frozen dataclasses.
 
     Attributes:
         simulator: the class of the simulator of its games.
@@ -334,6 +348,11 @@ class Contest(ABC, Generic[PolicyT, GamesT]):
     def beside(self) -> str:
         """The policies of teammates, as a suffix of every policy that plays with them."""
         return ""
+
+    @property
+    def actions(self) -> Actions:
+        """The actions of the agent; ValueError where functions cannot give them."""
+        raise ValueError("functions of observations do not play this game; give a policy")
 
     @abstractmethod
     def describe(self) -> Plain:
@@ -410,6 +429,18 @@ class Contest(ABC, Generic[PolicyT, GamesT]):
     def optimal(self) -> Score | None:
         """The exact optimum in steps; None if it is not known."""
         return None
+
+    def optimum(self) -> Score | None:
+        """The exact optimum in the measure; None if it is not known."""
+        return self.optimal() if self.measure.by_steps else None
+
+    def is_exact_for(self, policy: PolicyT) -> bool:
+        """Whether the score of a policy is exact, for whole policies that are compared alone."""
+        return False
+
+    def values(self, policy: PolicyT) -> NDArray[np.float64]:
+        """[episodes] the results in the measure."""
+        return self.play(policy)[0].astype(float)
 
     @abstractmethod
     def baselines(self) -> list[Score]:
@@ -504,3 +535,10 @@ class Contest(ABC, Generic[PolicyT, GamesT]):
     def optimal_lengths(self) -> NDArray[np.float64] | None:
         """[episodes] optimal length from each start; None if it is not known."""
         return None
+
+    def proven_lengths(self) -> NDArray[np.float64] | None:
+        """The same; None also where some are bounds only."""
+        return self.optimal_lengths()
+
+
+AnyContest: TypeAlias = Contest[Any, Any]

@@ -21,6 +21,7 @@ from train.evaluation.return_contest import ReturnContest
 from train.evaluation.scores import (
     BEST_RETURN,
     UNKNOWN,
+    Actions,
     ObjectiveGap,
     Score,
     label_of,
@@ -112,10 +113,22 @@ class SmallGameContest(ReturnContest):
         """Uniform play, the equilibrium of a zero-sum game of two, and the best response."""
         names = [UNIFORM, *([EQUILIBRIUM] if self.task.game.zero_sum else [])]
         scores = [self.score(name, named_agent(name, self.task, self.agent)) for name in names]
+        return [*scores, self.optimum()]
+
+    def optimum(self) -> Score:
+        """As `Contest`."""
         rest = (self.task.game, self.agent, self.tables, self.task.max_steps)
         mean, steps, ended = play_of_response(*rest)
-        best = Score(BEST_RETURN, steps, 0.0, ended, self.episodes, True, mean_return=mean)
-        return [*scores, best]
+        return Score(BEST_RETURN, steps, 0.0, ended, self.episodes, True, mean_return=mean)
+
+    def is_exact_for(self, policy: StatePolicy) -> bool:
+        """As `Contest`: of tables."""
+        return hasattr(policy, "table")
+
+    @property
+    def actions(self) -> Actions:
+        """As `Contest`: the numbers of actions."""
+        return Actions(self.task.num_actions(self.agent))
 
     def add_episodes(
         self,

@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from pursuit.replays.viewer.data import Builder
-from train.evaluation.contests import AnyContest
 from train.evaluation.hidden_contest import Certificate
 from train.evaluation.score_table import score_table
-from train.evaluation.scores import Reference, Score, beside_of
+from train.evaluation.scores import AnyContest, Reference, Score, beside_of
 from train.evaluation.team_contest import describe_team
 from train.files import Plain, read_json
 from train.reports.pages import PLAYER_ELEMENT, details, pairs, picture, section, write_page

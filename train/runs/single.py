@@ -12,12 +12,12 @@ import numpy as np
 from pursuit.validation import check
 from scripted_agents.limits import MAX_EVALUATED_WORK
 from train.algorithms.ppo import PPO
-from train.evaluation.contests import AnyContest
 from train.evaluation.scores import (
     BEST_RETURN,
     BY_GOALS,
     BY_RETURN,
     UNKNOWN,
+    AnyContest,
     Measure,
     ObjectiveGap,
     Score,
@@ -150,7 +150,9 @@ class SingleAgent:
     def results(self, episodes: int) -> Plain:
         """Scores of the references and of the trained policy, greedy and sampled."""
         # A copy has no solutions: they count as time of these results.
-        contest = self._final = replace(self.final_contest(episodes))
+        solved: Any = self.final_contest(episodes)
+        contest: AnyContest = replace(solved)
+        self._final = contest
         policies: dict[str, Any] = {"learned": self.learner.policy()}
         if self.parts.algorithm.learns_distribution:
             policies["learned, sampled"] = self.learner.policy(greedy=False)
