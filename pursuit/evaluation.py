@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from pursuit.plugins import from_train
-from pursuit.reacher.task import ReacherTask
+from pursuit.simulator.batch import Rules
 from pursuit.simulator.policy import Policy
-from pursuit.tasks.task import Task
 
 
 @dataclass(frozen=True)
@@ -27,8 +26,8 @@ class Evaluation:
             gap is at most 0; a sampled one can be above.
         gap_ci95: 95 % confidence interval of the gap (lower, upper), from paired differences on
             the same start positions (delta method for a ratio of means).
-        measure: the metric of the task: "steps", "goals" (race), "return" (heist), or with exits
-            the "outcome", captures minus escapes.
+        measure: the metric of the task: "steps", "goals" (race), "return" (heist, small games), or
+            with exits the "outcome", captures minus escapes.
         mean, optimum: the mean of this metric for the policy and for the optimal policy; None if
             unknown.
         why_no_optimum: the reason why `optimum` is None; None if it is known.
@@ -49,7 +48,7 @@ class Evaluation:
 
 def evaluate(
     policy: Callable[[Any], Any] | Policy,
-    task: Task | ReacherTask | str,
+    task: Rules | str,
     agent: str | None = None,
     observation: str | None = None,
     *,
@@ -62,15 +61,17 @@ def evaluate(
     """Evaluate a policy with held-out seeds and compare it with the exact optimum.
 
     The result is exact, without sampling, in a duel of policies with `action_probabilities`, such
-    as a `scripted_agents.TablePolicy`.
+    as a `scripted_agents.TablePolicy`, and of a policy with a `table` in a small game.
 
     Args:
         policy: a function from observations [games, ...] to actions ([games] integers; for an arm
-            [games, joints] floats), or a `Policy`.
-        task: a `Task`, a `ReacherTask`, or the name of a task with `settings`.
+            [games, joints] floats), a `Policy`, or of a small game a `TableAgent`.
+        task: a `Task`, a `ReacherTask`, a `GameTask`, or the name of a task with `settings`.
         agent: the name or role of the agent that the policy controls; default: the first agent.
-        observation: the encoding of the observations; default: "one_hot", for an arm "positions".
-        opponent, opponent_epsilon: the policies of the other agents, as in `gymnasium.make`.
+        observation: the encoding of the observations; default: "one_hot", for an arm "positions",
+            for a small game "index".
+        opponent, opponent_epsilon: the policies of the other agents, as in `gymnasium.make`; in a
+            small game without folders of runs.
         episodes: number of episodes, at least 2.
         seed: seed of the start positions; training uses other seeds.
         **settings: settings of `pursuit.Task`, if `task` is a name.

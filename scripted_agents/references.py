@@ -10,7 +10,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
 
 from pursuit.reacher.task import ReacherTask
 from pursuit.simulator.policy import Policy, tells_its_play
@@ -117,6 +120,20 @@ def solution_of(asked: Question, solvers: tuple[Solver, ...]) -> Solution:
             return Solution(solver.kind, "" if solver.exact else reason)
         reason = why if solver.exact else reason
     return Solution("none", reason)
+
+
+class ReturnSolver(Protocol):
+    """A solver of games by their expected returns; policies are by the names of agents."""
+
+    def why_not(self, task: Any, policies: Mapping[str, Any]) -> str | None:
+        """Why a game with these fixed policies is not solved; None if it is."""
+
+    def returns(self, task: Any, policies: Mapping[str, Any]) -> NDArray[np.float64]:
+        """[agents] the exact expected returns within the time limit, of policies of all agents."""
+
+    def respond(self, task: Any, agent: str, policies: Mapping[str, Any]) -> tuple[float, Any]:
+        """The best expected return of an agent within the time limit against the policies of the
+        others, and the policy that has it."""
 
 
 def why_hidden(task: Task, seats: Iterable[int]) -> str | None:

@@ -20,8 +20,20 @@ from pursuit.validation import check, named_settings, whole
 from scripted_agents.games.agents import UNIFORM, named_agent
 from scripted_agents.games.encoding import encoded_states
 from scripted_agents.games.game import State
-from scripted_agents.games.interface import Opponent, PlayedGame, SmallGameInterface, task_of
-from scripted_agents.games.simulator import OBSERVE, ONE_HOT, GameSimulator, GameTask
+from scripted_agents.games.interface import (
+    Opponent,
+    PlayedGame,
+    SmallGameInterface,
+    seat_policies,
+    task_of,
+)
+from scripted_agents.games.simulator import (
+    OBSERVE,
+    ONE_HOT,
+    GameSimulator,
+    GameTask,
+    StatePolicy,
+)
 from scripted_agents.games.solve import check_policies
 
 Policies = Mapping[str, Opponent]
@@ -152,14 +164,33 @@ def _arguments(
     names = [name for name in settings if name in ("max_steps", "max_cycles")]
     limit = {name: settings.pop(name) for name in names}
     task = task_of(game, **named_settings("SmallGame-v0", limit, ("max_steps",)))
+    policies = _named(task, player, opponent, opponent_epsilon)
+    return {"game": task, "player": player, "policies": policies, **settings}
+
+
+def _named(task: GameTask, player: str | int, opponent: Any, epsilon: float) -> Policies:
+    """The policies of the other players, those by name built."""
     others = [name for seat, name in enumerate(task.agent_names) if seat != task.seat(player)]
     given = opponent if isinstance(opponent, Mapping) else dict.fromkeys(others, opponent)
     check_policies(task.game, given, ())
-    policies = {
-        name: named_agent(each, task, name, opponent_epsilon) if isinstance(each, str) else each
+    return {
+        name: named_agent(each, task, name, epsilon) if isinstance(each, str) else each
         for name, each in given.items()
     }
-    return {"game": task, "player": player, "policies": policies, **settings}
+
+
+def chosen_players(
+    task: GameTask, player: str, opponent: Any = None, epsilon: float = 0.0
+) -> dict[str, StatePolicy]:
+    """The policies of the other players; `opponent` and `epsilon` as of `small_game_env`, None for
+    uniform.
+
+    Raises:
+        ValueError: a policy that is missing, unknown or no distribution.
+    """
+    given = _named(task, player, UNIFORM if opponent is None else opponent, epsilon)
+    filled = seat_policies(task, given, task.seat(player))
+    return {name: own for name, own in zip(task.agent_names, filled, strict=True) if own}
 
 
 def small_game_env(game: PlayedGame, **settings: Any) -> SmallGameEnv:

@@ -52,6 +52,23 @@ def task_of(game: PlayedGame, max_steps: int | None = None) -> GameTask:
     return task if max_steps is None else replace(task, max_steps=max_steps)
 
 
+def seat_policies(
+    task: GameTask, policies: Mapping[str, Opponent], player: int
+) -> list[StatePolicy | None]:
+    """The policy of every player but one, which has None.
+
+    Raises:
+        ValueError: a policy that is missing or no distribution, or one of an unknown player.
+    """
+    others = [name for seat, name in enumerate(task.agent_names) if seat != player]
+    check_policies(task.game, policies, others)
+    filled: list[StatePolicy | None] = [None] * task.num_agents
+    for name in others:
+        given: Any = policies[name]
+        filled[task.seat(name)] = given if hasattr(given, "act") else TableAgent(task, name, given)
+    return filled
+
+
 class SmallGameInterface(GameInterface):
     """A batch of copies of a small game.
 
@@ -107,15 +124,8 @@ class SmallGameInterface(GameInterface):
             self.recorded.place(first[0], first[1] or None, seed=seed, exits=exits)
 
     def policies_of(self, seat: int, policies: Mapping[str, Opponent]) -> list[StatePolicy | None]:
-        """As `GameInterface.policies_of`; what is no policy is a table, as of `SmallGame.table`."""
-        others = [name for name in self.agents if name != self.agents[seat]]
-        check_policies(self.task.game, policies, others)
-        filled: list[StatePolicy | None] = [None] * len(self.agents)
-        for name in others:
-            given: Any = policies[name]
-            own = given if hasattr(given, "act") else TableAgent(self.task, name, given)
-            filled[self.seats[name]] = own
-        return filled
+        """As `seat_policies`."""
+        return seat_policies(self.simulator.task, policies, seat)
 
     def _number(self, seat: int, action: ArrayLike) -> NDArray[np.int32]:
         """[1] the number of an action, legal or not; ValueError for other values."""

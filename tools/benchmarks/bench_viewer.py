@@ -20,7 +20,6 @@ from playwright.sync_api import sync_playwright
 from pursuit import Recorder
 from pursuit.replays.viewer.data import Builder, Extras
 from scripted_agents import AStarChaser
-from train.evaluation.recordings import sides_of
 from train.machine import processor
 from train.reports.pages import PLAYER_ELEMENT, write_page
 from train.runs.parts import contest_of
@@ -54,7 +53,7 @@ def page_of(maze: str, folder: Path) -> Path:
         if replay.episodes[0].length == 200:
             break
     builder = Builder()
-    builder.add(replay, Extras(sides=sides_of(contest, policy), seat="chaser_0", encoding="index"))
+    builder.add(replay, Extras(sides=contest.sides(policy), seat="chaser_0", encoding="index"))
     path = folder / f"{maze}.html"
     write_page(path, maze, [PLAYER_ELEMENT], builder.data(maze))
     return path

@@ -13,35 +13,23 @@ import tyro
 from pursuit.observations.custom import without_id
 from pursuit.replays.replay import with_suffix
 from pursuit.simulator.policy import Policy
-from pursuit.validation import at_least, check, choice
+from pursuit.validation import at_least, check, choice, need
 from scripted_agents.limits import MAX_EVALUATED_WORK
 from scripted_agents.long_work import in_time
-from scripted_agents.references import is_known
 from train.commands.parse import parse, warn
 from train.commands.progress import ProgressLine
-from train.commands.scores import (
-    print_bounds,
-    print_objective_gap,
-    print_reference,
-    print_scores,
-    print_team,
-)
+from train.commands.scores import print_objective_gap, print_reference, print_scores, print_team
 from train.commands.suites import compared, evaluate_in_mazes
-from train.evaluation.arm_contest import ArmContest
-from train.evaluation.contests import AnyContest
-from train.evaluation.objective_gap import UNKNOWN, objective_gap
 from train.evaluation.pursuit_v5 import ENCODING, play_pursuit_v5
 from train.evaluation.recordings import recorded
-from train.evaluation.scores import Score
+from train.evaluation.scores import UNKNOWN, AnyContest, Score
 from train.evaluation.sides import Profile
-from train.evaluation.small_game_contest import SmallGameContest
-from train.evaluation.suite_contest import SuiteContest
 from train.evaluation.suite_report import summary_of
 from train.files import Plain, check_folder, reserved, write_json
 from train.reports.tables import ResultTable, numeric, print_table, words
 from train.runs.folder import SELF_PLAY, read_config
 from train.settings.checks import Settings, check_default
-from train.settings.task import AGENT, ReacherSettings, TaskSettings
+from train.settings.task import AGENT, TaskSettings
 from train.settings.task_form import AnyTask, with_values
 
 
@@ -185,34 +173,30 @@ def evaluate_and_print(
     evaluated = "learned" if loaded.greedy else "learned, sampled"
     contest = contest_of(task, given.episodes, given.seed, loaded.team)
     contest = contest.solved_up_to(MAX_EVALUATED_WORK)
-    check(
-        replays is None or not isinstance(contest, SmallGameContest),
-        "--replays takes games in mazes and arms; `pursuit view` shows episodes of a small game",
-    )
+    check(replays is None or not contest.NO_REPLAY, f"--replays takes {contest.NO_REPLAY}")
     more: Plain = {}
     print(contest.line())
-    if isinstance(contest, SuiteContest):
+    contest = contest.exactly(policies.values())
+    if (suite := contest.by_maze) is not None:
         check_default(given, type(given), ["exact_seconds"], "it is for games in one maze")
-        contest = replace(
-            contest, exact=all(is_known(contest.task, policy) for policy in policies.values())
-        )
-        played = evaluate_in_mazes(contest, policies, given.table)
+        played = evaluate_in_mazes(suite, policies, given.table)
         scores = [each.score(given.episodes) for each in played]
-        more["suite"] = {each.name: summary_of(contest, each) for each in played}
+        more["suite"] = {each.name: summary_of(suite, each) for each in played}
         if isinstance(given, EvaluateCommand) and given.maze is not None:
             world: Any = world_of(training)  # also of a single maze
-            own = replace(contest, task=world.task, agent=world.agent, opponents=world.opponents)
+            own = replace(suite, task=world.task, agent=world.agent, opponents=world.opponents)
             shown = next(each for each in played if each.name == evaluated)
-            more["generalisation"] = compared(contest, shown, own, policies[evaluated])
+            more["generalisation"] = compared(suite, shown, own, policies[evaluated])
     else:
         check(given.table is None, "--table needs a suite of mazes; give --maze suite:7x7-test")
         scores = []
     chosen = "greedy" if loaded.greedy else "sampled"
 
     def solve() -> tuple[AnyContest, list[Score], Plain]:
-        own = replace(contest)  # its copy has no solutions yet
+        solved: Any = contest
+        own = replace(solved)  # its copy has no solutions yet
         found = scores or [*own.baselines(), *(own.score(*each) for each in policies.items())]
-        gap = UNKNOWN if loaded.gamma is None else objective_gap(own, loaded.gamma)
+        gap = UNKNOWN if loaded.gamma is None else own.objective_gap(loaded.gamma)
         return own, found, evaluation_of(found, chosen, own, gap, policies[evaluated])
 
     with closing(ProgressLine()) as tell:
@@ -222,17 +206,16 @@ def evaluate_and_print(
     if limit:
         more["exact_limit"] = limit
         print(limit)
-    if isinstance(contest, ArmContest):
-        print_bounds(contest)
+    for line in contest.notes:
+        print(line)
     print_reference(results["reference"], contest)
     print_team(results)
     if loaded.gamma is not None:
         print_objective_gap(results["evaluation"], loaded.gamma)
     if replays is not None:
         games = {f"episode {number + 1}": number for number in range(given.replay_episodes)}
-        path = recorded(contest, policies[evaluated], games, loaded.named["algorithm"]).save(
-            replays
-        )
+        replay = recorded(contest, policies[evaluated], games, loaded.named["algorithm"])
+        path = replay.save(replays)
         print(f"replays: {path}; watch them with: pursuit view {path}")
     return {**contest.describe(), **loaded.named, **results, **more}
 
@@ -278,8 +261,9 @@ def load_run(given: EvaluateCommand) -> Loaded:
     for name in changed:
         option = f"--{name.replace('_', '-')}"
         check(
-            not isinstance(settings.task, ReacherSettings),
-            f"{option}, but {given.run} moves an arm; leave it out",
+            name in settings.task.POLICIES,
+            f"{option}, but task {settings.task.task!r} of {given.run} has no other agents; leave "
+            "it out",
         )
     if changed:
         task: Any = replace(settings.task, **changed)
@@ -302,7 +286,7 @@ def load_run(given: EvaluateCommand) -> Loaded:
 
 def load_model(given: EvaluateModelCommand) -> Loaded:
     """The policies of a saved model, in the task of the options."""
-    from train.families.maze import check_fits  # torch is slow to import
+    from train.families import family_of  # torch is slow to import
     from train.runs.stable_baselines import load_stable_baselines
 
     built = given.task.build()
@@ -310,8 +294,8 @@ def load_model(given: EvaluateModelCommand) -> Loaded:
     trained: Plain = {"task": built, "agent": agent, "observation": given.observation}
     trained["mask_bumps"] = given.task.mask_bumps
     greedy = load_stable_baselines(given.run, **trained)
-    check_fits(greedy, built.seat_roles[built.seat(agent)], built, str(given.run))
-    policies: dict[str, Policy] = {"learned": greedy}
+    placed = need(family_of(given.task).policies).placed
+    policies: dict[str, Policy] = {"learned": placed(greedy, built, agent, str(given.run), 0.0)}
     drawn = load_stable_baselines(given.run, None, **trained)
     if not drawn.greedy:
         policies["learned, sampled"] = drawn

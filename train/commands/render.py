@@ -11,22 +11,7 @@ import tyro
 
 from pursuit.rendering.animation import save_animation
 from pursuit.validation import at_least, check, passes
-from scripted_agents import (
-    BestResponse,
-    InverseKinematics,
-    LeastStepsPolicy,
-    TablePolicy,
-    TourRunner,
-    why_not_optimal,
-)
-from scripted_agents.environments import DEFAULTS
-from scripted_agents.games.agents import UNIFORM, TableAgent, named_agent
 from train.commands.parse import options_in, parse
-from train.evaluation.arm_contest import ArmContest
-from train.evaluation.contest import GameContest
-from train.evaluation.contests import AnyContest
-from train.evaluation.maze_contest import MazeContest
-from train.evaluation.small_game_contest import SmallGameContest
 from train.files import check_folder, check_new_files
 from train.settings.checks import Settings
 from train.settings.reading import names_of
@@ -76,47 +61,8 @@ def render(arguments: Sequence[str]) -> None:
     else:
         given.task.check_used()
         contest = contest_of(given.task, 2)
-        policy = scripted_policy(contest)
+        policy = contest.scripted()
     if given.optimal:
-        policy = optimal_policy(contest)
+        policy = contest.best_policy()
     save_animation(given.out, contest.scenes(policy, given.episodes))
     print(f"{given.out}: {given.episodes} episode(s)")
-
-
-def scripted_policy(contest: AnyContest) -> Any:
-    """The scripted policy: A* in mazes, inverse kinematics for the arm, uniform in small games."""
-    if isinstance(contest, ArmContest):
-        check(
-            not contest.task.discrete_actions,
-            "an arm with discrete actions has only learned policies; give the folder of a run",
-        )
-        return InverseKinematics()
-    if isinstance(contest, SmallGameContest):
-        return named_agent(UNIFORM, contest.task, contest.agent)
-    assert isinstance(contest, MazeContest)
-    return DEFAULTS[contest.role](0.0)
-
-
-def optimal_policy(contest: AnyContest) -> Any:
-    """The exactly optimal policy in a contest; ValueError if it is not known."""
-    if isinstance(contest, ArmContest):
-        check(not contest.task.discrete_actions, "unknown for discrete actions: omit --optimal")
-        return LeastStepsPolicy()
-    if isinstance(contest, SmallGameContest):
-        agent = contest.agent
-        return TableAgent(contest.task, agent, contest.best.policies[agent])
-    if not isinstance(contest, GameContest):
-        raise ValueError("the optimum in several mazes is not one policy; give one of the mazes")
-    by_steps = contest.measure.by_steps
-    own = contest.full if by_steps and len(contest.seats) == 1 else contest
-    outcome, kind = contest.measure.name == "outcome", own.exact_reference.kind
-    best = own.best_in(contest.measure) if outcome or kind in ("duel", "team") else None
-    if isinstance(best, BestResponse):
-        return TablePolicy(contest.task.mazes[0], best.policy)
-    if best is not None:
-        return best.policy
-    reason = why_not_optimal(contest.task, "runner")
-    if contest.role != "runner":
-        reason = "the best response to these agents in this task is not solved"
-    check(reason is None, f"optimal {contest.role}: {reason}; leave out --optimal")
-    return TourRunner()

@@ -9,14 +9,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
 from pursuit.rendering.animation import save_animation
 from train.commands.parse import default_budget, options_in, parse, parse_known
 from train.commands.progress import RunCommand, check_resumed, finish_run, start_or_resume
-from train.commands.scores import (
-    print_bounds,
-    print_objective_gap,
-    print_reference,
-    print_scores,
-    print_team,
-)
-from train.evaluation.arm_contest import ArmContest
+from train.commands.scores import print_objective_gap, print_reference, print_scores, print_team
 from train.evaluation.scores import Score
 from train.files import Plain
 from train.runs.folder import CURVE, REPLAY, REPORT, RUN
@@ -134,8 +127,8 @@ def show(run: Run[SingleAgent], content: Plain) -> None:
     print()
     scores = [Score(**score) for score in content["scores"]]
     print_scores(scores, trainee.contest)
-    if isinstance(trainee.contest, ArmContest):
-        print_bounds(trainee.contest)
+    for line in trainee.contest.notes:
+        print(line)
     evaluation, settings = content["evaluation"], trainee.parts.settings
     column = content["objective"]["column"]
     if evaluation["optimality_gap"] is not None and column == "mean_steps":

@@ -15,7 +15,6 @@ from pursuit.replays.viewer.data import Builder, Extras
 from pursuit.validation import at_least, check
 from train.commands.parse import parse, warn
 from train.commands.progress import ProgressLine
-from train.evaluation.recordings import add_episodes
 from train.files import check_new_files
 from train.play.browser import open_page
 from train.reports.pages import PLAYER_ELEMENT, write_page
@@ -108,7 +107,7 @@ def add_run(builder: Builder, folder: Path, episodes: int) -> None:
     policy = load_policy(folder, greedy=settings.evaluate == "greedy")
     contest = contest_of(settings.task, max(episodes, 2), team=trains_team(folder))
     games = {f"{folder.name}, episode {number + 1}": number for number in range(episodes)}
-    add_episodes(builder, contest, policy, games, settings.algorithm)
+    contest.add_episodes(builder, policy, games, settings.algorithm)
 
 
 def add_replay(builder: Builder, path: Path) -> None:

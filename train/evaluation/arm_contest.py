@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import ClassVar
@@ -14,6 +14,9 @@ from pursuit.reacher.policy import ArmPolicy
 from pursuit.reacher.rendering import ArmScene, scene_of
 from pursuit.reacher.simulator import ReacherSimulator
 from pursuit.reacher.task import ReacherTask
+from pursuit.replays.replay import Replay
+from pursuit.replays.viewer.data import Builder
+from pursuit.validation import check
 from scripted_agents import (
     IK_METHODS,
     InverseKinematics,
@@ -24,8 +27,10 @@ from scripted_agents import (
 )
 from scripted_agents.references import Solution, reference_of
 from train.evaluation.games import half_width
+from train.evaluation.recordings import add_recorded
 from train.evaluation.scores import (
     BY_STEPS,
+    Actions,
     Contest,
     Measure,
     Reference,
@@ -85,6 +90,7 @@ class ArmContest(Contest[ArmPolicy, ReacherSimulator]):
     they would then depend on the policy.
     """
 
+    NO_REPLAY: ClassVar[str] = ""
     simulator: ClassVar[type[ReacherSimulator]] = ReacherSimulator
 
     task: ReacherTask
@@ -132,6 +138,35 @@ class ArmContest(Contest[ArmPolicy, ReacherSimulator]):
         lengths, reached = self.play(policy)
         mean, share = float(lengths.mean()), float(reached.mean())
         return Score(name, mean, half_width(lengths), share, len(lengths), False)
+
+    def scripted(self) -> ArmPolicy:
+        """As `Contest`: inverse kinematics."""
+        check(
+            not self.task.discrete_actions,
+            "an arm with discrete actions has only learned policies; give the folder of a run",
+        )
+        return InverseKinematics()
+
+    def best_policy(self) -> ArmPolicy:
+        """As `Contest`."""
+        check(not self.task.discrete_actions, "unknown for discrete actions: omit --optimal")
+        return LeastStepsPolicy()
+
+    @property
+    def notes(self) -> list[str]:
+        """As `Contest`: the bounds of the minimum steps."""
+        bounds = self.bounds()
+        if self.task.discrete_actions:
+            least = "minimum steps with continuous actions, a lower bound for discrete actions"
+        elif bounds.share_exact == 1.0:
+            least = "minimum steps, exact from every start"
+        else:
+            least = (
+                f"at least {bounds.lower.mean():.3f} steps and at most {bounds.upper.mean():.3f}, "
+                f"exact from {100 * bounds.share_exact:.1f} % of the starts; gaps are to the lower "
+                "bound"
+            )
+        return [f"optimal: {least}"]
 
     def bounds(self) -> Bounds:
         """Bounds of the minimum lengths of these episodes."""
@@ -183,6 +218,25 @@ class ArmContest(Contest[ArmPolicy, ReacherSimulator]):
         """As `Contest`."""
         return scene_of(games, caption=caption)
 
+    def add_episodes(
+        self,
+        builder: Builder,
+        policy: ArmPolicy,
+        games: Mapping[str, int],
+        player: str,
+        encoding: str | None = None,
+    ) -> Replay:
+        """As `Contest`, without observations."""
+        return add_recorded(builder, self, policy, games, player)
+
     def optimal_lengths(self) -> NDArray[np.float64] | None:
         """As `Contest`."""
         return self.bounds().lower.astype(np.float64) if self.knows_least_steps else None
+
+    @property
+    def actions(self) -> Actions:
+        """As `Contest`: the turns of the joints; discrete ones from 0 for -1 to 2 for 1."""
+        shape = (self.task.joints,)
+        if self.task.discrete_actions:
+            return Actions(3, shape, lambda actions: actions - 1.0)
+        return Actions(None, shape, lambda actions: actions.astype(np.float64))

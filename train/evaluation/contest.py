@@ -6,7 +6,7 @@ agents. Other games are sampled from seeded starts that are the same for all pol
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Self
@@ -14,41 +14,63 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from pursuit.replays.viewer.data import Side
 from pursuit.simulator.policy import Policy
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Rewards, Task
+from pursuit.validation import check
 from scripted_agents import (
     BestResponse,
     HiddenChaseSolution,
     JointResponse,
     RandomAgent,
+    TablePolicy,
+    TourRunner,
+    count_joint_states,
     mean_over_starts,
     solve_joint,
+    why_not_optimal,
+    why_not_team_chase,
 )
 from scripted_agents.environments import DEFAULTS
-from scripted_agents.limits import MAX_WORK, SEARCH_SECONDS
-from scripted_agents.references import Solution, exact_work, reference_of
-from train.evaluation.departures import rates_of
+from scripted_agents.limits import (
+    MAX_OBJECTIVE_CELLS,
+    MAX_OBJECTIVE_WORK,
+    MAX_WORK,
+    SEARCH_SECONDS,
+    is_single_runner,
+    why_no_tour,
+    work_of,
+)
+from scripted_agents.long_work import OutOfTime, why_no_time
+from scripted_agents.references import (
+    Solution,
+    exact_work,
+    is_table_duel,
+    is_table_in,
+    reference_of,
+)
+from scripted_agents.tours.tour import expected_tour_length, num_states
+from train.evaluation.departures import OUTCOMES, rates_of
 from train.evaluation.games import Lengths, best_reply, half_width, table_in
 from train.evaluation.hidden_contest import Certificate, bounds_in, discounted
 from train.evaluation.matchups import Matchup, exact_match
 from train.evaluation.maze_contest import SCRIPTED, MazeContest
+from train.evaluation.objective_gap import duel_gap, joint_gap, tour_gap
+from train.evaluation.recordings import MOST_BOTH_CELLS, MOST_OVERLAY_CELLS, duel_sides
 from train.evaluation.scores import (
     BY_GOALS,
     BY_RETURN,
     BY_STEPS,
     DISCOUNTED,
     FULL_VIEW,
+    OUTCOME,
+    UNKNOWN,
     Measure,
+    ObjectiveGap,
     Reference,
     Score,
 )
-
-OUTCOMES = {
-    "chaser": Rewards(capture=1.0, escape=-1.0, per_evader=True),
-    "evader": Rewards(capture=-1.0, escape=1.0),
-}
-"""Rewards whose returns are captures minus escapes, and for an evader its negative."""
 
 
 @dataclass(frozen=True)
@@ -72,6 +94,51 @@ class GameContest(MazeContest):
     def solved_up_to(self, most_work: int) -> GameContest:
         """As `Contest`."""
         return replace(self, most_work=most_work)
+
+    def brief(self, steps: int) -> Self:
+        """As `Contest`."""
+        return replace(super().brief(steps), most_work=0, search_seconds=0.0)
+
+    @property
+    def why_no_optimum(self) -> str:
+        """As `Contest`."""
+        return self.with_full_view.exact_reference.reason
+
+    def facts(self) -> Iterator[str]:
+        """As `Contest`: the number of states, and the optima over all starts, or why none is
+        known."""
+        task, maze = self.task, self.task.mazes[0]
+        if is_single_runner(task):
+            if why_no_tour(task.num_goals) is None:
+                mean = expected_tour_length(maze, task.num_goals)
+                how = "exact" if mean.exact else f"±{mean.ci95:.2f}, sampled"
+                yield f"mean optimal tour over all placements: {mean:.4f} ({how})"
+            yield f"distinct states: {num_states(maze.num_cells, task.num_goals):,}"
+        elif why_not_team_chase(task) is None:
+            cells, chasers = maze.num_cells, task.num_chasers
+            yield f"distinct states: {(cells - 1) ** chasers * cells:,}"
+        else:
+            yield f"distinct states: {count_joint_states(task):,}"
+            yield from self._optima_over_starts()
+
+    def _optima_over_starts(self) -> Iterator[str]:
+        """The optima of a game of several agents over all starts, or why they are not known."""
+        if self.exact_reference.reason:
+            yield f"no exact optimum: {self.exact_reference.reason}"
+            return
+        agent = self.agent
+        found = (
+            ("mean optimum over all starts", " steps", BY_STEPS),
+            (f"highest return of {agent}, over all starts", "", BY_RETURN),
+            (f"most goals of {agent}, over all starts", "", BY_GOALS),
+        )
+        outcome = self.best_in(self.measure)
+        if outcome is not None and self.measure.name == "outcome":
+            mean = outcome.mean_over_starts * (-1.0 if self.role == "evader" else 1.0)
+            yield f"{OUTCOME} with the best {agent}, over all starts: {mean:.4f} (exact)"
+        for text, unit, measure in found:
+            if (best := self.best_in(measure)) is not None:
+                yield f"{text}: {best.mean_over_starts:.4f}{unit} (exact)"
 
     @property
     def is_table_duel(self) -> bool:
@@ -257,6 +324,30 @@ class GameContest(MazeContest):
         mean = float(lengths.mean())
         return Score("optimal", mean, half_width(lengths), share, self.episodes, False)
 
+    def best_policy(self) -> Policy:
+        """As `Contest`."""
+        by_steps = self.measure.by_steps
+        own = self.full if by_steps and len(self.seats) == 1 else self
+        outcome, kind = self.measure.name == "outcome", own.exact_reference.kind
+        best = own.best_in(self.measure) if outcome or kind in ("duel", "team") else None
+        if isinstance(best, BestResponse):
+            return TablePolicy(self.task.mazes[0], best.policy)
+        if best is not None:
+            return best.policy
+        reason = why_not_optimal(self.task, "runner")
+        if self.role != "runner":
+            reason = "the best response to these agents in this task is not solved"
+        check(reason is None, f"optimal {self.role}: {reason}; leave out --optimal")
+        return TourRunner()
+
+    def optimum(self) -> Score | None:
+        """As `Contest`."""
+        return self.optimal(self.measure)
+
+    def is_exact_for(self, policy: Policy) -> bool:
+        """As `Contest`: of tables in a duel."""
+        return self.is_table_duel and is_table_in(self.task, policy)
+
     def optima(self) -> list[Score]:
         """The known exact optima in steps, goals, returns and outcomes."""
         measures = {each.name: each for each in (BY_STEPS, BY_GOALS, BY_RETURN)}
@@ -288,6 +379,41 @@ class GameContest(MazeContest):
         more: Any = means | {"value_ci95": self._value_ci95(values), "apart": others}
         return Score(name, mean, ci95, share, self.episodes, False, **more)
 
+    def objective_gap(self, discount: float) -> ObjectiveGap:
+        """As `Contest`.
+
+        Ties are broken by the fewest steps (evader: the most), in a whole game (team, race, heist)
+        arbitrarily. In a race both values are known. The gap in steps is large there with any
+        discount, as rewards for goals do not favour short games.
+
+        Unknown for games that are too large, action masks, distance or user-defined rewards,
+        several mazes, starts at marks, a team as one player, too many goals to enumerate, rewards
+        that do not favour short episodes (evader: long ones), a limited view, a whole game without
+        discount, and discount 0.
+        """
+        if self.is_limited or discount == 0.0 or len(self.seats) > 1:
+            return UNKNOWN
+        task, rewards = self.task, self.task.role_rewards[self.role]
+        by_time = rewards.distance == 0.0 and task.reward_function is None
+        if len(task.mazes) > 1 or task.start != "random" or not by_time:
+            return UNKNOWN
+        if is_single_runner(task):
+            return ObjectiveGap(tour_gap(task, rewards, discount))
+        if self.is_table_duel and not self.mask_bumps and task.max_cells <= MAX_OBJECTIVE_CELLS:
+            best: Any = self.best_in()
+            given = (task, self.role, self.opponent_table(), best, discount)
+            return UNKNOWN if best is None else ObjectiveGap(duel_gap(*given))
+        masked_or_large = self.mask_bumps or work_of(task) > MAX_OBJECTIVE_WORK
+        if self.is_table_duel or masked_or_large or discount >= 1.0:
+            return UNKNOWN
+        name = task.agent_names[self.seat]
+        try:
+            return joint_gap(task, name, self.opponents, self.measure, self.best_in, discount)
+        except OutOfTime:  # the optimum is known already
+            if why_no_time(work_of(task)) is None:
+                raise
+            return UNKNOWN
+
     def baselines(self) -> list[Score]:
         """Random, scripted (A* or nearest goal) and the known optima."""
         scores = [
@@ -313,6 +439,14 @@ class GameContest(MazeContest):
             name = "optimum under limited view, pessimistic bound"
             return Reference("certified", name, DISCOUNTED, proven.far, proven.gap(steps))
         return super().reference(scores, learned)
+
+    def sides(self, policy: Policy, most_both: int = MOST_BOTH_CELLS) -> list[Side]:
+        """As `MazeContest`."""
+        task = self.task
+        if not self.is_table_duel or task.max_cells > MOST_OVERLAY_CELLS:
+            return []
+        learned = table_in(task, policy) if is_table_duel(task, policy) else None
+        return duel_sides(task, self.seat, self.opponent_table(), learned, most_both)
 
     def optimal_lengths(self) -> NDArray[np.float64] | None:
         """As `Contest`; known for duels, single runners, and whole games measured in steps."""

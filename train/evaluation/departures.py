@@ -7,7 +7,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pursuit.tasks.task import Rewards
+
 RATES = ("capture_rate", "escape_rate", "timeout_rate")
+
+OUTCOMES = {
+    "chaser": Rewards(capture=1.0, escape=-1.0, per_evader=True),
+    "evader": Rewards(capture=-1.0, escape=1.0),
+}
+"""Rewards whose returns are captures minus escapes, and for an evader its negative."""
 
 
 class Departures(NamedTuple):

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,16 +14,21 @@ from pursuit.environments.parallel import scene_of
 from pursuit.environments.single_agent import fill_seats
 from pursuit.rendering.marks import outcome_of
 from pursuit.rendering.rendering import Scene
+from pursuit.replays.replay import Replay
+from pursuit.replays.viewer.data import Builder, Side
 from pursuit.simulator.policy import Policy
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import ROLES, Task
 from scripted_agents import tour_lengths
+from scripted_agents.environments import DEFAULTS
 from scripted_agents.hidden.limited_view_policies import limited_references
 from scripted_agents.references import TOUR, Question
 from train.evaluation.departures import Departures
 from train.evaluation.games import Escapes, other_role, play_out, stepper, won_by
+from train.evaluation.recordings import MOST_BOTH_CELLS, add_recorded
 from train.evaluation.scores import (
     BY_GOALS,
+    Actions,
     Contest,
     Measure,
     Reference,
@@ -47,6 +52,7 @@ class MazeContest(Contest[Policy, Simulator]):
     Starts are seeded, and the same for all evaluated policies.
     """
 
+    NO_REPLAY: ClassVar[str] = ""
     simulator: ClassVar[type[Simulator]] = Simulator
 
     task: Task
@@ -85,6 +91,19 @@ class MazeContest(Contest[Policy, Simulator]):
         return if evaders collect goals, as that game ends with a capture or the last goal; captures
         minus escapes in other tasks with exits."""
         return measure_of(self.task, self.role)
+
+    def brief(self, steps: int) -> Self:
+        """As `Contest`."""
+        return replace(self, task=replace(self.task, max_steps=min(self.task.max_steps, steps)))
+
+    def scripted(self) -> Policy:
+        """As `Contest`: A*, of a runner the nearest goal."""
+        return DEFAULTS[self.role](0.0)
+
+    @property
+    def actions(self) -> Actions:
+        """As `Contest`."""
+        return Actions(self.task.num_actions)
 
     @property
     def opponent(self) -> Policy | None:
@@ -209,6 +228,32 @@ class MazeContest(Contest[Policy, Simulator]):
         """As `Contest`."""
         comparable = (*self.limited, "random") if self.is_limited else None
         return strongest_reference(scores, learned, self.measure, comparable)
+
+    def players(self, player: str) -> dict[str, str]:
+        """As `Contest`."""
+        task, found = self.task, {}
+        for seat, (name, role) in enumerate(zip(task.agent_names, task.seat_roles, strict=True)):
+            policy = self.opponents.get(name, self.opponents.get(role))
+            found[name] = player if seat in self.seats or policy is None else label_of(policy)
+        return found
+
+    def sides(self, policy: Policy, most_both: int = MOST_BOTH_CELLS) -> list[Side]:
+        """The overlays of episodes: `duel_sides` of a duel against a tabular policy in a small
+        maze."""
+        return []
+
+    def add_episodes(
+        self,
+        builder: Builder,
+        policy: Policy,
+        games: Mapping[str, int],
+        player: str,
+        encoding: str | None = None,
+    ) -> Replay:
+        """As `Contest`, with overlays."""
+        seen = {} if encoding is None else {"seat": self.agent, "encoding": encoding}
+        sides = self.sides(policy)
+        return add_recorded(builder, self, policy, games, player, sides=sides, **seen)
 
     def scene(self, games: Simulator, caption: str, before: Scene | None = None) -> Scene:
         """As `Contest`."""

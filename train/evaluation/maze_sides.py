@@ -39,7 +39,7 @@ from train.evaluation.games import (
 )
 from train.evaluation.matchups import can_solve, discounted_steps, match, pair_payoffs
 from train.evaluation.payoff_table import legend_of, matches_table
-from train.evaluation.recordings import MOST_OVERLAY_CELLS, recorded, sides_of
+from train.evaluation.recordings import MOST_OVERLAY_CELLS, recorded
 from train.evaluation.scores import DISCOUNTED, OUTCOME, OUTCOMES, UNTIL_CAPTURE, Measure
 from train.evaluation.self_play_metrics import (
     exact_best_responses,
@@ -414,6 +414,6 @@ class MazeSides(Sides):
         replay = recorded(contest, policies["chaser"], games, "")
         agents = zip(self.task.agent_names, self.by_agent, strict=True)
         replay = replace(replay, players={name: labels[role] for name, role in agents})
-        sides = sides_of(contest, policies["chaser"], MOST_OVERLAY_CELLS)
+        sides = contest.sides(policies["chaser"], MOST_OVERLAY_CELLS)
         builder.add(replay, Extras(names=list(games), sides=sides))
         return replay

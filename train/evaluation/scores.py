@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any, ClassVar, Generic, Self, TypeVar
+from typing import Any, ClassVar, Generic, NamedTuple, Self, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from pursuit.reacher.policy import ArmPolicy
 from pursuit.reacher.simulator import ReacherSimulator
 from pursuit.rendering.rendering import Drawable
+from pursuit.replays.replay import Replay
+from pursuit.replays.viewer.data import Builder
 from pursuit.simulator.policy import Policy
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task
@@ -278,12 +280,42 @@ def beside_of(teammates: Mapping[str, str]) -> str:
     return "".join(f" + {n} × {name}" if n > 1 else f" + {name}" for name, n in counts.items())
 
 
+class ObjectiveGap(NamedTuple):
+    """The loss of the policy with the best discounted return; None where unknown.
+
+    Attributes:
+        gap: its `optimality_gap`, at most 0 for evaders.
+        missing_return: the best undiscounted return minus its own, if other agents collect goals;
+            with exits in captures minus escapes, for an evader its own minus the least.
+    """
+
+    gap: float | None = None
+    missing_return: float | None = None
+
+
+UNKNOWN = ObjectiveGap()
+
+
+class Actions(NamedTuple):
+    """The actions of an agent as a function of observations returns them.
+
+    Attributes:
+        number: of discrete ones, which are integers from 0; None for any numbers.
+        shape: of those in one game.
+        moves: (actions of all games) -> the same as the simulator takes them.
+    """
+
+    number: int | None
+    shape: tuple[int, ...] = ()
+    moves: Callable[[NDArray[Any]], NDArray[Any]] = lambda actions: actions.astype(np.int32)
+
+
 PolicyT = TypeVar("PolicyT", Policy, ArmPolicy, StatePolicy)
 GamesT = TypeVar("GamesT", Simulator, ReacherSimulator, GameSimulator)
 
 
 class Contest(ABC, Generic[PolicyT, GamesT]):
-    """Evaluation of one agent; the base of all contests.
+    """Evaluation of one agent; the base of all contests, which are frozen dataclasses.
 
     Attributes:
         simulator: the class of the simulator of its games.
@@ -305,6 +337,10 @@ class Contest(ABC, Generic[PolicyT, GamesT]):
     def exact_reference(self) -> Solution:
         """Which exact optimum of the agent is known, or why none is."""
 
+    NO_REPLAY: ClassVar[str] = (
+        "games in mazes and arms; `pursuit view` shows episodes of a small game"
+    )
+    """Which games have replays; "" where this one has."""
     success: ClassVar[str] = "success"
     """The heading of success rates in tables."""
 
@@ -312,6 +348,11 @@ class Contest(ABC, Generic[PolicyT, GamesT]):
     def beside(self) -> str:
         """The policies of teammates, as a suffix of every policy that plays with them."""
         return ""
+
+    @property
+    def actions(self) -> Actions:
+        """The actions of the agent; ValueError where functions cannot give them."""
+        raise ValueError("functions of observations do not play this game; give a policy")
 
     @abstractmethod
     def describe(self) -> Plain:
@@ -325,9 +366,59 @@ class Contest(ABC, Generic[PolicyT, GamesT]):
         """Further columns of `metrics.csv` for an evaluated policy."""
         return {}
 
+    def further(self, policy: PolicyT, score: Score, scores: Sequence[Score]) -> Plain:
+        """Further entries of `results.json` for an evaluated policy: its score, and those of all
+        policies."""
+        return {}
+
+    def objective_gap(self, discount: float) -> ObjectiveGap:
+        """The loss of the policy with the best discounted return, exact over all starts."""
+        return UNKNOWN
+
     def solved_up_to(self, most_work: int) -> Self:
         """The same contest; whole games are solved up to this size (`work_of`)."""
         return self
+
+    def exactly(self, policies: Iterable[PolicyT] = ()) -> Self:
+        """The same contest; scores are exact where that is a choice and can be for all of these."""
+        return self
+
+    def brief(self, steps: int) -> Self:
+        """The same contest with episodes of at most these steps where tasks allow it, and without
+        solutions of whole games; for measurements of the time that evaluations take."""
+        return self
+
+    @property
+    def by_maze(self) -> Any:
+        """The evaluation in each of several mazes, a `SuiteContest`; None for any other."""
+        return None
+
+    # -- what is said of the game --------------------------------------------------------------
+
+    @property
+    def notes(self) -> list[str]:
+        """What is said of the optimum below tables of scores, as lines of text."""
+        return []
+
+    def facts(self) -> Iterator[str]:
+        """What is known of the whole game beside the scores, as lines of text."""
+        yield from ()
+
+    @property
+    def why_no_optimum(self) -> str:
+        """Why no exact optimum is known even with full view; "" if one is, or if it is not said."""
+        return self.exact_reference.reason
+
+    # -- policies ------------------------------------------------------------------------------
+
+    def scripted(self) -> PolicyT:
+        """The scripted policy of the agent; ValueError if there is none."""
+        raise ValueError("this game has only learned policies; give the folder of a run")
+
+    def best_policy(self) -> PolicyT:
+        """The exactly optimal policy of the agent; ValueError if it is not known."""
+        reason = self.exact_reference.reason or "it is not solved"
+        raise ValueError(f"optimal policy: {reason}; leave out --optimal")
 
     # -- scores --------------------------------------------------------------------------------
 
@@ -338,6 +429,18 @@ class Contest(ABC, Generic[PolicyT, GamesT]):
     def optimal(self) -> Score | None:
         """The exact optimum in steps; None if it is not known."""
         return None
+
+    def optimum(self) -> Score | None:
+        """The exact optimum in the measure; None if it is not known."""
+        return self.optimal() if self.measure.by_steps else None
+
+    def is_exact_for(self, policy: PolicyT) -> bool:
+        """Whether the score of a policy is exact, for whole policies that are compared alone."""
+        return False
+
+    def values(self, policy: PolicyT) -> NDArray[np.float64]:
+        """[episodes] the results in the measure."""
+        return self.play(policy)[0].astype(float)
 
     @abstractmethod
     def baselines(self) -> list[Score]:
@@ -401,8 +504,37 @@ class Contest(ABC, Generic[PolicyT, GamesT]):
             scenes.extend([scenes[-1]] * 3)
         return scenes
 
+    def players(self, player: str) -> dict[str, str]:
+        """The names of all policies by agent, if `player` is that of the evaluated one."""
+        return dict.fromkeys(self.task.agent_names, player)
+
+    def add_episodes(
+        self,
+        builder: Builder,
+        policy: PolicyT,
+        games: Mapping[str, int],
+        player: str,
+        encoding: str | None = None,
+    ) -> Replay | None:
+        """Add episodes to a page.
+
+        Args:
+            builder: of the page.
+            policy: the evaluated policy.
+            games: the numbers of the episodes by label.
+            player: the name of the policy.
+            encoding: the observation of the agent that is shown, where it can be.
+
+        Returns:
+            The replay; None where there is none.
+        """
+        return None
+
     # -- lengths -------------------------------------------------------------------------------
 
     def optimal_lengths(self) -> NDArray[np.float64] | None:
         """[episodes] optimal length from each start; None if it is not known."""
         return None
+
+
+AnyContest: TypeAlias = Contest[Any, Any]

@@ -25,7 +25,7 @@ from scripted_agents.limits import (
 )
 from scripted_agents.long_work import report
 from scripted_agents.references import INTERVALS, JOINT, NASH_CONVS, Question, solution_of
-from train.evaluation.contest import OUTCOMES
+from train.evaluation.departures import OUTCOMES
 from train.evaluation.exploitability import exploitability, nash_conv, team_exploitability
 from train.evaluation.games import order_of, other_role, table_in
 from train.evaluation.hidden_contest import best_response_interval

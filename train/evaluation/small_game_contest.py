@@ -2,57 +2,44 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.rendering.rendering import Drawable
-from scripted_agents.games.agents import EQUILIBRIUM, UNIFORM, named_agent
+from pursuit.replays.viewer.data import Builder
+from scripted_agents.games.agents import EQUILIBRIUM, UNIFORM, TableAgent, named_agent
 from scripted_agents.games.episodes import play_of, play_of_response
 from scripted_agents.games.rendering import scene_of
 from scripted_agents.games.simulator import GameSimulator, GameTask, StatePolicy
 from scripted_agents.games.solve import SmallResponse, nash_conv, respond
 from scripted_agents.references import SMALL_GAMES, Question, Solution, solution_of
-from train.evaluation.games import stepper
+from train.evaluation.return_contest import ReturnContest
 from train.evaluation.scores import (
     BEST_RETURN,
-    BY_RETURN,
-    Contest,
-    Measure,
-    Reference,
+    UNKNOWN,
+    Actions,
+    ObjectiveGap,
     Score,
     label_of,
-    strongest_reference,
 )
+from train.evaluation.small_game_replay import add_small_game
 from train.files import Plain
-from train.settings.checks import EVALUATION_SEED
 
 
 @dataclass(frozen=True)
-class SmallGameContest(Contest[StatePolicy, GameSimulator]):
+class SmallGameContest(ReturnContest):
     """Evaluation of one player of a small game against fixed policies; all scores are exact.
 
-    The measure is the return of an episode, without discount and within the time limit. Its optimum
-    may depend on the time. The success rate of a score is the share of episodes that end in time.
+    The optimum is that within the time limit, so that it may depend on the time.
     """
 
-    success: ClassVar[str] = "ended"
-    simulator: ClassVar[type[GameSimulator]] = GameSimulator
-
     task: GameTask
-    agent: str
     opponents: Mapping[str, StatePolicy]
-    episodes: int = 1000
-    seed: int = EVALUATION_SEED
-
-    @property
-    def measure(self) -> Measure:
-        """As `Contest`."""
-        return BY_RETURN
+    batch: type[GameSimulator] = field(default=GameSimulator, init=False)
 
     @property
     def exact_reference(self) -> Solution:
@@ -93,6 +80,18 @@ class SmallGameContest(Contest[StatePolicy, GameSimulator]):
         """The best response within the time limit."""
         return respond(self.task.game, self.agent, self.tables, 1.0, self.task.max_steps)
 
+    def brief(self, steps: int) -> SmallGameContest:
+        """As `Contest`."""
+        return replace(self, task=replace(self.task, max_steps=steps))
+
+    def scripted(self) -> StatePolicy:
+        """As `Contest`: uniform."""
+        return named_agent(UNIFORM, self.task, self.agent)
+
+    def best_policy(self) -> StatePolicy:
+        """As `Contest`: that of the first step."""
+        return TableAgent(self.task, self.agent, self.best.policies[self.agent])
+
     def columns(self, policy: StatePolicy) -> dict[str, float]:
         """As `Contest`: how far the return is below that of the best response, and NashConv with
         the policies of the others."""
@@ -100,31 +99,48 @@ class SmallGameContest(Contest[StatePolicy, GameSimulator]):
         found = nash_conv(self.task.game, tables, 1.0, self.task.max_steps)
         return {"return_regret": found.gains[self.agent], "nash_conv": found.nash_conv}
 
-    def missing_return(self, discount: float) -> float:
-        """The return that the best response for a discount lacks."""
+    def objective_gap(self, discount: float) -> ObjectiveGap:
+        """As `Contest`: the return that the best response for a discount lacks."""
+        if discount <= 0.0:
+            return UNKNOWN
         plan = self.best
         if discount != 1.0:
             plan = respond(self.task.game, self.agent, self.tables, discount)
         own = self._score("", plan.policies[self.agent]).mean_return
-        return self.best.mean_over_starts - float(own or 0.0)
+        return ObjectiveGap(missing_return=self.best.mean_over_starts - float(own or 0.0))
 
     def baselines(self) -> list[Score]:
         """Uniform play, the equilibrium of a zero-sum game of two, and the best response."""
         names = [UNIFORM, *([EQUILIBRIUM] if self.task.game.zero_sum else [])]
         scores = [self.score(name, named_agent(name, self.task, self.agent)) for name in names]
+        return [*scores, self.optimum()]
+
+    def optimum(self) -> Score:
+        """As `Contest`."""
         rest = (self.task.game, self.agent, self.tables, self.task.max_steps)
         mean, steps, ended = play_of_response(*rest)
-        best = Score(BEST_RETURN, steps, 0.0, ended, self.episodes, True, mean_return=mean)
-        return [*scores, best]
+        return Score(BEST_RETURN, steps, 0.0, ended, self.episodes, True, mean_return=mean)
 
-    def reference(self, scores: Sequence[Score], learned: Score) -> Reference | None:
-        """As `Contest`."""
-        return strongest_reference(scores, learned, self.measure)
+    def is_exact_for(self, policy: StatePolicy) -> bool:
+        """As `Contest`: of tables."""
+        return hasattr(policy, "table")
 
-    def stepper(self, games: GameSimulator, policy: StatePolicy) -> Callable[[], None]:
-        """As `Contest`."""
-        by_name = {**self.opponents, self.agent: policy}
-        return stepper(games, [by_name[name] for name in self.task.agent_names])
+    @property
+    def actions(self) -> Actions:
+        """As `Contest`: the numbers of actions."""
+        return Actions(self.task.num_actions(self.agent))
+
+    def add_episodes(
+        self,
+        builder: Builder,
+        policy: StatePolicy,
+        games: Mapping[str, int],
+        player: str,
+        encoding: str | None = None,
+    ) -> None:
+        """As `Contest`, with exact values and best responses."""
+        policies = {**self.opponents, self.agent: policy}
+        add_small_game(builder, self.task, policies, games, 1.0, self.players(player))
 
     def scene(self, games: GameSimulator, caption: str, before: object = None) -> Drawable:
         """As `Contest`: the state as text."""

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from pursuit.tasks.task import Task
 from scripted_agents import BestResponse, RandomAgent, mean_over_starts
 from scripted_agents.environments import DEFAULTS
 from scripted_agents.limits import SOLVED_MAZES
-from scripted_agents.references import Solution, is_solvable, reference_of
+from scripted_agents.references import Solution, is_known, is_solvable, reference_of
 from train.evaluation.departures import Departures
 from train.evaluation.games import Lengths, best_reply, half_width
 from train.evaluation.maze_contest import SCRIPTED, MazeContest
@@ -84,7 +84,22 @@ class SuiteContest(MazeContest):
         exact: whether policies are evaluated exactly if possible, instead of sampled.
     """
 
+    why_no_optimum: ClassVar[str] = ""  # it is that of each maze
+
     exact: bool = False
+
+    def exactly(self, policies: Iterable[Policy] = ()) -> SuiteContest:
+        """As `Contest`."""
+        return replace(self, exact=all(is_known(self.task, policy) for policy in policies))
+
+    @property
+    def by_maze(self) -> SuiteContest:
+        """As `Contest`."""
+        return self
+
+    def best_policy(self) -> Policy:
+        """As `Contest`."""
+        raise ValueError("the optimum in several mazes is not one policy; give one of the mazes")
 
     @property
     def exact_reference(self) -> Solution:

@@ -142,6 +142,10 @@ class TeamContest(GameContest):
             found[name] = self._in_measure(best.mean_over_starts)
         return found
 
+    def further(self, policy: Policy, score: Score, scores: Sequence[Score]) -> Plain:
+        """As `Contest`: "team"."""
+        return {"team": team_results(self, policy, score, scores)}
+
 
 # -- results ---------------------------------------------------------------------------------------
 

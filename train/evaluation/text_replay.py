@@ -44,7 +44,8 @@ def add_text_episodes(
         while not batch.ended.any():
             step()
             taken.append([str(action) for action in actions[0].tolist()])
-            rewards.append(np.round(batch.rewards[0].astype(float), 5).tolist())
+            now = np.broadcast_to(batch.rewards[0], batch.task.num_agents).astype(float)
+            rewards.append(np.round(now, 5).tolist())
             world["states"].append(_state(batch))
         builder.items.append(
             {

@@ -141,11 +141,9 @@ def world_and_contest(task: TaskSettings, episodes: int) -> tuple[GridWorld, Gam
         ValueError: the optimum of the task is not known, or longer episodes are better.
     """
     world: Any = world_of(task)
+    several = f"maze={task.maze!r} is several mazes; give one of them, such as {task.maze}/0"
+    check(len(world.task.mazes) == 1, several)
     contest = world.contest(episodes)
-    if not isinstance(contest, GameContest):
-        raise ValueError(
-            f"maze={task.maze!r} is several mazes; give one of them, such as {task.maze}/0"
-        )
     optimum = contest.optimal()
     if optimum is None or contest.measure != BY_STEPS:
         raise ValueError(

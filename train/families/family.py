@@ -66,6 +66,10 @@ class World(ABC):
     def contest(self, episodes: int, seed: int = EVALUATION_SEED) -> Any:
         """The contest of evaluations: in the task itself, independent of the curriculum."""
 
+    def brief(self, episodes: int, steps: int) -> Any:
+        """A contest of few short episodes, to measure how long evaluations take."""
+        return self.contest(episodes).brief(steps)
+
     @abstractmethod
     def policies(self, seat: Seat) -> list[Any]:
         """The policy of each agent of the training games; None for the learner's."""

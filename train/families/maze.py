@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar
@@ -89,6 +89,13 @@ class GridWorld(World):
             lambda games: games.returns[:, seats].mean(axis=1),
             measure_of(seat.task, seat.role) != BY_MOST_STEPS,
         )
+
+    def brief(self, episodes: int, steps: int) -> Any:
+        """As of `World`. User-defined opponents are built anew, as they may have random streams of
+        their own."""
+        contest = super().brief(episodes, steps)
+        scripted = self.settings.opponent in (None, *AGENTS)
+        return contest if scripted else replace(contest, opponents=replace(self).opponents)
 
     def contest(self, episodes: int, seed: int = EVALUATION_SEED) -> GameContest | SuiteContest:
         """As of `World`; with `team` of the whole team."""
@@ -179,9 +186,10 @@ def check_fits(policy: Policy, role: str, task: Task, name: str) -> None:
         check(mine == theirs, f"{name}: was trained with {what}={mine}, not {theirs}; use {mine}")
 
 
-def placed(policy: Policy, task: Task, role: str, name: str, epsilon: float) -> Policy:
-    """A learned policy, checked by `check_fits`; it makes no random moves."""
-    check_fits(policy, role, task, name)
+def placed(policy: Policy, task: Task, agent: str, name: str, epsilon: float) -> Policy:
+    """A policy, a learned one checked by `check_fits`; it makes no random moves."""
+    if hasattr(policy, "task"):  # scripted ones may be of roles that the task does not have
+        check_fits(policy, task.seat_roles[task.seat(agent)], task, name)
     return policy
 
 

@@ -16,12 +16,13 @@ from pursuit.mazes.maze_arrays import lay_out
 from pursuit.observations.custom import AGENT_ID, without_id
 from pursuit.observations.masks import action_masks, has_masks, warn_of_masks
 from pursuit.observations.observations import Encoder
+from pursuit.replays.adapters import MazeAdapter
 from pursuit.rules.arrays import Array
 from pursuit.rules.layout import Games
 from pursuit.simulator.policy import GameView, pairs_of_cells
 from pursuit.simulator.simulator import Simulator
-from pursuit.tasks.task import Task
-from pursuit.validation import check
+from pursuit.tasks.task import ACTIONS, Task
+from pursuit.validation import Plain, check
 from train.networks.features import Features, dtype_of, features_for, features_of, observed
 from train.networks.frames import Observations, stacked
 from train.networks.joint_policy import JointPolicy, parts_of
@@ -111,6 +112,19 @@ class MazeSeat(Seat):
     def num_actions(self) -> int:
         """4, or 5 with the stay action; of a team as one player all joint actions."""
         return self.task.num_actions ** (self.task.count(self.role) if self.joint else 1)
+
+    @property
+    def described(self) -> Plain:
+        """As of `Seat`: the settings, as in replays."""
+        return MazeAdapter().settings(self.task)
+
+    @property
+    def action_names(self) -> list[str]:
+        """As of `Seat`."""
+        task = self.task
+        moves = [*ACTIONS[:-1]] if task.mazes[0].is_grid else []
+        moves = moves or [f"neighbor {number}" for number in range(task.num_moves)]
+        return [*moves, *ACTIONS[-1:] * task.stay_action]
 
     def masks(self, view: GameView) -> NDArray[np.bool_] | None:
         """[games, actions]: the action mask of the agent of the view; None allows all."""

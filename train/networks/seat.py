@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.rules.arrays import Array
-from pursuit.validation import Missing
+from pursuit.validation import Missing, Plain
 from train.networks.features import Features
 from train.networks.numbering import Numbering
 
@@ -74,6 +74,17 @@ class Seat(ABC):
     @abstractmethod
     def features(self) -> Features:
         """The features of the network's input."""
+
+    @property
+    def described(self) -> Plain:
+        """The task as plain values, for other programs."""
+        task = self.task
+        return {"task": task.name, "max_steps": task.max_steps, "agents": task.agent_names}
+
+    @property
+    def action_names(self) -> list[str]:
+        """The names of the discrete actions, for other programs."""
+        return [str(number) for number in range(self.num_actions)]
 
     @property
     def numbering(self) -> Numbering | Missing:

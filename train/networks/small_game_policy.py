@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pursuit.rules import Games
 from pursuit.rules.arrays import Array
 from pursuit.rules.layout import empty_games
-from pursuit.validation import check
+from pursuit.validation import Plain, check, text_of
 from scripted_agents.games.episodes import longest_play
 from scripted_agents.games.simulator import INDEX, GameSimulator, GameTask, StateView
 from train.networks.features import Features, features_for
@@ -45,6 +45,18 @@ class SmallGameSeat(Seat):
     def num_actions(self) -> int:
         """The number of different actions."""
         return self.task.num_actions(self.agent)
+
+    @property
+    def described(self) -> Plain:
+        """As of `Seat`."""
+        task, game = self.task, self.task.game
+        named = {"game": task.name, "max_steps": task.max_steps}
+        return {**named, "players": game.players, "states": game.num_states}
+
+    @property
+    def action_names(self) -> list[str]:
+        """As of `Seat`."""
+        return [text_of(action) for action in self.task.game.action_lists[self.number]]
 
     @cached_property
     def legal(self) -> NDArray[np.bool_]:

@@ -6,11 +6,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from pursuit.validation import check
+from pursuit.validation import check, need
 from scripted_agents.environments import agent_name
-from train.evaluation.contest import GameContest
 from train.evaluation.games import other_role
-from train.families.maze import check_fits
+from train.families import family_of
 from train.play.session import Session
 from train.runs.folder import CONFIG
 from train.runs.opponents import is_self_play, policy_of
@@ -41,13 +40,12 @@ def session_of(settings: TaskSettings, beside: str, seed: int) -> Session:
         f"{world.task.mazes[0].name} is a graph, and arrow keys are moves in rows and columns; "
         "play in a maze",
     )
+    placed = need(family_of(settings).policies).placed
     for role, policy in world.opponents.items():
-        check_fits(policy, role, world.task, str(world.settings.opponent))
+        placed(policy, world.task, role, str(world.settings.opponent), 0.0)
     role = world.agent.split("_")[0]
     policy = policy_of(settings, beside, world.task, role)
-    contest = world.contest(2)
-    assert isinstance(contest, GameContest)  # of one maze
-    return Session(contest, name_of(beside, role), policy, seed, world.settings.opponent)
+    return Session(world.contest(2), name_of(beside, role), policy, seed, world.settings.opponent)
 
 
 def game_of_run(against: str) -> TaskSettings | None:

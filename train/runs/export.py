@@ -12,9 +12,7 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from pursuit.replays.adapters import MazeAdapter
-from pursuit.tasks.task import ACTIONS
-from pursuit.validation import as_path, check, text_of
+from pursuit.validation import as_path, check
 from pursuit.version import __version__
 from train.files import write_bytes
 from train.networks.joint_policy import JointPolicy
@@ -22,7 +20,6 @@ from train.networks.layers import float32_inference
 from train.networks.policy import NetworkPolicy
 from train.networks.recurrent_policy import RecurrentPolicy
 from train.networks.separate import SeparateNetworks
-from train.networks.small_game_policy import SmallGamePolicy
 from train.tensors import own_defaults
 
 SUFFIXES = (".onnx", ".pt2")
@@ -122,23 +119,12 @@ def metadata_of(policy: NetworkPolicy) -> dict[str, str]:
         encoding; "actions", a JSON list of their names in the order of the output; "normalisation"
         and "output", sentences.
     """
-    task: Any = policy.seat.task
-    if isinstance(policy, SmallGamePolicy):
-        game = task.game
-        settings = {"game": task.name, "max_steps": task.max_steps}
-        settings |= {"players": game.players, "states": game.num_states}
-        actions = [text_of(action) for action in game.action_lists[policy.seat.number]]
-    else:
-        moves = [*ACTIONS[:-1]] if task.mazes[0].is_grid else []
-        moves = moves or [f"neighbor {number}" for number in range(task.num_moves)]
-        settings = MazeAdapter().settings(task)
-        actions = [*moves, *ACTIONS[-1:] * task.stay_action]
     return {
         "version": __version__,
-        "task": json.dumps(settings),
+        "task": json.dumps(policy.seat.described),
         "agent": policy.seat.agent,
         "observation": policy.encoding,
-        "actions": json.dumps(actions),
+        "actions": json.dumps(policy.seat.action_names),
         "normalisation": "none is needed: the network scales the values of the encoding itself",
         "output": "probabilities, a softmax of logits or of action values",
     }

@@ -7,12 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from pursuit.replays.viewer.data import Builder
-from train.evaluation.contests import AnyContest
 from train.evaluation.hidden_contest import Certificate
-from train.evaluation.maze_contest import MazeContest
-from train.evaluation.recordings import add_episodes
 from train.evaluation.score_table import score_table
-from train.evaluation.scores import Reference, Score, beside_of
+from train.evaluation.scores import AnyContest, Reference, Score, beside_of
 from train.evaluation.team_contest import describe_team
 from train.files import Plain, read_json
 from train.reports.pages import PLAYER_ELEMENT, details, pairs, picture, section, write_page
@@ -35,7 +32,7 @@ def write_report(
     results: Plain,
     path: Path | None = None,
 ) -> Path:
-    """Write `report.html` into the folder of a run, and except for small games `replays.json`.
+    """Write `report.html` into the folder of a run, and where there are replays `replays.json`.
 
     Args:
         folder: of the run.
@@ -50,10 +47,8 @@ def write_report(
     """
     games = {f"episode {number + 1}": number for number in range(EPISODES)}
     builder = Builder()
-    seen: Plain = {}
-    if isinstance(contest, MazeContest):
-        seen = {"seat": contest.agent, "encoding": settings.observation}
-    replay = add_episodes(builder, contest, policy, games, settings.algorithm, **seen)
+    shown = (games, settings.algorithm, settings.observation)
+    replay = contest.add_episodes(builder, policy, *shown)
     if path is None and replay is not None:
         replay.save(folder / REPLAYS)
     title = contest.line().split(", at most")[0]

@@ -10,16 +10,19 @@ from typing import Any, ClassVar
 import numpy as np
 
 from pursuit.validation import check
-from scripted_agents.environments import AGENTS
 from scripted_agents.limits import MAX_EVALUATED_WORK
 from train.algorithms.ppo import PPO
-from train.evaluation.contest import GameContest
-from train.evaluation.contests import AnyContest
-from train.evaluation.maze_contest import MazeContest
-from train.evaluation.objective_gap import UNKNOWN, ObjectiveGap, objective_gap
-from train.evaluation.scores import BEST_RETURN, BY_GOALS, BY_RETURN, Measure, Score, optimality_gap
-from train.evaluation.small_game_contest import SmallGameContest
-from train.evaluation.team_contest import TeamContest, team_results
+from train.evaluation.scores import (
+    BEST_RETURN,
+    BY_GOALS,
+    BY_RETURN,
+    UNKNOWN,
+    AnyContest,
+    Measure,
+    ObjectiveGap,
+    Score,
+    optimality_gap,
+)
 from train.files import Plain, write_csv
 from train.runs.data_parallel import OtherProcesses
 from train.runs.folder import RUN, game_digest
@@ -27,7 +30,6 @@ from train.runs.loop import BRIEF_EPISODES, BRIEF_STEPS
 from train.runs.parts import Parts
 from train.runs.trainee import Clock
 from train.runs.training_state import build_env_and_learner, training_state
-from train.runs.worlds import world_of
 from train.teaching.teacher import COLUMNS, LOG
 
 EPISODES = 500
@@ -148,13 +150,15 @@ class SingleAgent:
     def results(self, episodes: int) -> Plain:
         """Scores of the references and of the trained policy, greedy and sampled."""
         # A copy has no solutions: they count as time of these results.
-        contest = self._final = replace(self.final_contest(episodes))
+        solved: Any = self.final_contest(episodes)
+        contest: AnyContest = replace(solved)
+        self._final = contest
         policies: dict[str, Any] = {"learned": self.learner.policy()}
         if self.parts.algorithm.learns_distribution:
             policies["learned, sampled"] = self.learner.policy(greedy=False)
         scores = [*contest.baselines(), *(contest.score(*each) for each in policies.items())]
         build, plan = self.parts.build, self.parts.plan
-        objective = objective_gap(contest, self.parts.hyper.last_gamma)
+        objective = contest.objective_gap(self.parts.hyper.last_gamma)
         return {
             **contest.describe(),
             "algorithm": self.parts.algorithm.name,
@@ -168,20 +172,9 @@ class SingleAgent:
         }
 
     def brief(self) -> SingleAgent:
-        """As `Trainee`. User-defined opponents are built anew, as they may have random streams of
-        their own."""
-        small, contest = copy(self), self.parts.world.contest(BRIEF_EPISODES)
-        if isinstance(contest, MazeContest):
-            settings: Any = self.parts.world.settings
-            scripted = settings.opponent in (None, *AGENTS)
-            others = contest.opponents if scripted else world_of(settings).opponents
-            task = replace(contest.task, max_steps=min(contest.task.max_steps, BRIEF_STEPS))
-            contest = replace(contest, task=task, opponents=others)
-        if isinstance(contest, GameContest):
-            contest = replace(contest, most_work=0, search_seconds=0.0)
-        if isinstance(contest, SmallGameContest):
-            contest = replace(contest, task=replace(contest.task, max_steps=BRIEF_STEPS))
-        small.contest = small._final = contest
+        """As `Trainee`."""
+        small = copy(self)
+        small.contest = small._final = self.parts.world.brief(BRIEF_EPISODES, BRIEF_STEPS)
         return small
 
     def state_dict(self) -> Plain:
@@ -223,7 +216,7 @@ def evaluation_of(
     objective: ObjectiveGap = UNKNOWN,
     policy: Any = None,
 ) -> Plain:
-    """ "evaluation", "reference" and "scores" of `results.json`, and "team" of a `TeamContest`.
+    """ "evaluation", "reference" and "scores" of `results.json`, and what `Contest.further` adds.
 
     `objective` is the objective gap; `policy` the evaluated policy, for `Contest.columns`. With a
     limited view the optimum is an interval.
@@ -252,9 +245,8 @@ def evaluation_of(
                 f"optimal_{by.name}": by.of(most),
                 f"{by.name}_regret": by.distance(learned, most),
             }
-    held, team = contest.reference(scores, learned), {}
-    if isinstance(contest, TeamContest) and policy is not None:
-        team = {"team": team_results(contest, policy, learned, scores)}
+    held = contest.reference(scores, learned)
+    more = {} if policy is None else contest.further(policy, learned, scores)
     return {
         "evaluation": {
             "episodes": learned.episodes,
@@ -276,7 +268,7 @@ def evaluation_of(
         },
         "reference": {} if held is None else asdict(held),
         "scores": [score.plain() for score in scores],
-        **team,
+        **more,
     }
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from train.evaluation.contests import AnyContest
+from train.evaluation.scores import AnyContest
 from train.families import family_of
 from train.families.family import World
 from train.runs.opponents import SAVED

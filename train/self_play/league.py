@@ -171,7 +171,7 @@ def enter(
         role = policies.agent_of(policy)
         check(
             role in roles,
-            f"{name}: trained as {role!r}; a league needs {roles[0]}s and {roles[1]}s",
+            f"{name}: trained as {role!r}; a league needs policies of {roles[0]} and {roles[1]}",
         )
         entries.append(Entry(title[name], role, policies.placed(policy, task, role, name, 0.0)))
     entries += agents

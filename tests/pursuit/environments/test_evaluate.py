@@ -217,3 +217,29 @@ def test_paths_are_texts_too(evader: str) -> None:
     for read in (read_settings, load_settings, load_checkpoint, read_metrics):
         assert read(evader)
     assert read_run(Path(evader))[0]["role"] == "evader"
+
+
+def test_players_of_small_games_are_compared_with_their_best_response() -> None:
+    task = pursuit.GameTask(pursuit.load_game("rock_paper_scissors(memory=False)"), "one", 1)
+    first, second = task.agent_names
+    always = pursuit.TableAgent(task, second, np.array([0.5, 0.25, 0.25]))
+    mixed = pursuit.TableAgent(task, first, np.full(3, 1 / 3))
+    exact = pursuit.evaluate(mixed, task, opponent=always)  # type: ignore[arg-type]
+    assert (exact.measure, exact.mean, exact.ci95) == ("return", pytest.approx(0.0), 0.0)
+    assert exact.optimum == pytest.approx(0.25) and exact.gap is None
+    assert exact.mean_steps == 1.0 and exact.why_no_optimum is None
+    shapes = set()
+
+    def paper(seen: NDArray[Any]) -> NDArray[Any]:
+        shapes.add(seen.shape)
+        return np.full(len(seen), 1)
+
+    found = pursuit.evaluate(paper, task, first, opponent=always, episodes=4000)
+    assert shapes == {(4000, 1)} and found.mean == pytest.approx(0.25, abs=0.06)
+    assert found.optimum == exact.optimum
+    uniform = pursuit.evaluate(paper, task, second)
+    assert uniform.optimum == pytest.approx(0.0)
+    with pytest.raises(ValueError, match="from 0 to 2"):
+        pursuit.evaluate(lambda seen: np.full(len(seen), 3), task)
+    with pytest.raises(ValueError, match="need tables"):
+        pursuit.evaluate(paper, task, opponent=Pairs())

@@ -21,7 +21,6 @@ from pursuit.replays.viewer.data import Builder, Extras, replay_page
 from pursuit.replays.viewer.page import json_for_html, page
 from scripted_agents import AStarChaser, AStarEvader, action_values
 from train.commands.main import main
-from train.evaluation.recordings import sides_of
 from train.reports.pages import PLAYER_ELEMENT, page_of, write_page
 from train.runs.parts import contest_of
 from train.settings.task import TaskSettings
@@ -166,7 +165,7 @@ def test_values_and_moves_are_the_exact_ones(browser: Any, tmp_path: Path) -> No
     for _ in play:
         pass
     builder = Builder()
-    sides = sides_of(contest, policy)
+    sides = contest.sides(policy)
     builder.add(recorder.stop(), Extras(sides=sides, seat="chaser_0", encoding="index"))
     path = tmp_path / "sides.html"
     write_page(path, "sides", [PLAYER_ELEMENT], builder.data(""))
@@ -346,7 +345,7 @@ def test_values_of_a_graph_do_not_overlap(browser: Any, tmp_path: Path, places: 
     for _ in play:
         pass
     builder = Builder()
-    builder.add(recorder.stop(), Extras(sides=sides_of(contest, policy)))
+    builder.add(recorder.stop(), Extras(sides=contest.sides(policy)))
     write_page(tmp_path / "graph.html", "graph", [PLAYER_ELEMENT], builder.data(""))
     sheet = Sheet(browser, tmp_path / "graph.html")
     sheet.press("v")

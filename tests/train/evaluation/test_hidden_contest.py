@@ -14,8 +14,6 @@ from scripted_agents import AStarChaser, AStarEvader, RandomAgent, TablePolicy, 
 from train.evaluation import hidden_contest
 from train.evaluation.contest import GameContest
 from train.evaluation.exploitability import exploitability
-from train.evaluation.objective_gap import objective_gap
-from train.evaluation.recordings import sides_of
 from train.evaluation.score_table import score_table
 from train.evaluation.self_play_metrics import limited_best_responses
 from train.evaluation.self_play_text import describe_exploitability
@@ -73,8 +71,8 @@ def test_results_claim_no_optimum_that_is_none() -> None:
     page = score_table([learned], contest.certificate()).markdown()
     assert "certified optimum" in summary(results) and "discounted" in page
     assert "gap at most" in page and f"{100 * expected:+.2f} %" in page  # as on the terminal
-    assert objective_gap(contest, 0.95) == (None, None)
-    sides = [side.name for side in sides_of(contest, RandomAgent())]
+    assert contest.objective_gap(0.95) == (None, None)
+    sides = [side.name for side in contest.sides(RandomAgent())]
     assert sides == ["chaser_0 with full view", "evader_0"]
 
 

@@ -20,11 +20,10 @@ from pursuit.tasks.task import Task, make_task
 from scripted_agents import AStarChaser, AStarEvader, NearestGoalRunner, RandomAgent, solve_joint
 from train import settings_of, start
 from train.commands.main import main
-from train.commands.scores import print_scores, print_whole_game
+from train.commands.scores import print_scores
 from train.evaluation.arm_contest import ArmContest
 from train.evaluation.contest import GameContest
 from train.evaluation.games import won_by
-from train.evaluation.objective_gap import objective_gap
 from train.evaluation.score_table import score_table
 from train.evaluation.scores import (
     BY_GOALS,
@@ -90,11 +89,9 @@ def test_each_of_several_evaders_is_judged_by_its_own_life() -> None:
 def test_a_game_that_is_too_large_says_how_large_it_is(capsys: pytest.CaptureFixture[str]) -> None:
     contest = replace(RACE, most_work=10_000)
     assert contest.optimal() is None and contest.optimal(BY_RETURN) is None
-    print_whole_game(contest)
-    told = capsys.readouterr().out
+    told = "\n".join(contest.facts())
     assert "distinct states: 3,645" in told and "no exact optimum: 3,645 states" in told
-    print_whole_game(RACE)
-    assert "mean optimum over all starts" in capsys.readouterr().out
+    assert "mean optimum over all starts" in "\n".join(RACE.facts())
     print_scores(RACE.baselines(), RACE)
     assert "below the best" in capsys.readouterr().out
 
@@ -111,7 +108,7 @@ def test_other_references_stay_as_they_are() -> None:
 
 def test_the_floor_of_a_whole_game_is_what_the_best_by_the_rewards_loses() -> None:
     for contest, discount in ((RACE, 0.8), (HEIST, 0.8)):
-        floor = objective_gap(contest, discount)
+        floor = contest.objective_gap(discount)
         name = contest.task.agent_names[contest.task.seat(contest.agent)]
         plan = solve_joint(contest.task, [name], contest.opponents, None, discount, "return").policy
         score = contest.score("best by the rewards", plan)
@@ -125,9 +122,9 @@ def test_the_floor_of_a_whole_game_is_what_the_best_by_the_rewards_loses() -> No
             assert gap == pytest.approx(floor.gap, abs=0.03)
     # The farther it looks ahead, the nearer it is to what it is paid in the end.
     for contest in (RACE, HEIST):
-        near, far = (objective_gap(contest, discount).missing_return for discount in (0.5, 0.999))
+        near, far = (contest.objective_gap(discount).missing_return for discount in (0.5, 0.999))
         assert near is not None and far is not None and far <= near and far < 1e-3
-    assert objective_gap(HEIST, 1.0) == (None, None)
+    assert HEIST.objective_gap(1.0) == (None, None)
 
 
 def score(name: str, steps: float, paid: float | None = None) -> Score:

@@ -24,7 +24,6 @@ from scripted_agents import (
 from scripted_agents.tours import objective
 from scripted_agents.tours.objective import tour_objective_gap
 from train.evaluation.contest import GameContest
-from train.evaluation.objective_gap import objective_gap
 from train.evaluation.scores import optimality_gap
 from train.teaching.optimum import optimum_of
 
@@ -76,7 +75,7 @@ def test_the_floor_of_a_duel_is_the_gap_of_a_discounted_best_response(
     task = make_task("chase", maze="7x7", move_order=order)
     others: Any = {"chaser": AStarChaser(0.2), "evader": AStarEvader(0.2)}
     contest = GameContest(task, role, others, 2)
-    floor, table = objective_gap(contest, 0.8).gap, contest.opponent_table()
+    floor, table = contest.objective_gap(0.8).gap, contest.opponent_table()
     policy = best_response(role, task.mazes[0], table, None, 0.8, None, order).policy
 
     class Discounted:
@@ -104,7 +103,7 @@ def contest_of(name: str, role: str, **settings: Any) -> GameContest:
 
 def test_rewards_that_pay_for_the_length_alone_have_no_floor() -> None:
     for rewards in ("completion", "zero_sum"):
-        assert objective_gap(contest_of("maze", "runner", rewards=rewards), 0.9).gap == 0.0
+        assert contest_of("maze", "runner", rewards=rewards).objective_gap(0.9).gap == 0.0
 
 
 @pytest.mark.parametrize(
@@ -122,23 +121,23 @@ def test_rewards_that_pay_for_the_length_alone_have_no_floor() -> None:
     ],
 )
 def test_where_a_floor_is_not_known_nothing_is_said(name: str, role: str, settings: Any) -> None:
-    assert objective_gap(contest_of(name, role, **settings), 0.95) == (None, None)
+    assert contest_of(name, role, **settings).objective_gap(0.95) == (None, None)
 
 
 def test_nothing_is_said_of_what_masks_or_a_function_change() -> None:
     for name, role in (("chase", "chaser"), ("maze", "runner")):
         paid = contest_of(name, role, rewards=lambda before, actions, after: after.positions)
-        assert objective_gap(paid, 0.95) == (None, None)
+        assert paid.objective_gap(0.95) == (None, None)
     free = contest_of("chase", "chaser")
-    assert objective_gap(free, 0.95).gap is not None
-    assert objective_gap(replace(free, mask_bumps=True), 0.95) == (None, None)
+    assert free.objective_gap(0.95).gap is not None
+    assert replace(free, mask_bumps=True).objective_gap(0.95) == (None, None)
 
 
 @pytest.mark.parametrize(("name", "role"), [("maze", "runner"), ("chase", "chaser")])
 def test_nothing_is_said_where_nothing_ahead_counts(name: str, role: str) -> None:
     contest = contest_of(name, role, maze="3x3")
-    assert objective_gap(contest, 0.0) == (None, None)
-    assert objective_gap(contest, 0.01).gap is not None
+    assert contest.objective_gap(0.0) == (None, None)
+    assert contest.objective_gap(0.01).gap is not None
 
 
 def test_what_would_take_too_long_or_too_much_memory_is_not_known(

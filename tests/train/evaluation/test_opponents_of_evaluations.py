@@ -13,7 +13,6 @@ from command_errors import error_of
 from self_play_runs import make_run
 
 from train.commands.main import main
-from train.evaluation.recordings import players_of
 from train.kinds import start
 from train.runs.folder import RUN, load_results
 from train.runs.opponents import load_policy
@@ -54,7 +53,7 @@ def test_one_side_of_self_play_meets_the_judged_policy_of_the_other(
         assert policy.table(contest.task).tolist() == judged.table(contest.task).tolist()
     else:
         assert policy.seat == judged.seat and not policy.greedy
-    assert f"{other} (sampled)" in str(players_of(contest, side))
+    assert f"{other} (sampled)" in str(contest.players(side))
     for command in ("view --no-open --overwrite --out page.html", "render --overwrite --out a.gif"):
         name, *options = command.split()
         main([name, side, *options])

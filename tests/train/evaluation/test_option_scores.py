@@ -17,7 +17,6 @@ from scripted_agents.references import reference_of
 from train.evaluation.contest import GameContest
 from train.evaluation.games import Escapes, won_by
 from train.evaluation.matchups import exact_match, match, pair_payoffs, play_pair
-from train.evaluation.objective_gap import objective_gap
 from train.evaluation.self_play_metrics import exploited
 from train.play.session import Session
 from train.self_play.parts import self_play_settings_of
@@ -87,7 +86,7 @@ def test_the_best_chaser_at_an_exit_has_a_closed_form() -> None:
     assert best is not None and best.outcome == pytest.approx(7 / 9)
     assert contest.optimal() is None  # steps are no aim here
     # With 20 steps nothing is lost by the discount: it is captured from every other start.
-    gap = objective_gap(contest, 0.9).missing_return
+    gap = contest.objective_gap(0.9).missing_return
     assert gap == pytest.approx(0.0, abs=1e-9)
 
 
