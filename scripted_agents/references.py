@@ -132,8 +132,8 @@ class ReturnSolver(Protocol):
         """[agents] the exact expected returns within the time limit, of policies of all agents."""
 
     def respond(self, task: Any, agent: str, policies: Mapping[str, Any]) -> tuple[float, Any]:
-        """The best expected return of an agent within the time limit against the policies of the
-        others, and the policy that has it."""
+        """The best expected return of an agent (or of all of a role, the sum) within the time limit
+        against the policies of the others, and the policy that has it."""
 
 
 def why_hidden(task: Task, seats: Iterable[int]) -> str | None:

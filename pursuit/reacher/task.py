@@ -77,6 +77,7 @@ class ReacherTask:
             raise ValueError(f"hold={self.hold} is above max_steps={self.max_steps}; lower hold")
 
     agent_names: ClassVar[tuple[str, ...]] = ("arm",)
+    seat_roles: ClassVar[tuple[str, ...]] = ("arm",)
     """One agent turns all joints."""
     num_agents: ClassVar[int] = 1
 

@@ -14,17 +14,20 @@ from pursuit.rules.arrays import Array
 from pursuit.rules.randomness import draw_uniform, seed_starts, seed_streams
 from pursuit.simulator.next_episode import fill, game_indices
 from pursuit.simulator.state import SimulatorState, check_arrays
-from pursuit.validation import check_bool, checked_seed, whole, whole_numbers
+from pursuit.validation import check, check_bool, checked_seed, unknown, whole, whole_numbers
 
 
 class Rules(Protocol):
-    """What is known of any task: of games in mazes, of small games, and of arms.
+    """What is known of any task: of games in mazes, of small games, of arms, of one's own.
+
+    A class that derives from it gives `name`, `max_steps` and `agent_names`, and inherits the rest.
 
     Attributes:
         name: in results and messages.
         max_steps: steps (rounds) after which an episode is truncated.
         steps_per_round: 2 where two sides move in turns, else 1.
         agent_names: of all agents, in their order.
+        seat_roles: the role of each; its name where agents have no roles.
     """
 
     @property
@@ -32,13 +35,27 @@ class Rules(Protocol):
     @property
     def max_steps(self) -> int: ...  # noqa: D102
     @property
-    def steps_per_round(self) -> int: ...  # noqa: D102
+    def steps_per_round(self) -> int:  # noqa: D102
+        return 1
+
     @property
     def agent_names(self) -> tuple[str, ...]: ...  # noqa: D102
     @property
-    def num_agents(self) -> int: ...  # noqa: D102
+    def seat_roles(self) -> tuple[str, ...]:  # noqa: D102
+        return self.agent_names
+
+    @property
+    def num_agents(self) -> int:  # noqa: D102
+        return len(self.agent_names)
+
     def seat(self, agent: str | int) -> int:
-        """The index of an agent, by name or index; ValueError if there is none."""
+        """The index of an agent by name, role (the first of it) or index; ValueError if there is
+        none."""
+        if isinstance(agent, str):
+            known = [*self.agent_names, *self.seat_roles]
+            check(agent in known, unknown("agent", agent, dict.fromkeys(known)))
+            return known.index(agent) % self.num_agents
+        return whole("agent", agent, 0, self.num_agents - 1)
 
 
 AnyTask = TypeVar("AnyTask", bound=Rules)
@@ -120,7 +137,6 @@ class Batch(ABC, Generic[AnyTask]):
     def _live(self) -> dict[str, Array]:
         """The live arrays that make up the state."""
 
-    @abstractmethod
     def _check_values(self, state: SimulatorState) -> None:
         """Raise ValueError unless the values of a state, whose arrays fit, are possible."""
 

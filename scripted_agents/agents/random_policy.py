@@ -30,12 +30,15 @@ class RandomPolicy:
     ) -> None:
         self.num_actions, self.allowed = num_actions, allowed
 
+    def probabilities(self, view: Any) -> NDArray[np.float64]:
+        """[num_games, actions] the probability of every action; 0 for all where none is legal."""
+        if self.allowed is None:
+            return np.full((view.num_games, self.num_actions), 1.0 / self.num_actions)
+        allowed, own = self.allowed, slice(view.seat, view.seat + 1)
+        legal = view.of(lambda batch: allowed(batch, own)[:, 0])
+        return np.asarray(legal / np.maximum(legal.sum(axis=1, keepdims=True), 1))
+
     def act(self, view: Any) -> NDArray[np.int32]:
         """[num_games] int32; 0 where no action is legal, as in games that are over."""
-        drawn = view.uniform()
-        if self.allowed is None:
-            return np.asarray(drawn * self.num_actions).astype(np.int32)
-        legal = self.allowed(view.batch, slice(view.seat, view.seat + 1))[:, 0]
-        place = (drawn * legal.sum(axis=1)).astype(np.int64)  # among the legal actions
-        passed = legal.cumsum(axis=1) > place[:, None]
-        return passed.argmax(axis=1).astype(np.int32)
+        sums = self.probabilities(view).cumsum(axis=1)
+        return (sums > view.uniform()[:, None]).argmax(axis=1).astype(np.int32)

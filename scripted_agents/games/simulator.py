@@ -66,6 +66,11 @@ class GameTask:
             return self.game.player(player)
         return whole("player", player, 0, self.num_agents - 1)
 
+    @property
+    def seat_roles(self) -> tuple[str, ...]:
+        """The players: they have no roles."""
+        return self.agent_names
+
     def num_actions(self, player: str | int) -> int:
         """The number of different actions of a player."""
         return len(self.game.action_lists[self.seat(player)])

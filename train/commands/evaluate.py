@@ -13,7 +13,7 @@ import tyro
 from pursuit.observations.custom import without_id
 from pursuit.replays.replay import with_suffix
 from pursuit.simulator.policy import Policy
-from pursuit.validation import at_least, check, choice, need
+from pursuit.validation import Missing, at_least, check, choice, need
 from scripted_agents.limits import MAX_EVALUATED_WORK
 from scripted_agents.long_work import in_time
 from train.commands.parse import parse, warn
@@ -133,6 +133,8 @@ def evaluate_players(given: EvaluateCommand) -> Plain:
     players = {name: policy_of(settings.task, run, game.task, name) for name in settings.sides}
     found = game.evaluate(Profile(players, ()), given.episodes)
     content = {**game.describe_game(), "discount": game.discount, "evaluation": found}
+    if isinstance(unknown := game.nash_conv(players), Missing):
+        content["not_exact"] = unknown.reason
     print(*game.describe(content), sep="\n")
     return content
 

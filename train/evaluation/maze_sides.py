@@ -13,6 +13,7 @@ from pursuit.replays.replay import Replay
 from pursuit.replays.viewer.data import Builder, Extras
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task
+from pursuit.validation import Missing
 from scripted_agents import PairValues, mean_over_starts, solve_chase
 from scripted_agents.environments import (
     AGENTS,
@@ -245,10 +246,11 @@ class MazeSides(Sides):
                 steps[f"against_{role}"] = match(task, chaser, evader, episodes).shown
             content["approximate_best_response"] = steps
 
-    def nash_conv(self, policies: Policies) -> float:
+    def nash_conv(self, policies: Policies) -> float | Missing:
         """As of `Sides`."""
         chaser, evader = (policies[role] for role in ROLES)
-        return exploited(self.task, chaser, evader, self.discount)["nash_conv"]
+        row = exploited(self.task, chaser, evader, self.discount)
+        return row.get("nash_conv", Missing("this game, or one of these policies, is not solved"))
 
     @property
     def compares_weights(self) -> bool:

@@ -90,8 +90,6 @@ class ReturnContest(Contest[Any, Any]):
         if isinstance(self.solver, Missing):
             return Solution("none", self.solver.reason)
         why = self.solver.why_not(self.task, self.opponents)
-        if why is None and len(self.names) > 1:
-            why = f"{len(self.names)} agents of a role; one agent is solved"
         return Solution("response") if why is None else Solution("none", why)
 
     @cached_property
@@ -100,7 +98,7 @@ class ReturnContest(Contest[Any, Any]):
         if self.exact_reference.reason:
             return None
         solver: ReturnSolver = need(self.solver)
-        return solver.respond(self.task, self.names[0], self.opponents)
+        return solver.respond(self.task, self.agent, self.opponents)
 
     def describe(self) -> Plain:
         """As `Contest`."""

@@ -23,6 +23,7 @@ from scripted_agents.games.solve import (
     respond,
     returns_of,
 )
+from scripted_agents.references import ReturnSolver
 from train.evaluation.games import half_width, stepper
 from train.evaluation.scores import Measure
 from train.evaluation.self_play_text import EXPLOITABILITY, describe_snapshots, describe_time
@@ -57,16 +58,34 @@ MOST_MIXED = 50_000
 
 
 class ReturnSides(Sides):
-    """The agents of a game of any kind, each a side, by returns within the time limit.
+    """The agents of a game of any kind by returns within the time limit; each is a side, or all of
+    a role, whose return is the sum of those of its agents.
 
-    Exact where the family has a solver (`World.solver`), otherwise sampled.
+    Exact where the family has a solver (`GameWorld.solver`), otherwise sampled.
     """
 
     @property
-    def why_not(self) -> str | None:
-        """Why results are not exact; None if they are."""
-        solver: Any = self.world.solver
-        return solver.reason if isinstance(solver, Missing) else solver.why_not(self.task)
+    def by_agent(self) -> tuple[str, ...]:
+        """As of `Sides`: the roles."""
+        return tuple(self.task.seat_roles)
+
+    def agents(self, policies: Policies) -> dict[str, Any]:
+        """The policies of all agents by name."""
+        named = zip(self.task.agent_names, self.by_agent, strict=True)
+        return {name: policies[role] for name, role in named}
+
+    def of_sides(self, returns: Any) -> Table:
+        """[..., sides] the returns of sides from those of agents [..., agents]."""
+        found = np.asarray(returns, dtype=np.float64)
+        each = [np.array([own == role for own in self.by_agent]) for role in self.roles]
+        return np.stack([found[..., own].sum(axis=-1) for own in each], axis=-1)
+
+    def why_not(self, policies: Policies) -> str | None:
+        """Why results of these policies are not exact; None if they are."""
+        solver: ReturnSolver | Missing = self.world.solver
+        if isinstance(solver, Missing):
+            return solver.reason
+        return solver.why_not(self.task, self.agents(policies))
 
     def line(self) -> str:
         """As of `Sides`."""
@@ -89,35 +108,37 @@ class ReturnSides(Sides):
 
     def scores_of_returns(self, role: str, returns: NDArray[np.float64]) -> NDArray[np.float64]:
         """[n] the scores in [0, 1] of a side in episodes with these returns [n, agents]: 1 for a
-        return above the mean of all agents, 0 for one below it, 1/2 for one equal to it."""
-        lead = returns[:, self.task.seat(role)] - returns.mean(axis=1)
+        mean return above that of all agents, 0 for one below it, 1/2 for one equal to it."""
+        own = [seat for seat, side in enumerate(self.by_agent) if side == role]
+        lead = returns[:, own].mean(axis=1) - returns.mean(axis=1)
         return np.asarray(0.5 + 0.5 * np.sign(np.where(np.abs(lead) < 1e-9, 0.0, lead)))
 
     # -- results ---------------------------------------------------------------------------------
 
     def sampled(self, policies: Policies, episodes: int, seed: int) -> tuple[Table, Table]:
-        """[episodes, agents] returns, and [episodes] steps, of sampled episodes."""
+        """[episodes, sides] returns, and [episodes] steps, of sampled episodes."""
         batch = self.world.BATCH(self.task, episodes, seed, auto_restart=False)
-        step = stepper(batch, [policies[name] for name in self.task.agent_names])
+        step = stepper(batch, [policies[role] for role in self.by_agent])
         while not batch.ended.all():
             step()
-        return batch.returns.copy(), batch.steps.astype(np.float64)
+        return self.of_sides(batch.returns), batch.steps.astype(np.float64)
 
     def means(
         self, policies: Policies, episodes: int, seed: int = EVALUATION_SEED
     ) -> tuple[float, ...]:
-        """The mean return of every agent; exact if it can be."""
-        if self.why_not is None:
-            return tuple(map(float, self.world.solver.returns(self.task, policies)))
+        """The mean return of every side; exact if it can be."""
+        if self.why_not(policies) is None:
+            exact = self.world.solver.returns(self.task, self.agents(policies))
+            return tuple(self.of_sides(exact).tolist())
         return tuple(self.sampled(policies, episodes, seed)[0].mean(axis=0).tolist())
 
     def payoff(self, one: Any, two: Any, seed: int) -> float:
-        """As of `Sides`: the return of the second player."""
+        """As of `Sides`: the return of the second side."""
         return self.means(dict(zip(self.roles, (one, two), strict=True)), PAIR_EPISODES, seed)[1]
 
     def objective(self, policies: Policies) -> Measure:
         """As of `Sides`: NashConv, or the return of the first side."""
-        if self.why_not is None:
+        if self.why_not(policies) is None:
             return Measure("nash_conv", "return")
         first = self.roles[0]
         return Measure(f"{first}_return", f"return of {first}", less_is_better=False)
@@ -125,11 +146,11 @@ class ReturnSides(Sides):
     def exact(self, policies: Policies) -> dict[str, float]:
         """NashConv, the return of every side, and the gain of its best response; {} where they are
         not known."""
-        if self.why_not is not None:
+        if self.why_not(policies) is not None:
             return {}
-        task, solver = self.task, self.world.solver
-        returns = dict(zip(self.roles, solver.returns(task, policies), strict=True))
-        best = {role: solver.respond(task, role, policies)[0] for role in self.roles}
+        task, solver, agents = self.task, self.world.solver, self.agents(policies)
+        returns = dict(zip(self.roles, self.means(policies, 0), strict=True))
+        best = {role: solver.respond(task, role, agents)[0] for role in self.roles}
         gains = {role: max(float(best[role] - returns[role]), 0.0) for role in self.roles}
         return {
             "nash_conv": sum(gains.values()),
@@ -182,11 +203,12 @@ class ReturnSides(Sides):
                     rows.append(
                         {"player": role, "policy": policy, "against": against, "return": value}
                     )
-        return {"returns": rows}
+        why = self.why_not(learned)
+        return {"returns": rows} if why is None else {"returns": rows, "not_exact": why}
 
     def nash_conv(self, policies: Policies) -> float | Missing:
         """As of `Sides`."""
-        why = self.why_not
+        why = self.why_not(policies)
         return self.exact(policies)["nash_conv"] if why is None else Missing(why)
 
     # -- leagues ---------------------------------------------------------------------------------
@@ -196,7 +218,7 @@ class ReturnSides(Sides):
         policies = dict(zip(self.roles, (one, two), strict=True))
         found, _ = self.sampled(policies, games, seed)
         first, second = self.means(policies, games, seed)
-        half = half_width(found[:, 1]) if self.why_not is not None else 0.0
+        half = half_width(found[:, 1]) if self.why_not(policies) is not None else 0.0
         return PairResult(second, half, np.zeros(0), first)
 
     @property
@@ -210,9 +232,9 @@ class ReturnSides(Sides):
         """As of `Sides`."""
         found = content["evaluation"]
         if "nash_conv" in found:
-            return describe_returns(content)
+            return describe_returns({**content, "discount": 1.0})
         each = ", ".join(f"{role} {found[f'{role}_return']:z.4f}" for role in self.roles)
-        lines = [f"Returns: {each}, sampled. No exact NashConv: {self.why_not}."]
+        lines = [f"Returns: {each}, sampled. No exact NashConv: {content['not_exact']}."]
         return [*lines, *describe_time(content)]
 
     def tables(self, content: Plain) -> list[EndTable]:
@@ -244,9 +266,8 @@ class ReturnSides(Sides):
         def start(number: int) -> Any:
             return self.world.BATCH(task, 1, EVALUATION_SEED, number, auto_restart=False)
 
-        agents = task.agent_names
-        played = [policies[name] for name in agents]
-        add_text_episodes(builder, start, played, games, [labels[name] for name in agents])
+        played = [policies[role] for role in self.by_agent]
+        add_text_episodes(builder, start, played, games, [labels[role] for role in self.by_agent])
 
 
 class SmallGameSides(ReturnSides):
@@ -257,7 +278,9 @@ class SmallGameSides(ReturnSides):
     """
 
     task: GameTask
-    why_not = None
+
+    def why_not(self, policies: Policies) -> None:
+        """As of `ReturnSides`: all results are exact."""
 
     @property
     def mixtures(self) -> bool | Missing:
@@ -387,6 +410,10 @@ class SmallGameSides(ReturnSides):
             return PairResult(float(exact[1]), 0.0, np.zeros(0), float(exact[0]))
         found = self.sampled(policies, games, seed)[0][:, 1]
         return PairResult(float(exact[1]), 0.0, found.round(9))  # so that equal ones are
+
+    def describe(self, content: Plain) -> list[str]:
+        """As of `Sides`."""
+        return describe_returns(content)
 
     def add_episodes(
         self,

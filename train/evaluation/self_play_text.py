@@ -47,6 +47,8 @@ def describe_exploitability(results: Plain) -> list[str]:
         if "outcome" in found:
             unit = f"{OUTCOME}, of best responses that may depend on time,"
         lines.append(f"NashConv {found['nash_conv']:z.3f} {unit}{before}; {meaning}.")
+    if "not_exact" in results:
+        lines.append(f"No exact NashConv: {results['not_exact']}.")
     for name, bounds in results.get("limited_best_responses", {}).items():
         what = f"Best response with the view of its role {name.replace('_', ' the ')}"
         what = "NashConv with these views" if name == "nash_conv" else what

@@ -35,7 +35,7 @@ class World(ABC):
         scale: factor of rewards in training.
     """
 
-    BATCH: ClassVar[Callable[..., Batch[Any]]]
+    BATCH: ClassVar[type[Batch[Any]]]
     scale: ClassVar[float] = 1.0
 
     settings: Any

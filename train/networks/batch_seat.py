@@ -11,8 +11,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from pursuit.observations.custom import AGENT_ID
 from pursuit.rules.arrays import Array
-from pursuit.simulator.batch import Batch, SeatView
+from pursuit.simulator.batch import SeatView
 from pursuit.validation import check
 from train.networks.features import Features, features_for
 from train.networks.layers import float32_inference
@@ -25,13 +26,13 @@ from train.networks.seat import Seat
 class BatchSeat(Seat):
     """An agent with discrete actions in any kind of game, or all agents of a role as a team.
 
-    Subclasses implement `num_actions`, `bounds` and `observe`; where actions can be illegal also
+    Subclasses implement `num_actions`, `limits` and `seen`; where actions can be illegal also
     `has_masks` and `allowed`, and where agents leave a game that goes on `left`.
 
     Attributes:
-        task: the game. `task.seat_roles`, the role of every agent, allows teams.
+        task: the game.
         agent: name or role.
-        encoding: its observation.
+        encoding: its observation; with the suffix +id its number within the role is added.
         network: its network, by the name in the settings.
         min_probability: its policies never play actions of lower probability, unless greedy.
         team: as of `Seat`.
@@ -50,23 +51,49 @@ class BatchSeat(Seat):
 
     @property
     def role(self) -> str:
-        """The role of the agent; where agents have none its name."""
-        roles = getattr(self.task, "seat_roles", self.task.agent_names)
-        return str(roles[self.number])
+        """The role of the agent."""
+        return str(self.task.seat_roles[self.number])
 
     @property
     def team_size(self) -> int:
         """As of `Seat`."""
-        return tuple(getattr(self.task, "seat_roles", self.task.agent_names)).count(self.role)
+        return int(self.task.seat_roles.count(self.role))
+
+    @property
+    @abstractmethod
+    def limits(self) -> tuple[Array, Array]:
+        """The least and the largest observation [*shape]."""
 
     @abstractmethod
-    def bounds(self, batch: Any) -> tuple[Array, Array]:
-        """As of `Seat`; they do not depend on the games, and `batch` can be None."""
+    def seen(self, batch: Any, agents: slice) -> Array:
+        """[games, agents, *shape] what these agents observe; a new array."""
+
+    @property
+    def shows_id(self) -> bool:
+        """Whether observations end with the number of the agent within its role."""
+        return self.encoding.endswith(AGENT_ID)
+
+    def bounds(self, batch: Any = None) -> tuple[Array, Array]:
+        """As of `Seat`."""
+        low, high = self.limits
+        if not self.shows_id:
+            return low, high
+        more = np.zeros(self.team_size, dtype=low.dtype)
+        return np.concatenate([low, more]), np.concatenate([high, more + 1])
+
+    def observe(self, batch: Any, agents: slice) -> Array:
+        """As of `Seat`."""
+        seen = self.seen(batch, agents)
+        if not self.shows_id:
+            return seen
+        numbers = np.arange(batch.task.num_agents)[agents] - self.task.seat(self.role)
+        shown = np.eye(self.team_size, dtype=seen.dtype)[numbers]
+        return np.concatenate([seen, np.broadcast_to(shown, (len(seen), *shown.shape))], axis=2)
 
     @cached_property
     def features(self) -> Features:
         """The features of its observation."""
-        low, high = self.bounds(None)
+        low, high = self.bounds()
         largest = np.maximum(np.maximum(np.abs(low), np.abs(high)).astype(np.float64), 1e-6)
         kind: Any = "planes" if low.ndim == 3 else "flat"
         return features_for(Features(kind, low.shape, largest), self.network)
@@ -95,15 +122,13 @@ class BatchPolicy:
         Raises:
             ValueError: another game than that of the training.
         """
+        draws = None if self.greedy else view.uniform()
+        return chosen_from(self.probabilities(view), draws)
+
+    def probabilities(self, view: SeatView) -> NDArray[np.float64]:
+        """[num_games, actions] float64: the action probabilities; ValueError as `act`."""
         own = slice(view.seat, view.seat + 1)
-
-        def seen(batch: Batch[Any]) -> Array:
-            return self.seat.observe(batch, own)[:, 0]
-
-        def legal(batch: Batch[Any]) -> Array:
-            return self.seat.allowed(batch, own)[:, 0]
-
-        observed = view.of(seen)
+        observed = view.of(lambda batch: self.seat.observe(batch, own)[:, 0])
         check(
             view.task.agent_names == self.task.agent_names
             and observed.shape[1:] == self.seat.features.shape,
@@ -113,6 +138,7 @@ class BatchPolicy:
         device = next(self.network.parameters()).device
         with float32_inference(self.network):
             logits = self.network.logits(torch.from_numpy(observed).to(device))
-        allowed = view.of(legal) if self.seat.has_masks else None
-        found = probabilities_of(logits, allowed, self.greedy, self.seat.min_probability)
-        return chosen_from(found, None if self.greedy else view.uniform())
+        allowed = None
+        if self.seat.has_masks:
+            allowed = view.of(lambda batch: self.seat.allowed(batch, own)[:, 0])
+        return probabilities_of(logits, allowed, self.greedy, self.seat.min_probability)

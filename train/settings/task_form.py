@@ -69,8 +69,8 @@ class TaskForm(Settings):
 
     def agent_in(self, task: Any) -> str:
         """The learning agent; ValueError unless the task has it."""
-        if self.agent == "auto":
-            return str(task.agent_names[0])
+        if self.agent == "auto" or self.agent in task.seat_roles:
+            return self.agent if self.agent != "auto" else str(task.seat_roles[0])
         return str(task.agent_names[task.seat(self.agent)])
 
     def with_agent(self, agent: str) -> Self:
