@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from pursuit.reacher.task import ReacherTask
 from pursuit.simulator.policy import Policy, tells_its_play
 from pursuit.tasks.task import Task
 from scripted_agents.agents.scripted import RandomAgent
@@ -125,22 +124,21 @@ def why_hidden(task: Task, seats: Iterable[int]) -> str | None:
 
 
 def reference_of(
-    task: Task | ReacherTask,
+    task: Task,
     agent: str,
     opponents: Mapping[str, Policy],
     most_work: int = MAX_WORK,
     by_maze: bool = False,
     team: bool = False,
 ) -> Solution:
-    """Which exact optimum of an agent is known, and if none is, the reason.
+    """Which exact optimum of an agent in mazes is known, and if none is, the reason.
 
     Args:
-        task: a game in mazes, or the arm.
-        agent, most_work, by_maze, team: as of `Question`; the agent of an arm is not used.
+        task: the game.
+        agent, most_work, by_maze, team: as of `Question`.
         opponents: the policies of the other agents, as of `Question`.
     """
-    asked = Question(task, agent, opponents, most_work, by_maze, team)
-    return solution_of(asked, ARMS if isinstance(task, ReacherTask) else MAZES)
+    return solution_of(Question(task, agent, opponents, most_work, by_maze, team), MAZES)
 
 
 # -- what each solver takes ------------------------------------------------------------------------

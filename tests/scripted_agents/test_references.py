@@ -26,7 +26,7 @@ from scripted_agents import (
 )
 from scripted_agents.games import equilibrium, game_of_task, nash_conv, respond
 from scripted_agents.limits import MAX_EVALUATED_WORK, MAX_WORK, work_of
-from scripted_agents.references import reference_of
+from scripted_agents.references import ARMS, Question, reference_of, solution_of
 
 SCRIPTED: dict[str, Policy] = {
     "chaser": AStarChaser(0.1),
@@ -98,8 +98,8 @@ def test_more_work_is_done_for_final_results() -> None:
 
 
 def test_the_arm_has_a_reference_with_continuous_actions() -> None:
-    assert reference_of(ReacherTask(), "arm", {}).kind == "arm"
-    found = reference_of(ReacherTask(discrete_actions=True), "arm", {})
+    assert solution_of(Question(ReacherTask(), "arm", {}), ARMS).kind == "arm"
+    found = solution_of(Question(ReacherTask(discrete_actions=True), "arm", {}), ARMS)
     assert found.kind == "none" and found.reason.startswith("discrete actions")
 
 

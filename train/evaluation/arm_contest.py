@@ -22,7 +22,7 @@ from scripted_agents import (
     ThesisInverseKinematics,
     least_steps_of,
 )
-from scripted_agents.references import Solution, reference_of
+from scripted_agents.references import ARMS, Question, Solution, solution_of
 from train.evaluation.games import half_width
 from train.evaluation.scores import (
     BY_STEPS,
@@ -99,7 +99,7 @@ class ArmContest(Contest[ArmPolicy, ReacherSimulator]):
     @property
     def exact_reference(self) -> Solution:
         """As `Contest`."""
-        return reference_of(self.task, "arm", {})
+        return solution_of(Question(self.task, "arm", {}), ARMS)
 
     def describe(self) -> Plain:
         """The task, the number of joints, and the bounds of the minimum steps."""
