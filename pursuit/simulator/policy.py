@@ -116,6 +116,13 @@ class GameView(GameArrays):
         """[num_games], the indices of these games in the batch: the rows of a `Memory`."""
         return np.arange(self.num_games) if self.chosen is None else self.chosen
 
+    def table_rows_of(self, games: NDArray[np.intp] | slice) -> NDArray[np.int64]:
+        """[n] int64: the pairs of cells of some games of a duel, numbered as by `pairs_of_cells`,
+        which are the rows of tables of policies."""
+        cells = self.positions[games]
+        pairs = cells[:, self.seat] * np.int64(self.task.mazes[0].num_cells)
+        return pairs + cells[:, 1 - self.seat]
+
     def uniform(self) -> NDArray[np.float64]:
         """[num_games] float64 in [0, 1), from the agent's own random stream, which advances."""
         numbers = np.empty(self.num_games)

@@ -165,6 +165,10 @@ class StateView:
         """Number of games in the batch."""
         return len(self.state)
 
+    def table_rows_of(self, games: NDArray[np.intp] | slice) -> NDArray[np.int32]:
+        """[n] int32: the states of some games, which are the rows of tables of policies."""
+        return self.state[games]
+
     def select(self, games: NDArray[np.intp]) -> StateView:
         """A view of copies of these games; see `pursuit.simulator.policy.GameView.select`."""
         names = "state", "steps", "streams", "epsilon"

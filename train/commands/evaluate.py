@@ -29,6 +29,7 @@ from train.files import Plain, check_folder, reserved, write_json
 from train.reports.tables import ResultTable, numeric, print_table, words
 from train.runs.folder import SELF_PLAY, read_config
 from train.settings.checks import Settings, check_default
+from train.settings.self_play import sides_in
 from train.settings.task import AGENT, TaskSettings
 from train.settings.task_form import AnyTask, with_values
 
@@ -124,13 +125,15 @@ def evaluate_players(given: EvaluateCommand) -> Plain:
     names = (*others, "maze", "replays", "table", "exact_seconds")
     why = f"{given.run} is a whole run of self-play, in which every player plays its own policy"
     check_default(given, EvaluateCommand, names, why)
-    from train.kinds import read_settings  # torch is slow to import
-    from train.runs.opponents import policy_of
+    from train.runs.opponents import policy_of  # torch is slow to import
+    from train.runs.saved import load_settings
     from train.self_play.parts import game_of_all
 
-    settings: Any = read_settings(given.run)[1]
-    game, run = game_of_all(settings.task, settings.discount), str(given.run)
-    players = {name: policy_of(settings.task, run, game.task, name) for name in settings.sides}
+    sides, run = sides_in(read_config(given.run)[1]), str(given.run)
+    learning = next(name for name, own in sides.items() if not isinstance(own, str))
+    settings = load_settings(given.run / learning)
+    game = game_of_all(settings.task, settings.hyper.last_gamma)
+    players = {name: policy_of(settings.task, run, game.task, name) for name in sides}
     found = game.evaluate(Profile(players, ()), given.episodes)
     content = {**game.describe_game(), "discount": game.discount, "evaluation": found}
     if isinstance(unknown := game.nash_conv(players), Missing):

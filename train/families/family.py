@@ -16,6 +16,7 @@ from train.networks.seat import Seat
 from train.settings.checks import EVALUATION_SEED
 from train.settings.run import AgentSettings
 from train.settings.task_form import TaskForm
+from train.teaching.context import Context
 from train.teaching.plan import Plan
 from train.teaching.teacher import EpisodeMetrics, Teacher
 
@@ -58,9 +59,9 @@ class World(ABC):
         """The policies of the other agents, by agent or role; ValueError for an unknown one."""
 
     @property
-    @abstractmethod
-    def context(self) -> Any:
-        """The task and its policies, for curricula."""
+    def context(self) -> Context:
+        """The task and its policies, for curricula; by default what any batch allows."""
+        return Context(self.task, self.agent, self.opponents)
 
     @abstractmethod
     def contest(self, episodes: int, seed: int = EVALUATION_SEED) -> Any:

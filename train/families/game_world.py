@@ -15,7 +15,6 @@ from train.families.policies import NamedPolicies, policy_named
 from train.networks.seat import Seat
 from train.settings.checks import EVALUATION_SEED
 from train.settings.task_form import TaskForm
-from train.teaching.context import SmallGameContext
 from train.teaching.teacher import EpisodeMetrics
 
 
@@ -64,11 +63,6 @@ class GameWorld(World):
     def named(self, name: str, agent: str) -> Any:
         """The policy of this name for an agent or role; as of `policy_named`."""
         return policy_named(self.POLICIES, self.saved, name, self.task, agent)
-
-    @property
-    def context(self) -> Any:
-        """As of `World`."""
-        return SmallGameContext(self.task, self.agent, self.opponents, 0.0)
 
     def policies(self, seat: Seat) -> list[Any]:
         """As of `World`."""

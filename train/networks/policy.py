@@ -309,6 +309,15 @@ class NetworkPolicy:
         self._check(view, observations)
         return chosen_from(self.probabilities(observations, allowed), draws)
 
+    def table_rows(self, task: Any) -> int | None:
+        """The number of rows of `state_table` in the games of a task; None if it has none there."""
+        return None
+
+    def state_table(self, task: Any) -> NDArray[np.float64]:
+        """[states, actions] float64: the action probabilities in every state of the games of a
+        task, in the order of `table_rows_of` of their views."""
+        raise ValueError(f"a policy that observes {self.encoding!r} has no table of states")
+
     def _check(self, view: GameView, observations: Observations) -> None:
         """ValueError unless the observations have the form of those in training."""
         check_looks(observations, self._shape, self.task, view, self.encoding)
@@ -397,6 +406,19 @@ class LearnedPolicy(NetworkPolicy):
         encoder = Encoder(task, self.encoding, dtype_of(self.encoding))
         probabilities = self._in_batches(encoder, task, pairs, seat)
         return probabilities.reshape(size, size, task.num_actions)
+
+    def table_rows(self, task: Task) -> int | None:
+        """As of `NetworkPolicy`: the pairs of cells of a duel in one maze."""
+        own, maze = self.task, task.mazes[0]
+        fits = task.is_duel and own.is_duel and len(task.mazes) == 1
+        if not fits or own.stay_action != task.stay_action or not self.plays_in(maze):
+            return None
+        return maze.num_cells**2
+
+    def state_table(self, task: Task) -> NDArray[np.float64]:
+        """As of `NetworkPolicy`."""
+        table = self.action_probabilities(task.mazes[0], task.stay_action)
+        return table.reshape(-1, table.shape[-1])
 
     def plays_in(self, maze: Maze) -> bool:
         """Whether it can play in a maze: a training maze, or any maze if the observation contains

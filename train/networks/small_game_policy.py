@@ -131,6 +131,14 @@ class SmallGamePolicy(NetworkPolicy):
             found[rows] = self.probabilities(seat.observed[rows], allowed)
         return found
 
+    def table_rows(self, task: GameTask) -> int:
+        """As of `NetworkPolicy`: the states of the game."""
+        return task.game.num_states
+
+    def state_table(self, task: GameTask) -> NDArray[np.float64]:
+        """As of `NetworkPolicy`."""
+        return self.state_probabilities()
+
     def table(self, task: GameTask) -> NDArray[np.float64]:
         """The probabilities of all legal actions, as of `SmallGame.table`; ValueError in another
         game."""

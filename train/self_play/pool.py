@@ -346,7 +346,6 @@ class PoolPolicy:
             policy = policies[present[0]]
             if places[present[0]] < 0:
                 return play(policy, view)
-            assert isinstance(policy, NetworkPolicy)
             draws = np.zeros(view.num_games) if policy.greedy else view.uniform()
             return self.tables.draw(places[self.opponents], view, slice(None), draws)
         draws = view.uniform()

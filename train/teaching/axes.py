@@ -24,7 +24,7 @@ from pursuit.validation import check
 from train.settings.axes import AXIS_PARTS, Apply
 from train.settings.axes import Axis as Axis
 from train.settings.curricula import AxisSettings
-from train.teaching.context import AnyContext, ArmContext, CurriculumContext, SmallGameContext
+from train.teaching.context import NEEDS, ArmContext, Context, CurriculumContext
 from train.teaching.mazes import training_mazes
 
 
@@ -40,7 +40,8 @@ class Maker:
         scripted: whether the task must have opponents, all of them scripted.
         mazes: whether the axis varies the maze (`curriculum_mazes`).
         arm: whether it is an axis of the arm, not of games in mazes.
-        small_games: whether it is also an axis of small games.
+        small_games: whether it is also an axis of small games, and of any other game whose batch
+            sets the random moves of opponents.
     """
 
     make: Callable[[str, Any, AxisSettings], Axis]
@@ -52,29 +53,14 @@ class Maker:
     arm: bool = False
     small_games: bool = False
 
-    def check(self, name: str, context: AnyContext, ends: AxisSettings) -> None:
+    def check(self, name: str, context: Context, ends: AxisSettings) -> None:
         """ValueError unless the task meets the requirements."""
-        arm = isinstance(context, ArmContext)
-        small = isinstance(context, SmallGameContext)
-        in_mazes = not self.arm and not (small and self.small_games)
-        if isinstance(context, SmallGameContext):
+        context.check_axis(name)
+        outside = self.arm or (self.small_games and context.opponent_epsilon is not None)
+        needed = {**vars(self), "in_mazes": not outside}
+        for need, what in NEEDS.items():
             check(
-                context.task.num_agents > 1,
-                f"curriculum {name!r} needs other players, which this game does not have",
-            )
-        needs = [(self.arm, arm, "an arm"), (in_mazes, not arm and not small, "games in mazes")]
-        if isinstance(context, CurriculumContext):
-            task = context.task
-            scripted = task.num_agents > 1 and context.learned_opponent is None
-            needs += [
-                (self.goals, task.num_goals > 0, "goals"),
-                (self.random_starts, task.start == "random", "random starts"),
-                (self.scripted, scripted, "opponents, all of them scripted"),
-                (self.both, task.num_chasers > 0 and task.num_evaders > 0, "chasers and evaders"),
-            ]
-        for needed, there, what in needs:
-            check(
-                there or not needed,
+                not needed[need] or context.offers.get(need, False),
                 f"curriculum {name!r} needs {what}, which task {context.task.name!r} with these "
                 "settings does not have; use another axis or task",
             )
@@ -85,7 +71,7 @@ class Maker:
         )
 
 
-def axis_of(name: str, context: AnyContext, ends: AxisSettings) -> Axis:
+def axis_of(name: str, context: Context, ends: AxisSettings) -> Axis:
     """The axis of this name for a task; "auto" is the default axis of the context.
 
     An end beyond the largest distance in the maze is clipped with a warning.
@@ -149,12 +135,12 @@ def configure(setting: str, limit: float = math.inf, whole: bool = True, **const
 # -- the axes --------------------------------------------------------------------------------------
 
 
-def opponent_epsilon(name: str, context: CurriculumContext, ends: AxisSettings) -> Axis:
+def opponent_epsilon(name: str, context: Context, ends: AxisSettings) -> Axis:
     """Share of random moves of the opponents; 1 is the easiest."""
     learner = context.task.seat(context.agent)
     others = [seat for seat in range(context.task.num_agents) if seat != learner]
     error = "epsilon={}; give a share of random moves in [0, 1]"
-    default = (1.0, context.opponent_epsilon)
+    default = (1.0, context.opponent_epsilon or 0.0)
     first, last = ends_within(ends, default, (0.0, 1.0), error, whole=False)
 
     def apply(simulator: Any, games: NDArray[np.intp], values: NDArray[np.float64]) -> None:

@@ -17,7 +17,13 @@ from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task
 from scripted_agents import least_steps_of, tour_lengths
 from scripted_agents.limits import MAX_CURRICULUM_JOINTS
-from scripted_agents.references import TOUR, Question, is_solved_duel, reference_of
+from scripted_agents.references import (
+    ARMS,
+    TOUR,
+    Question,
+    is_solved_duel,
+    solution_of,
+)
 from train.evaluation.games import best_reply, other_role, table_in
 
 
@@ -83,7 +89,10 @@ def optimum_of(task: Task, agent: str, opponents: Mapping[str, Policy]) -> Optim
 
 def arm_optimum(task: ReacherTask) -> Optimum | None:
     """The minimum steps of an arm; None for many joints, and for discrete actions."""
-    if task.joints > MAX_CURRICULUM_JOINTS or reference_of(task, "arm", {}).kind != "arm":
+    if (
+        task.joints > MAX_CURRICULUM_JOINTS
+        or solution_of(Question(task, "arm", {}), ARMS).kind != "arm"
+    ):
         return None
 
     def steps(

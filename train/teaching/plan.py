@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass, replace
-from typing import Any, TypeVar
+from typing import Any
 
 from curricula import Curriculum
-from pursuit.reacher.task import ReacherTask
-from pursuit.tasks.task import Task
 from pursuit.validation import check
-from scripted_agents.games.simulator import GameTask
 from train.settings.axes import Axis
 from train.settings.curricula import (
     CURRICULA,
@@ -24,12 +21,10 @@ from train.settings.curricula import (
     StagedSettings,
 )
 from train.teaching.axes import axis_of, configure, maker_of
-from train.teaching.context import AnyContext, CurriculumContext
+from train.teaching.context import Context
 from train.teaching.mazes import training_mazes
 from train.teaching.optimum import Optimum
 from train.teaching.regret import RegretScorer
-
-Rules = TypeVar("Rules", bound=Task | ReacherTask | GameTask)
 
 
 @dataclass(frozen=True)
@@ -49,7 +44,7 @@ class Plan:
     name: str
     settings: CurriculumSettings
     axis: Axis | None
-    task: Task | ReacherTask | GameTask
+    task: Any
     optimum: Optimum | None
     seed: int
     scorer: RegretScorer | None = None
@@ -63,7 +58,7 @@ class Plan:
 
 
 def plan_curriculum(
-    name: str, settings: CurriculumSettings, context: AnyContext, seed: int
+    name: str, settings: CurriculumSettings, context: Context, seed: int
 ) -> Plan | None:
     """The plan of a curriculum for a task; None for the curriculum "none".
 
@@ -78,13 +73,7 @@ def plan_curriculum(
     """
     if name == "none":
         return None
-    if isinstance(context, CurriculumContext):
-        played = context.task
-        check(
-            not played.most_exits or played.num_evaders == 1,
-            f"curriculum={name!r} with exits and num_evaders={played.num_evaders}: whether a game "
-            "is won is known at its end for one evader; give num_evaders=1, or curriculum none",
-        )
+    context.check(name)
     if isinstance(settings, MazeReplaySettings):
         return plan_pool(name, settings, context, seed)
     axis, varied, task = None, None, context.task
@@ -110,7 +99,7 @@ def plan_curriculum(
     else:
         context.check_levels(name)
     optimum = None
-    training: Any = training_task(name, settings, task)
+    training = training_task(name, settings, task)
     if settings.needs_optimum:
         steady = axis is None or varied == "auto" or not maker_of(str(varied)).scripted
         optimum = context.optimum(training) if steady else None
@@ -125,15 +114,14 @@ def plan_curriculum(
     return plan
 
 
-def plan_pool(name: str, settings: MazeReplaySettings, context: AnyContext, seed: int) -> Plan:
+def plan_pool(name: str, settings: MazeReplaySettings, context: Context, seed: int) -> Plan:
     """The plan of a curriculum over the mazes of a suite; ValueError as `plan_curriculum`."""
-    if not isinstance(context, CurriculumContext) or len(context.task.mazes) < 2:
-        raise ValueError(
-            f"curriculum={name!r} chooses among mazes, and task {context.task.name!r} has one; use "
-            "a suite such as --maze suite:7x7-train"
-        )
-    task, scored = context.task, settings.num_scored
-    mazes = len(task.mazes)
+    task, scored, mazes = context.task, settings.num_scored, len(context.mazes)
+    check(
+        mazes > 1,
+        f"curriculum={name!r} chooses among mazes, and task {task.name!r} has one; use a suite "
+        "such as --maze suite:7x7-train",
+    )
     check(
         scored <= max(mazes, MazeReplaySettings.num_scored),
         f"num_scored={scored}, but the suite has {mazes} mazes; give at most {mazes}",
@@ -146,7 +134,7 @@ def plan_pool(name: str, settings: MazeReplaySettings, context: AnyContext, seed
         0.0,
         mazes - 1.0,
         configure("maze"),
-        mazes=task.mazes,
+        mazes=context.mazes,
         ordered=False,
     )
     return Plan(name, settings, axis, task, None, seed, scorer)
@@ -157,13 +145,14 @@ def axis_name(name: str, settings: AxisSettings) -> str:
     return settings.axis if isinstance(settings, StagedSettings) else name
 
 
-def training_task(name: str, settings: CurriculumSettings, task: Rules) -> Rules:
-    """The task of the training games: the task of the run with the mazes of the curriculum.
+def training_task(name: str, settings: CurriculumSettings, task: Any) -> Any:
+    """The task of the training games: the task of the run with the mazes of the curriculum, if it
+    varies them.
 
     Raises:
         ValueError: mazes that the curriculum does not allow.
     """
-    if not isinstance(task, Task) or not isinstance(settings, AxisSettings):
+    if not isinstance(settings, AxisSettings):
         return task
     varied = axis_name(name, settings)
     if varied == "auto" or not maker_of(varied).mazes:

@@ -131,7 +131,7 @@ def test_one_policy_plays_all_agents_of_a_role_for_the_sum_of_their_returns() ->
 def test_episodes_are_shown_as_texts() -> None:
     contest = ReturnContest(Claims(6, 3), "red", OTHERS, Views, 9)
     scenes: Any = contest.scenes(Mirror(2), 1)
-    assert "red: " in scenes[0].text() and "step 0 / 3" in scenes[0].text()
+    assert "owner: " in scenes[0].text() and "step 0 / 3" in scenes[0].text()
     builder = Builder()
     assert contest.add_episodes(builder, Mirror(2), {"one": 0, "two": 1}, "learned") is None
     (world,), items = builder.worlds, builder.items

@@ -283,8 +283,9 @@ def test_leagues_and_evaluations_do_not_ask_for_a_sampling_rule(
     config = json.loads(Path("pair/config.json").read_text())
     write_json(Path("pair/config.json"), {**config, "sampling": "stranger:rule"})
     main(["league", "pair", "astar", "--games", "2"])
+    main(["evaluate", "pair"])
+    assert "NashConv" in capsys.readouterr().out
     for command, told in (
-        ("evaluate pair", "give pair/chaser or pair/evader"),
         ("self-play --resume pair", "add --allow stranger"),
         ("league pair astar --maze 7x7", "maze='7x7', but pair has its own maze"),
     ):

@@ -91,7 +91,7 @@ def test_runs_enter_for_the_players_that_they_learned(
         (["one", "--game", TWICE], "no policy of row among the entries"),
         (["one"], "no policy of row among the entries"),  # the game is that of the run
         (["one", "uniform", "--game", "round_games:Clash"], "one: trained as 'column'"),
-        (["both", "astar"], "astar: neither a folder of a run"),
+        (["both", "astar"], "'astar': neither a folder of a run"),
     ):
         with pytest.raises(SystemExit):
             main(["league", *arguments, "--out", "m"])
