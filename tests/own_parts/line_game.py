@@ -176,6 +176,7 @@ class LineSettings(TaskForm):
     AGENTS: ClassVar[tuple[str, ...]] = ("random",)
     sides: ClassVar[tuple[str, ...]] = ("seeker", "hider")
     discount: ClassVar[float] = 1.0
+    game: ClassVar[str] = "line"
 
     role: str = "auto"
     size: int = 5

@@ -252,6 +252,10 @@ class MazeSides(Sides):
         row = exploited(self.task, chaser, evader, self.discount)
         return row.get("nash_conv", Missing("this game, or one of these policies, is not solved"))
 
+    def why_not_always(self) -> str | None:
+        """As of `Sides`."""
+        return None if self.task.is_duel else "use one chaser against one evader"
+
     @property
     def compares_weights(self) -> bool:
         """As of `Sides`: in duels."""

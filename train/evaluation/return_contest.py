@@ -102,7 +102,8 @@ class ReturnContest(Contest[Any, Any]):
 
     def describe(self) -> Plain:
         """As `Contest`."""
-        return {"task": self.task.name, "role": self.agent, "maze": None}
+        game = self.task.name
+        return {"task": game, "role": self.agent, "maze": None, "game": game}
 
     def line(self) -> str:
         """As `Contest`."""

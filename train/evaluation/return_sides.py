@@ -85,7 +85,7 @@ class ReturnSides(Sides):
         solver: ReturnSolver | Missing = self.world.solver
         if isinstance(solver, Missing):
             return solver.reason
-        return solver.why_not(self.task, self.agents(policies))
+        return solver.why_not(self.task, self.agents(policies) if policies else {})
 
     def line(self) -> str:
         """As of `Sides`."""
@@ -205,6 +205,10 @@ class ReturnSides(Sides):
                     )
         why = self.why_not(learned)
         return {"returns": rows} if why is None else {"returns": rows, "not_exact": why}
+
+    def why_not_always(self) -> str | None:
+        """As of `Sides`."""
+        return self.why_not({})
 
     def nash_conv(self, policies: Policies) -> float | Missing:
         """As of `Sides`."""

@@ -229,6 +229,10 @@ class Sides(ABC):
         """Exact NashConv in the unit of evaluations, or why it is not known."""
         return Missing("no exact solution of this game is known")
 
+    def why_not_always(self) -> str | None:
+        """Why NashConv of learned policies is not always known; None if it is."""
+        return "no exact solution of this game is known"
+
     @property
     def compares_weights(self) -> bool:
         """Whether NashConv of the last and of the averaged weights is compared in results."""

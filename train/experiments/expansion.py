@@ -28,6 +28,7 @@ from train.kinds import KINDS
 from train.runs.folder import RUN, SELF_PLAY
 from train.runs.forms import Final
 from train.runs.parts import contest_of
+from train.self_play.parts import game_of_all
 from train.settings.checks import check_seed
 from train.settings.self_play import LEARN, ROLES
 from train.settings.task import SmallGameSettings, TaskSettings
@@ -312,9 +313,9 @@ def check_ablation(file: StudyFile) -> None:
 def check_measures(file: StudyFile, runs: Sequence[TrainingRun]) -> None:
     """ValueError for runs whose distance to the exact optimum or equilibrium is not known."""
     tasks = dict.fromkeys(run.settings.task for run in runs)
-    games = any(isinstance(task, SmallGameSettings) for task in tasks)
+    games = any(task.game is not None for task in tasks)
     if file.kind == SELF_PLAY or games:
-        where, unit = ("small games", "game") if games else ("self-play", "maze")
+        where, unit = ("games in returns", "game") if games else ("self-play", "maze")
         what = "gaps in steps" if games else "single-agent runs"
         for name in ("primary", "margin"):
             value = getattr(file, name)
@@ -322,13 +323,10 @@ def check_measures(file: StudyFile, runs: Sequence[TrainingRun]) -> None:
         x = file.report.x if file.report else None
         check(x in (None, unit), f"x={x!r} in [report]; in {where} give [grid] {unit} = [...]")
         for task in tasks:
-            if isinstance(task, SmallGameSettings):
-                continue  # their NashConv and best responses are known
-            assert isinstance(task, TaskSettings)  # self-play has no other
+            why = game_of_all(task).why_not_always()
             check(
-                task.build().is_duel,
-                f"task {task.task!r} with these agents has no exact NashConv for every run; use "
-                "one chaser against one evader",
+                why is None,
+                f"task {task.task!r} with these agents has no exact NashConv for every run: {why}",
             )
         return
     check(

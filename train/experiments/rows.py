@@ -220,6 +220,8 @@ def read_run(folder: Path) -> tuple[Row, list[str], list[Row]]:
     results: Row = {}
     if (folder / RESULTS).exists():
         content = load_results(folder)
+        if "game" in content:  # also of a kind of one's own
+            settings.setdefault("game", content["game"])
         results |= {n: content[n] for n in ("frames", "seconds", "frames_per_second")}
         results |= content["evaluation"]
         results |= {f"{name}_at_start": value for name, value in content["at_start"].items()}

@@ -60,7 +60,8 @@ def measure_of(rows: list[Row]) -> Measure:
     column, unit = objectives.pop() if len(objectives) == 1 else ("steps", "steps")
     if column == "mean_steps" and all(row.get("optimality_gap") is not None for row in rows):
         return GAP
-    if column == "mean_return" and all(row.get("game") is not None for row in rows):
+    regrets = [row.get("return_regret") for row in rows]
+    if column == "mean_return" and None not in regrets and all(row.get("game") for row in rows):
         return REGRET
     return Measure(column, unit)
 

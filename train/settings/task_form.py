@@ -24,7 +24,7 @@ class TaskForm(Settings):
         AGENTS: the names of built-in policies.
         TASKS: the names of its tasks.
         IDENTITY: settings that a default of the form needs.
-        game: the name of a small game; None for others.
+        game: the name of a game that is measured in returns, in rows of studies; None for others.
     """
 
     OBSERVATION: ClassVar[str] = "index"

@@ -73,7 +73,9 @@ def test_scores_are_means_of_episodes_with_intervals_of_returns() -> None:
     assert score.value_ci95 == pytest.approx(1.96 * (p * (1 - p) / 4000) ** 0.5, rel=1e-3)  # type: ignore[operator]
     assert contest.score("learned", Mirror(2)) == score  # the same starts
     assert contest.measure is BY_RETURN
-    assert contest.describe() == {"task": "claims", "role": "red", "maze": None}
+    assert contest.describe() == {
+        **{"task": "claims", "role": "red", "maze": None, "game": "claims"}
+    }
     assert contest.line() == "claims: red, with green Mirror, blue Mirror, at most 1 steps"
 
 
