@@ -194,6 +194,31 @@ def test_it_can_be_registered_under_a_name(monkeypatch: pytest.MonkeyPatch) -> N
         train.families.register(name, line().FAMILY)
 
 
+def test_files_cannot_name_a_kind_of_games_of_a_module_that_is_not_allowed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("stranger.py").write_text("open('trap', 'w').close()")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    run = start(RUN, settings_of(**SHORT), "run")
+    run.train()
+    run.results(10)
+    start(SELF_PLAY, self_play_settings_of(**SHORT, snapshots=2), "pair").train()
+    assert json.loads(Path("run/config.json").read_text())["parts"]["task"]["name"] == TASK
+    for path in (Path("run"), Path("pair"), Path("pair/hider")):
+        config = path / "config.json"
+        config.write_text(config.read_text().replace("line_game:", "stranger:"))
+    Path("sweep.toml").write_text('title = "a"\n[settings]\ntask = "stranger:FAMILY"\n')
+    for command in (
+        *("evaluate run", "evaluate pair", "evaluate pair/hider", "league pair", "view run"),
+        *("train --resume run", "self-play --resume pair", "render run", "sweep sweep.toml"),
+    ):
+        with pytest.raises(SystemExit):
+            main(command.split())
+        assert "stranger" in capsys.readouterr().err
+    assert not Path("trap").exists() and "stranger" not in sys.modules
+
+
 def test_the_example_is_short() -> None:
     text = (ROOT / "tests" / "own_parts" / "line_game.py").read_text()
     assert len(text.splitlines()) <= 215

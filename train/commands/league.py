@@ -34,8 +34,8 @@ class LeagueCommand(Settings):
     saved Stable-Baselines3 models (.zip) and the names of scripted agents: astar, random,
     uniform, equilibrium, searching, sweeping, belief.
 
-    With --game NAME all policies of the first player of a small game against all of the second, by
-    exact returns: runs, uniform, equilibrium, package.module:Name of functions of a state. In a
+    In another game (that of the first run, or a small game by --game NAME) all policies of the
+    first side against all of the second, by returns: runs, and named policies of the game. In a
     general-sum game there are the payoffs of both, and no ratings.
     """
 
@@ -44,7 +44,8 @@ class LeagueCommand(Settings):
     maze: str | None = None
     """The maze, if no run is given. None: 5x5."""
     game: str | None = None
-    """A small game of two players, as in `pursuit train --game`. None: a game in mazes."""
+    """A small game of two players, as in `pursuit train --game`. None: the game of the first run;
+    without runs a chase."""
     opponent_epsilon: float = 0.0
     """Probability of random moves of astar."""
     greedy: bool = False

@@ -30,11 +30,13 @@ from train.settings.axes import AXIS_PARTS
 from train.settings.common import NETWORKS
 from train.settings.curricula import CURRICULUM_PARTS
 from train.settings.self_play import ROLES, SAMPLING_PARTS, WholeSettings
+from train.settings.task_form import FAMILIES
 
 PARTS, COMMAND = "parts", "command"
 """Keys of `config.json` other than settings."""
 
 KINDS: dict[str, Registry[Any]] = {
+    "task": FAMILIES,
     "game": GAMES,
     "rewards": REWARDS,
     "observation": OBSERVATIONS,
