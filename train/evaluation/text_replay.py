@@ -58,7 +58,6 @@ def add_text_episodes(
                 "rewards": np.transpose(rewards).tolist(),
                 "states": [*range(first, len(world["states"]))],
                 "actions": taken,
-                "values": [[None] * batch.task.num_agents] * (len(taken) + 1),
                 "players": list(labels),
             }
         )

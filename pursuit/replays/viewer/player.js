@@ -313,7 +313,8 @@ class Player {
     const goals = episode.world.num_goals > 0, pursued = !arm && !game && episode.world.agents.some((agent) => agent.role === "chaser");
     if (goals) head.push("goals");
     if (pursued) head.push("captures");
-    if (game) head.push("value", "action");
+    if (game && episode.values) head.push("value");
+    if (game) head.push("action");
     const names = arm ? ["arm"] : episode.world.agents.map((agent) => agent.name);
     const rewards = episode.rewardsAt(step);
     this.score.replaceChildren(make("table", {}, row(...head.map((text) => make("th", { class: text && text !== "action" ? "number" : "" }, text))),
@@ -321,7 +322,8 @@ class Player {
         const cells = [make("td", { title: episode.players[agent] || "" }, name), number(rewards[agent][0]), number(rewards[agent][1])];
         if (goals) cells.push(number(episode.count(step, agent, "collected")));
         if (pursued) cells.push(number(episode.count(step, agent, "captured")));
-        if (game) cells.push(number(episode.values[step][agent]), make("td", {}, step ? episode.actions[step - 1][agent] : ""));
+        if (game && episode.values) cells.push(number(episode.values[step][agent]));
+        if (game) cells.push(make("td", {}, step ? episode.actions[step - 1][agent] : ""));
         return row(...cells);
       })));
     if (game && step < episode.length) {
