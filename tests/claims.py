@@ -96,9 +96,6 @@ class ClaimsBatch(Batch[Claims]):
             self.truncated[game] = self._steps[game] >= self.task.max_steps
             self.truncated[game] &= not self.terminated[game]
 
-    def view(self, seat: int | str) -> Any:
-        return self, self.task.seat(seat)
-
     def _live(self) -> dict[str, Array]:
         names = ("streams", "owner", "steps", "returns", "terminated", "truncated")
         return {name: getattr(self, name) for name in names}
@@ -112,9 +109,7 @@ class AnyFree:
     """A policy that names a uniformly random square, if it is free."""
 
     def act(self, view: Any) -> NDArray[np.int32]:
-        batch, seat = view
-        every = np.ones(batch.num_games, dtype=bool)
-        return (batch.uniform(1 + seat, every) * batch.task.squares).astype(np.int32)
+        return (view.uniform() * view.task.squares).astype(np.int32)
 
 
 class ClaimsInterface(GameInterface):
