@@ -1,8 +1,9 @@
 """With which exact optimum an agent is compared, or why with none: the solvers of each family.
 
-This is the only place that decides it, for best responses, for matches of fixed policies and for
-NashConv. `solution_of` gives the first solver that says nothing against a question. The numbers are
-in `limits`. `pursuit evaluate` prints the reason where a game without limited views has no optimum.
+This is the place that decides it for games in mazes, the arm and small games: for best responses,
+for matches of fixed policies and for NashConv; a kind of games of one's own has a `ReturnSolver`.
+`solution_of` gives the first solver that says nothing against a question. The numbers are in
+`limits`. `pursuit evaluate` prints the reason where a game without limited views has no optimum.
 """
 
 from __future__ import annotations

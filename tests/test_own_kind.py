@@ -47,15 +47,15 @@ def results_in(folder: Path) -> Any:
     return json.loads((folder / "results.json").read_text())
 
 
-@pytest.mark.parametrize("algorithm", ["ppo", "ippo", "dqn", "vdn"])
+@pytest.mark.parametrize("algorithm", ["ppo", "ippo", "mappo", "dqn", "vdn", "qmix"])
 @pytest.mark.parametrize("view", [1, 5])
 def test_it_is_trained_evaluated_and_viewed(
     algorithm: str, view: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """With a solution, where all see everything, and without one."""
     given = ["--task", TASK, "--view", str(view), "--algorithm", algorithm, "--num-games", "32"]
-    more = {"dqn": ["--learning-starts", "256"], "vdn": ["--learning-starts", "256"]}
-    batch = ["--minibatch-size", "256"] if "ppo" in algorithm else more[algorithm]
+    of_ppo = algorithm.endswith("ppo")
+    batch = ["--minibatch-size" if of_ppo else "--learning-starts", "256"]
     run, again = tmp_path / "run", tmp_path / "again.json"
     main(["train", *given, *batch, "--frames", "4000", "--episodes", "400", "--out", str(run)])
     found = results_in(run)["evaluation"]
@@ -65,7 +65,7 @@ def test_it_is_trained_evaluated_and_viewed(
     assert ("optimal return" in said) == (view == 5)
     assert ("no exact optimum: agents see 1 cells far" in said) == (view == 1)
     if view == 5:
-        assert found["mean_return"] <= found["optimal_return"] + 3 * 0.05
+        assert found["exact"] and found["mean_return"] <= found["optimal_return"] + 1e-9
     main(["view", str(run), "--no-open"])
     assert "_H" in (run / "report.html").read_text()  # the board is text
 
@@ -113,8 +113,8 @@ def test_it_plays_itself_and_enters_a_league(
     said = capsys.readouterr().out
     assert ("NashConv" in said) and ("No exact NashConv" in said) == (view == 1)
     assert "hider_0, with seeker_0 pair/seeker (sampled), seeker_1 pair/seeker (sampled)" in said
-    payoffs = json.loads(Path("league/league.json").read_text())["payoffs"]
-    assert np.add(payoffs["seeker"], payoffs["hider"]) == pytest.approx(0.0)
+    league = json.loads(Path("league/league.json").read_text())
+    assert np.shape(league["payoff"]) == (2, 2) and len(league["hider_ratings"]) == 2
     with pytest.raises(SystemExit):
         main(["self-play", *given, "--frames=4000", "--seeker=nobody"])
     assert "'nobody': not a policy; give one of random" in capsys.readouterr().err
@@ -178,6 +178,7 @@ def test_what_it_does_not_have_is_said(capsys: pytest.CaptureFixture[str]) -> No
         (["--curriculum", "goal-spread-start"], "games in mazes"),
         (["--opponent", "model.zip"], "a saved model plays in mazes"),
         (["--role", "nobody"], "nobody"),
+        (["--algorithm", "ippo", "--sharing", "joint"], "sharing='joint' does not support"),
     ):
         with pytest.raises(SystemExit):
             main(["train", "--task", TASK, "--frames", "512", *more])

@@ -114,6 +114,8 @@ class LineSolver:
     """Backward induction over the cells of all, for games in which all see everything."""
 
     def why_not(self, task: Line, policies: Any) -> str | None:
+        if not all(hasattr(own, "probabilities") for own in policies.values()):
+            return "a policy without known probabilities"
         return None if task.view >= task.size else f"agents see {task.view} cells far"
 
     def returns(self, task: Line, policies: Any) -> Any:

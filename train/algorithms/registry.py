@@ -131,8 +131,7 @@ class Algorithm:
         """ValueError where it trains all agents of a role, and the player has no role."""
         check(
             not (player.NO_TEAM and self.whole_role),
-            f"algorithm={self.name!r} trains the teams of games in mazes; use "
-            f"{TUNED_AS.get(self.name, 'ppo')} here",
+            f"algorithm={self.name!r} trains teams; use {TUNED_AS.get(self.name, 'ppo')} here",
         )
 
     def check_memory(self, settings: Hyperparameters, player: Seat) -> None:

@@ -59,6 +59,7 @@ from train.evaluation.self_play_text import (
     describe_exploitability,
 )
 from train.evaluation.sides import (
+    PAIR_EPISODES,
     EndTable,
     Gain,
     PairResult,
@@ -80,8 +81,6 @@ from train.settings.self_play import ROLES
 SHORT = 20
 """Default number of steps of training episodes without goals. Where the evader can escape, episodes
 of full length would hardly visit the states in which it is caught."""
-PAIR_EPISODES = 200
-"""Games per payoff without an exact value."""
 MOST_STATES = 2_500
 """States of a game up to which it is solved before training: about a second."""
 

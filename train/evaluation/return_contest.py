@@ -121,7 +121,22 @@ class ReturnContest(Contest[Any, Any]):
     # -- scores --------------------------------------------------------------------------------
 
     def score(self, name: str, policy: Any) -> Score:
-        """As `Contest`, of sampled episodes."""
+        """As `Contest`, of sampled episodes; the return is exact where the solver gives it."""
+        score, task = self._sampled(name, policy), self.task
+        if isinstance(self.solver, Missing):
+            return score
+        policies = {**self.opponents, **dict.fromkeys(self.names, policy)}
+        if self.solver.why_not(task, policies) is not None:
+            return score
+        returns = self.solver.returns(task, policies)
+        value = float(sum(returns[task.seat(each)] for each in self.names))
+        return self._exact(score, value)
+
+    def _exact(self, score: Score, value: float) -> Score:
+        exact: Any = {"exact": True, "mean_return": value, "value_ci95": 0.0}
+        return replace(score, **exact, apart="steps and ends: sampled")
+
+    def _sampled(self, name: str, policy: Any) -> Score:
         lengths, ended, returns = self.played_out(policy)
         mean, share, value = (float(found.mean()) for found in (lengths, ended, returns))
         found: Any = {"mean_return": value, "value_ci95": half_width(returns)}
@@ -150,9 +165,7 @@ class ReturnContest(Contest[Any, Any]):
         if self.response is None:
             return None
         value, policy = self.response
-        best = self.score(BEST_RETURN, policy)
-        exact: Any = {"exact": True, "mean_return": value, "value_ci95": 0.0}
-        return replace(best, **exact, apart="steps and ends: sampled")
+        return self._exact(self._sampled(BEST_RETURN, policy), value)
 
     @property
     def actions(self) -> Actions:

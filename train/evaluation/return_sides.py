@@ -28,6 +28,7 @@ from train.evaluation.games import half_width, stepper
 from train.evaluation.scores import Measure
 from train.evaluation.self_play_text import EXPLOITABILITY, describe_snapshots, describe_time
 from train.evaluation.sides import (
+    PAIR_EPISODES,
     EndTable,
     Gain,
     PairResult,
@@ -49,8 +50,6 @@ from train.reports.tables import ResultTable, Row, numeric, words
 from train.settings.checks import EVALUATION_SEED
 from train.settings.task import GAME
 
-PAIR_EPISODES = 200
-"""Games per payoff without an exact value."""
 MOST_SOLVED = 100_000
 """Joint actions of a zero-sum game up to which its equilibrium is computed: seconds."""
 MOST_MIXED = 50_000
@@ -220,10 +219,12 @@ class ReturnSides(Sides):
     def pair(self, one: Any, two: Any, games: int, seed: int, most: int) -> PairResult:
         """As of `Sides`: returns; those of both sides, as their sum need not be 0."""
         policies = dict(zip(self.roles, (one, two), strict=True))
-        found, _ = self.sampled(policies, games, seed)
-        first, second = self.means(policies, games, seed)
-        half = half_width(found[:, 1]) if self.why_not(policies) is not None else 0.0
-        return PairResult(second, half, np.zeros(0), first)
+        found = self.sampled(policies, games, seed)[0].round(9)  # so that equal ones are
+        if self.why_not(policies) is None:
+            first, second = self.means(policies, games, seed)
+            return PairResult(second, 0.0, found[:, 1], first)
+        first, second = found.mean(axis=0).tolist()
+        return PairResult(second, half_width(found[:, 1]), found[:, 1], first)
 
     @property
     def league_measure(self) -> Measure:

@@ -64,10 +64,10 @@ def exploited(task: Task, chaser: Policy, evader: Policy, discount: float) -> di
     }
 
 
-def has_nash_conv(task: Task, chaser: Policy, evader: Policy, most: int = MAX_EXACT_WORK) -> bool:
+def has_nash_conv(task: Task, chaser: Policy, evader: Policy) -> bool:
     """Whether `exploited` is exact: in small duels and teams against one evader, and in small games
     with exits."""
-    asked = Question(task, None, {"chaser": chaser, "evader": evader}, most)
+    asked = Question(task, None, {"chaser": chaser, "evader": evader}, MAX_EXACT_WORK)
     return solution_of(asked, NASH_CONVS).kind != "none"
 
 

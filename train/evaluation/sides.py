@@ -20,6 +20,8 @@ from train.reports.curves import Panel, Series
 from train.reports.figures import time_scale
 from train.reports.tables import ResultTable, Row
 
+PAIR_EPISODES = 200
+"""Games per payoff without an exact value."""
 Policies = Mapping[str, Any]
 """Policies by side."""
 Table = NDArray[np.float64]
@@ -77,7 +79,7 @@ class PairResult(NamedTuple):
         ci95: half width of its interval; 0 if it is exact.
         sampled: [games] payoffs of games from the same starts for all pairs; empty if there are
             none.
-        first: the payoff of the first side where that is not the negative; else None.
+        first: the payoff of the first side where that may not be the negative; else None.
     """
 
     payoff: float
@@ -217,7 +219,8 @@ class Sides(ABC):
 
         Args:
             content: of `results.json` so far.
-            profile, episodes, limits: as of `evaluate`.
+            profile, episodes: as of `evaluate`.
+            limits: how much is computed.
             add_snapshots: adds the results of snapshots, which need exact best responses.
             respond: trains a best response to a side, and gives the policies of both; None if that
                 is not wanted.

@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from pursuit.validation import Missing, check
+from pursuit.validation import check
 from scripted_agents.environments import is_custom_policy
 from scripted_agents.games.agents import AGENTS, TableAgent, named_agent
 from scripted_agents.games.simulator import GameSimulator, GameTask
 from train.evaluation.return_sides import SmallGameSides, reward_scale
 from train.evaluation.small_game_contest import SmallGameContest
 from train.families.family import Family
-from train.families.game_world import GameWorld
+from train.families.game_world import NO_MODELS, GameWorld
 from train.families.policies import NamedPolicies
 from train.networks.small_game_policy import SmallGameSeat
 from train.settings.checks import EVALUATION_SEED
@@ -45,10 +45,6 @@ class SmallGameWorld(GameWorld):
     def scale(self) -> float:  # type: ignore[override]
         """As of `World`."""
         return reward_scale(self.task, self.agent, self.settings.discount)
-
-    def bounded(self, discount: float) -> bool:
-        """As of `World`: without discount returns are those within the time limit."""
-        return discount == 1.0
 
     def contest(self, episodes: int, seed: int = EVALUATION_SEED) -> SmallGameContest:
         """As of `World`."""
@@ -88,7 +84,6 @@ def player_of(policy: Any) -> str:
     return str(policy.agent)
 
 
-NO_MODELS = Missing("a saved model plays in mazes; give the folder of a run of this game")
 POLICIES = NamedPolicies(
     SmallGameSettings, AGENTS, is_named, named_agent, players_of, placed, player_of, NO_MODELS
 )

@@ -48,6 +48,7 @@ class BatchSeat(Seat):
     critic: str = ""
     NO_MEMORY: ClassVar[str] = "a game of this kind, whose policies have no memory"
     NO_TEAM: ClassVar[bool] = False
+    NO_JOINT: ClassVar[str] = "games of this kind"
 
     @property
     def role(self) -> str:
@@ -93,14 +94,39 @@ class BatchSeat(Seat):
     @cached_property
     def features(self) -> Features:
         """The features of its observation."""
-        low, high = self.bounds()
-        largest = np.maximum(np.maximum(np.abs(low), np.abs(high)).astype(np.float64), 1e-6)
-        kind: Any = "planes" if low.ndim == 3 else "flat"
-        return features_for(Features(kind, low.shape, largest), self.network)
+        return _features(self.bounds(), self.network)
+
+    @cached_property
+    def critic_features(self) -> Features | None:
+        """As of `Seat`."""
+        return _features(self.critic_bounds(), "auto") if self.critic else None
+
+    def critic_bounds(self, batch: Any = None) -> tuple[Array, Array]:
+        """As of `Seat`: those of all agents, then of the number within the role."""
+        more = np.zeros(self.team_size), np.ones(self.team_size)
+        low, high = (np.tile(end.ravel(), self.task.num_agents) for end in self.limits)
+        ends = (np.concatenate(both) for both in zip((low, high), more, strict=True))
+        return tuple(end.astype(np.float32) for end in ends)  # type: ignore[return-value]
+
+    def critic_observations(self, batch: Any) -> Array:
+        """As of `Seat`: what all agents observe, and the number of the agent within its role."""
+        seen = self.seen(batch, slice(0, self.task.num_agents))
+        every, members = seen.reshape(len(seen), 1, -1), self.members
+        numbers = np.broadcast_to(np.eye(members), (len(seen), members, members))
+        found = np.concatenate([every.repeat(members, axis=1), numbers], axis=2)
+        return found.astype(np.float32)
 
     def policy(self, network: PolicyNetwork, greedy: bool = True) -> BatchPolicy:
         """A policy with this network."""
         return BatchPolicy(network, self, greedy)
+
+
+def _features(ends: tuple[Array, Array], network: str) -> Features:
+    """The features of observations between these ends."""
+    low, high = ends
+    largest = np.maximum(np.maximum(np.abs(low), np.abs(high)).astype(np.float64), 1e-6)
+    kind: Any = "planes" if low.ndim == 3 else "flat"
+    return features_for(Features(kind, low.shape, largest), network)
 
 
 class BatchPolicy:
@@ -120,7 +146,7 @@ class BatchPolicy:
         """[num_games] int32: actions; draws use the random stream of the view.
 
         Raises:
-            ValueError: another game than that of the training.
+            ValueError: a game of other agents or observations than in training.
         """
         draws = None if self.greedy else view.uniform()
         return chosen_from(self.probabilities(view), draws)

@@ -30,6 +30,7 @@ class Seat(ABC):
         continuous: whether actions are continuous: numbers in [-1, 1].
         NO_MEMORY: the kind of game, and why its policies have no memory; "" where they can have it.
         NO_NUMBERS: why its states have no numbers for tables; "" where they have.
+        NO_JOINT: the kind of game, if a team cannot be one player in it; "" where it can.
         NO_TEAM: whether it is always a single agent, so that there are no teams.
     """
 
@@ -43,6 +44,7 @@ class Seat(ABC):
     continuous: bool = False
     NO_MEMORY: ClassVar[str] = ""
     NO_NUMBERS: ClassVar[str] = "the states of this game have no numbers"
+    NO_JOINT: ClassVar[str] = ""
     NO_TEAM: ClassVar[bool] = True
 
     @property
@@ -95,6 +97,14 @@ class Seat(ABC):
     def critic_features(self) -> Features | None:
         """The features of the central critic's observation; None without one."""
         return None
+
+    def critic_bounds(self, batch: Any) -> tuple[Array, Array]:
+        """As `bounds`, of the central critic's observation; asked only of teams with one."""
+        raise AssertionError("no central critic")
+
+    def critic_observations(self, batch: Any) -> Array:
+        """[games, members, *shape]: the central critic's observations; asked as `critic_bounds`."""
+        raise AssertionError("no central critic")
 
     @abstractmethod
     def policy(self, network: Any, greedy: bool = True) -> Any:

@@ -63,7 +63,7 @@ def load_policy(folder: Path | str, greedy: bool = True) -> Any:
 
 
 class _SavedRuns:
-    """As of `train.families.family.SavedRuns`."""
+    """As of `train.families.policies.SavedRuns`."""
 
     def settings(self, folder: Path) -> AgentSettings:
         return load_settings(folder)

@@ -178,6 +178,8 @@ def team_seat(seat: Any, settings: AgentSettings) -> Any:
 
 def check_team_as_one(seat: Any, settings: AgentSettings) -> None:
     """ValueError where a team cannot learn as one player, which observes the state."""
+    unable = f"sharing='joint' does not support {seat.NO_JOINT}; use sharing=shared"
+    check(not seat.NO_JOINT, unable)
     task, count = seat.task, seat.task.num_actions**seat.members
     names = [name for name in task.agent_names if task.seat_roles[task.seat(name)] == seat.role]
     hidden = any(map(task.hides_from, names)) or not is_builtin(seat.encoding)

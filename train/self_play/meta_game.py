@@ -12,9 +12,6 @@ from pursuit.validation import check, unknown
 from scripted_agents import solve_matrix_game
 from train.self_play.pool import LATEST, OpponentPool
 
-PAIR_EPISODES = 200
-"""Games per payoff without an exact value."""
-
 
 class Payoffs:
     """Payoffs between the members of two pools, computed when first asked for, then kept.

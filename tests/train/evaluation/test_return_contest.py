@@ -34,7 +34,8 @@ class ByHand:
         return None if all(isinstance(own, Mirror) for own in policies.values()) else "no mirrors"
 
     def returns(self, task: Any, policies: Any) -> Any:
-        raise NotImplementedError
+        squares = [policies[name].square for name in task.agent_names]
+        return np.array([(5 / 6) ** 3 * (squares.count(own) == 1) for own in squares])
 
     def respond(self, task: Any, agent: str, policies: Any) -> tuple[float, Any]:
         return (5 / 6) ** 3, Mirror(2)
