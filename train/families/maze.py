@@ -28,7 +28,7 @@ from train.evaluation.scores import BY_MOST_STEPS, measure_of
 from train.evaluation.suite_contest import SuiteContest
 from train.evaluation.team_contest import TeamContest
 from train.families.family import Family, World
-from train.families.policies import NamedPolicies, SavedRuns, loaded
+from train.families.policies import NamedPolicies, SavedRuns, check_side, loaded
 from train.networks.policy import MazeSeat
 from train.networks.seat import Seat
 from train.settings.checks import EVALUATION_SEED
@@ -147,6 +147,7 @@ def opponents_of(
     first = next((r for r in others if r != task.seat_roles[seat]), task.seat_roles[seat])
     path = Path(opponent)
     if (sides := saved.sides(path)) is not None:
+        check_side(opponent, sides, first)
         if (fixed := sides.get(first)) is not None:
             return opponents_of(saved, task, agent, fixed.name, epsilon, fixed.played, observation)
         path /= first

@@ -99,10 +99,7 @@ def policy_named(
     folder = Path(name)
     sides = saved.sides(folder)
     if sides is not None:
-        check(
-            agent in sides,
-            f"{name}: a run of self-play without a player {agent}; give a run of this game",
-        )
+        check_side(name, sides, agent)
         if (fixed := sides[agent]) is not None:
             how = (epsilon or fixed.epsilon, "greedy" if played == "greedy" else fixed.played)
             with reading(folder / "config.json"):
@@ -111,6 +108,14 @@ def policy_named(
     trained = {"task": task, "agent": agent, "observation": observation}
     policy = loaded(policies, saved, folder, played, **trained)
     return policies.placed(policy, task, agent, name, epsilon)
+
+
+def check_side(name: str, sides: Mapping[str, object], agent: str) -> None:
+    """ValueError unless a run of self-play has this side."""
+    check(
+        agent in sides,
+        f"{name}: a run of self-play without a player {agent}; give a run of this game",
+    )
 
 
 def loaded(
