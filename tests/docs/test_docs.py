@@ -161,7 +161,8 @@ def test_a_tutorial_runs_from_top_to_bottom(page: str, folder: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "page", [f"docs/guides/{name}.md" for name in ("own_parts", "own_kinds", "own_network", "own_opponents")]
+    "page",
+    [f"docs/guides/own_{name}.md" for name in ("parts", "kinds", "network", "opponents")],
 )
 def test_the_commands_of_own_parts_run_in_order(page: str, folder: Path) -> None:
     written(page, folder)
