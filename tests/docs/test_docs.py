@@ -48,6 +48,7 @@ OPTIONAL = {"stable_baselines3", "sb3_contrib", "supersuit", "ray", "pygame", "i
             "benchmarl", "agilerl", "tianshou"}  # fmt: skip
 FENCE = re.compile(r"^```([\w-]*)[^\n]*\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 FILE = re.compile(r"# (\w+\.py)\n")
+TOML_FILE = re.compile(r"# (\w+\.toml)\n")
 
 
 def with_slow(pages: list[str]) -> list[Any]:
@@ -160,16 +161,26 @@ def test_a_tutorial_runs_from_top_to_bottom(page: str, folder: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "page", [f"docs/guides/{name}.md" for name in ("own_parts", "own_network", "own_opponents")]
+    "page",
+    [f"docs/guides/own_{name}.md" for name in ("parts", "kinds", "network", "opponents")],
 )
 def test_the_commands_of_own_parts_run_in_order(page: str, folder: Path) -> None:
     written(page, folder)
+    for text in blocks(page, "toml"):
+        if named := TOML_FILE.match(text):
+            (folder / named[1]).write_text(text, encoding="utf-8")
     commands = [words for words in commands_of(page) if words[0] == "pursuit"]
     assert commands
     for words in commands:
         main(words[1:])
         if "--allow" in words:  # each is a process of its own
             parts._allowed.clear()
+
+
+def test_the_game_on_a_line_is_that_of_the_tests() -> None:
+    shown = files_of("docs/guides/own_kinds.md")["line_game.py"].replace("# line_game.py\n", "")
+    real = (ROOT / "tests" / "own_parts" / "line_game.py").read_text(encoding="utf-8")
+    assert shown.split() == real.split()
 
 
 # -- commands --------------------------------------------------------------------------------------
