@@ -76,7 +76,7 @@ MODULES: dict[str, tuple[str, ...]] = {
         "tests/train/experiments/test_variants.py",
         "tests/train/experiments/test_statistics.py",
     ),
-    "train/self_play/ratings.py": ("tests/train/self_play/test_ratings.py",),
+    "train/evaluation/ratings.py": ("tests/train/evaluation/test_ratings.py",),
 }
 """The files, or folders of files, with the tests that are to notice changes of them."""
 
