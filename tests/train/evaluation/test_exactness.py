@@ -10,6 +10,7 @@ import pytest
 from pursuit.observations.observations import Encoder
 from pursuit.simulator.policy import GameView, TabularPolicy, tells_its_play
 from pursuit.tasks.task import make_task
+from pursuit.tasks.visibility import Limit
 from scripted_agents import AStarChaser, AStarEvader, RandomAgent, TablePolicy
 from scripted_agents.references import is_known, is_table_in, reference_of
 from train.evaluation.contest import GameContest
@@ -151,3 +152,9 @@ def test_what_tells_its_play() -> None:
     assert not tells_its_play(Cautious(), "distribution")
     table.is_table = lambda task: False  # type: ignore[attr-defined]
     assert not is_table_in(task, table)
+
+
+def test_all_limits_of_views_are_known_to_the_proven_intervals() -> None:
+    """`bounds_in`, the beliefs and `visibility_of` take these; one more is taken up, or refused by
+    `_why_no_bounds`, before it is added here."""
+    assert Limit._fields == ("view_radius", "line_of_sight", "unknown_maze")
