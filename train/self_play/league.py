@@ -124,7 +124,7 @@ def enter(
     given = default_task({} if game is None else {"game": game})
     first = next((name for name in names if os.path.isdir(name)), None)
     if game is None and first is not None:
-        given = _settings_of(first)
+        given = load_settings(learned_in(first)[0]).task
     policies = need(family_of(given).policies)
     title = dict(zip(names, entry_names(names, policies.is_named, called), strict=True))
     models = [n for n in names if policies.models is True and is_model(n, policies)]
@@ -183,15 +183,16 @@ def enter(
     return sides, entries
 
 
-def _settings_of(name: str) -> Any:
-    """The settings of the task of a run, or of the first side of self-play."""
+def learned_in(name: str) -> list[Path]:
+    """The folder of a run, or the folders of all learned sides of self-play; ValueError if there is
+    no run."""
     folder = Path(name)
     check((folder / CONFIG).exists(), f"{name}: no run here ({CONFIG} is missing); give a run")
-    if is_self_play(folder):
-        learned = [path.parent for path in sorted(folder.glob(f"*/{CONFIG}"))]
-        check(bool(learned), f"{name}: self-play without a checkpoint yet; resume it first")
-        folder = learned[0]
-    return load_settings(folder).task
+    if not is_self_play(folder):
+        return [folder]
+    learned = [path.parent for path in sorted(folder.glob(f"*/{CONFIG}"))]
+    check(bool(learned), f"{name}: self-play without a checkpoint yet; resume it first")
+    return learned
 
 
 def folders_of(name: str, roles: Sequence[str], agents: Sequence[str]) -> list[Path]:
@@ -211,12 +212,10 @@ def folders_of(name: str, roles: Sequence[str], agents: Sequence[str]) -> list[P
         f"{shortened(name)}: neither a folder of a run nor a scripted agent ({', '.join(agents)}, "
         "or package.module:Name)",
     )
-    check((folder / CONFIG).exists(), f"{name}: no run here ({CONFIG} is missing); give a run")
-    if not is_self_play(folder):
-        return [folder]
-    learned = [path.parent for path in sorted(folder.glob(f"*/{CONFIG}"))]
-    check(bool(learned), f"{name}: self-play without a checkpoint yet; resume it first")
-    inner = [folder / role for role in roles if folder / role in learned]
+    learned = learned_in(name)
+    if learned == [folder]:
+        return learned
+    inner = [path for role in roles for path in learned if path.name == role]
     check(
         bool(inner),
         f"{name}: self-play of {', '.join(path.name for path in learned)}, but the league is of "
