@@ -12,7 +12,7 @@ from pursuit.simulator.policy import Policy
 from pursuit.tasks.task import Task
 from pursuit.validation import as_path, check, check_bool, need
 from train.algorithms.registry import entry
-from train.families import family_of, maze
+from train.families import family_of, maze_policies
 from train.families.policies import Fixed, policy_named
 from train.runs.folder import (
     CONFIG,
@@ -98,8 +98,8 @@ def policy_of(settings: TaskForm, name: str, task: Any, agent: str, *how: Any) -
 
 
 def opponents_of(task: Task, agent: str, opponent: str | None, *how: Any) -> dict[str, Policy]:
-    """The policy of every role of a task in mazes; as of `train.families.maze.opponents_of`."""
-    return maze.opponents_of(SAVED, task, agent, opponent, *how)
+    """The policy of every role of a task in mazes; as of `families.maze_policies`."""
+    return maze_policies.opponents_of(SAVED, task, agent, opponent, *how)
 
 
 def is_self_play(folder: Path) -> bool:

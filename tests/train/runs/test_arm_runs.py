@@ -13,7 +13,7 @@ from scripted_agents import InverseKinematics, LeastStepsPolicy, least_steps
 from train.evaluation.arm_contest import ArmContest, bounds_of
 from train.evaluation.scores import optimality_gap
 from train.experiments.expansion import load_study
-from train.families import maze
+from train.families.maze_policies import POLICIES
 from train.families.policies import loaded
 from train.kinds import open_run, start
 from train.runs.folder import RUN
@@ -66,7 +66,7 @@ def test_a_run_is_evaluated_rendered_and_read_again(
     actions = load_policy(trained).act(ReacherSimulator(settings.build(), 5).view())
     assert actions.shape == (5, 1) and (np.abs(actions) <= 1).all()
     with pytest.raises(ValueError, match="give a run of this game"):
-        loaded(maze.POLICIES, SAVED, trained)
+        loaded(POLICIES, SAVED, trained)
 
 
 def test_baselines_and_the_minimum_steps(capsys: pytest.CaptureFixture[str]) -> None:

@@ -19,7 +19,7 @@ from scripted_agents import NearestGoalRunner, RandomAgent
 from scripted_agents.environments import make_vector_env
 from train.commands.evaluate import evaluate
 from train.commands.league import league
-from train.families import maze
+from train.families.maze_policies import POLICIES
 from train.families.policies import loaded
 from train.kinds import start
 from train.networks.policy import LearnedPolicy
@@ -204,20 +204,20 @@ def test_models_with_their_descriptions_play_in_a_league(
 def test_damaged_and_foreign_models_are_refused(models: dict[str, Path], tmp_path: Path) -> None:
     path = tmp_path / "model.zip"
     with pytest.raises(ValueError, match="no such file"):
-        loaded(maze.POLICIES, SAVED, path)
+        loaded(POLICIES, SAVED, path)
     path.write_bytes(models["ppo"].read_bytes())
     with pytest.raises(ValueError, match="description"):
-        loaded(maze.POLICIES, SAVED, path)
+        loaded(POLICIES, SAVED, path)
     described = json.loads(description_of(models["ppo"]).read_text())
     description_of(path).write_text(json.dumps({**described, "observation": "cells"}))
     with pytest.raises(ValueError, match="its weights do not match observation='cells'"):
-        loaded(maze.POLICIES, SAVED, path)
+        loaded(POLICIES, SAVED, path)
     description_of(path).write_text(json.dumps(described))
     path.write_bytes(models["ppo"].read_bytes()[:500])
     with pytest.raises(ValueError, match="damaged"):
-        loaded(maze.POLICIES, SAVED, path)
+        loaded(POLICIES, SAVED, path)
     with pytest.raises(ValueError, match="run folder"):
-        loaded(maze.POLICIES, SAVED, tmp_path / "model.pt")
+        loaded(POLICIES, SAVED, tmp_path / "model.pt")
     with pytest.raises(ValueError, match="no distribution"):
         load_stable_baselines(models["dqn"], greedy=False)
 
