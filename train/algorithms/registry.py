@@ -131,7 +131,8 @@ class Algorithm:
         """ValueError where it trains all agents of a role, and the player has no role."""
         check(
             not (player.NO_TEAM and self.whole_role),
-            f"algorithm={self.name!r} trains teams; use {TUNED_AS.get(self.name, 'ppo')} here",
+            f"algorithm={self.name!r} trains teams, which this game does not have; use "
+            f"{TUNED_AS.get(self.name, 'ppo')}",
         )
 
     def check_memory(self, settings: Hyperparameters, player: Seat) -> None:

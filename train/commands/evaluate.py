@@ -11,6 +11,7 @@ from typing import Annotated, Any
 import tyro
 
 from pursuit.observations.custom import without_id
+from pursuit.plugins import reading
 from pursuit.replays.replay import with_suffix
 from pursuit.simulator.policy import Policy
 from pursuit.validation import Missing, at_least, check, choice, need
@@ -23,13 +24,13 @@ from train.commands.suites import compared, evaluate_in_mazes
 from train.evaluation.pursuit_v5 import ENCODING, play_pursuit_v5
 from train.evaluation.recordings import recorded
 from train.evaluation.scores import UNKNOWN, AnyContest, Score
-from train.evaluation.sides import Profile
+from train.evaluation.sides import Profile, ResultLimits
 from train.evaluation.suite_report import summary_of
 from train.files import Plain, check_folder, reserved, write_json
 from train.reports.tables import ResultTable, numeric, print_table, words
-from train.runs.folder import SELF_PLAY, read_config
+from train.runs.folder import CONFIG, SELF_PLAY, read_config
+from train.runs.provenance import check_parts
 from train.settings.checks import Settings, check_default
-from train.settings.self_play import sides_in
 from train.settings.task import AGENT, TaskSettings
 from train.settings.task_form import AnyTask, with_values
 
@@ -126,15 +127,16 @@ def evaluate_players(given: EvaluateCommand) -> Plain:
     why = f"{given.run} is a whole run of self-play, in which every player plays its own policy"
     check_default(given, EvaluateCommand, names, why)
     from train.runs.opponents import policy_of  # torch is slow to import
-    from train.runs.saved import load_settings
-    from train.self_play.parts import game_of_all
+    from train.self_play.parts import game_of_all, self_play_from_plain
 
-    sides, run = sides_in(read_config(given.run)[1]), str(given.run)
-    learning = next(name for name, own in sides.items() if not isinstance(own, str))
-    settings = load_settings(given.run / learning)
-    game = game_of_all(settings.task, settings.hyper.last_gamma)
-    players = {name: policy_of(settings.task, run, game.task, name) for name in sides}
-    found = game.evaluate(Profile(players, ()), given.episodes)
+    config, plain = given.run / CONFIG, read_config(given.run)[1]
+    plain["sampling"] = "latest"  # that of the training may be a rule that is not here
+    check_parts(config, plain)
+    with reading(config):
+        settings = self_play_from_plain(plain, str(config))
+    game, run = game_of_all(settings.task, settings.discount), str(given.run)
+    players = {name: policy_of(settings.task, run, game.task, name) for name in settings.sides}
+    found = game.evaluate(Profile(players, ()), given.episodes, ResultLimits().evaluated_work)
     content = {**game.describe_game(), "discount": game.discount, "evaluation": found}
     if isinstance(unknown := game.nash_conv(players), Missing):
         content["not_exact"] = unknown.reason

@@ -425,6 +425,7 @@ class Point:
 
     features = Features("flat", (1,), np.ones(1))
     num_actions, members, continuous = 2, 1, False
+    observed = critic_features = None
 
     def policy(self, network: Any, greedy: bool = True) -> Any:
         return lambda place: network.logits(torch.tensor([[place]])).argmax(-1).item()
