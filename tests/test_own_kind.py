@@ -102,10 +102,11 @@ def test_it_plays_itself_and_enters_a_league(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     given = [f"--task={TASK}", f"--view={view}", "--num-games=32", "--minibatch-size=256"]
+    given.append("--best-response-seconds=0.01")
     main(["self-play", *given, "--frames=4000", "--sampling=pfsp", "--snapshots=3", "--out=pair"])
     found = results_in(Path("pair"))
     assert ("nash_conv" in found["evaluation"]) == (view == 5)
-    assert ("not_exact" in found) == (view == 1)
+    assert ("not_exact" in found) == ("approximate_best_response" in found) == (view == 1)
     main(["evaluate", "pair"])
     main(["evaluate", "pair/hider", "--episodes=50"])
     main(["league", "pair", "random", "--games=20", "--out=league"])
@@ -178,6 +179,8 @@ def test_what_it_does_not_have_is_said(capsys: pytest.CaptureFixture[str]) -> No
         (["--curriculum", "goal-spread-start"], "games in mazes"),
         (["--opponent", "model.zip"], "a saved model plays in mazes"),
         (["--role", "nobody"], "nobody"),
+        (["--observation", "one_hot"], "observe"),
+        (["--algorithm", "mappo", "--critic-observation", "walls"], "use state"),
         (["--algorithm", "ippo", "--sharing", "joint"], "sharing='joint' does not support"),
     ):
         with pytest.raises(SystemExit):

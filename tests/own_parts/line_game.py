@@ -196,6 +196,7 @@ class LineWorld(GameWorld):
     """A line with its policies."""
 
     BATCH: ClassVar[Any] = LineBatch
+    ZERO_SUM: ClassVar[bool] = True
     SOLVER: ClassVar[Any] = LineSolver()
     POLICIES: ClassVar[Any] = policies_by_name(
         LineSettings,

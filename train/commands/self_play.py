@@ -67,7 +67,7 @@ def options_of(task: AnyTask, roles: Sequence[str], budget: Plain) -> Any:
         "__doc__": "The settings of a run of self-play.",
     }
     form = make("Options", own, bases=(whole,), namespace=free, frozen=True, kw_only=True)
-    return form(**budget)
+    return form(observation=task.OBSERVATION, **budget)
 
 
 if TYPE_CHECKING:

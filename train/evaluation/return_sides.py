@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.replays.viewer.data import Builder
-from pursuit.validation import Missing
+from pursuit.validation import Missing, check
 from scripted_agents.games.agents import AGENTS, EQUILIBRIUM
 from scripted_agents.games.episodes import play_of, return_range
 from scripted_agents.games.mixing import mixed_share
@@ -50,6 +50,7 @@ from train.reports.tables import ResultTable, Row, numeric, words
 from train.settings.checks import EVALUATION_SEED
 from train.settings.task import GAME
 
+OPPOSITE = "needs two players with opposite rewards"
 MOST_SOLVED = 100_000
 """Joint actions of a zero-sum game up to which its equilibrium is computed: seconds."""
 MOST_MIXED = 50_000
@@ -94,7 +95,12 @@ class ReturnSides(Sides):
         """As of `Sides`."""
         task, roles = self.world.settings.task, list(self.roles)
         game = {"task": task, "game": self.task.name, "maze": None, "players": roles}
-        return {**game, "zero_sum": False}
+        return {**game, "zero_sum": self.world.ZERO_SUM}
+
+    @property
+    def mixtures(self) -> bool | Missing:
+        """As of `Sides`: in a zero-sum game."""
+        return self.world.ZERO_SUM or Missing(OPPOSITE)
 
     def scripted(self, members: Sequence[str]) -> dict[tuple[str, str], Any]:
         """As of `Sides`: all named policies."""
@@ -120,7 +126,12 @@ class ReturnSides(Sides):
         step = stepper(batch, [policies[role] for role in self.by_agent])
         while not batch.ended.all():
             step()
-        return self.of_sides(batch.returns), batch.steps.astype(np.float64)
+        returns = self.of_sides(batch.returns)
+        check(
+            not self.world.ZERO_SUM or bool(np.allclose(returns.sum(axis=1), 0.0, atol=1e-5)),
+            f"returns of game {self.task.name!r} do not add up to 0; leave ZERO_SUM out",
+        )
+        return returns, batch.steps.astype(np.float64)
 
     def means(
         self, policies: Policies, episodes: int, seed: int = EVALUATION_SEED
@@ -205,6 +216,24 @@ class ReturnSides(Sides):
         why = self.why_not(learned)
         return {"returns": rows} if why is None else {"returns": rows, "not_exact": why}
 
+    def more(
+        self,
+        content: Plain,
+        profile: Profile,
+        episodes: int,
+        limits: ResultLimits,
+        add_snapshots: Callable[[], None],
+        respond: Callable[[str], Any] | None,
+    ) -> None:
+        """As of `Sides`: where results are not exact, returns of trained best responses."""
+        super().more(content, profile, episodes, limits, add_snapshots, respond)
+        if "nash_conv" in content["evaluation"] or respond is None or len(self.roles) != 2:
+            return
+        content["approximate_best_response"] = {
+            f"against_{role}": self.means(respond(role), episodes)[1 - self.roles.index(role)]
+            for role in profile.learning
+        }
+
     def why_not_always(self) -> str | None:
         """As of `Sides`."""
         return self.why_not({})
@@ -217,14 +246,14 @@ class ReturnSides(Sides):
     # -- leagues ---------------------------------------------------------------------------------
 
     def pair(self, one: Any, two: Any, games: int, seed: int, most: int) -> PairResult:
-        """As of `Sides`: returns; those of both sides, as their sum need not be 0."""
+        """As of `Sides`: returns; those of both sides, unless their sum is always 0."""
         policies = dict(zip(self.roles, (one, two), strict=True))
         found = self.sampled(policies, games, seed)[0].round(9)  # so that equal ones are
         if self.why_not(policies) is None:
-            first, second = self.means(policies, games, seed)
-            return PairResult(second, 0.0, found[:, 1], first)
-        first, second = found.mean(axis=0).tolist()
-        return PairResult(second, half_width(found[:, 1]), found[:, 1], first)
+            (first, second), half = self.means(policies, games, seed), 0.0
+        else:
+            (first, second), half = found.mean(axis=0).tolist(), half_width(found[:, 1])
+        return PairResult(second, half, found[:, 1], None if self.world.ZERO_SUM else first)
 
     @property
     def league_measure(self) -> Measure:
@@ -240,6 +269,9 @@ class ReturnSides(Sides):
             return describe_returns({**content, "discount": 1.0})
         each = ", ".join(f"{role} {found[f'{role}_return']:z.4f}" for role in self.roles)
         lines = [f"Returns: {each}, sampled. No exact NashConv: {content['not_exact']}."]
+        for name, value in content.get("approximate_best_response", {}).items():
+            against = name.replace("_", " the ")
+            lines.append(f"Approximate best response {against}: return {value:z.4f}.")
         return [*lines, *describe_time(content)]
 
     def tables(self, content: Plain) -> list[EndTable]:
@@ -290,7 +322,7 @@ class SmallGameSides(ReturnSides):
     @property
     def mixtures(self) -> bool | Missing:
         """As of `Sides`: in a zero-sum game of two."""
-        return self.task.game.zero_sum or Missing("needs two players with opposite rewards")
+        return self.task.game.zero_sum or Missing(OPPOSITE)
 
     def line(self) -> str:
         """As of `Sides`."""

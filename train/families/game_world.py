@@ -26,10 +26,12 @@ class GameWorld(World):
 
     Attributes:
         POLICIES: by name; the first is that of the random policy.
+        ZERO_SUM: whether there are two sides, whose returns always add up to 0.
         SOLVER: gives exact returns and best responses; or why there is none.
     """
 
     POLICIES: ClassVar[NamedPolicies]
+    ZERO_SUM: ClassVar[bool] = False
     SOLVER: ClassVar[ReturnSolver | Missing] = Missing("no solver of this game is known")
 
     @property

@@ -20,6 +20,7 @@ from train.networks.layers import float32_inference
 from train.networks.policy import PolicyNetwork
 from train.networks.recurrent_policy import chosen_from, probabilities_of
 from train.networks.seat import Seat
+from train.settings.algorithms import STATE
 
 
 @dataclass(frozen=True)
@@ -49,6 +50,13 @@ class BatchSeat(Seat):
     NO_MEMORY: ClassVar[str] = "a game of this kind, whose policies have no memory"
     NO_TEAM: ClassVar[bool] = False
     NO_JOINT: ClassVar[str] = "games of this kind"
+
+    def __post_init__(self) -> None:
+        check(
+            self.critic in ("", STATE),
+            f"critic_observation={self.critic!r} in game {self.task.name!r}; use {STATE}, which is "
+            "what all agents observe",
+        )
 
     @property
     def role(self) -> str:

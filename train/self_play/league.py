@@ -257,7 +257,6 @@ def play_league(
     own = None
     if pairs[0][0].first is not None:
         own = np.array([[pair.first for pair in row] for row in pairs], dtype=np.float64)
-        own = None if np.allclose(own, -payoff, atol=1e-9) else own  # what one wins the other loses
     names = [[entry.name for entry in side] for side in sides]
     lengths = np.array([[pair.sampled for pair in row] for row in pairs])
     how = (game.horizon, game.league_measure, (first, second), own)

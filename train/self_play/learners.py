@@ -105,7 +105,8 @@ def unchecked_self_play(**flat: Any) -> SelfPlayBase:
             check(not given, f"{given} with {role}={fixed!r}, which does not learn; leave it out")
     check_names(common, known, " of self-play")
     make: Any = whole
-    return make(task=task, **given_sides(whole, sides), **typed(whole, flat))
+    own_values = {"observation": form.OBSERVATION, **typed(whole, flat)}
+    return make(task=task, **given_sides(whole, sides), **own_values)
 
 
 def given_sides(form: type[SelfPlayBase], sides: Plain) -> Plain:

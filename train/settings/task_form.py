@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar, Self, TypeAlias
 
 from pursuit.plugins import Registry, is_reference
-from pursuit.validation import check
+from pursuit.validation import check, one_of
 from train.settings.checks import Settings
 from train.settings.profile import TaskProfile
 
@@ -120,7 +120,8 @@ class TaskForm(Settings):
         return ""
 
     def check_observation(self, name: str) -> None:
-        """ValueError unless this observation exists."""
+        """ValueError unless this observation exists; by default there is one."""
+        one_of("observation", name, (self.OBSERVATION,))
 
     def check_used(self) -> None:
         """ValueError for a setting that is changed from its default without effect."""
