@@ -16,7 +16,7 @@ from pursuit.rendering.windows import metadata_of
 from pursuit.simulator.policy import Policy
 from pursuit.tasks.task import ROLES, Task, make_task
 from pursuit.validation import one_of, unknown
-from scripted_agents.agents.runner import NearestGoalRunner, TourRunner
+from scripted_agents.agents.runner import NearestGoalRunner
 from scripted_agents.agents.scripted import AStarChaser, AStarEvader, RandomAgent, Scripted
 from scripted_agents.agents.searchers import (
     SearchingChaser,
@@ -25,10 +25,11 @@ from scripted_agents.agents.searchers import (
     WaryEvader,
 )
 from scripted_agents.agents.uniform import UniformAgent
-from scripted_agents.duel.best_response import MoveOrder
-from scripted_agents.hidden.beliefs import BeliefChaser, check_duel
-from scripted_agents.joint.optimal import OptimalChaser, OptimalEvader
-from scripted_agents.limits import check_optimal
+from scripted_agents.exact.duel.best_response import MoveOrder
+from scripted_agents.exact.hidden.beliefs import BeliefChaser, check_duel
+from scripted_agents.exact.joint.optimal import OptimalChaser, OptimalEvader
+from scripted_agents.exact.limits import check_optimal
+from scripted_agents.exact.tours.runner import TourRunner
 
 DEFAULTS: dict[str, type[Scripted]] = {
     "chaser": AStarChaser,

@@ -15,7 +15,7 @@ from pursuit.mazes import maze_arrays
 from pursuit.mazes.maze_arrays import lay_out
 from pursuit.tasks import placements
 from scripted_agents.agents import scripted
-from scripted_agents.tours import tour
+from scripted_agents.exact.tours import tour
 
 os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
 # One thread each: small networks gain nothing from more, and lose much where cores are shared.

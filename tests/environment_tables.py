@@ -30,8 +30,8 @@ from pursuit.reacher import observations as arm_observations
 from pursuit.reacher.parallel_env import ReacherParallelEnv
 from pursuit.tasks.rewards import REWARD_SCHEMES, Rewards
 from scripted_agents import environments
-from scripted_agents import limits as limits_module
-from scripted_agents.references import ARMS, MAZES, SMALL_GAMES
+from scripted_agents.exact import limits as limits_module
+from scripted_agents.exact.references import ARMS, MAZES, SMALL_GAMES
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -283,7 +283,7 @@ def references(_: str) -> str:
 
 
 def limits(_: str) -> str:
-    """Every constant of `scripted_agents.limits`, its value, and the text that follows it there."""
+    """Every constant of `exact/limits.py`, its value, and the text that follows it there."""
     text = Path(limits_module.__file__).read_text(encoding="utf-8")
     body = []
     for line, said in pairwise(ast.parse(text).body):

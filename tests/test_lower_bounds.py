@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-CORE = ("pursuit/rules/test_rules.py", "scripted_agents/duel/test_best_response.py")
+CORE = ("pursuit/rules/test_rules.py", "scripted_agents/exact/duel/test_best_response.py")
 """Tests of rules and solvers, below tests/; the commands test runs."""
 
 

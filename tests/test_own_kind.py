@@ -240,7 +240,7 @@ CHECKS = {
     "pursuit/reacher/simulator.py": "an argument of the user",
     "scripted_agents/games/simulator.py": "an argument of the user",
     "scripted_agents/games/interface.py": "an argument of the user: a game, or its task",
-    "scripted_agents/references.py": "a policy of another library that has a task",
+    "scripted_agents/exact/references.py": "a policy of another library that has a task",
     "pursuit/replays/adapters.py": "replays of simulators by their class",
 }
 

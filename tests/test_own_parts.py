@@ -23,7 +23,7 @@ from pursuit.plugins import Registry, sha256_of
 from pursuit.tasks.rewards import REWARDS, rewards_from_text, rewards_text
 from scripted_agents import AStarEvader
 from scripted_agents.environments import make_env, make_vector_env
-from scripted_agents.references import is_table_in
+from scripted_agents.exact.references import is_table_in
 from train.commands.main import main
 from train.environments.simulator_env import SimulatorEnv
 from train.experiments.rows import read_run

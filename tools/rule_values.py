@@ -26,10 +26,10 @@ from pursuit.mazes.maze import Maze, load_maze
 from pursuit.tasks.task import Task
 from scripted_agents import AStarChaser, AStarEvader, evaluate_joint, solve_joint
 from scripted_agents.agents.table_policy import TablePolicy
-from scripted_agents.joint.equilibrium import team_chase_game
-from scripted_agents.joint.shapley_iteration import solve_infinite_horizon, solve_steps
-from scripted_agents.joint.states import joint_states_of
-from scripted_agents.joint.sweeps import Quantity
+from scripted_agents.exact.joint.equilibrium import team_chase_game
+from scripted_agents.exact.joint.shapley_iteration import solve_infinite_horizon, solve_steps
+from scripted_agents.exact.joint.states import joint_states_of
+from scripted_agents.exact.joint.sweeps import Quantity
 from train.evaluation.games import half_width
 from train.evaluation.matchups import play_pair
 from train.files import read_csv, write_csv

@@ -11,7 +11,7 @@ from typing import Any
 
 from pursuit.plugins import reading
 from pursuit.validation import as_path, check, one_of, shortened
-from scripted_agents.long_work import Tell
+from scripted_agents.exact.long_work import Tell
 from train.files import Plain, hold, remove_leftovers
 from train.runs.folder import (
     CHECKPOINT,

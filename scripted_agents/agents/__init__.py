@@ -1,1 +1,1 @@
-"""Scripted epsilon-greedy agents: A*, runners, agents with limited views, and tables."""
+"""Scripted agents: A*, nearest goals, limited views, tables; inverse kinematics of the arm."""

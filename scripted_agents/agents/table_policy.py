@@ -9,10 +9,9 @@ from pursuit.mazes.maze import Maze, load_maze
 from pursuit.rules.layout import Games
 from pursuit.simulator.policy import GameView
 from pursuit.tasks.task import Task
-from pursuit.validation import check_bool, check_probability
+from pursuit.validation import as_array, check_bool, check_probability
 from scripted_agents.agents import table_kernels
 from scripted_agents.agents.scripted import RandomAgent
-from scripted_agents.duel.best_response import checked_table
 
 
 class TablePolicy:
@@ -107,3 +106,27 @@ def opponents_of(task: Task, seat: int) -> NDArray[np.int64]:
             f"{task.agent_names[seat]}; use a policy of a single agent, such as NearestGoalRunner"
         )
     return np.array(others, dtype=np.int64)
+
+
+def checked_table(maze: Maze, table: ArrayLike, name: str) -> NDArray[np.float64]:
+    """The table as contiguous float64; ValueError unless it is a valid table of this maze."""
+    numbers = as_array(name, table, "biuf", "give probabilities")
+    array = np.ascontiguousarray(numbers, dtype=np.float64)
+    size = maze.num_cells
+    moves = maze.num_moves
+    shapes = (size, size, moves), (size, size, moves + 1)
+    if array.shape not in shapes:
+        raise ValueError(
+            f"{name} has shape {array.shape}; {maze.name} with {size} cells needs "
+            f"[self cell, other cell, action]: {shapes[0]}, or {shapes[1]} with stay"
+        )
+    wrong = ~(np.abs(array.sum(axis=2) - 1.0) <= 1e-6) | (array < 0.0).any(axis=2)
+    np.fill_diagonal(wrong, False)
+    if wrong.any():
+        own, other = divmod(int(wrong.argmax()), size)
+        row = array[own, other]
+        raise ValueError(
+            f"{name}: the probabilities for self cell {own} and other cell {other} "
+            f"are {row.tolist()}, with sum {row.sum():.6g}; give non-negative ones with sum 1"
+        )
+    return array

@@ -16,10 +16,10 @@ from scipy.sparse import csr_array
 
 from pursuit.memory import check_memory
 from pursuit.validation import check_bool, shortened, whole
+from scripted_agents.exact.limits import MAX_SMALL_STATES
+from scripted_agents.exact.tolerances import SUM_TOLERANCE
 from scripted_agents.games.game import Game, State
 from scripted_agents.games.small_game import SmallGame
-from scripted_agents.limits import MAX_SMALL_STATES
-from scripted_agents.tolerances import SUM_TOLERANCE
 
 MOST_REWARD = 1e100
 """Sums of larger rewards could be infinite."""

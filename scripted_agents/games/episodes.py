@@ -10,6 +10,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from pursuit.validation import whole
+from scripted_agents.exact.tolerances import TIE
 from scripted_agents.games.small_game import SmallGame
 from scripted_agents.games.solve import (
     Policies,
@@ -21,7 +22,6 @@ from scripted_agents.games.solve import (
     respond,
     returns_of,
 )
-from scripted_agents.tolerances import TIE
 
 NEGLIGIBLE = 1e-15
 """Probability that an episode still goes on, below which further steps are not counted."""

@@ -24,13 +24,13 @@ from pursuit.rules.layout import Games
 from pursuit.simulator.policy import GameView
 from pursuit.tasks.task import Task
 from pursuit.validation import Plain, check_bool, shortened, text_of, whole
+from scripted_agents.exact.joint.policy import drawn
 from scripted_agents.games.game import Action
 from scripted_agents.games.openspiel_games import OpenSpielGame as OpenSpielGame
 from scripted_agents.games.openspiel_optional import openspiel_game as openspiel_game
 from scripted_agents.games.small_game import SmallGame
 from scripted_agents.games.solve import check_game
 from scripted_agents.games.tasks import states_of_games
-from scripted_agents.joint.policy import drawn
 
 NAME = "python_pursuit"
 PARAMETERS = {"game": "", "horizon": 1, "terminal_rewards": False}

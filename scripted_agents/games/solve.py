@@ -12,11 +12,11 @@ from scipy.sparse import csc_array, csr_array, eye_array
 from scipy.sparse.linalg import splu
 
 from pursuit.validation import number, shortened, whole
+from scripted_agents.exact.joint.layout import NO_SLIPS, Store
+from scripted_agents.exact.joint.results import Equilibrium, JointNashConv, SolvedGame
+from scripted_agents.exact.joint.shapley_iteration import StochasticGame, solve_game
+from scripted_agents.exact.tolerances import SMALL_GAME_TOLERANCE, TIE
 from scripted_agents.games.small_game import DRAWN, Behaviour, SmallGame
-from scripted_agents.joint.layout import NO_SLIPS, Store
-from scripted_agents.joint.results import Equilibrium, JointNashConv, SolvedGame
-from scripted_agents.joint.shapley_iteration import StochasticGame, solve_game
-from scripted_agents.tolerances import SMALL_GAME_TOLERANCE, TIE
 
 MOST_SWEEPS = 3000
 """Of value iteration, enough for a discount of 0.99; then linear equations are solved."""

@@ -19,13 +19,18 @@ from pursuit.rendering.marks import AgentMark
 from pursuit.rendering.rendering import Scene
 from pursuit.rules.layout import Games
 from pursuit.tasks.task import ACTIONS, Task, checked_task
+from scripted_agents.exact.joint.layout import places_within
+from scripted_agents.exact.joint.opponents import lay_out_others
+from scripted_agents.exact.joint.states import joint_states_of
+from scripted_agents.exact.joint.sweeps import Problem, Quantity, filled_store
+from scripted_agents.exact.limits import (
+    MAX_STORE_BYTES,
+    MAX_TASK_STATES,
+    REMEDY,
+    check_joint_states,
+)
 from scripted_agents.games.game import State
 from scripted_agents.games.small_game import SmallGame
-from scripted_agents.joint.layout import places_within
-from scripted_agents.joint.opponents import lay_out_others
-from scripted_agents.joint.states import joint_states_of
-from scripted_agents.joint.sweeps import Problem, Quantity, filled_store
-from scripted_agents.limits import MAX_STORE_BYTES, MAX_TASK_STATES, REMEDY, check_joint_states
 
 CAPTURED = -1
 """The cell of a captured evader in a state."""

@@ -33,9 +33,9 @@ from scripted_agents import (
     solve_joint_game,
     solve_matrix_game,
 )
-from scripted_agents.joint.equilibrium import team_chase_game
-from scripted_agents.joint.shapley_iteration import solve_infinite_horizon
-from scripted_agents.joint.sweeps import Quantity
+from scripted_agents.exact.joint.equilibrium import team_chase_game
+from scripted_agents.exact.joint.shapley_iteration import solve_infinite_horizon
+from scripted_agents.exact.joint.sweeps import Quantity
 
 
 def chase(maze: str, rule: str, chasers: int) -> Task:

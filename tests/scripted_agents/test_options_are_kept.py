@@ -1,6 +1,6 @@
 """Exact functions keep to every option of the rules, and agree with the joint solver, or refuse.
 
-The joint solver itself is held against brute force (`joint/test_options_brute_force.py`).
+The joint solver itself is held against brute force (`exact/joint/test_options_brute_force.py`).
 """
 
 from __future__ import annotations

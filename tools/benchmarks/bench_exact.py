@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from pursuit.mazes.generation import generate_maze
 from pursuit.mazes.maze import Maze
-from scripted_agents.duel.best_response import best_response, evaluate_exactly
-from scripted_agents.tours.tour import (
+from scripted_agents.exact.duel.best_response import best_response, evaluate_exactly
+from scripted_agents.exact.tours.tour import (
     expected_tour_length,
     shortest_path,
     shortest_tour,

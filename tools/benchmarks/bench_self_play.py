@@ -20,7 +20,7 @@ from in_turns import add_options, compare
 
 from pursuit.mazes.maze import load_maze
 from scripted_agents import cop_number, solve_chase, solve_in_turns
-from scripted_agents.joint import equilibrium
+from scripted_agents.exact.joint import equilibrium
 from train.evaluation.exploitability import exploitability
 from train.kinds import start
 from train.runs.folder import SELF_PLAY

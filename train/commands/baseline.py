@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Annotated
 
 from pursuit.validation import at_least
-from scripted_agents.limits import MAX_EVALUATED_WORK
+from scripted_agents.exact.limits import MAX_EVALUATED_WORK
 from train.commands.parse import options_in, parse
 from train.commands.scores import print_scores
 from train.settings.checks import Settings

@@ -15,8 +15,8 @@ from pursuit.plugins import reading
 from pursuit.replays.replay import with_suffix
 from pursuit.simulator.policy import Policy
 from pursuit.validation import Missing, at_least, check, choice, need
-from scripted_agents.limits import MAX_EVALUATED_WORK
-from scripted_agents.long_work import in_time
+from scripted_agents.exact.limits import MAX_EVALUATED_WORK
+from scripted_agents.exact.long_work import in_time
 from train.commands.parse import parse, warn
 from train.commands.progress import ProgressLine
 from train.commands.scores import print_objective_gap, print_reference, print_scores, print_team

@@ -17,7 +17,7 @@ from pursuit.mazes.maze import MAX_TABLE_CELLS, Maze, load_maze
 from pursuit.mazes.sources import reads_as_text
 from pursuit.rendering.rendering import Scene
 from pursuit.validation import check
-from scripted_agents.tours.tour import expected_tour_length
+from scripted_agents.exact.tours.tour import expected_tour_length
 from train.commands.parse import parse
 from train.files import Plain, check_new_files, write_text
 from train.reports.figures import BLUE, FORMATS, GREEN, ORANGE, draw_walls, pyplot, save

@@ -9,6 +9,7 @@ from time import perf_counter
 import numpy as np
 
 from pursuit.validation import check, text_of
+from scripted_agents.exact.joint.results import JointNashConv
 from scripted_agents.games.agents import DISCOUNT, UNIFORM, uniform_table
 from scripted_agents.games.episodes import longest_play
 from scripted_agents.games.mixing import mixed_share
@@ -23,7 +24,6 @@ from scripted_agents.games.solve import (
     respond,
     returns_of,
 )
-from scripted_agents.joint.results import JointNashConv
 from train.files import Plain, check_new_files, write_json
 from train.reports.tables import in_lines
 from train.settings.checks import Settings

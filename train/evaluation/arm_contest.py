@@ -25,7 +25,7 @@ from scripted_agents import (
     ThesisInverseKinematics,
     least_steps_of,
 )
-from scripted_agents.references import ARMS, Question, Solution, solution_of
+from scripted_agents.exact.references import ARMS, Question, Solution, solution_of
 from train.evaluation.games import half_width
 from train.evaluation.recordings import add_recorded
 from train.evaluation.scores import (

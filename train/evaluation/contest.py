@@ -33,7 +33,7 @@ from scripted_agents import (
     why_not_team_chase,
 )
 from scripted_agents.environments import DEFAULTS
-from scripted_agents.limits import (
+from scripted_agents.exact.limits import (
     MAX_OBJECTIVE_CELLS,
     MAX_OBJECTIVE_WORK,
     MAX_WORK,
@@ -42,15 +42,15 @@ from scripted_agents.limits import (
     why_no_tour,
     work_of,
 )
-from scripted_agents.long_work import OutOfTime, why_no_time
-from scripted_agents.references import (
+from scripted_agents.exact.long_work import OutOfTime, why_no_time
+from scripted_agents.exact.references import (
     Solution,
     exact_work,
     is_table_duel,
     is_table_in,
     reference_of,
 )
-from scripted_agents.tours.tour import expected_tour_length, num_states
+from scripted_agents.exact.tours.tour import expected_tour_length, num_states
 from train.evaluation.departures import OUTCOMES, rates_of
 from train.evaluation.games import Lengths, best_reply, half_width, table_in
 from train.evaluation.hidden_contest import Certificate, bounds_in, discounted

@@ -10,9 +10,9 @@ from pursuit.reacher.task import ReacherTask, make_reacher_task
 from pursuit.tasks.task import Task, checked_task, make_task
 from pursuit.validation import check
 from scripted_agents.environments import chosen_policies
+from scripted_agents.exact.limits import MAX_EVALUATED_WORK
 from scripted_agents.games.env import chosen_players
 from scripted_agents.games.simulator import INDEX, GameTask
-from scripted_agents.limits import MAX_EVALUATED_WORK
 from train.evaluation.arm_contest import ArmContest
 from train.evaluation.contest import GameContest
 from train.evaluation.scores import Contest

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from pursuit.mazes.maze import Maze
 from pursuit.tasks.task import Task
 from scripted_agents import evaluate_exactly, mean_over_starts, solve_matrix_game
-from scripted_agents.duel.action_values import outcomes
-from scripted_agents.duel.best_response import MoveOrder
-from scripted_agents.references import is_table_duel
+from scripted_agents.exact.duel.action_values import outcomes
+from scripted_agents.exact.duel.best_response import MoveOrder
+from scripted_agents.exact.references import is_table_duel
 from train.evaluation.games import order_of, table_in
 from train.evaluation.ratings import pairwise_wins
 from train.settings.self_play import ROLES

@@ -23,8 +23,8 @@ from scripted_agents import (
     mean_over_starts,
     table_of,
 )
-from scripted_agents.duel.best_response import MoveOrder
-from scripted_agents.hidden.game import Role
+from scripted_agents.exact.duel.best_response import MoveOrder
+from scripted_agents.exact.hidden.game import Role
 
 Lengths = Longs | Reals
 """[episodes], played or expected."""

@@ -18,8 +18,8 @@ from pursuit.rules.arrays import Longs, Reals
 from pursuit.simulator.policy import Policy
 from pursuit.tasks.task import Task
 from scripted_agents import HiddenChaseSolution, mean_over_starts, solve_hidden_chase
-from scripted_agents.limits import SEARCH_SECONDS, SEARCH_WIDTH
-from scripted_agents.references import is_table_in
+from scripted_agents.exact.limits import SEARCH_SECONDS, SEARCH_WIDTH
+from scripted_agents.exact.references import is_table_in
 from train.evaluation.games import best_reply, duel_role, half_width, mean_steps, order_of, table_in
 
 DISCOUNT = 0.95
@@ -93,7 +93,7 @@ def best_response_interval(
     """Bounds of the best response of a role, with its view, to the table of its opponent.
 
     Args:
-        task: a duel in one maze that `INTERVALS` of `scripted_agents.references` solve.
+        task: a duel in one maze that `INTERVALS` of `scripted_agents.exact.references` solve.
         role: of the best response.
         table: [own cell, other cell, action] of its opponent.
         seconds: of the search for an interval.

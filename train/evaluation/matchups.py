@@ -19,9 +19,9 @@ from scripted_agents import (
     team_survival,
     why_not_team_chase,
 )
-from scripted_agents.joint.solver import lengths_of, quantities_of
-from scripted_agents.limits import MAX_EXACT_WORK, MAX_FINAL_WORK
-from scripted_agents.references import MATCHES, Question, is_table_duel, solution_of
+from scripted_agents.exact.joint.solver import lengths_of, quantities_of
+from scripted_agents.exact.limits import MAX_EXACT_WORK, MAX_FINAL_WORK
+from scripted_agents.exact.references import MATCHES, Question, is_table_duel, solution_of
 from train.evaluation.games import (
     Escapes,
     all_caught,

@@ -21,8 +21,8 @@ from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import ROLES, Task
 from scripted_agents import tour_lengths
 from scripted_agents.environments import DEFAULTS
-from scripted_agents.hidden.limited_view_policies import limited_references
-from scripted_agents.references import TOUR, Question
+from scripted_agents.exact.hidden.limited_view_policies import limited_references
+from scripted_agents.exact.references import TOUR, Question
 from train.evaluation.departures import Departures
 from train.evaluation.games import Escapes, other_role, play_out, stepper, won_by
 from train.evaluation.recordings import MOST_BOTH_CELLS, add_recorded

@@ -22,11 +22,11 @@ from scripted_agents.environments import (
     plays,
     scripted_policy,
 )
+from scripted_agents.exact.limits import MAX_EVALUATED_WORK, MAX_FINAL_WORK, MAX_SNAPSHOT_CELLS
+from scripted_agents.exact.long_work import report
+from scripted_agents.exact.references import is_exact_team, is_table_duel
 from scripted_agents.games import game_of_sides
 from scripted_agents.games.mixing import mixed_share
-from scripted_agents.limits import MAX_EVALUATED_WORK, MAX_FINAL_WORK, MAX_SNAPSHOT_CELLS
-from scripted_agents.long_work import report
-from scripted_agents.references import is_exact_team, is_table_duel
 from train.evaluation.contest import GameContest
 from train.evaluation.diversity import diversity_of
 from train.evaluation.games import (

@@ -17,9 +17,9 @@ from pursuit.rules.arrays import Reals
 from pursuit.simulator.policy import Policy
 from pursuit.tasks.task import Rewards, Task
 from scripted_agents import BestResponse, evaluate_joint, mean_over_starts, solve_joint
-from scripted_agents.duel.action_values import expected_after, outcomes
-from scripted_agents.tolerances import EQUAL_VALUES
-from scripted_agents.tours.objective import tour_objective_gap
+from scripted_agents.exact.duel.action_values import expected_after, outcomes
+from scripted_agents.exact.tolerances import EQUAL_VALUES
+from scripted_agents.exact.tours.objective import tour_objective_gap
 from train.evaluation.departures import OUTCOMES
 from train.evaluation.games import best_reply, duel_role, order_of
 from train.evaluation.scores import BY_RETURN, BY_STEPS, UNKNOWN, Measure, ObjectiveGap

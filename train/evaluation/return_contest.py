@@ -16,7 +16,7 @@ from pursuit.replays.viewer.data import Builder
 from pursuit.simulator.batch import Batch
 from pursuit.validation import Missing, need
 from scripted_agents.agents.random_policy import RandomPolicy
-from scripted_agents.references import ReturnSolver, Solution
+from scripted_agents.exact.references import ReturnSolver, Solution
 from train.evaluation.games import half_width, play_out, stepper
 from train.evaluation.scores import (
     BEST_RETURN,

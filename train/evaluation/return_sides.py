@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from pursuit.replays.viewer.data import Builder
 from pursuit.validation import Missing, check
+from scripted_agents.exact.references import ReturnSolver
 from scripted_agents.games.agents import AGENTS, EQUILIBRIUM
 from scripted_agents.games.episodes import play_of, return_range
 from scripted_agents.games.mixing import mixed_share
@@ -23,7 +24,6 @@ from scripted_agents.games.solve import (
     respond,
     returns_of,
 )
-from scripted_agents.references import ReturnSolver
 from train.evaluation.games import half_width, stepper
 from train.evaluation.scores import Measure
 from train.evaluation.self_play_text import EXPLOITABILITY, describe_snapshots, describe_time

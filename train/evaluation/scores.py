@@ -19,8 +19,8 @@ from pursuit.replays.viewer.data import Builder
 from pursuit.simulator.policy import Policy
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task
+from scripted_agents.exact.references import Solution
 from scripted_agents.games.simulator import GameSimulator, StatePolicy
-from scripted_agents.references import Solution
 from train.evaluation.departures import RATES
 from train.evaluation.games import play_out
 from train.evaluation.hidden_contest import Certificate

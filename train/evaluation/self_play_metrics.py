@@ -17,14 +17,14 @@ from scripted_agents import (
     work_of,
 )
 from scripted_agents.environments import SCRIPTED, SEARCHERS
-from scripted_agents.limits import (
+from scripted_agents.exact.limits import (
     MAX_EXACT_WORK,
     MAX_GAME_CELLS,
     MAX_WORK,
     SEARCH_SECONDS,
 )
-from scripted_agents.long_work import report
-from scripted_agents.references import INTERVALS, JOINT, NASH_CONVS, Question, solution_of
+from scripted_agents.exact.long_work import report
+from scripted_agents.exact.references import INTERVALS, JOINT, NASH_CONVS, Question, solution_of
 from train.evaluation.departures import OUTCOMES
 from train.evaluation.exploitability import exploitability, nash_conv, team_exploitability
 from train.evaluation.games import order_of, other_role, table_in

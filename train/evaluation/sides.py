@@ -13,7 +13,12 @@ from numpy.typing import NDArray
 from pursuit.replays.replay import Replay
 from pursuit.replays.viewer.data import Builder
 from pursuit.validation import Missing
-from scripted_agents.limits import MAX_EVALUATED_WORK, MAX_FINAL_WORK, MAX_WORK, SEARCH_SECONDS
+from scripted_agents.exact.limits import (
+    MAX_EVALUATED_WORK,
+    MAX_FINAL_WORK,
+    MAX_WORK,
+    SEARCH_SECONDS,
+)
 from train.evaluation.scores import Measure
 from train.files import Plain
 from train.reports.curves import Panel, Series

@@ -16,8 +16,8 @@ from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task
 from scripted_agents import BestResponse, RandomAgent, mean_over_starts
 from scripted_agents.environments import DEFAULTS
-from scripted_agents.limits import SOLVED_MAZES
-from scripted_agents.references import Solution, is_known, is_solvable, reference_of
+from scripted_agents.exact.limits import SOLVED_MAZES
+from scripted_agents.exact.references import Solution, is_known, is_solvable, reference_of
 from train.evaluation.departures import Departures
 from train.evaluation.games import Lengths, best_reply, half_width
 from train.evaluation.maze_contest import SCRIPTED, MazeContest

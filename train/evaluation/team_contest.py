@@ -9,11 +9,11 @@ from functools import cached_property
 from pursuit.simulator.policy import Policy
 from pursuit.validation import check
 from scripted_agents import JointResponse, evaluate_joint, solve_joint
-from scripted_agents.hidden.limited_view_policies import limited_references
-from scripted_agents.joint.opponents import why_no_distribution
-from scripted_agents.limits import work_of
-from scripted_agents.long_work import OutOfTime, why_no_time
-from scripted_agents.references import Solution, reference_of
+from scripted_agents.exact.hidden.limited_view_policies import limited_references
+from scripted_agents.exact.joint.opponents import why_no_distribution
+from scripted_agents.exact.limits import work_of
+from scripted_agents.exact.long_work import OutOfTime, why_no_time
+from scripted_agents.exact.references import Solution, reference_of
 from train.evaluation.contest import GameContest
 from train.evaluation.matchups import Matchup, exact_joint_match
 from train.evaluation.scores import FULL_VIEW, OUTCOME, Measure, Score

@@ -14,7 +14,7 @@ import torch
 from filelock import FileLock
 
 from pursuit.validation import at_least, check, choice, one_of, unknown
-from scripted_agents.limits import MAX_EXACT_GOALS
+from scripted_agents.exact.limits import MAX_EXACT_GOALS
 from train.evaluation.contest import GameContest
 from train.evaluation.scores import BY_STEPS, Score, optimality_gap
 from train.experiments.contestants import CONTESTANTS, OBEYED, Contestant, Trainer

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from math import comb
 
 from pursuit.mazes.maze import load_maze
-from scripted_agents.tours.tour import expected_tour_length, num_states
+from scripted_agents.exact.tours.tour import expected_tour_length, num_states
 from train.experiments.claims import CONFIRMED, REFUTED, UNDECIDED
 from train.reports.tables import Row, plain_table
 

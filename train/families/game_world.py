@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import Any, ClassVar
 
 from pursuit.validation import Missing, check
-from scripted_agents.references import ReturnSolver
+from scripted_agents.exact.references import ReturnSolver
 from train.evaluation.return_contest import ReturnContest
 from train.families.family import World
 from train.families.policies import NamedPolicies, policy_named

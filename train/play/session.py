@@ -13,7 +13,7 @@ from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import ACTIONS
 from pursuit.validation import whole
 from scripted_agents import BestResponse, JointResponse, tour_lengths
-from scripted_agents.limits import MAX_EXACT_GOALS, is_single_runner
+from scripted_agents.exact.limits import MAX_EXACT_GOALS, is_single_runner
 from train.evaluation.contest import GameContest
 from train.evaluation.games import Escapes, stepper, won_by
 from train.evaluation.scores import label_of

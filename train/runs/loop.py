@@ -18,7 +18,7 @@ from typing_extensions import TypeVar  # with defaults, which Python has from 3.
 
 from pursuit.compilation.compiled import now_without_compilation
 from pursuit.files import cannot_write
-from scripted_agents.long_work import Tell, in_time
+from scripted_agents.exact.long_work import Tell, in_time
 from train.files import Plain, write_csv, write_json
 from train.machine import machine, versions
 from train.runs.folder import (

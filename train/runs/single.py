@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from pursuit.validation import check
-from scripted_agents.limits import MAX_EVALUATED_WORK
+from scripted_agents.exact.limits import MAX_EVALUATED_WORK
 from train.algorithms.ppo import PPO
 from train.evaluation.scores import (
     BEST_RETURN,

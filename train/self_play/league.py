@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pursuit.validation import check, need, shortened
 from scripted_agents.environments import agent_name
-from scripted_agents.limits import MAX_FINAL_WORK
+from scripted_agents.exact.limits import MAX_FINAL_WORK
 from train.evaluation.ratings import (
     best_response_cycle,
     elo_ratings,

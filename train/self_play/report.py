@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from pursuit.replays.viewer.data import Builder
-from scripted_agents.limits import MAX_EXACT_WORK
+from scripted_agents.exact.limits import MAX_EXACT_WORK
 from train.evaluation.diversity import spread
 from train.files import Plain, read_json
 from train.reports.curves import draw_panels

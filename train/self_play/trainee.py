@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from pursuit.validation import need
-from scripted_agents.long_work import report
+from scripted_agents.exact.long_work import report
 from train.evaluation.sides import DRY_RUN, Profile, ResultLimits
 from train.files import Plain
 from train.runs.folder import CONFIG, SELF_PLAY, SIDE, game_digest, save_checkpoint, save_config

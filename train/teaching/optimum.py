@@ -16,8 +16,8 @@ from pursuit.simulator.policy import Policy
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task
 from scripted_agents import least_steps_of, tour_lengths
-from scripted_agents.limits import MAX_CURRICULUM_JOINTS
-from scripted_agents.references import (
+from scripted_agents.exact.limits import MAX_CURRICULUM_JOINTS
+from scripted_agents.exact.references import (
     ARMS,
     TOUR,
     Question,

@@ -12,7 +12,7 @@ from pursuit.simulator.policy import Policy
 from pursuit.tasks.task import Task
 from pursuit.validation import check
 from scripted_agents import mean_over_starts
-from scripted_agents.references import is_known, is_solvable
+from scripted_agents.exact.references import is_known, is_solvable
 from train.evaluation.games import best_reply, other_role
 from train.evaluation.suite_tables import opponent_tables, pairs_of_values, tables_of
 

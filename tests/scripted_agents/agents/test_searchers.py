@@ -24,7 +24,7 @@ from scripted_agents import (
     WaryEvader,
 )
 from scripted_agents.environments import scripted_policy
-from scripted_agents.hidden.limited_view_policies import limited_references
+from scripted_agents.exact.hidden.limited_view_policies import limited_references
 from train.evaluation import hidden_contest
 from train.evaluation.contest import GameContest
 from train.runs.opponents import opponents_of

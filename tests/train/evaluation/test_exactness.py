@@ -12,7 +12,7 @@ from pursuit.simulator.policy import GameView, TabularPolicy, tells_its_play
 from pursuit.tasks.task import make_task
 from pursuit.tasks.visibility import Limit
 from scripted_agents import AStarChaser, AStarEvader, RandomAgent, TablePolicy
-from scripted_agents.references import is_known, is_table_in, reference_of
+from scripted_agents.exact.references import is_known, is_table_in, reference_of
 from train.evaluation.contest import GameContest
 from train.evaluation.matchups import can_solve, match
 from train.evaluation.self_play_metrics import exploited

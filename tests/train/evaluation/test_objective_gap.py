@@ -21,8 +21,8 @@ from scripted_agents import (
     best_response,
     why_not_optimal,
 )
-from scripted_agents.tours import objective
-from scripted_agents.tours.objective import tour_objective_gap
+from scripted_agents.exact.tours import objective
+from scripted_agents.exact.tours.objective import tour_objective_gap
 from train.evaluation.contest import GameContest
 from train.evaluation.scores import optimality_gap
 from train.teaching.optimum import optimum_of

@@ -13,7 +13,7 @@ from pursuit.replays.recorder import Recorder
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task, make_task
 from scripted_agents import AStarChaser, AStarEvader, NearestGoalRunner, RandomAgent, TablePolicy
-from scripted_agents.references import reference_of
+from scripted_agents.exact.references import reference_of
 from train.evaluation.contest import GameContest
 from train.evaluation.games import Escapes, won_by
 from train.evaluation.matchups import exact_match, match, pair_payoffs, play_pair

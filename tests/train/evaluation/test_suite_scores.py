@@ -23,7 +23,7 @@ from scripted_agents import (
     evaluate_exactly,
     mean_over_starts,
 )
-from scripted_agents.references import is_known
+from scripted_agents.exact.references import is_known
 from train import load_policy
 from train.commands.main import main
 from train.evaluation.contest import GameContest

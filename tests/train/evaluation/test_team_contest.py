@@ -15,7 +15,7 @@ from pursuit.rules.layout import Games
 from pursuit.simulator.policy import GameView
 from pursuit.tasks.task import Task, make_task
 from scripted_agents import AStarChaser, AStarEvader, RandomAgent, evaluate_joint, solve_joint
-from scripted_agents.limits import MAX_EVALUATED_WORK
+from scripted_agents.exact.limits import MAX_EVALUATED_WORK
 from train.evaluation.contest import GameContest
 from train.evaluation.scores import BY_STEPS
 from train.evaluation.team_contest import TeamContest, describe_team, team_results

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from command_errors import error_of, status_of
 
-from scripted_agents import long_work
+from scripted_agents.exact import long_work
 from train.commands import progress
 from train.kinds import start
 from train.runs.folder import RUN, SELF_PLAY, load_results

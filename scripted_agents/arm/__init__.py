@@ -1,1 +1,0 @@
-"""Policies of the arm without learning: inverse kinematics and minimum steps."""

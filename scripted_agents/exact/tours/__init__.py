@@ -1,0 +1,1 @@
+"""Shortest paths, shortest tours through several goals, and the agent that follows them."""

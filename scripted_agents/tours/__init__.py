@@ -1,1 +1,0 @@
-"""Shortest paths, and shortest tours through several goals."""
