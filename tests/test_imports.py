@@ -199,7 +199,7 @@ REFUSED = [
     ["sweep"],
     ["sweep", "maze_by_size", "--executor", "bogus"],
     ["ablate", "opponent-epsilon", "--workers", "-1"],
-    ["compare", "--workers", "0"],
+    ["compare", "--workers", "-1"],
     ["report"],
     ["report", "no/such/folder", "--x", "hours"],
     ["solve", "--maze", "5x6"],

@@ -14,8 +14,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from train.experiments.expansion import NO_SETTINGS
 from train.experiments.halving import score
+
+from train.experiments.expansion import NO_SETTINGS
 from train.experiments.recorded import read_recorded, settings_in
 from train.experiments.rows import StudyRows
 from train.experiments.statistics import holm

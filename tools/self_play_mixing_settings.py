@@ -18,12 +18,12 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import torch
 from self_play_mixing import DATA, MATRIX, Row, markdown, rows_of
+from train.experiments.halving import score
 
 from scripted_agents.games import equilibrium, load_game, mixed_share, nash_conv
 from scripted_agents.games.episodes import return_range
 from scripted_agents.games.mixing import apart, visits_of
 from train.experiments.expansion import NO_SETTINGS
-from train.experiments.halving import score
 from train.experiments.recorded import settings_in
 from train.experiments.search import Range, range_of
 from train.experiments.study import StudyFile, choose_version, read_file

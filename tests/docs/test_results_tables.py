@@ -20,9 +20,9 @@ from scipy.stats import kendalltau
 from pursuit.mazes.maze import load_maze
 from scripted_agents import expected_tour_length
 from train.experiments.claims import named
+from train.experiments.claims_page import decide_all
 from train.experiments.recorded import read_recorded
 from train.experiments.replication import load_replication
-from train.experiments.replication_page import decide_all
 from train.experiments.rows import StudyRows
 from train.experiments.statistics import LEVEL, distance_interval, holm, mean_interval, sign_flip_p
 from train.experiments.study import Layout

@@ -168,8 +168,9 @@ def command(name: str) -> Callable[[Sequence[str]], None]:
         raise ValueError("command 'race' was renamed; use `pursuit compare`")
     if name not in COMMANDS:
         return COMMAND_PARTS.get(name)
-    module = name.replace("-", "_")
-    return getattr(import_module(f"{__package__}.{module}"), module)
+    own = name.replace("-", "_")
+    module = "studies" if name in ("sweep", "ablate", "compare", "reproduce") else own
+    return getattr(import_module(f"{__package__}.{module}"), own)
 
 
 if __name__ == "__main__":

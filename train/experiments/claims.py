@@ -18,7 +18,7 @@ from pursuit.mazes.suite_files import is_suite
 from pursuit.validation import check
 from train.experiments.rows import longer_is_better
 from train.experiments.statistics import LEVEL, NAN, holm, improvement, least_p, permutation_p
-from train.experiments.study import REFERENCES, Claim, Table
+from train.experiments.study import COMPARED_TO, Claim, Table
 from train.reports.tables import Row
 
 CONFIRMED, REFUTED, UNDECIDED = "confirmed", "refuted", "undecided"
@@ -61,7 +61,7 @@ def worse_by(row: Row, to: str) -> float:
 
     Evaders maximise episode length, so shorter episodes are worse.
     """
-    steps, reference = number(row, "mean_steps"), number(row, REFERENCES[to])
+    steps, reference = number(row, "mean_steps"), number(row, COMPARED_TO[to])
     sign = -1.0 if longer_is_better(row) else 1.0
     return 100.0 * sign * (steps - reference) / reference
 
@@ -78,7 +78,7 @@ def part_of(row: Row, part: str) -> float:
     return 100.0 * parts[part] / gap if gap > 0.0 else 0.0
 
 
-THRESHOLDS: dict[str, Callable[[Row, Claim], bool]] = {
+RUN_RULES: dict[str, Callable[[Row, Claim], bool]] = {
     "diverges": lambda row, claim: diverged(row),
     "learns": lambda row, claim: not diverged(row),
     "within": lambda row, claim: worse_by(row, claim.to) <= claim.percent + 1e-9,
@@ -244,8 +244,8 @@ def _decide(claim: Claim, groups: tuple[Group, ...], least_frames: int) -> Decis
     fewest = min(row["frames"] for group in groups for maze in group.mazes for row in maze)
     if fewest < least_frames:
         return Decision(groups, note=f"runs of {fewest:,} frames; {least_frames:,} are needed")
-    if claim.rule in THRESHOLDS:
-        meets = [THRESHOLDS[claim.rule](row, claim) for maze in groups[0].mazes for row in maze]
+    if claim.rule in RUN_RULES:
+        meets = [RUN_RULES[claim.rule](row, claim) for maze in groups[0].mazes for row in maze]
         return Decision(groups, threshold_test(meets), meets=sum(meets))
     mazes = [[maze[0].get("maze") for maze in group.mazes] for group in groups]
     check(

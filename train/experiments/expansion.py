@@ -5,16 +5,21 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, fields, replace
+from dataclasses import asdict, replace
 
 from pursuit.validation import check, one_of
 from train.experiments.contestant_runs import CONTESTANT
 from train.experiments.identity import fingerprint, frozen_mazes, inputs_of
 from train.experiments.recorded import MEASURED
+from train.experiments.rows import flat_plain
 from train.experiments.runs import Study, TrainingRun, job_name
 from train.experiments.search import draw_samples
 from train.experiments.study import (
-    THRESHOLDS,
+    ANALYSES,
+    LIBRARIES,
+    PAIRED,
+    SUMMARY,
+    VARIANTS,
     Layout,
     ReportHints,
     StudyFile,
@@ -24,24 +29,16 @@ from train.experiments.study import (
     content_of,
     read_file,
 )
+from train.experiments.variants import MAZE, check_ablation, check_measures
 from train.kinds import KINDS
 from train.runs.folder import RUN, SELF_PLAY
 from train.runs.forms import Final
-from train.runs.parts import contest_of
-from train.self_play.parts import game_of_all
 from train.settings.checks import check_seed
-from train.settings.self_play import LEARN, ROLES
-from train.settings.task import SmallGameSettings, TaskSettings
 
 MAX_RUNS = 100_000
 """Maximum number of runs of a study, to catch typing errors."""
 NO_SETTINGS = ("name", "trial", "rung")
 """Names in labels that are no settings."""
-EQUAL = (
-    *("seconds", "clock", "frames", "seed", "threads", "processes", "evaluate"),
-    *(field.name for form in (TaskSettings, SmallGameSettings) for field in fields(form)),
-)
-"""Settings that all variants of an ablation share."""
 
 Change = Callable[[StudyFile], StudyFile]
 """Modifies the contents of a study file."""
@@ -73,17 +70,26 @@ def load_study(
     path, file = read_file(name, kind, StudyFile)
     with content_of(path):
         file = change(choose_version(file, version))
-        check(
-            kind != "ablation" or file.control is not None,
-            "control=None is not a variant; give one of "
-            f"{[variant.get('name') for variant in file.variants or ()]}",
-        )
-        check(
-            (kind == "comparison") == (file.kind == CONTESTANT),
-            f"kind={file.kind!r}; give kind = 'contestant' in a comparison, which `pursuit "
-            "compare` runs",
-        )
+        check_kind(file, kind)
         return multiply_out(file, path.stem, tuned or {})
+
+
+def check_kind(file: StudyFile, kind: str) -> None:
+    """ValueError unless a file is a study of a kind, as in `load_study`."""
+    check(
+        kind != "ablation" or file.control is not None,
+        "control=None is not a variant; give one of "
+        f"{[variant.get('name') for variant in file.variants or ()]}",
+    )
+    check(
+        (kind == "comparison") == (file.kind == CONTESTANT),
+        f"kind={file.kind!r}; give kind = 'contestant' in a comparison, which `pursuit compare` "
+        "runs",
+    )
+    check(
+        file.tuning is None or kind != "sweep",
+        "[tuning] is for ablations, comparisons and replications; leave it out",
+    )
 
 
 def multiply_out(file: StudyFile, stem: str, tuned: Tuned) -> Study:
@@ -196,31 +202,6 @@ def run_label(label: Table) -> str:
     return ", ".join(f"{name}={value!r}" for name, value in label.items())
 
 
-def flat_plain(nested: Table) -> Table:
-    """Plain settings by name as a flat dictionary; budgets are renamed by `MEASURED`.
-
-    What differs between the sides of self-play is chaser.NAME and evader.NAME, in a small game
-    PLAYER.NAME.
-    """
-    plain = dict(nested)
-    flat = {"variant": None, "kind": None} | plain.pop("task")
-    for name in ("hyper", "curriculum_settings"):
-        plain |= {k: v for k, v in (plain.pop(name, None) or {}).items() if k not in plain}
-    plain |= plain.pop("players", {})
-    sides = {
-        role: {"algorithm": plain[role]["algorithm"], **plain[role]["hyper"]}
-        for role in (nested.get("players") or ROLES)
-        if isinstance(plain.get(role), Mapping)
-    }
-    for role, own in sides.items():
-        plain[role] = LEARN
-        for name, value in own.items():
-            same = all(name in side and side[name] == value for side in sides.values())
-            plain[name if same else f"{role}.{name}"] = value
-    flat |= plain
-    return {MEASURED.get(name, name): value for name, value in flat.items()}
-
-
 def layout_of(
     file: StudyFile, stem: str, runs: Sequence[TrainingRun], varying: Sequence[str]
 ) -> Layout:
@@ -258,91 +239,28 @@ def layout_of(
         x=None if x is None else column(x),
         group=[column(name) for name in group],
         variants=[variant["name"] for variant in variants],
+        analysis=analysis_of(file, x, runs),
         **{name: getattr(file, name) for name in same},
     )
 
 
-# -- ablations -------------------------------------------------------------------------------------
-
-
-def check_ablation(file: StudyFile) -> None:
-    """ValueError unless the variants can be compared with the control: an equal budget and task.
-
-    Without a curriculum in [settings] variants have none unless they name one.
-    """
-    variants, control, primary = file.variants or [], file.control, file.primary
-    check(len(variants) > 1, "give at least two [[variants]], with names")
-    names = [variant.get("name") for variant in variants]
-    check(control in names, f"control={control!r} is not a variant; give one of {names}")
-    others = [name for name in names if name != control]
+def analysis_of(file: StudyFile, x: str | None, runs: Sequence[TrainingRun]) -> str:
+    """The analysis that a file names, or the usual one; ValueError for one that does not fit."""
+    games = any(run.settings.task.game is not None for run in runs)
+    if file.control is not None:
+        fitting = [PAIRED] if file.kind == SELF_PLAY or games else [VARIANTS, PAIRED]
+        several = x == MAZE and len({run.label.get(MAZE) for run in runs}) > 1
+        usual = PAIRED if several or len(fitting) == 1 else VARIANTS
+    elif file.kind == CONTESTANT:
+        fitting, usual = [SUMMARY, LIBRARIES], LIBRARIES if x == "variant" else SUMMARY
+    else:
+        fitting, usual = [SUMMARY], SUMMARY
+    if file.analysis is None:
+        return usual
+    one_of("analysis", file.analysis, ANALYSES)
     check(
-        primary in (None, *others),
-        f"primary={primary!r} is not a variant other than the control; give one of {others}",
+        file.analysis in fitting,
+        f"analysis={file.analysis!r}; give {' or '.join(map(repr, fitting))} for "
+        f"control={file.control!r} and runs of kind {file.kind or RUN!r}",
     )
-    check(
-        file.margin is None or file.margin > 0,
-        f"margin={file.margin}; give points of the gap, above 0",
-    )
-    check(
-        file.threshold in THRESHOLDS,
-        f"threshold={file.threshold:g}; give one of the gaps {THRESHOLDS} in %",
-    )
-    for variant in variants:
-        own = sorted(set(EQUAL) & set(variant))
-        check(
-            not own,
-            f"variant {variant.get('name')!r} sets {', '.join(own)}; all variants have the same "
-            "budget, task and seeds, so set it in [settings]",
-        )
-        if file.kind != SELF_PLAY and "curriculum" not in (file.settings or {}):
-            variant.setdefault("curriculum", "none")
-    grid, hints = list(file.grid or {}), file.report
-    check(
-        hints is None or hints.group is None,
-        "group in [report]: an ablation draws one curve per variant; leave it out",
-    )
-    x = None if hints is None else hints.x
-    check(x in (None, *grid), f"x={x!r} in [report] is not in [grid]; give one of {grid}")
-    check(
-        len(grid) <= 1 and (x is not None or not grid),
-        f"[grid] {grid} and x={x!r} in [report]; give at most one setting in [grid], and name it "
-        "as x in [report]: variants are compared for each of its values",
-    )
-
-
-def check_measures(file: StudyFile, runs: Sequence[TrainingRun]) -> None:
-    """ValueError for runs whose distance to the exact optimum or equilibrium is not known."""
-    tasks = dict.fromkeys(run.settings.task for run in runs)
-    games = any(task.game is not None for task in tasks)
-    if file.kind == SELF_PLAY or games:
-        where, unit = ("games in returns", "game") if games else ("self-play", "maze")
-        what = "gaps in steps" if games else "single-agent runs"
-        for name in ("primary", "margin"):
-            value = getattr(file, name)
-            check(value is None, f"{name}={value!r} is for {what}; leave it out")
-        x = file.report.x if file.report else None
-        check(x in (None, unit), f"x={x!r} in [report]; in {where} give [grid] {unit} = [...]")
-        for task in tasks:
-            why = game_of_all(task).why_not_always()
-            check(
-                why is None,
-                f"task {task.task!r} with these agents has no exact NashConv for every run: {why}",
-            )
-        return
-    check(
-        file.margin is None or len({run.label.get("maze") for run in runs}) == 1,
-        f"margin={file.margin} is for runs in one maze; leave it out, as mazes are paired",
-    )
-    for task in tasks:
-        contest = contest_of(task, 2)
-        check(
-            contest.optimal() is not None,
-            f"the exact optimum of task {task.task!r} with these agents is not known, but an "
-            "ablation needs it; use a single runner, one chaser against one evader, or a smaller "
-            "game without goals for evaders",
-        )
-        check(
-            contest.measure.by_steps,
-            f"task {task.task!r} is scored by {contest.measure.name}, but an ablation needs the "
-            "gap in steps; use a single runner, or a chase",
-        )
+    return file.analysis

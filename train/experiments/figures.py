@@ -11,10 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from train.evaluation.scores import Measure
-from train.experiments.rows import StudyRows, column_of, longer_is_better
+from train.experiments.measures import interval_of, references_of, size_of
+from train.experiments.rows import StudyRows, by_variant, column_of, longer_is_better
 from train.experiments.statistics import NAN, distance_interval
-from train.experiments.summary import interval_of, references_of, size_of
-from train.experiments.variants import by_variant
 from train.reports.curves import SINGLE_RUNS, Level, LineStyle, Panel, Series, draw_panels
 from train.reports.figures import BLACK, GREEN, GREY, PALETTE, Estimate, draw_intervals, time_scale
 from train.reports.tables import Row
@@ -32,8 +31,6 @@ LEVELS: dict[str, tuple[str, LineStyle]] = {
 }
 """Colours and styles of the references of returns, goals and outcomes."""
 COLORS = tuple(color for color in PALETTE if color != GREY)
-POLICIES = [Measure(policy, f"%, {policy}") for policy in ("greedy", "sampled")]
-"""The measures of contestants."""
 
 
 def unit_of(study: StudyRows) -> str:

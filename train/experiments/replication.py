@@ -17,9 +17,10 @@ from pursuit.mazes.sources import decoded, read_bytes
 from pursuit.plugins import reading
 from pursuit.validation import check, one_of, unknown
 from train.experiments.claims import cells_of
-from train.experiments.expansion import flat_plain, load_study
+from train.experiments.expansion import load_study
+from train.experiments.rows import flat_plain
 from train.experiments.runs import TUNING, Study
-from train.experiments.stages import Stage
+from train.experiments.stages import Stage, stages_of_search
 from train.experiments.study import (
     VERSIONS,
     Claim,
@@ -30,7 +31,7 @@ from train.experiments.study import (
     Tuning,
     read_file,
 )
-from train.experiments.tuning import best_trials, search_of
+from train.experiments.tuning import Search, search_of
 from train.files import begins_with, read_json, write_json
 from train.reports.tables import in_markdown
 
@@ -128,27 +129,27 @@ def mazes_by_size(folder: Path) -> dict[str, str]:
 
 def replication_stages(plan: Replication, out: Path) -> list[Stage]:
     """The search, then every study; each with the settings found when it starts."""
-    stages = []
+    stages, search = list[Stage](), None
     if plan.tuning is not None:
+        search = search_of(plan.tuning, plan.version, out / TUNING)
         with reading(plan.name):
-            search = search_of(plan.tuning, plan.version)
-        stages.append(Stage("settings", lambda: search, out / TUNING))
+            stages += stages_of_search(search, search.study(0))
     for study in plan.studies:
-        if not study.exact:
-            expand = partial(runs_of_study, study, plan, out)
-            stages.append(Stage(study.id, expand, out / STUDIES / study.id, study.tuned))
+        own = search if study.tuned else None
+        expand = partial(runs_of_study, study, plan, own)
+        stages.append(Stage(study.id, expand, out / STUDIES / study.id, own))
     return stages
 
 
-def runs_of_study(study: ClaimedStudy, plan: Replication, out: Path) -> Study:
-    """The runs of a study, with the settings that the search in `out` has found if it is tuned.
+def runs_of_study(study: ClaimedStudy, plan: Replication, search: Search | None = None) -> Study:
+    """The runs of a study, with the settings that a search has found so far.
 
     Raises:
         ValueError: an invalid study file, or a claim about runs that it does not have.
     """
     kind, name = ("ablation", study.ablation) if study.ablation else ("sweep", study.sweep)
     change = partial(with_own_mazes, mazes=plan.mazes)
-    tuned = best_trials(out)[1] if study.tuned else None
+    tuned = None if search is None else search.chosen()
     found = load_study(str(name), kind, plan.version, change, tuned)
     names, rows = {path: name for name, path in plan.mazes.items()}, []
     for run in found.runs:
@@ -192,7 +193,7 @@ def keep_rules(plan: Replication, out: Path) -> None:
     kept = read_json(path) if path.exists() else {}
     now = datetime.now(UTC).isoformat(timespec="seconds")
     for study in plan.studies:
-        if study.id not in kept and not study.exact:
+        if study.id not in kept:
             kept[study.id] = {"written": now, "claims": rules_of(study.claims)}
     write_json(path, kept)
 

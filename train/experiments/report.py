@@ -2,24 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from train.experiments import figures, summary
+from train.experiments import figures
 from train.experiments.contestant_runs import CONTESTANT
-from train.experiments.rows import StudyRows, read_several, read_study
-from train.experiments.tuning import best_trials
-from train.experiments.variants import against_control, contestant_rows, distance_of, first_to_gaps
+from train.experiments.libraries import libraries_content
+from train.experiments.measures import note
+from train.experiments.rows import Content, StudyRows, read_several, read_study
+from train.experiments.study import LIBRARIES, PAIRED, SUMMARY, VARIANTS
+from train.experiments.summary import summary_content
+from train.experiments.tuning import last_trials
+from train.experiments.variants import distance_of, paired_content, variants_content
 from train.files import begins_with, only_one, write_csv
 from train.reports.pages import write_markdown
-from train.reports.tables import ResultTable, Row, in_markdown, plain_table, short
+from train.reports.tables import Row, in_markdown, plain_table, short
 
+Analyse = Callable[[StudyRows, Path, str, bool], Content]
+"""Makes the content of a report of the rows of a study, and draws its figures: into a folder, with
+a unit of training time, on a logarithmic axis or not."""
+ANALYSES: dict[str, Analyse] = {
+    SUMMARY: summary_content,
+    VARIANTS: variants_content,
+    PAIRED: paired_content,
+    LIBRARIES: libraries_content,
+}
 SEVERAL = "Runs of "
 """Start of the titles of reports on several folders."""
-
-
-Content = tuple[ResultTable, list[str], list[str]]
-"""The table of a report, sentences and further tables as Markdown, and the names of figures."""
 
 
 def report_on(out: Path, unit: str | None = None, log: bool = False) -> Path:
@@ -37,8 +46,7 @@ def report_on(out: Path, unit: str | None = None, log: bool = False) -> Path:
     Raises:
         ValueError: no study in `out`, or none of its runs has results.
     """
-    trials, _ = best_trials(out)
-    return write_study(read_study(out), out / "report", unit, log, trials)
+    return write_study(read_study(out), out / "report", unit, log, last_trials(out))
 
 
 def report_several(
@@ -70,14 +78,8 @@ def write_study(
     """Write the report of a study into a folder."""
     with only_one(folder, "report"):
         unit = unit or figures.unit_of(study)
-        kind = study.rows[0]["kind"]
-        if study.layout.control is not None:
-            make = ablation_content if distance_of(study) is None else paired_content
-        elif kind == CONTESTANT and study.x == "variant":
-            make = contestant_content
-        else:
-            make = sweep_content
-        table, paragraphs, pictures = make(study, folder, unit, log)
+        analyse = ANALYSES[study.layout.analysis or usual_analysis(study)]
+        table, paragraphs, pictures = analyse(study, folder, unit, log)
         parts = [table.markdown(), ran_on(study.rows), *paragraphs]
         if trials:
             parts += settings_parts(trials)
@@ -94,49 +96,11 @@ def write_study(
     return folder
 
 
-def sweep_content(study: StudyRows, folder: Path, unit: str, log: bool) -> Content:
-    """The report of a sweep, and of several folders."""
-    names, measure = ["learning_curves.png"], summary.measure_of(study.rows)
-    table = summary.sweep_table(study.rows, study.x)
-    if study.x and len({row["_x"] for row in study.rows}) > 1:
-        panels = {measure.title: (measure.scale, measure.name, "each_run")}
-        figures.draw_final(folder / "final.png", study, table.rows, study.x, panels)
-        names.insert(0, "final.png")
-    figures.draw_curves(folder / "learning_curves.png", study, [measure], unit, log)
-    return table, summary.sweep_notes(study.rows), names
-
-
-def ablation_content(study: StudyRows, folder: Path, unit: str, log: bool) -> Content:
-    """The report of an ablation of single agents, with the runs as units."""
-    rows = against_control(study)
-    panels = {
-        "final gap to the optimum (%)": ("gap", "gap", "each_run"),
-        f"P(better than {study.layout.control})": ("share", "improvement", ""),
-    }
-    figures.draw_final(folder / "final.png", study, rows, "variant", panels)
-    names = ["final.png", *figures.draw_stages(folder, study, unit, log)]
-    table = ResultTable(rows, summary.variant_columns(study.layout))
-    return table, summary.ablation_notes(study), names
-
-
-def paired_content(study: StudyRows, folder: Path, unit: str, log: bool) -> Content:
-    """The report of an ablation by maze or game, without curves over training time."""
-    rows, distance = against_control(study), distance_of(study)
-    assert distance is not None
-    panels = {f"{distance.name} ({distance.scale})": ("log", "distance", "each_run")}
-    figures.draw_final(folder / "final.png", study, rows, "variant", panels)
-    table = ResultTable(rows, summary.paired_columns(study.layout, distance))
-    return table, summary.paired_notes(study, rows, distance), ["final.png"]
-
-
-def contestant_content(study: StudyRows, folder: Path, unit: str, log: bool) -> Content:
-    """The report of a comparison of libraries."""
-    rows = contestant_rows(study)
-    first = ResultTable(first_to_gaps(study, rows), summary.first_columns())
-    figures.draw_curves(folder / "curves.png", study, figures.POLICIES, unit, log=True)
-    paragraphs = [*summary.contestant_notes(study), "## First to each gap", first.markdown()]
-    paragraphs.append(summary.note("contestants.first"))
-    return ResultTable(rows, summary.contestant_columns()), paragraphs, ["curves.png"]
+def usual_analysis(study: StudyRows) -> str:
+    """The analysis of a folder that names none: of an earlier version, or of several folders."""
+    if study.layout.control is not None:
+        return VARIANTS if distance_of(study) is None else PAIRED
+    return LIBRARIES if study.rows[0]["kind"] == CONTESTANT and study.x == "variant" else SUMMARY
 
 
 def settings_parts(trials: Sequence[Row]) -> list[str]:
@@ -150,9 +114,10 @@ def settings_parts(trials: Sequence[Row]) -> list[str]:
         if row["chosen"] or (not known and row["trial"] == 0):
             values = {n: v for n, v in row.items() if n not in (of, *own)} if known else {}
             text = ", ".join(f"{n} {short(v)}" for n, v in values.items())
-            line: Row = {of: name, "task": row["task"], "settings": text or "the defaults"}
+            task: Row = {} if of == "variant" else {"task": row["task"]}
+            line: Row = {of: name, **task, "settings": text or "the defaults"}
             rows.append(line | {"trial": row["trial"] if known else "none", "complete": known})
-    choice = summary.note("search.choice")
+    choice = note("search.choice")
     return ["## Settings", choice, plain_table(rows).markdown()]
 
 

@@ -8,7 +8,7 @@ machine. Reports are made of rows alone; only figures read the evaluations.
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from statistics import fmean
@@ -17,14 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.validation import check
-from train.experiments.expansion import flat_plain
 from train.experiments.recorded import FIRST, MEASURED, read_recorded, settings_in
-from train.experiments.runs import ERROR, read_label, read_layout, status_of
+from train.experiments.runs import ERROR, LAYOUT, read_label, read_layout, status_of
 from train.experiments.statistics import first_below, mean_over
-from train.experiments.study import Layout
+from train.experiments.study import Layout, Table
 from train.files import write_bytes, write_csv
 from train.kinds import read_settings
-from train.reports.tables import Row
+from train.reports.tables import ResultTable, Row
 from train.runs.folder import (
     CONFIG,
     METRICS,
@@ -38,7 +37,7 @@ from train.runs.folder import (
 from train.runs.provenance import check_sources, recorded_parts
 from train.self_play.names import entry_names
 from train.settings.mazes import maze_or_suite
-from train.settings.self_play import ROLES
+from train.settings.self_play import LEARN, ROLES
 from train.settings.task import learning_agent
 
 SCORES = {"random": "random_steps", "learned": "greedy_steps", "learned, sampled": "sampled_steps"}
@@ -50,6 +49,10 @@ GAPS = (20.0, 10.0, 5.0, 2.0, 1.0)
 """Per cent; a row has the time of the first evaluation within each of these gaps."""
 POLICIES = {"": "optimality_gap", "greedy_": "greedy", "sampled_": "sampled"}
 """Prefixes of these times by the column of the gap; the last two are those of contestants."""
+
+Content = tuple[ResultTable, list[str], list[str]]
+"""What an analysis gives: the table of the report, sentences and further tables as Markdown, and
+the names of figures."""
 
 
 @dataclass
@@ -202,6 +205,16 @@ def read_several(folders: Sequence[Path]) -> StudyRows:
     return whole
 
 
+def by_variant(study: StudyRows) -> dict[str, list[Row]]:
+    """The complete runs of every variant that has some, in the order of the file, by seed."""
+    layout = study.layout
+    check(layout.x == study.x, f"{LAYOUT}: from another ablation; run `pursuit ablate` again")
+    found: dict[str, list[Row]] = {name: [] for name in layout.variants}
+    for row in sorted(study.rows, key=lambda row: int(row["seed"])):
+        found.setdefault(row["variant"], []).append(row)
+    return {name: rows for name, rows in found.items() if rows}
+
+
 # -- one run ---------------------------------------------------------------------------------------
 
 
@@ -268,6 +281,31 @@ def recorded_row(folder: Path) -> Row:
         curve = column_of(evaluations, column.pop())
         found["curve"] = " ".join(f"{value:.5g}" for value in curve)
     return found
+
+
+def flat_plain(nested: Table) -> Table:
+    """Plain settings by name as a flat dictionary; budgets are renamed by `MEASURED`.
+
+    What differs between the sides of self-play is chaser.NAME and evader.NAME, in a small game
+    PLAYER.NAME.
+    """
+    plain = dict(nested)
+    flat = {"variant": None, "kind": None} | plain.pop("task")
+    for name in ("hyper", "curriculum_settings"):
+        plain |= {k: v for k, v in (plain.pop(name, None) or {}).items() if k not in plain}
+    plain |= plain.pop("players", {})
+    sides = {
+        role: {"algorithm": plain[role]["algorithm"], **plain[role]["hyper"]}
+        for role in (nested.get("players") or ROLES)
+        if isinstance(plain.get(role), Mapping)
+    }
+    for role, own in sides.items():
+        plain[role] = LEARN
+        for name, value in own.items():
+            same = all(name in side and side[name] == value for side in sides.values())
+            plain[name if same else f"{role}.{name}"] = value
+    flat |= plain
+    return {MEASURED.get(name, name): value for name, value in flat.items()}
 
 
 def settings_row(folder: Path) -> Row:

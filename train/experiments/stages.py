@@ -1,7 +1,7 @@
 """What the commands do: studies that are executed one after the other, each with its report.
 
-A sweep and an ablation are one study. A comparison has a search for settings before it, and a
-replication has several studies after a common search.
+A study file is one study, after the rungs of its search if it has [tuning]. A replication has
+several studies after a common search.
 """
 
 from __future__ import annotations
@@ -13,12 +13,11 @@ from functools import partial
 from pathlib import Path
 
 from pursuit.validation import check
-from train.experiments.expansion import Change, load_study
-from train.experiments.halving import Halving
+from train.experiments.expansion import Change, check_kind, load_study
 from train.experiments.report import report_on
 from train.experiments.runs import TUNING, Study
 from train.experiments.study import StudyFile, choose_version, content_of, read_file
-from train.experiments.tuning import best_trials, search_of
+from train.experiments.tuning import Search, search_of
 
 RUN_ROWS = "runs"
 """The file of rows of the runs of a study, but for its search."""
@@ -35,13 +34,15 @@ class Stage:
         name: in the output.
         expand: makes the study, with the settings that a search has found so far.
         folder: of the study.
-        tuned: whether it is left out if trials of the search failed.
+        search: whose settings the study has; it is left out if something has no complete trial.
+        reported: whether the study has a report of its own; a search has none.
     """
 
     name: str
     expand: Callable[[], Study]
     folder: Path
-    tuned: bool = False
+    search: Search | None = None
+    reported: bool = True
 
 
 def stages_of(
@@ -72,25 +73,27 @@ def stages_of(
         study = replace(load_study(name, kind, version, change), rows=known[RUN_ROWS])
         return [Stage(path.stem, lambda: study, out)]
     with content_of(path):
-        file, tuning = change(choose_version(content, version)), content.tuning
-        check(
-            kind != "sweep", "[tuning] is for ablations, comparisons and replications; leave it out"
-        )
-        if kind == "ablation":
-            halving = Halving(tuning, version, file, out / TUNING, known[TUNING])
-            stages = [
-                Stage(f"rung {n}", partial(halving.study, n), halving.folder(n))
-                for n in halving.rungs
-            ]
-        else:
-            search = search_of(tuning, version, file)
-            stages = [Stage("search", lambda: search, out / TUNING)]
+        file = change(choose_version(content, version))
+        check_kind(file, kind)
+        search = search_of(content.tuning, version, out / TUNING, file, known[TUNING])
+        first = search.study(0)  # refuses what cannot run before anything is executed
 
     def tuned() -> Study:
-        found = halving.chosen() if kind == "ablation" else best_trials(out)[1]
-        return replace(load_study(name, kind, version, change, found), rows=known[RUN_ROWS])
+        study = load_study(name, kind, version, change, search.chosen())
+        return replace(study, rows=known[RUN_ROWS])
 
-    return [*stages, Stage(path.stem, tuned, out)]
+    return [*stages_of_search(search, first), Stage(path.stem, tuned, out, search)]
+
+
+def stages_of_search(search: Search, first: Study) -> list[Stage]:
+    """The rungs of a search; `first` is the first one."""
+    names = [f"rung {n}" if search.has_rungs else "search" for n in search.rungs]
+    later = [partial(search.study, number) for number in search.rungs[1:]]
+    expand: list[Callable[[], Study]] = [lambda: first, *later]
+    return [
+        Stage(name, make, search.folder(number), reported=False)
+        for number, (name, make) in enumerate(zip(names, expand, strict=True))
+    ]
 
 
 def carry_out(
@@ -107,28 +110,21 @@ def carry_out(
         The folder of each executed stage with the status of every run.
 
     Raises:
-        ValueError: a folder with other contents, or all trials of a contestant failed.
+        ValueError: a folder with other contents.
         KeyboardInterrupt: once the runs have saved.
     """
     done: list[tuple[Path, Statuses]] = []
-    searched = True
     for stage in stages:
-        if stage.tuned and not searched:
-            tell(f"{stage.name}: skipped, as trials of the search for its settings have failed")
+        if stage.search is not None and (lacking := stage.search.lacking()):
+            tell(
+                f"{stage.name}: skipped, as no trial of the search for the settings of "
+                f"{', '.join(lacking)} is complete; see the error.txt files in {stage.search.out}"
+            )
             continue
         study = stage.expand()
         tell(f"{study.layout.title}: {len(study.runs)} runs into {stage.folder}")
         statuses = execute(study, stage.folder)
         done.append((stage.folder, statuses))
-        if stage.folder.name == TUNING:
-            searched = {*statuses.values()} == {"complete"}
-            trials, tuned = best_trials(stage.folder.parent)
-            for row in trials if study.pinned else ():
-                check(
-                    (row["contestant"], row["task"]) in tuned,
-                    f"{row['contestant']} failed in every trial on {row['task']!r}; see the "
-                    f"error.txt files in {stage.folder}",
-                )
-        elif "complete" in statuses.values() and stage.folder.parent.name != TUNING:
+        if stage.reported and "complete" in statuses.values():
             report_on(stage.folder)
     return done

@@ -1,9 +1,12 @@
 """Studies as data: the schemas of their files, and reading these.
 
-A study file has settings, a grid or variants, seeds and a budget. With a `control` its variants are
-tested against that one (an ablation), with `kind = "contestant"` libraries are compared, and with
-[tuning] settings are searched on other mazes first. A replication file lists studies and the claims
-that their runs decide.
+A study file has settings, a grid or variants, seeds and a budget, and names the analysis of its
+runs: "summary" (of a sweep), "variants" or "paired" (against the `control` of an ablation),
+"libraries" (`kind = "contestant"`). With [tuning] settings are searched on other mazes first. A
+replication file lists studies and the claims that their runs decide.
+
+All go the same way: file, `expansion`, runs in folders (`runs`, `executors`), `rows`, analysis
+(`summary`, `variants`, `libraries`, `claims`), `report`.
 """
 
 from __future__ import annotations
@@ -28,19 +31,19 @@ FOLDERS |= {kind: FILES / f"{kind}s" for kind in ("ablation", "comparison", "rep
 VERSIONS = ("short", "full")
 TABLES = ("settings", "grid", "search")
 """Tables of settings."""
-THRESHOLDS = (20.0, 10.0, 5.0, 2.0)
+SUMMARY, VARIANTS, PAIRED, LIBRARIES = ANALYSES = ("summary", "variants", "paired", "libraries")
+"""The analyses of runs that a study file can name. A replication file has "claims"."""
+REPORTED_GAPS = (20.0, 10.0, 5.0, 2.0)
 """Gaps in per cent; an ablation reports the times to reach them."""
 ENDED = ("complete", "failed")
 """Statuses of runs that have ended."""
 REMEDY = "correct that line; docs/guides/sweeps.md shows the form"
 
-EXACT_RULES = ("states", "tours")
-"""Rules of claims that need no runs."""
 THRESHOLD_RULES = ("diverges", "learns", "within", "beyond", "part_above", "part_below")
 """Rules that compare each run with a threshold."""
 COMPARISONS = ("lower", "higher")
 """Rules that compare the distances of settings to the optimum."""
-REFERENCES = {"optimal": "optimal_steps", "scripted": "scripted_steps", "limit": "max_steps"}
+COMPARED_TO = {"optimal": "optimal_steps", "scripted": "scripted_steps", "limit": "max_steps"}
 """Columns of the references of claims."""
 PARTS = ("objective", "learning", "loops")
 """Parts of a gap."""
@@ -77,8 +80,8 @@ class Trials(msgspec.Struct, forbid_unknown_fields=True):
     Attributes:
         samples: number of trials.
         seconds, frames: of each trial; one of the two.
-        rungs: of successive halving, in an ablation: the better half of the trials of a rung goes
-            on to the next one, with twice the frames.
+        rungs: of successive halving: the better half of the trials of a rung goes on to the next
+            one, with twice the budget. One rung is random search.
         mazes: of each task, the first ones of the list; None for all.
     """
 
@@ -134,6 +137,7 @@ class StudyFile(Version, forbid_unknown_fields=True, omit_defaults=True):
     """The contents of a study file.
 
     Attributes:
+        analysis: one of `ANALYSES`; None for the usual one of such runs.
         control: the variant that the others are compared with.
         primary: the variant of the primary comparison. Its p is not corrected; those of the others
             are corrected for multiple comparisons.
@@ -146,6 +150,7 @@ class StudyFile(Version, forbid_unknown_fields=True, omit_defaults=True):
 
     title: str | None = None
     kind: str | None = None
+    analysis: str | None = None
     variants: list[Table] | None = None
     report: ReportHints | None = None
     short: Version | None = None
@@ -167,6 +172,7 @@ class Layout(msgspec.Struct):
         runs: the names of the runs; None for all runs in the folder.
         x, group: columns of the table of runs.
         variants: their names, in order.
+        analysis: of the runs; None in folders of versions before 0.2.0.
         control, primary, margin, threshold: as `StudyFile`.
         rows: the file with the rows of finished runs, if there is one, relative to the folder.
         planned: by run the columns of its row that the study sets.
@@ -179,6 +185,7 @@ class Layout(msgspec.Struct):
     planned: dict[str, Table] = msgspec.field(default_factory=dict)
     x: str | None = None
     group: list[str] = msgspec.field(default_factory=list)
+    analysis: str | None = None
     control: str | None = None
     variants: list[str] = msgspec.field(default_factory=list)
     primary: str | None = None
@@ -194,10 +201,10 @@ class Claim(msgspec.Struct, forbid_unknown_fields=True):
 
     Attributes:
         text: the claim.
-        rule: one of `THRESHOLD_RULES`, `COMPARISONS` or `EXACT_RULES`.
+        rule: one of `THRESHOLD_RULES` or `COMPARISONS`.
         of: the cells of the claim: columns of the table of runs with a value or a list of values.
         than: the cells that they are compared with.
-        to, percent: a reference of `REFERENCES`, and the tolerance around it in per cent.
+        to, percent: a reference of `COMPARED_TO`, and the tolerance around it in per cent.
         part: a part of the gap, one of `PARTS`; `percent` is its share then.
         cause: our interpretation, by verdict.
     """
@@ -212,8 +219,8 @@ class Claim(msgspec.Struct, forbid_unknown_fields=True):
     cause: dict[str, str] = {}
 
     def __post_init__(self) -> None:
-        one_of("rule", self.rule, (*THRESHOLD_RULES, *COMPARISONS, *EXACT_RULES))
-        one_of("to", self.to, tuple(REFERENCES))
+        one_of("rule", self.rule, (*THRESHOLD_RULES, *COMPARISONS))
+        one_of("to", self.to, tuple(COMPARED_TO))
         one_of("part", self.part, PARTS)
         check(
             (self.rule in COMPARISONS) == bool(self.than),
@@ -229,8 +236,7 @@ class ClaimedStudy(msgspec.Struct, forbid_unknown_fields=True):
         title: of its section in the report.
         thesis, differs: the conditions in the thesis, and the differences here.
         claims: see `Claim`.
-        sweep, ablation: the name of a study file with the runs; neither if `exact`.
-        exact: whether the claims need no runs.
+        sweep, ablation: the name of a study file with the runs; one of the two.
         tuned: whether every algorithm uses the settings found by the search.
         versions: the versions that include this study.
         least_frames: a cell with a shorter run is not tested.
@@ -243,25 +249,17 @@ class ClaimedStudy(msgspec.Struct, forbid_unknown_fields=True):
     claims: list[Claim]
     sweep: str | None = None
     ablation: str | None = None
-    exact: bool = False
     tuned: bool = False
     versions: tuple[str, ...] = VERSIONS
     least_frames: int = 0
 
     def __post_init__(self) -> None:
-        kinds = [bool(self.sweep), bool(self.ablation), self.exact]
-        check(sum(kinds) == 1, f"study {self.id!r}: give one of sweep, ablation and exact")
+        check(bool(self.sweep) != bool(self.ablation), f"study {self.id!r}: give sweep or ablation")
         check(bool(self.claims), f"study {self.id!r}: no claims; give [[studies.claims]]")
-        for claim in self.claims:
-            check(
-                (claim.rule in EXACT_RULES) == self.exact,
-                f"study {self.id!r}: rule {claim.rule!r}; give {' or '.join(EXACT_RULES)} exactly "
-                "if exact = true",
-            )
 
 
 class ReplicationFile(msgspec.Struct, forbid_unknown_fields=True):
-    """The contents of a replication file."""
+    """The contents of a replication file: studies, and the claims that their runs decide."""
 
     title: str
     studies: list[ClaimedStudy]

@@ -1,92 +1,35 @@
-"""The tables of studies: rows of runs, summarised by setting; their columns and explanations."""
+"""The analysis "summary": a line for every setting of a sweep, with means over seeds."""
 
 from __future__ import annotations
 
-import tomllib
-from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from train.evaluation.scores import OUTCOMES, UNTIL_CAPTURE, Measure
-from train.experiments.contestants import CONTESTANTS
-from train.experiments.rows import StudyRows
-from train.experiments.statistics import (
-    LEVEL,
-    Interval,
-    bounded,
-    distance_interval,
-    interquartile_mean,
-    mean_interval,
+from train.evaluation.scores import OUTCOMES, UNTIL_CAPTURE
+from train.experiments import figures
+from train.experiments.measures import (
+    GAP,
+    REGRET,
+    interval_of,
+    measure_of,
+    note,
+    policies_of,
+    references_of,
+    size_of,
 )
-from train.experiments.study import THRESHOLDS, Layout
-from train.experiments.variants import MAZE_GAP, TARGETS, Distance, equal_results, p_text
-from train.reports.tables import Column, ResultTable, Row, in_markdown, numeric, short, words
+from train.experiments.rows import Content, StudyRows
+from train.experiments.statistics import bounded, interquartile_mean
+from train.reports.tables import Column, ResultTable, Row, numeric, short, with_interval
 from train.runs.folder import RUN
 
-REFERENCES = {
-    "random": "random_steps",
-    "scripted": "scripted_steps",
-    "optimal": "optimal_steps",
-    "learned": "mean_steps",
-    "chaser vs A*": "chaser_vs_astar",
-    "evader vs A*": "evader_vs_astar",
-}
-"""Those of measures in steps, and of self-play: steps."""
 HEADS = {
     "objective_gap": "gap of the objective's optimum, %",
     "success": "success, %",
     "less": "less than at the start, %",
     "least": "of the worst seed, %",
 }
-NOTES = tomllib.loads(Path(__file__).with_name("notes.toml").read_text(encoding="utf-8"))
-SPENT = 0.8
-"""Variants with a smaller share of frames on the hardest stage are marked."""
-
-
-GAP, REGRET = Measure("optimality_gap", "%"), Measure("return_regret", "return")
-
-
-def measure_of(rows: list[Row]) -> Measure:
-    """The gap if the optimum of every run is known, otherwise steps; the objective for self-play;
-    for single players of small games the return that a best response has more.
-
-    Args:
-        rows: complete runs of one kind. If only some games of self-play are exact, the measure is
-            steps.
-    """
-    objectives = {(row["objective"], row["unit"]) for row in rows}
-    column, unit = objectives.pop() if len(objectives) == 1 else ("steps", "steps")
-    if column == "mean_steps" and all(row.get("optimality_gap") is not None for row in rows):
-        return GAP
-    regrets = [row.get("return_regret") for row in rows]
-    if column == "mean_return" and None not in regrets and all(row.get("game") for row in rows):
-        return REGRET
-    return Measure(column, unit)
-
-
-def interval_of(measure: Measure, values: Sequence[float]) -> Interval:
-    """The 95 % interval of the mean over runs."""
-    return mean_interval([values]) if measure.is_signed else distance_interval([values])
-
-
-def references_of(measure: Measure) -> dict[str, str]:
-    """Further columns of tables, if the runs have them, by their heads: means over seeds of the
-    same quantity."""
-    if measure == REGRET:
-        return {"return": "mean_return"}
-    if measure.name not in ("goals", "return", "outcome"):
-        return REFERENCES
-    found = {each: f"{each}_{measure.name}" for each in ("random", "scripted", "optimal")}
-    return {**found, "behind the optimum": f"{measure.name}_regret"}
-
-
-def size_of(value: object) -> tuple[float, str]:
-    """A sort key that orders 3x3 before 10x10, and numbers by value."""
-    text = str(value)
-    digits = "".join(c if c.isdigit() or c == "." else " " for c in text).split()
-    return (float(digits[0]) if digits else 0.0, text)
 
 
 # -- settings of a sweep ---------------------------------------------------------------------------
@@ -135,7 +78,7 @@ def sweep_table(rows: list[Row], x: str | None) -> ResultTable:
         if name in (x, "group"):
             columns.append(Column(head, partial(_setting, name), left=True))
         elif name == unit:
-            columns.append(Column(head, partial(_with_interval, name, "z.2f")))
+            columns.append(with_interval(head, name, "z.2f"))
         elif name not in (f"{unit}_low", f"{unit}_high", "frames", "each_run"):
             whole = name in ("seeds", "success", "seconds")
             columns.append(numeric(head, name, ".0f" if whole else "z.2f"))
@@ -144,22 +87,6 @@ def sweep_table(rows: list[Row], x: str | None) -> ResultTable:
 
 def _setting(name: str, row: Row) -> str:
     return short(row[name])
-
-
-def _with_interval(name: str, form: str, row: Row) -> str:
-    """A value with its interval, in a format or, for an empty one, with three digits."""
-    value, low, high = (row[key] for key in (name, f"{name}_low", f"{name}_high"))
-    if np.isnan(value):
-        return ""
-    shown = [format(each, form) if form else _number(each) for each in (value, low, high)]
-    return shown[0] + ("" if np.isnan(low) else f" [{shown[1]}, {shown[2]}]")
-
-
-def _number(value: float) -> str:
-    if np.isinf(value):
-        return "never"
-    size = abs(value)
-    return f"{value:.0f}" if size >= 100 else f"{value:.1f}" if size >= 10 else f"{value:z.2f}"
 
 
 def sweep_notes(rows: list[Row]) -> list[str]:
@@ -182,163 +109,13 @@ def sweep_notes(rows: list[Row]) -> list[str]:
     return lines
 
 
-def policies_of(rows: list[Row]) -> str:
-    """The evaluated policies, greedy or sampled."""
-    return " or ".join(sorted({row["evaluate"] for row in rows if row.get("evaluate")}))
-
-
-def note(place: str, **values: object) -> str:
-    """An explanation of `notes.toml`, by "section.name", with its values."""
-    section, _, key = place.partition(".")
-    text: str = NOTES[section][key]
-    return text.strip().format(**values)
-
-
-# -- variants of an ablation -----------------------------------------------------------------------
-
-
-def variant_columns(layout: Layout) -> list[Column]:
-    """The columns of variants that are compared by gaps."""
-    control = layout.control
-    return [
-        words("variant"),
-        words("verdict"),
-        numeric("runs", "runs"),
-        Column("final gap, mean, % [95 %]", partial(_with_interval, "gap", "")),
-        Column("best to worst", _extremes),
-        *(Column(f"to {t:g} %: seconds, frames (runs)", partial(_time, t)) for t in THRESHOLDS),
-        Column(f"log-rank p, to {layout.threshold:g} %", lambda row: p_text(row["p_time"])),
-        Column("optimality over training [95 %]", partial(_with_interval, "area", "")),
-        HARDEST,
-        Column(f"P(better than {control}) [95 %]",
-               lambda row: "" if row["variant"] == control
-               else _with_interval("improvement", "", row)),
-    ]  # fmt: skip
-
-
-def _extremes(row: Row) -> str:
-    return f"{_number(row['best'])} to {_number(row['worst'])}"
-
-
-def _hardest(row: Row) -> str:
-    share = row["hardest_share"]
-    if np.isnan(share):
-        return ""
-    text = f"{100 * share:.0f} %" + ("" if share >= SPENT else f", below {100 * SPENT:.0f} %")
-    never = row["never_hardest"]
-    return text + (f"; none in {never} of {row['runs']} runs" if never else "")
-
-
-HARDEST = Column("frames on the hardest stage", _hardest)
-
-
-def _time(gap: float, row: Row) -> str:
-    reached, runs = row[f"reached_{gap:g}"], row["runs"]
-    seconds, frames = row[f"seconds_to_{gap:g}"], row[f"frames_to_{gap:g}"]
-    if not np.isfinite(seconds):
-        return f"median not reached ({reached} of {runs})"
-    scale, unit = (1e6, "M") if frames >= 1e6 else (1e3, "k")
-    return f"{_number(seconds)}, {_number(frames / scale)} {unit} ({reached} of {runs})"
-
-
-def paired_columns(layout: Layout, distance: Distance) -> list[Column]:
-    """The columns of variants that are paired by maze or game."""
-    hardest = [HARDEST] if distance is MAZE_GAP else []
-    return [
-        words("variant"),
-        words("verdict"),
-        numeric("runs", "runs"),
-        numeric(f"{distance.name}, geometric mean", "distance", ".3f"),
-        numeric("worst", "worst", ".3f"),
-        Column(f"ratio to {layout.control} [95 %]", partial(_with_interval, "ratio", ".2f")),
-        words(f"{distance.unit}s below {layout.control}", "lower_in"),
-        *hardest,
-    ]
-
-
-def budget_note(study: StudyRows) -> str:
-    """The budgets of the runs."""
-    budgets = {(row["budget_seconds"], row["budget_frames"]) for row in study.rows}
-    texts = (f"{s:g} s" if s is not None else f"{f:,} frames" for s, f in budgets)
-    return f"Budget per run: {'; '.join(texts)}."
-
-
-def ablation_notes(study: StudyRows) -> list[str]:
-    """The explanation of the table of variants that are compared by gaps."""
-    layout, kinds = study.layout, policies_of(study.rows)
-    pairs = [in_markdown(f"Variants {one} and {other}") for one, other in equal_results(study)]
-    lines = [
-        *(note("gaps.equal", pair=pair) for pair in pairs),
-        budget_note(study),
-        note("gaps.verdict", level=LEVEL),
-        note("gaps.times", kinds=kinds, cut=note("gaps.cut")),
-        note("gaps.hardest", spent=100 * SPENT),
-    ]
-    if layout.primary is None:
-        lines.append(note("gaps.no_primary"))
-    else:
-        pair = in_markdown(f"{layout.primary} against {layout.control}")
-        lines.append(note("gaps.primary", pair=pair))
-    return lines + ([note("gaps.margin", margin=layout.margin)] if layout.margin else [])
-
-
-def paired_notes(study: StudyRows, table: Sequence[Row], distance: Distance) -> list[str]:
-    """The explanation of the table of variants that are paired by maze or game."""
-    unit = distance.unit
-    units = "mazes" if max(row[f"{unit}s"] for row in table) > 1 else "runs"
-    named = {"unit": unit, "units": f"{unit}s".capitalize(), "level": LEVEL}
-    values = note(f"paired.{distance.note}", least=distance.least, scale=distance.scale)
-    hardest = [note("gaps.hardest", spent=100 * SPENT)] if distance is MAZE_GAP else []
-    return [budget_note(study), note(f"paired.{units}", **named), values, *hardest]
-
-
-# -- contestants -----------------------------------------------------------------------------------
-
-
-def title_of(contestant: str | None) -> str:
-    """The name of a library in reports; "none" for None."""
-    return "none" if contestant is None else CONTESTANTS[contestant].title
-
-
-def contestant_columns() -> list[Column]:
-    """The columns of contestants, by task and policy."""
-    return [
-        words("task"),
-        words("policy"),
-        Column("contestant", lambda row: title_of(row["contestant"]), left=True),
-        *(Column(f"to {t:g} %: seconds, frames (runs)", partial(_time, t)) for t in TARGETS),
-        Column("gap at the end, mean, % [95 %]", partial(_with_interval, "gap", "")),
-        Column("best to worst", _extremes),
-        numeric("unsolved, %", "unsolved", ".2f"),
-        numeric("frames/s", "frames_per_second", ",.0f"),
-    ]
-
-
-def first_columns() -> list[Column]:
-    """The columns of the fastest contestants."""
-    return [
-        words("task"),
-        words("policy"),
-        numeric("gap, %", "gap", "g"),
-        words("unit"),
-        Column("first", lambda row: title_of(row["first"]), left=True),
-        Column("second", lambda row: title_of(row["second"]), left=True),
-        numeric("times as long", "ratio", ".2f"),
-        numeric("faster in, % of pairs of runs", "faster_in", ".0f", scale=100),
-        numeric("p", "p", ".2g"),
-    ]
-
-
-def contestant_notes(study: StudyRows) -> list[str]:
-    """The method, and the versions of the libraries."""
-    rows = study.rows
-    clock = "processor time" if rows[0]["clock"] == "processor" else "wall clock"
-    shares = [100 * row["processor_seconds"] / row["wall_seconds"] for row in rows]
-    ends = {"least": min(shares), "most": max(shares)}
-    libraries, torch = (
-        in_markdown(", ".join(sorted({str(row[name]) for row in rows})))
-        for name in ("library", "torch_version")
-    )
-    method = note("contestants.method", clock=clock, **ends, cut=note("gaps.cut"))
-    versions = note("contestants.libraries", libraries=libraries, torch=torch)
-    return [f"{budget_note(study)} {method}", versions]
+def summary_content(study: StudyRows, folder: Path, unit: str, log: bool) -> Content:
+    """The report of a sweep, and of several folders."""
+    names, measure = ["learning_curves.png"], measure_of(study.rows)
+    table = sweep_table(study.rows, study.x)
+    if study.x and len({row["_x"] for row in study.rows}) > 1:
+        panels = {measure.title: (measure.scale, measure.name, "each_run")}
+        figures.draw_final(folder / "final.png", study, table.rows, study.x, panels)
+        names.insert(0, "final.png")
+    figures.draw_curves(folder / "learning_curves.png", study, [measure], unit, log)
+    return table, sweep_notes(study.rows), names

@@ -1,14 +1,18 @@
 """The search for settings before the runs of a study: [tuning] of its file.
 
-Every algorithm or contestant gets the same number of trials with the same budget, on mazes that the
-study does not use. The trial with the smallest mean logarithm of the gap to the optimum is chosen.
+Everything that is searched has the same number of trials with random settings, on mazes or games
+that the study does not use. All trials of a rung have the same budget; the better half goes on to
+the next rung, with twice the budget (successive halving; Jamieson and Talwalkar, 2016,
+"Non-stochastic best arm identification and hyperparameter optimization"). The best trial of the
+last rung is chosen. One rung is random search.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
@@ -16,65 +20,244 @@ from pursuit.mazes.maze import load_maze
 from pursuit.mazes.suite_files import is_suite
 from pursuit.mazes.suites import least_copy, load_suite
 from pursuit.validation import check
+from scripted_agents.games.named import game_key
 from train.experiments.contestant_runs import CONTESTANT
-from train.experiments.expansion import Tuned, alternating, runs_of
+from train.experiments.expansion import NO_SETTINGS, Tuned, alternating, runs_of
 from train.experiments.rows import read_all
-from train.experiments.runs import TUNING, Study, TrainingRun, read_label
+from train.experiments.runs import LAYOUT, TUNING, Study, TrainingRun, read_label
 from train.experiments.search import draw_samples
-from train.experiments.study import Layout, StudyFile, Table, Trials, Tuning, check_once, judged
+from train.experiments.study import (
+    Layout,
+    StudyFile,
+    Table,
+    Trials,
+    Tuning,
+    check_once,
+    judged,
+)
+from train.experiments.variants import check_ablation
 from train.reports.tables import Row
 from train.runs.folder import RUN
 
 FIRST_TRIAL_SEED = 10**6
 """The first seed of trials; runs of studies have seeds below it."""
-LEAST_GAP = 1e-3
-"""Gaps below this count as equal in the selection of settings."""
+LEAST = 1e-3
+"""Added to distances in the choice of settings: smaller differences hardly count."""
 MOST_TRIALS = 10_000
+EPISODES = 1000
+"""Of the evaluation of a trial."""
 
 
-def search_of(tuning: Tuning, version: str | None, file: StudyFile | None = None) -> Study:
-    """The trials of every algorithm or contestant.
+@dataclass(frozen=True)
+class Searched:
+    """What has settings of its own.
+
+    Attributes:
+        learner: an algorithm or contestant; "" for a variant of an ablation.
+        task: a variant; "" for all.
+        common, own: settings of its trials besides the drawn ones: those of the study, and those of
+            the variant, which are not drawn.
+    """
+
+    learner: str
+    task: str
+    common: Table
+    own: Table
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """As in `Tuned`."""
+        return self.learner, self.task
+
+
+@dataclass(frozen=True)
+class Search:
+    """The trials of a study.
+
+    Attributes:
+        tuning, trials: the search, and its size.
+        searched: what has settings of its own.
+        of: "variant", "algorithm" or "contestant": the column that names it.
+        kind: of the runs.
+        out: the folder of the search.
+        studied: mazes of the study.
+        episodes: of the evaluation of a trial.
+        rows: the file with the rows of finished trials, or None.
+    """
+
+    tuning: Tuning
+    trials: Trials
+    searched: tuple[Searched, ...]
+    of: str
+    kind: str
+    out: Path
+    studied: tuple[str, ...] = ()
+    episodes: int = EPISODES
+    rows: Path | None = None
+
+    @property
+    def has_rungs(self) -> bool:
+        """Whether folders and names of trials have the number of their rung: in ablations, too."""
+        return self.of == "variant" or self.trials.rungs > 1
+
+    @property
+    def rungs(self) -> range:
+        """The numbers of the rungs."""
+        return range(self.trials.rungs)
+
+    def folder(self, rung: int) -> Path:
+        """The folder of a rung."""
+        return self.out / f"rung-{rung}" if self.has_rungs else self.out
+
+    def study(self, rung: int) -> Study:
+        """The trials of a rung; of those before it the results must be known.
+
+        Raises:
+            ValueError: a maze of the search that is also one of the study, or settings that cannot
+                run.
+        """
+        trials, left, runs = self.trials, self.left(rung), list[TrainingRun]()
+        place = "game" if self.tuning.games else "maze"
+        budget = {
+            name: None if value is None else value * 2**rung
+            for name, value in (("seconds", trials.seconds), ("frames", trials.frames))
+        }
+        for number, each in itertools.product(range(trials.samples), self.searched):
+            if number not in left[each.key]:
+                continue
+            label: Table = {self.of: each.learner} if each.learner else {}
+            numbers: Table = {"trial": number} | ({"rung": rung} if self.has_rungs else {})
+            numbers |= {"name": each.task} if each.task else {}
+            drawn = draws_of(self.tuning, trials, each)[number]
+            common = {**each.common, **each.own, **budget}
+            for count, unit in enumerate(self.units(each)):
+                seed = FIRST_TRIAL_SEED + count + (0 if self.has_rungs else 1000 * number)
+                own = {**label, place: unit, **drawn, **numbers}
+                runs += runs_of(self.kind, common, own, [seed], self.episodes)
+        title = f"Search for the settings of each {self.of}"
+        title = f"Search for settings, rung {rung + 1}" if self.has_rungs else title
+        layout = Layout(title, x="trial", group=[self.of])
+        return Study(layout, alternating(runs), self.kind == CONTESTANT, self.rows)
+
+    def units(self, searched: Searched) -> Sequence[str]:
+        """The games or mazes of the trials."""
+        task = {**searched.common, **searched.own, "name": searched.task}
+        games = self.tuning.games[: self.trials.mazes]
+        return games or mazes_of(self.tuning, self.trials, task, self.studied)
+
+    def left(self, rung: int) -> dict[tuple[str, str], list[int]]:
+        """The numbers of the trials in a rung."""
+        if rung == 0:
+            return {each.key: list(range(self.trials.samples)) for each in self.searched}
+        found, scores = self.left(rung - 1), self.scores(rung - 1)
+        for key, before in found.items():
+            ranked = sorted(before, key=lambda n: (scores.get(key, {}).get(n, math.inf), n))
+            found[key] = sorted(ranked[: max(len(before) // 2, 1)])
+        return found
+
+    def scores(self, rung: int) -> dict[tuple[str, str], dict[int, float]]:
+        """The `score` of each trial in a rung; without trials of which a run is missing."""
+        found: dict[tuple[str, str], dict[int, float]] = {}
+        for row in trials_in(self.folder(rung)):
+            if row["score"] is not None:
+                learner = "" if self.of == "variant" else row[self.of]
+                found.setdefault((learner, row["task"]), {})[row["trial"]] = row["score"]
+        return found
+
+    def chosen(self) -> Tuned:
+        """The settings of the best trials of the last rung, as far as they are known."""
+        best, scores = dict[tuple[str, str], Table](), self.scores(self.rungs[-1])
+        for each in self.searched:
+            if own := scores.get(each.key):
+                number = min(own, key=lambda number: (own[number], number))
+                best[each.key] = draws_of(self.tuning, self.trials, each)[number]
+        for name, other in self.tuning.like.items():
+            if ("", other) in best:
+                best["", name] = best["", other]
+        return best
+
+    def lacking(self) -> list[str]:
+        """What has no complete trial in the last rung."""
+        known = self.scores(self.rungs[-1])
+        return [
+            " on ".join(repr(name) for name in each.key if name)
+            for each in self.searched
+            if each.key not in known
+        ]
+
+
+def search_of(
+    tuning: Tuning,
+    version: str | None,
+    out: Path,
+    file: StudyFile | None = None,
+    rows: Path | None = None,
+) -> Search:
+    """The search of a study.
 
     Args:
-        tuning: the search.
+        tuning: of its file.
         version: "short" or "full"; short by default.
-        file: the comparison whose tasks (its variants) are searched one by one; None: algorithms
-            are searched on the task in the settings of `tuning`.
+        out: the folder of the search.
+        file: an ablation, whose variants are searched, or a comparison, whose contestants are
+            searched on each task (its variants); None: algorithms are searched on the task in the
+            settings of `tuning`.
+        rows: the file with the rows of finished trials, or None.
 
     Raises:
-        ValueError: a maze of the search that is also one of the study, or settings that cannot run.
+        ValueError: names that the study does not have, or a game of the search that is also one of
+            the study.
     """
     trials = tuning.trials(version)
-    common, tasks, names, episodes = tuning.settings, [Table()], list(tuning.space), 1000
-    kind, of = RUN, "algorithm"
-    if file is not None:
-        kind, of, names = CONTESTANT, "contestant", (file.grid or {}).get("contestant", [])
-        common = {**(file.settings or {}), **tuning.settings, "evaluations": 1}
-        tasks, episodes = file.variants or tasks, file.episodes or episodes
+    if file is None:
+        check_once("algorithm in [tuning]", [*tuning.space])
+        whole = tuple(Searched(name, "", tuning.settings, {}) for name in tuning.space)
+        return Search(tuning, trials, whole, "algorithm", RUN, out, rows=rows)
+    common = {**(file.settings or {}), **tuning.settings}
+    studied = tuple(judged(file, "maze"))
+    if file.kind == CONTESTANT:
+        contestants = (file.grid or {}).get("contestant", [])
+        check_once("contestant in [grid]", contestants)
         check(
             max(file.seeds or [0]) < FIRST_TRIAL_SEED,
             f"seeds={file.seeds}; give seeds below {FIRST_TRIAL_SEED}, the first seed of trials",
         )
-    check_once(f"{of} in [tuning]" if file is None else f"{of} in [grid]", names)
-    common = {**common, "seconds": trials.seconds, "frames": trials.frames}
-    drawn = {name: draws_of(tuning, trials, name) for name in names}
-    runs: list[TrainingRun] = []
-    studied = [] if file is None else judged(file, "maze")
-    for number, task in itertools.product(range(trials.samples), tasks):
-        for place, maze in enumerate(mazes_of(tuning, trials, {**common, **task}, studied)):
-            seed = FIRST_TRIAL_SEED + 1000 * number + place
-            own = {**common, **{key: value for key, value in task.items() if key != "name"}}
-            for name in names:
-                label = {of: name, "maze": maze, **drawn[name][number], "trial": number}
-                label |= {"name": task["name"]} if "name" in task else {}
-                runs += runs_of(kind, own, label, [seed], episodes)
-    layout = Layout(f"Search for the settings of each {of}", x="trial", group=[of])
-    return Study(layout, alternating(runs), pinned=file is not None)
+        common["evaluations"] = 1
+        whole = tuple(
+            Searched(name, str(task.get("name", "")), common, settings_in(task))
+            for task, name in itertools.product(file.variants or [Table()], contestants)
+        )
+        episodes = file.episodes or EPISODES
+        return Search(tuning, trials, whole, "contestant", CONTESTANT, out, studied, episodes, rows)
+    check_ablation(file)
+    variants = {str(variant["name"]): variant for variant in file.variants or ()}
+    for name in (*({*tuning.space} - {"all"}), *tuning.like):
+        remedy = f"give the name of a variant: {sorted(variants)}"
+        check(name in variants, f"{name!r} in [tuning]; {remedy}")
+    searched = [
+        name
+        for name in variants
+        if name in tuning.space or ("all" in tuning.space and name not in tuning.like)
+    ]
+    for name, other in tuning.like.items():
+        remedy = "give a variant of [tuning.space]"
+        check(other in searched, f"like {other!r} of {name!r} in [tuning]; {remedy}")
+    keys = {game_key(game) for game in judged(file, "game")}
+    used = sorted(game for game in tuning.games if game_key(game) in keys)
+    check(not used, f"games {used} of [tuning] are those of the study; give others")
+    whole = tuple(Searched("", name, common, settings_in(variants[name])) for name in searched)
+    return Search(tuning, trials, whole, "variant", file.kind or RUN, out, studied, rows=rows)
 
 
-def draws_of(tuning: Tuning, trials: Trials, name: str) -> list[Table]:
-    """The settings of every trial of an algorithm, contestant or variant. Those of "all" are equal
-    for every one, and so are those of equal spaces."""
+def settings_in(variant: Table) -> Table:
+    """The settings of a variant."""
+    return {name: value for name, value in variant.items() if name != "name"}
+
+
+def draws_of(tuning: Tuning, trials: Trials, searched: Searched) -> list[Table]:
+    """The settings of every trial. Those of "all" are equal for every algorithm, contestant or
+    variant, and so are those of equal spaces."""
+    name = searched.learner or searched.task
     spaces = [tuning.space[each] for each in ("all", name) if each in tuning.space]
     check(bool(spaces), f"no space of {name!r} in [tuning]; give it, or [tuning.space.all]")
     for setting in ("samples", "seed"):
@@ -86,6 +269,7 @@ def draws_of(tuning: Tuning, trials: Trials, name: str) -> list[Table]:
         search = {**space, "samples": len(drawn), "seed": tuning.search_seed + place}
         new = draw_samples(search, MOST_TRIALS)
         drawn = [{**old, **more} for old, more in zip(drawn, new, strict=True)]
+    drawn = [{n: v for n, v in each.items() if n not in searched.own} for each in drawn]
     return defaults + drawn
 
 
@@ -137,40 +321,62 @@ def least_copy_of(maze: str) -> bytes:
 # -- the choice ------------------------------------------------------------------------------------
 
 
-def best_trials(out: Path) -> tuple[list[Row], Tuned]:
-    """The trials of the search of a study as rows, and the settings of the best ones.
+def last_trials(out: Path) -> list[Row]:
+    """`trials_in` the last rung of the search of the study in `out`; nothing without a search."""
+    rungs = sorted(
+        (out / TUNING).glob("rung-*"), key=lambda path: int(path.name.partition("-")[2] or 0)
+    )
+    return trials_in([out / TUNING, *rungs][-1])
 
-    Args:
-        out: the folder of the study.
+
+def trials_in(folder: Path) -> list[Row]:
+    """The trials in the folder of a rung, in the order of their numbers; nothing if there are none.
 
     Returns:
-        A row for each trial of each algorithm or contestant (and task): its settings, its gaps on
-        all mazes, their mean logarithm "score" (None while a run is missing), and whether it is
-        "chosen": the first one with the lowest score. Nothing without a search.
+        A row for each trial of each variant, algorithm or contestant (and task): its settings, its
+        gaps on all mazes, its `score` (None while a run is missing), and whether it is "chosen":
+        the first one with the lowest score.
     """
-    folder = out / TUNING
-    if not (folder / "runs").is_dir():
-        return [], {}
+    if not (folder / LAYOUT).exists():
+        return []
     search = read_all(folder)
     of = search.layout.group[0]
-    trials: dict[tuple[str, str, int], Row] = {}
-    settings: dict[tuple[str, str, int], Table] = {}
+    groups: dict[tuple[str, str, int], list[Row]] = {}
     for row in sorted(search.everything, key=lambda row: (row["trial"], row["seed"])):
-        key = (row[of], row["variant"] or "", row["trial"])
-        label = read_label(folder / "runs" / row["run"])
-        own = {n: v for n, v in label.items() if n not in (of, "maze", "variant", "trial")}
-        settings[key] = own
-        first: Row = {of: key[0], "task": key[1], "trial": key[2], **own, "gaps": []}
-        gap = row.get("optimality_gap") if row["status"] == "complete" else None
-        trials.setdefault(key, first)["gaps"].append(gap)
-    for row in trials.values():
+        groups.setdefault((row[of], row["variant"] or "", row["trial"]), []).append(row)
+    no_settings = (of, "maze", "game", "variant", *NO_SETTINGS)
+    trials, best = list[Row](), dict[tuple[str, str], Row]()
+    for (name, task, number), runs in groups.items():
+        label: Row = {**read_label(folder / "runs" / runs[0]["run"])}
+        label = label or {n: v for n in search.varying if (v := runs[0][n]) is not None}
+        trial: Row = {of: name, "task": task, "trial": number}
+        trial |= {n: value for n, value in label.items() if n not in no_settings}
+        complete = [run["status"] == "complete" for run in runs]
+        trial["gaps"] = [
+            run.get("optimality_gap") if ended else None
+            for run, ended in zip(runs, complete, strict=True)
+        ]
+        trial |= {"score": score(runs) if all(complete) else None, "chosen": False}
+        trials.append(trial)
+        before = best.get((name, task))
+        if all(complete) and (before is None or trial["score"] < before["score"]):
+            best[name, task] = trial
+    for trial in best.values():
+        trial["chosen"] = True
+    return trials
+
+
+def score(rows: Iterable[Row]) -> float:
+    """The mean logarithm of NashConv in shares of the range of returns, plus `LEAST`; without
+    NashConv of the gap to the optimum."""
+    logs = []
+    for row in rows:
+        conv, gap = row.get("played_nash_conv"), row.get("optimality_gap")
+        check(
+            conv is not None or gap is not None,
+            f"{row['run']}: neither NashConv nor a gap to the optimum is known; use smaller games",
+        )
         # Absolute, as evaders have negative gaps.
-        logs = [math.log(max(abs(gap), LEAST_GAP)) for gap in row["gaps"] if gap is not None]
-        row["score"] = sum(logs) / len(logs) if len(logs) == len(row["gaps"]) else None
-    scored = [key for key, row in trials.items() if row["score"] is not None]
-    best: dict[tuple[str, str], tuple[str, str, int]] = {}
-    for key in sorted(scored, key=lambda key: trials[key]["score"]):
-        best.setdefault(key[:2], key)
-    for key, row in trials.items():
-        row["chosen"] = best.get(key[:2]) == key
-    return list(trials.values()), {group: settings[key] for group, key in best.items()}
+        share = abs(float(gap or 0.0)) if conv is None else conv / (row.get("payoff_range") or 1.0)
+        logs.append(math.log(share + LEAST))
+    return sum(logs) / len(logs)

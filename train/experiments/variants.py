@@ -1,23 +1,28 @@
-"""Variants of an ablation against its control, and contestants against each other, from rows.
+"""Variants of an ablation against its control: the analyses "variants" and "paired", from rows.
 
-Single agents are compared by their gap to the optimum, self-play by exact NashConv. Several mazes
-are the random units: a variant and the control are paired by maze after the mean over seeds. In one
-maze the runs are the units; of other tasks in [grid] they are permuted within each. Small games
-take the place of mazes, for single agents with the return that a best response has more.
+"variants" compares single agents by their gaps to the optimum: the runs are the units, and those of
+other tasks in [grid] are permuted within each. "paired" has mazes or games as random units: a
+variant and the control are paired by unit after the mean over seeds; of one maze the runs are the
+units. Self-play is compared by exact NashConv, single agents in small games by the return that a
+best response has more.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from itertools import combinations, product
+from dataclasses import dataclass, fields
+from functools import partial
+from itertools import combinations
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.validation import check
-from train.experiments.rows import GAPS, StudyRows
-from train.experiments.runs import LAYOUT, Study
+from train.experiments import figures
+from train.experiments.measures import budget_note, note, policies_of
+from train.experiments.rows import GAPS, Content, StudyRows, by_variant
+from train.experiments.runs import Study, TrainingRun
 from train.experiments.statistics import (
     LEVEL,
     NAN,
@@ -25,7 +30,6 @@ from train.experiments.statistics import (
     difference_interval,
     distance_interval,
     holm,
-    improvement,
     least_p,
     least_sign_flip_p,
     logrank_p,
@@ -34,17 +38,33 @@ from train.experiments.statistics import (
     probability_of_improvement,
     sign_flip_p,
 )
-from train.experiments.study import THRESHOLDS, Layout
-from train.reports.tables import Row
+from train.experiments.study import PAIRED, REPORTED_GAPS, Layout, StudyFile
+from train.reports.tables import (
+    Column,
+    ResultTable,
+    Row,
+    in_markdown,
+    numeric,
+    three_digits,
+    with_interval,
+    words,
+)
 from train.runs.folder import SELF_PLAY
-from train.settings.task import GAME
+from train.runs.worlds import contest_of
+from train.self_play.parts import game_of_all
+from train.settings.task import GAME, SmallGameSettings, TaskSettings
 
 MOST_RUNS = 100
-TARGETS = (5.0, 2.0, 1.0)
-"""Gaps in per cent to which contestants are compared."""
 UNITS = ("seconds", "frames")
 NEVER = float("inf")
 MAZE = "maze"
+SPENT = 0.8
+"""Variants with a smaller share of frames on the hardest stage are marked."""
+EQUAL = (
+    *("seconds", "clock", "frames", "seed", "threads", "processes", "evaluate"),
+    *(field.name for form in (TaskSettings, SmallGameSettings) for field in fields(form)),
+)
+"""Settings that all variants of an ablation share."""
 
 
 @dataclass(frozen=True)
@@ -75,25 +95,17 @@ MAZE_GAP = Distance("shortfall", "gap to the optimum", "per cent", MAZE, "gap", 
 
 
 def distance_of(study: StudyRows) -> Distance | None:
-    """The distance of self-play, of small games, and of single agents in several mazes; None for
-    gaps of runs in one maze."""
+    """The distance of the analysis "paired", which is usual for self-play, small games and several
+    mazes; None for "variants"."""
     rows = study.rows
     games = any(row.get("game") is not None for row in rows)
     if rows[0]["kind"] == SELF_PLAY:
         return GAME_NASH_CONV if games else NASH_CONV
     if games:
         return GAME_REGRET
-    return MAZE_GAP if study.x == MAZE and len({row["_x"] for row in rows}) > 1 else None
-
-
-def by_variant(study: StudyRows) -> dict[str, list[Row]]:
-    """The complete runs of every variant that has some, in the order of the file, by seed."""
-    layout = study.layout
-    check(layout.x == study.x, f"{LAYOUT}: from another ablation; run `pursuit ablate` again")
-    found: dict[str, list[Row]] = {name: [] for name in layout.variants}
-    for row in sorted(study.rows, key=lambda row: int(row["seed"])):
-        found.setdefault(row["variant"], []).append(row)
-    return {name: rows for name, rows in found.items() if rows}
+    several = study.x == MAZE and len({row["_x"] for row in rows}) > 1
+    paired = several if study.layout.analysis is None else study.layout.analysis == PAIRED
+    return MAZE_GAP if paired else None
 
 
 def against_control(study: StudyRows) -> list[Row]:
@@ -158,7 +170,7 @@ def gap_row(name: str, own: list[Row], control: list[Row]) -> Row:
     row |= bounded("gap", mean_of(finals), distance_interval(finals))
     row |= {"best": min(map(min, finals)), "worst": max(map(max, finals))}
     row["each_run"] = [value for task in finals for value in task]
-    row |= times_row(own, THRESHOLDS)
+    row |= times_row(own, REPORTED_GAPS)
     areas = by_task(own, "mean_optimality")
     row |= bounded("area", mean_of(areas), distance_interval(areas))
     row |= hardest_row(own)
@@ -172,7 +184,7 @@ def gap_row(name: str, own: list[Row], control: list[Row]) -> Row:
     row |= {"p": p, "apart_low": apart[0], "apart_high": apart[1]}
     tasks = {str(r["_x"]) for r in [*own, *control]}
     ended = by_task(own, "frames", tasks), by_task(control, "frames", tasks)
-    for gap in THRESHOLDS:
+    for gap in REPORTED_GAPS:
         first, other = (by_task(r, f"frames_to_{gap:g}", tasks) for r in (own, control))
         row[f"p_to_{gap:g}"] = logrank_p(first, other, ended)
     return row
@@ -304,59 +316,209 @@ def paired_verdict(row: Row, layout: Layout, distance: Distance = NASH_CONV) -> 
     return f"no difference shown ({note})"
 
 
-# -- contestants -----------------------------------------------------------------------------------
+# -- tables and figures ----------------------------------------------------------------------------
 
 
-def contestant_rows(study: StudyRows) -> list[Row]:
-    """A row for each task, policy (greedy or sampled) and contestant: times to the gaps of
-    `TARGETS`, and final gaps in per cent; failed runs count as not reaching any."""
-    table: list[Row] = []
-    runs = study.everything
-    tasks, names = (list(dict.fromkeys(r[n] for r in runs)) for n in ("variant", "contestant"))
-    for task, policy, name in product(tasks, ("greedy", "sampled"), names):
-        own = [r for r in runs if (r["variant"], r["contestant"]) == (task, name)]
-        ended = [row for row in own if row["status"] == "complete"]
-        gaps = [100.0 * row[policy] for row in ended]
-        line: Row = {"task": task, "policy": policy, "contestant": name, "runs": len(own)}
-        line |= times_row(own, TARGETS, f"{policy}_")
-        mean = (np.mean(gaps), distance_interval([gaps])) if gaps else (NAN, (NAN, NAN))
-        line |= bounded("gap", float(mean[0]), mean[1])
-        line |= {"best": min(gaps, default=NAN), "worst": max(gaps, default=NAN)}
-        success = [row[f"{policy}_success"] for row in ended]
-        line["unsolved"] = 100.0 * (1.0 - float(np.mean(success))) if ended else NAN
-        speeds = [row["frames"] / row["seconds"] for row in ended]
-        table.append(line | {"frames_per_second": float(np.median(speeds)) if ended else NAN})
-    return table
+def variant_columns(layout: Layout) -> list[Column]:
+    """The columns of variants that are compared by gaps."""
+    control = layout.control
+    better = with_interval(f"P(better than {control}) [95 %]", "improvement")
+    return [
+        words("variant"),
+        words("verdict"),
+        numeric("runs", "runs"),
+        with_interval("final gap, mean, % [95 %]", "gap"),
+        EXTREMES,
+        *time_columns(REPORTED_GAPS),
+        Column(f"log-rank p, to {layout.threshold:g} %", lambda row: p_text(row["p_time"])),
+        with_interval("optimality over training [95 %]", "area"),
+        HARDEST,
+        Column(better.head, lambda row: "" if row["variant"] == control else better.cell(row)),
+    ]
 
 
-def first_to_gaps(study: StudyRows, table: Sequence[Row]) -> list[Row]:
-    """For each task, policy, gap and unit the contestant with the smallest median, the second, and
-    their test: "ratio" of medians, "faster_in" (share of pairs of runs), and p, not corrected."""
-    found: list[Row] = []
-    for (task, policy), gap, unit in product(
-        dict.fromkeys((row["task"], row["policy"]) for row in table), TARGETS, UNITS
-    ):
-        column = f"{unit}_to_{gap:g}"
-        rows = [row for row in table if (row["task"], row["policy"]) == (task, policy)]
-        known = sorted((r for r in rows if r[column] < NEVER), key=lambda row: row[column])
-        line: Row = {"task": task, "policy": policy, "gap": gap, "unit": unit}
-        line |= dict.fromkeys(("first", "second", "ratio", "faster_in", "p"))
-        for place, row in zip(("first", "second"), known, strict=False):
-            line[place] = row["contestant"]
-        if len(known) > 1:
-            ours, theirs = (
-                [
-                    min(row.get(f"{policy}_{column}") or 1e18, 1e18)
-                    for row in study.everything
-                    if (row["variant"], row["contestant"]) == (task, each["contestant"])
-                ]
-                for each in known[:2]
+def time_columns(gaps: Sequence[float]) -> list[Column]:
+    """For each gap the medians of seconds and frames to it, and how many runs reached it."""
+
+    def cell(gap: float, row: Row) -> str:
+        reached, runs = row[f"reached_{gap:g}"], row["runs"]
+        seconds, frames = row[f"seconds_to_{gap:g}"], row[f"frames_to_{gap:g}"]
+        if not np.isfinite(seconds):
+            return f"median not reached ({reached} of {runs})"
+        scale, unit = (1e6, "M") if frames >= 1e6 else (1e3, "k")
+        digits = three_digits(seconds), three_digits(frames / scale)
+        return f"{digits[0]}, {digits[1]} {unit} ({reached} of {runs})"
+
+    return [Column(f"to {g:g} %: seconds, frames (runs)", partial(cell, g)) for g in gaps]
+
+
+EXTREMES = Column(
+    "best to worst", lambda row: f"{three_digits(row['best'])} to {three_digits(row['worst'])}"
+)
+
+
+def _hardest(row: Row) -> str:
+    share = row["hardest_share"]
+    if np.isnan(share):
+        return ""
+    text = f"{100 * share:.0f} %" + ("" if share >= SPENT else f", below {100 * SPENT:.0f} %")
+    never = row["never_hardest"]
+    return text + (f"; none in {never} of {row['runs']} runs" if never else "")
+
+
+HARDEST = Column("frames on the hardest stage", _hardest)
+
+
+def paired_columns(layout: Layout, distance: Distance) -> list[Column]:
+    """The columns of variants that are paired by maze or game."""
+    hardest = [HARDEST] if distance is MAZE_GAP else []
+    return [
+        words("variant"),
+        words("verdict"),
+        numeric("runs", "runs"),
+        numeric(f"{distance.name}, geometric mean", "distance", ".3f"),
+        numeric("worst", "worst", ".3f"),
+        with_interval(f"ratio to {layout.control} [95 %]", "ratio", ".2f"),
+        words(f"{distance.unit}s below {layout.control}", "lower_in"),
+        *hardest,
+    ]
+
+
+def variant_notes(study: StudyRows) -> list[str]:
+    """The explanation of the table of variants that are compared by gaps."""
+    layout, kinds = study.layout, policies_of(study.rows)
+    pairs = [in_markdown(f"Variants {one} and {other}") for one, other in equal_results(study)]
+    lines = [
+        *(note("gaps.equal", pair=pair) for pair in pairs),
+        budget_note(study),
+        note("gaps.verdict", level=LEVEL),
+        note("gaps.times", kinds=kinds, cut=note("gaps.cut")),
+        note("gaps.hardest", spent=100 * SPENT),
+    ]
+    if layout.primary is None:
+        lines.append(note("gaps.no_primary"))
+    else:
+        pair = in_markdown(f"{layout.primary} against {layout.control}")
+        lines.append(note("gaps.primary", pair=pair))
+    return lines + ([note("gaps.margin", margin=layout.margin)] if layout.margin else [])
+
+
+def paired_notes(study: StudyRows, table: Sequence[Row], distance: Distance) -> list[str]:
+    """The explanation of the table of variants that are paired by maze or game."""
+    unit = distance.unit
+    units = "mazes" if max(row[f"{unit}s"] for row in table) > 1 else "runs"
+    named = {"unit": unit, "units": f"{unit}s".capitalize(), "level": LEVEL}
+    values = note(f"paired.{distance.note}", least=distance.least, scale=distance.scale)
+    hardest = [note("gaps.hardest", spent=100 * SPENT)] if distance is MAZE_GAP else []
+    return [budget_note(study), note(f"paired.{units}", **named), values, *hardest]
+
+
+def variants_content(study: StudyRows, folder: Path, unit: str, log: bool) -> Content:
+    """The report of an ablation of single agents, with the runs as units."""
+    rows = against_control(study)
+    panels = {
+        "final gap to the optimum (%)": ("gap", "gap", "each_run"),
+        f"P(better than {study.layout.control})": ("share", "improvement", ""),
+    }
+    figures.draw_final(folder / "final.png", study, rows, "variant", panels)
+    names = ["final.png", *figures.draw_stages(folder, study, unit, log)]
+    return ResultTable(rows, variant_columns(study.layout)), variant_notes(study), names
+
+
+def paired_content(study: StudyRows, folder: Path, unit: str, log: bool) -> Content:
+    """The report of an ablation by maze or game, without curves over training time."""
+    rows, distance = against_control(study), distance_of(study)
+    assert distance is not None
+    panels = {f"{distance.name} ({distance.scale})": ("log", "distance", "each_run")}
+    figures.draw_final(folder / "final.png", study, rows, "variant", panels)
+    table = ResultTable(rows, paired_columns(study.layout, distance))
+    return table, paired_notes(study, rows, distance), ["final.png"]
+
+
+# -- what a study must have ------------------------------------------------------------------------
+
+
+def check_ablation(file: StudyFile) -> None:
+    """ValueError unless the variants can be compared with the control: an equal budget and task.
+
+    Without a curriculum in [settings] variants have none unless they name one.
+    """
+    variants, control, primary = file.variants or [], file.control, file.primary
+    check(len(variants) > 1, "give at least two [[variants]], with names")
+    names = [variant.get("name") for variant in variants]
+    check(control in names, f"control={control!r} is not a variant; give one of {names}")
+    others = [name for name in names if name != control]
+    check(
+        primary in (None, *others),
+        f"primary={primary!r} is not a variant other than the control; give one of {others}",
+    )
+    check(
+        file.margin is None or file.margin > 0,
+        f"margin={file.margin}; give points of the gap, above 0",
+    )
+    check(
+        file.threshold in REPORTED_GAPS,
+        f"threshold={file.threshold:g}; give one of the gaps {REPORTED_GAPS} in %",
+    )
+    for variant in variants:
+        own = sorted(set(EQUAL) & set(variant))
+        check(
+            not own,
+            f"variant {variant.get('name')!r} sets {', '.join(own)}; all variants have the same "
+            "budget, task and seeds, so set it in [settings]",
+        )
+        if file.kind != SELF_PLAY and "curriculum" not in (file.settings or {}):
+            variant.setdefault("curriculum", "none")
+    grid, hints = list(file.grid or {}), file.report
+    check(
+        hints is None or hints.group is None,
+        "group in [report]: an ablation draws one curve per variant; leave it out",
+    )
+    x = None if hints is None else hints.x
+    check(x in (None, *grid), f"x={x!r} in [report] is not in [grid]; give one of {grid}")
+    check(
+        len(grid) <= 1 and (x is not None or not grid),
+        f"[grid] {grid} and x={x!r} in [report]; give at most one setting in [grid], and name it "
+        "as x in [report]: variants are compared for each of its values",
+    )
+
+
+def check_measures(file: StudyFile, runs: Sequence[TrainingRun]) -> None:
+    """ValueError for runs whose distance to the exact optimum or equilibrium is not known."""
+    tasks = dict.fromkeys(run.settings.task for run in runs)
+    games = any(task.game is not None for task in tasks)
+    if file.kind == SELF_PLAY or games:
+        where, unit = ("games in returns", "game") if games else ("self-play", "maze")
+        what = "gaps in steps" if games else "single-agent runs"
+        for name in ("primary", "margin"):
+            value = getattr(file, name)
+            check(value is None, f"{name}={value!r} is for {what}; leave it out")
+        x = file.report.x if file.report else None
+        check(x in (None, unit), f"x={x!r} in [report]; in {where} give [grid] {unit} = [...]")
+        for task in tasks:
+            why = game_of_all(task).why_not_always()
+            check(
+                why is None,
+                f"task {task.task!r} with these agents has no exact NashConv for every run: {why}",
             )
-            line["ratio"] = known[1][column] / known[0][column]
-            line["faster_in"] = float(improvement(ours, theirs))
-            line["p"] = permutation_p([ours], [theirs])
-        found.append(line)
-    return found
+        return
+    check(
+        file.margin is None or len({run.label.get("maze") for run in runs}) == 1,
+        f"margin={file.margin} is for runs in one maze; leave it out, as mazes are paired",
+    )
+    for task in tasks:
+        contest = contest_of(task, 2)
+        check(
+            contest.optimal() is not None,
+            f"the exact optimum of task {task.task!r} with these agents is not known, but an "
+            "ablation needs it; use a single runner, one chaser against one evader, or a smaller "
+            "game without goals for evaders",
+        )
+        check(
+            contest.measure.by_steps,
+            f"task {task.task!r} is scored by {contest.measure.name}, but an ablation needs the "
+            "gap in steps; use a single runner, or a chase",
+        )
 
 
 # -- beforehand ------------------------------------------------------------------------------------
@@ -375,7 +537,7 @@ def out_of_reach(study: Study) -> list[str]:
         return [line] if study.pinned and least >= LEVEL else []
     tasks = len({run.label.get(str(layout.x)) for run in runs})
     games = layout.x == GAME
-    by_maze = (runs[0].kind == SELF_PLAY or layout.x in (GAME, MAZE)) and tasks > 1
+    by_maze = layout.analysis == PAIRED and tasks > 1
     corrected = [v for v in layout.variants if v not in (layout.control, layout.primary)]
     unit, now = ("games" if games else "mazes", tasks) if by_maze else ("seeds", seeds)
 

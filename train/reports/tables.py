@@ -79,6 +79,28 @@ def numeric(head: str, name: str, form: str = "", scale: float = 1, unit: str = 
     return Column(head, cell)
 
 
+def with_interval(head: str, name: str, form: str = "") -> Column:
+    """A column of numbers NAME with their interval from NAME_low to NAME_high, in a format, by
+    default `three_digits`; empty for NaN, and without an interval where its ends are NaN."""
+
+    def cell(row: Row) -> str:
+        values = [row[f"{name}{end}"] for end in ("", "_low", "_high")]
+        value, low, high = (format(each, form) if form else three_digits(each) for each in values)
+        if values[0] != values[0]:
+            return ""
+        return value if values[1] != values[1] else f"{value} [{low}, {high}]"
+
+    return Column(head, cell)
+
+
+def three_digits(value: float) -> str:
+    """A number with about three digits; "never" for infinity."""
+    if value == float("inf"):
+        return "never"
+    size = abs(value)
+    return f"{value:.0f}" if size >= 100 else f"{value:.1f}" if size >= 10 else f"{value:z.2f}"
+
+
 def short(value: object) -> str:
     """A setting as text; at most six digits of a float."""
     return f"{value:g}" if isinstance(value, float) else str(value)

@@ -20,7 +20,7 @@ from train.experiments.contestants import CONTESTANTS
 from train.experiments.rows import CURVES, RUNS, curve_measures
 from train.experiments.stages import Stage, stages_of
 from train.experiments.study import StudyFile, choose_version, read_file
-from train.experiments.tuning import best_trials, least_copy_of, mazes_of
+from train.experiments.tuning import last_trials, least_copy_of, mazes_of
 from train.experiments.variants import times_row
 from train.settings.task import TaskSettings
 
@@ -92,13 +92,13 @@ def test_a_small_comparison_runs_to_its_report_and_is_not_repeated(
     said = capsys.readouterr().out
     assert said.count("4 complete\n") == 2 and "report: " in said
     # The final settings are those of the trial with the lowest score.
-    trials, tuned = best_trials(out)
+    trials = last_trials(out)
     runs, curves = (polars.read_parquet(out / name) for name in (RUNS, CURVES))
     for name in ("ours", "stable-baselines3"):
         own = [row for row in trials if row["contestant"] == name]
         scores = [row["score"] for row in own]
         assert [row["chosen"] for row in own].index(True) == int(np.argmin(scores))
-        rate = tuned[name, "runner, 2x2"]["learning_rate"]
+        (rate,) = (row["learning_rate"] for row in own if row["chosen"])
         mine = [row for row in runs.to_dicts() if row["contestant"] == name]
         assert {row["learning_rate"] for row in mine} == {rate}
         assert all(row["minibatch_size"] <= 64 for row in mine)  # a rollout
@@ -134,7 +134,7 @@ def test_a_failed_run_is_reported_and_retried(
     monkeypatch.setitem(CONTESTANTS, "ours", replace(entry, build=broken))
     with pytest.raises(SystemExit):
         compare(tmp_path, alone)
-    assert "ours failed in every trial on 'runner, 2x2'" in capsys.readouterr().err
+    assert "of 'ours' on 'runner, 2x2' is complete; see" in capsys.readouterr().out
     errors = list((tmp_path / "out" / "tuning").rglob("error.txt"))
     assert len(errors) == 2 and "no luck" in errors[0].read_text(encoding="utf-8")
     monkeypatch.setitem(CONTESTANTS, "ours", entry)
@@ -160,7 +160,7 @@ def test_a_folder_of_something_else_is_refused(
 
 def test_options_of_the_command(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     for options, words in (
-        (["--workers", "0"], "workers=0"),
+        (["--workers", "-1"], "workers=-1"),
         (["--version", "medium"], "short or full"),
         (["--clock", "sun"], "unknown clock 'sun'"),
     ):

@@ -11,8 +11,9 @@ from executed_here import executed_here
 
 from train.commands.main import main
 from train.experiments import figures
+from train.experiments.measures import measure_of
 from train.experiments.rows import read_study
-from train.experiments.summary import measure_of, sweep_table
+from train.experiments.summary import sweep_table
 
 FILE = """
 episodes = 20

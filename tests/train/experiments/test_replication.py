@@ -12,11 +12,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+import thesis_table
 from executed_here import executed_here
 from scipy.stats import rankdata
 
 from pursuit.mazes.maze import load_maze
-from scripted_agents import num_states
+from scripted_agents import expected_tour_length
 from train.commands.main import main
 from train.experiments import claims as claims_
 from train.experiments import tuning
@@ -31,13 +32,7 @@ from train.experiments.claims import (
     threshold_test,
     worse_by,
 )
-from train.experiments.exact_claims import (
-    STATES,
-    TOURS,
-    states_table,
-    swapped_states,
-    tours_table,
-)
+from train.experiments.claims_page import decide_all, study_part, verdicts, write_replication
 from train.experiments.executors import run_locally
 from train.experiments.expansion import multiply_out
 from train.experiments.replication import (
@@ -49,12 +44,11 @@ from train.experiments.replication import (
     runs_of_study,
     with_own_mazes,
 )
-from train.experiments.replication_page import decide_all, study_part, verdicts, write_replication
 from train.experiments.rows import StudyRows, curve_measures
 from train.experiments.stages import carry_out
 from train.experiments.statistics import permutation_p
 from train.experiments.study import PARTS, Claim, Layout, StudyFile, read_file
-from train.experiments.tuning import best_trials, search_of
+from train.experiments.tuning import last_trials, search_of
 from train.files import read_json
 
 Row = dict[str, Any]
@@ -264,26 +258,16 @@ def test_a_gap_is_objective_gap_and_loops_and_the_rest() -> None:
     assert part_of(ran(0, 0.0, solved_gap=0.0, objective_gap=0.0), "objective") == 0.0
 
 
-def test_the_table_of_states_is_its_formula_with_two_factors_swapped() -> None:
-    assert all(swapped_states(side**2) == printed for side, printed in STATES.items())
-    assert all(num_states(side**2, 3) != printed for side, printed in STATES.items())
-    verdict, _, table = states_table()
-    lines = table.splitlines()
-    assert verdict == "refuted" and len(lines) == 2 + len(STATES)
-    assert "| 3x3 | 828 | 855 | 855 |" in lines
-    assert "| 5x5 | 58,100 | 58,375 | 58,375 |" in lines
-
-
-def test_tours_are_decided_on_the_users_mazes_alone(tmp_path: Path) -> None:
-    verdict, note, table = tours_table({})
-    assert verdict == "undecided" and "--mazes" in note
-    assert len(table.splitlines()) == 2 + len(TOURS)
+def test_the_table_of_states_is_its_formula_with_two_factors_swapped(tmp_path: Path) -> None:
+    for row in thesis_table.states_table():
+        assert row["formula 3.2, two factors swapped"] == row["table 3.1"] != row["formula 3.2"]
+    numbers = [row["formula 3.2"] for row in thesis_table.states_table()]
+    assert numbers[0] == "828" and numbers[2] == "58,100"
+    assert len(thesis_table.tours_table({})) == len(thesis_table.TOURS)
     (tmp_path / "mine.txt").write_text(load_maze("3x3").to_text())
     (tmp_path / "readme.md").write_text("no maze")
-    own = mazes_by_size(tmp_path)
-    assert list(own) == ["3x3"]
-    verdict, _, table = tours_table(own)  # 4.92 here, 4.97 in the table: within 5 %
-    assert verdict == "confirmed" and len(table.splitlines()) == 3
+    (row,) = thesis_table.tours_table(mazes_by_size(tmp_path))
+    assert row["optimal mean tour, exact"] == f"{expected_tour_length(load_maze('3x3'), 3):.3f}"
 
 
 def test_an_evaders_settings_are_ranked_by_their_gaps(
@@ -295,15 +279,16 @@ def test_an_evaders_settings_are_ranked_by_their_gaps(
         for number, gap in enumerate((-0.5, -0.01, -0.2))
         for seed in range(2)
     ]
-    (tmp_path / "tuning" / "runs").mkdir(parents=True)
+    (tmp_path / "tuning").mkdir(parents=True)
+    (tmp_path / "tuning" / "sweep.json").touch()
     search = StudyRows(Layout("", group=["algorithm"]), everything=rows)
     monkeypatch.setattr(tuning, "read_all", lambda folder: search)
-    trials, tuned = best_trials(tmp_path)
-    assert [row["chosen"] for row in trials] == [False, True, False] and tuned == {("dqn", ""): {}}
+    trials = last_trials(tmp_path)
+    assert [row["chosen"] for row in trials] == [False, True, False]
     ranked = sorted(trials, key=lambda row: float(row["score"]))
     assert [row["trial"] for row in ranked] == [1, 2, 0]
     rows[2]["status"] = "failed"  # a trial that is not complete has no score
-    assert [row["chosen"] for row in best_trials(tmp_path)[0]] == [False, False, True]
+    assert [row["chosen"] for row in last_trials(tmp_path)] == [False, False, True]
 
 
 @pytest.mark.parametrize("name", ["thesis/former_", "optimum/"])
@@ -327,17 +312,6 @@ def test_the_verdicts_of_the_committed_pages_follow_from_their_values(name: str)
     found = corrected([Decision(test=test) for test in tests])
     assert [cell.verdict for cell in found] == [row["verdict"] for row in told]
     assert [cell.test.p for cell in found] == pytest.approx([float(row["p"]) for row in told])
-
-
-@pytest.mark.parametrize(("kind", "rule"), [("exact = true", "learns"), ('sweep = "x"', "states")])
-def test_rules_fit_their_study(tmp_path: Path, kind: str, rule: str) -> None:
-    file = tmp_path / "claims.toml"
-    file.write_text(
-        f'title = "t"\n[[studies]]\nid = "a"\ntitle = "t"\nthesis = "q"\ndiffers = "d"\n{kind}\n'
-        f'[[studies.claims]]\ntext = "z"\nrule = "{rule}"\n'
-    )
-    with pytest.raises(ValueError, match=f"rule '{rule}'; give states or tours"):
-        load_replication(file=str(file))
 
 
 def test_user_defined_mazes_replace_shipped_ones_of_the_same_size(tmp_path: Path) -> None:
@@ -371,7 +345,8 @@ def test_settings_that_were_found_go_to_their_algorithm_alone() -> None:
 def test_every_algorithm_has_the_same_search_budget(tmp_path: Path) -> None:
     plan = load_replication()
     assert plan.tuning is not None
-    trials = search_of(plan.tuning, "short").runs
+    search = search_of(plan.tuning, "short", tmp_path)
+    trials = search.study(0).runs
     count = {name: 0 for name in plan.tuning.space}
     for run in trials:
         count[run.settings.algorithm] += 1
@@ -380,8 +355,8 @@ def test_every_algorithm_has_the_same_search_budget(tmp_path: Path) -> None:
     shipped = [run for run in trials if set(run.label) == {"algorithm", "maze", "trial"}]
     assert len(shipped) == 3 * len(plan.tuning.mazes)
     for study in plan.studies:  # on mazes and seeds of no study
-        if not study.exact and study.id != "figure-2.2":
-            runs = runs_of_study(study, plan, tmp_path).runs
+        if study.id != "figure-2.2":
+            runs = runs_of_study(study, plan, search).runs
             used = {run.settings.task.maze for run in runs if hasattr(run.settings.task, "maze")}
             assert not used & set(plan.tuning.mazes)
             assert not {run.settings.seed for run in runs} & {run.seed for run in trials}
@@ -390,17 +365,14 @@ def test_every_algorithm_has_the_same_search_budget(tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("version", ["short", "full"])
 @pytest.mark.parametrize("file", ["thesis", "optimum"])
-def test_every_claim_is_about_runs_that_its_study_has(
-    file: str, version: str, tmp_path: Path
-) -> None:
+def test_every_claim_is_about_runs_that_its_study_has(file: str, version: str) -> None:
     plan = load_replication(version=version, file=file)
     assert len({study.id for study in plan.studies}) == len(plan.studies)
     for study in plan.studies:
-        if not study.exact:
-            assert runs_of_study(study, plan, tmp_path).runs
+        assert runs_of_study(study, plan).runs
     study.claims[0].of["maze"] = "1x1"
     with pytest.raises(ValueError, match=r"'maze': '1x1'.* has no such run"):
-        runs_of_study(study, plan, tmp_path)
+        runs_of_study(study, plan)
 
 
 def test_rules_are_saved_and_changes_are_reported(tmp_path: Path) -> None:
@@ -415,7 +387,7 @@ def test_rules_are_saved_and_changes_are_reported(tmp_path: Path) -> None:
 
 
 def test_the_page_has_claim_rule_verdict_and_evidence(tmp_path: Path) -> None:
-    plan = load_replication(["figure-4.4", "table-3.1"])
+    plan = load_replication(["figure-4.4"])
     study = plan.studies[-1]
     more: dict[str, Any] = {
         "role": "chaser",
@@ -446,7 +418,7 @@ def test_the_command_lists_its_runs(tmp_path: Path, capsys: pytest.CaptureFixtur
     main(["reproduce", "--list"])
     assert "figure-4.8" in capsys.readouterr().out
     for arguments, told in (
-        (["figure-9"], "give all, or some of table-3.1"),
+        (["figure-9"], "give all, or some of figure-2.2"),
         (["all", "--version", "long"], "unknown version 'long'"),
         (["figure-4.2-settings"], "is part of full only"),
         (["all", "--mazes", str(tmp_path / "no")], "no such folder"),
@@ -508,7 +480,7 @@ def test_a_replication_from_the_search_to_the_page(tmp_path: Path) -> None:
         return [statuses for _, statuses in done]
 
     assert {status for each in execute() for status in each.values()} == {"complete"}
-    assert {name for name, _ in best_trials(out)[1]} == {"q_learning"}
+    assert {row["algorithm"] for row in last_trials(out) if row["chosen"]} == {"q_learning"}
     text = write_replication(plan, out).read_text()
     assert "6 of 6 runs are complete" in text and "| confirmed | for |" in text
     with (out / "report" / "runs.csv").open() as rows:

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from scipy import stats
 from scipy.stats import mannwhitneyu
 
+from train.experiments.measures import interval_of, measure_of
 from train.experiments.statistics import (
     difference_interval,
     distance_interval,
@@ -24,7 +25,6 @@ from train.experiments.statistics import (
     permutation_p,
     probability_of_improvement,
 )
-from train.experiments.summary import interval_of, measure_of
 
 SPREAD: dict[str, tuple[float, Callable[..., Any]]] = {
     "normal": (0.0, lambda rng, size: rng.normal(size=size)),

@@ -18,7 +18,7 @@ from pursuit import load_maze
 from pursuit.tasks.task import make_task
 from scripted_agents import AStarEvader, evaluate_joint, solve_joint
 from train.commands.main import main
-from train.commands.sweep import SweepWatch
+from train.commands.studies import SweepWatch
 from train.experiments import executors
 from train.experiments.expansion import load_study
 from train.experiments.rows import read_all, read_run

@@ -16,7 +16,7 @@ import pytest
 from executed_here import executed_here
 
 from train.commands.main import main
-from train.commands.sweep import SweepWatch
+from train.commands.studies import SweepWatch
 from train.experiments.executors import progress_of, run_locally, start_worker
 from train.experiments.expansion import load_study
 from train.experiments.report import report_on

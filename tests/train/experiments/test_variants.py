@@ -21,8 +21,8 @@ from train.experiments.statistics import (
     sign_flip_p,
 )
 from train.experiments.study import Layout
-from train.experiments.summary import HARDEST
 from train.experiments.variants import (
+    HARDEST,
     against_control,
     equal_results,
     gap_row,
@@ -260,6 +260,7 @@ def plan(
         for seed in range(seeds)
     ]
     layout = Layout("a plan", variants=names, control="control", primary=primary, x=x)
+    layout.analysis = "paired" if x == "maze" else "variants"
     return Study(layout, tuple(runs))
 
 

@@ -1,4 +1,4 @@
-"""`pursuit sweep`."""
+"""`pursuit sweep`, `ablate`, `compare` and `reproduce`: studies, from the file to the report."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ import tyro
 
 from pursuit.validation import at_least, check, choice
 from train.commands.parse import parse
-from train.experiments.study import ENDED, shipped
+from train.experiments.study import ENDED, StudyFile, shipped
 from train.files import check_output_folder
 from train.settings.checks import Settings
 
@@ -35,13 +35,14 @@ class SweepCommand(Settings):
     """
 
     file: Annotated[str | None, tyro.conf.Positional] = None
-    """A sweep file (.toml), or the name of a shipped one."""
+    """A study file (.toml), or the name of a shipped one."""
     list: bool = False
-    """List the shipped sweep files."""
+    """List the shipped files."""
     version: str | None = None
     """short or full, if the file has both; by default short."""
     out: Path | None = None
-    """The folder of the sweep; by default sweeps/NAME, of the full version sweeps/NAME-full."""
+    """The folder of the study; by default sweeps/NAME (ablations/NAME, comparisons/NAME-short), of
+    the full version NAME-full."""
     executor: Annotated[str, choice("local", "ray")] = "local"
     """local: processes of this machine, one core each. ray: tasks of a Ray cluster."""
     workers: Annotated[int, at_least(0)] = 0
@@ -55,26 +56,101 @@ class SweepCommand(Settings):
     """A folder for the rows of finished runs: runs.csv, with a search for settings tuning.csv. Runs
     whose row is there are not executed again, also on another machine and without --out."""
     overwrite: bool = False
-    """Use --out even if it contains another sweep. Its runs are kept, its report is replaced."""
+    """Use --out even if it contains another study. Its runs are kept, its report is replaced."""
+
+
+@dataclass(frozen=True)
+class AblateCommand(SweepCommand):
+    """Compare variants (such as curricula) with a control, over several seeds.
+
+    All variants have the same budget and are evaluated on the task itself, at its final difficulty,
+    throughout training. `pursuit ablate --list` lists the shipped files. Complete runs are skipped,
+    interrupted runs are resumed.
+    """
+
+
+@dataclass(frozen=True)
+class CompareCommand(SweepCommand):
+    """Compare PPO of several libraries on the same tasks, with the same budget for tuning.
+
+    Settings are searched on held-out mazes. Then every contestant learns the tasks with several
+    seeds, and the time to 5, 2 and 1 % of the exact optimum is measured. Completed runs are not
+    repeated, so Ctrl-C loses at most one run.
+    """
+
+    file: Annotated[str | None, tyro.conf.Positional] = "ppo"
+    """A comparison file (.toml), or the name of a shipped one."""
+    clock: str | None = None
+    """wall, or processor: processor time of the run's process, which other load on the machine
+    affects less. By default the clock of the file."""
+    workers: Annotated[int, at_least(0)] = 1
+    """Parallel local processes; 0: one per core. Use 1 for published timings: cores share caches
+    and memory bandwidth."""
+
+
+@dataclass(frozen=True)
+class ReproduceCommand(Settings):
+    """Repeat the experiments of the thesis, and decide its claims.
+
+    First settings are searched, with the same budget for every algorithm. Then the studies run, and
+    a page lists every claim with its rule, verdict and evidence. Complete runs are skipped, so the
+    same command continues after Ctrl-C. The short version takes some hours on two cores,
+    the full one some days; --dry-run lists the budgets.
+    """
+
+    studies: Annotated[tuple[str, ...], tyro.conf.Positional] = ("all",)
+    """all, or studies by name: figure-4.2, figure-4.6, ... (see --list)."""
+    claims: str = "thesis"
+    """thesis: the claims of the thesis. optimum: hypotheses on the parts of gaps. Or a replication
+    file (.toml)."""
+    list: bool = False
+    """List the studies and their claims."""
+    version: str = "short"
+    """short or full."""
+    mazes: Path | None = None
+    """A folder with the mazes of the thesis: text files, one of each size, that replace the shipped
+    mazes of the same size."""
+    out: Path | None = None
+    """The folder of the replication; replications/CLAIMS-VERSION by default."""
+    workers: Annotated[int, at_least(0)] = 0
+    """Parallel runs, one core each; 0: one per core."""
+    dry_run: bool = False
+    """List the runs without executing them."""
+    page: bool = False
+    """Only write the page from the complete runs."""
+    overwrite: bool = False
+    """Use --out even if it contains another replication. Its runs are kept, its page is
+    replaced."""
 
 
 def sweep(arguments: Sequence[str]) -> None:
     """`pursuit sweep`."""
-    run_study_file(parse(SweepCommand, arguments, "sweep"), arguments, "sweep")
+    run_study_file(
+        parse(SweepCommand, arguments, "sweep"), f"sweep {shlex.join(arguments)}", "sweep"
+    )
 
 
-def run_study_file(options: SweepCommand, arguments: Sequence[str], kind: str) -> None:
-    """`pursuit sweep` and `pursuit ablate`: execute the runs of a file, and write the report.
+def ablate(arguments: Sequence[str]) -> None:
+    """`pursuit ablate`."""
+    options = parse(AblateCommand, arguments, "ablate")
+    run_study_file(options, f"ablate {shlex.join(arguments)}", "ablation")
+
+
+def compare(arguments: Sequence[str]) -> None:
+    """`pursuit compare`."""
+    options = parse(CompareCommand, arguments, "compare")
+    run_study_file(options, f"compare {shlex.join(arguments)}", "comparison", options.clock)
+
+
+def run_study_file(options: SweepCommand, again: str, kind: str, clock: str | None = None) -> None:
+    """Execute the runs of a study file, and write the report.
 
     Args:
         options: of the command.
-        arguments: of the command line.
-        kind: of the study file, "sweep" or "ablation".
+        again: the command, without "pursuit".
+        kind: of the study file: "sweep", "ablation" or "comparison".
+        clock: replaces that of the file.
     """
-    check(
-        options.file is None or not options.list,
-        f"file {options.file!r} with --list; leave one of the two out",
-    )
     check(options.list or options.file is not None, "no file; give one, or --list")
     check(
         options.address is None or options.executor == "ray",
@@ -84,21 +160,70 @@ def run_study_file(options: SweepCommand, arguments: Sequence[str], kind: str) -
     from train.experiments.stages import stages_of
 
     if options.list:
+        default = type(options).file
+        check(
+            options.file == default, f"file {options.file!r} with --list; leave one of the two out"
+        )
         for name in shipped(kind):
             layout = load_study(name, kind).layout
             variants = f"{len(layout.variants)} variants  " if layout.control else ""
             print(f"{name:<28}{variants}{layout.title}")
         return
+
+    def with_clock(file: StudyFile) -> StudyFile:
+        if clock is not None:
+            file.settings = {**(file.settings or {}), "clock": clock}
+        return file
+
     name, full = str(options.file), options.version == "full"
-    out = options.out or Path(f"{kind}s") / f"{Path(name).stem}{'-full' if full else ''}"
-    stages = stages_of(name, kind, options.version, out, rows=options.rows)
+    version = "-full" if full else "-short" * (kind == "comparison")
+    out = options.out or Path(f"{kind}s") / f"{Path(name).stem}{version}"
+    stages = stages_of(name, kind, options.version, out, with_clock, options.rows)
     check_own(stages[-1], out, options.overwrite)
-    if options.dry_run:
+    if options.dry_run and kind == "comparison":
+        list_stages(stages, out, options.workers or os.cpu_count() or 1)
+    elif options.dry_run:
         list_runs(stages[-1].expand(), out)
+    else:
+        again = f"pursuit {again}"
+        done = run_stages(stages, options.workers, again, options.executor, options.address)
+        exit_if_failed(done[-1:], again)
+
+
+def reproduce(arguments: Sequence[str]) -> None:
+    """`pursuit reproduce`."""
+    options = parse(ReproduceCommand, arguments, "reproduce")
+    from train.experiments.claims_page import write_replication  # torch is slow to import
+    from train.experiments.replication import (
+        is_replication,
+        keep_rules,
+        load_replication,
+        replication_stages,
+    )
+
+    plan = load_replication(options.studies, options.version, options.mazes, options.claims)
+    if options.list:
+        for study in plan.studies:
+            print(f"{study.id:<20}{study.title}")
+            print("\n".join(f"{'':<22}{claim.text}" for claim in study.claims))
         return
-    again = f"pursuit {'ablate' if kind == 'ablation' else kind} {shlex.join(arguments)}"
-    done = run_stages(stages, options.workers, again, options.executor, options.address)
-    exit_if_failed(done[-1:], again)
+    own = "-own-mazes" if options.mazes else ""
+    out = options.out or Path("replications") / f"{plan.name}-{options.version}{own}"
+    check_output_folder(out, lambda folder: is_replication(plan, folder), options.overwrite)
+    stages = replication_stages(plan, out)
+    if options.dry_run:
+        list_stages(stages, out, options.workers or os.cpu_count() or 1)
+        return
+    if options.page:
+        check(out.is_dir(), f"{out}: no such folder; leave out --page to start the runs")
+        print(f"page: {write_replication(plan, out)}")
+        return
+    out.mkdir(parents=True, exist_ok=True)
+    keep_rules(plan, out)
+    again = f"pursuit reproduce {shlex.join(arguments)}"
+    done = run_stages(stages, options.workers, again)
+    print(f"page: {write_replication(plan, out)}")
+    exit_if_failed(done, again)
 
 
 def check_own(stage: Stage, out: Path, overwrite: bool) -> None:

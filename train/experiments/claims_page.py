@@ -1,4 +1,4 @@
-"""The page of a replication: its claims with conditions, rule, verdict and evidence."""
+"""The analysis "claims": the page of a replication, with conditions, rules, verdicts, evidence."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from train.experiments.claims import (
     decide,
     named,
 )
-from train.experiments.exact_claims import states_table, tours_table
+from train.experiments.measures import note
 from train.experiments.replication import PAGE, STUDIES, Replication, changed_rules
 from train.experiments.report import ran_on, settings_parts
 from train.experiments.rows import StudyRows, read_all
@@ -32,8 +32,7 @@ from train.experiments.statistics import (
     mean_interval,
 )
 from train.experiments.study import COMPARISONS, Claim, ClaimedStudy, Layout
-from train.experiments.summary import note
-from train.experiments.tuning import best_trials
+from train.experiments.tuning import last_trials
 from train.files import write_bytes, write_csv
 from train.reports.pages import write_markdown
 from train.reports.tables import Column, ResultTable, Row, in_markdown, plain_table, words
@@ -45,22 +44,16 @@ SIDES = {True: "for", False: "against"}
 
 @dataclass(frozen=True)
 class Decided:
-    """A claim of a study with the decision of each cell, or of one that needs no runs its verdict,
-    a note and the evidence as Markdown."""
+    """A claim of a study with the decision of each cell."""
 
     study: ClaimedStudy
     claim: Claim
-    cells: tuple[Decision, ...] = ()
-    verdict: str = ""
-    note: str = ""
-    table: str = ""
+    cells: tuple[Decision, ...]
 
     def rows(self) -> list[Row]:
         """A row for each cell: the rows of `claims.csv`."""
         row: Row = {"study": self.study.id, "claim": self.claim.text, "rule": self.claim.rule}
-        row |= dict.fromkeys(("cell", "supports", "p", "p_holm", "least_p", "runs"), "")
-        exact = [{"verdict": self.verdict, "note": self.note}]
-        return [row | cell for cell in map(cell_row, self.cells)] or [row | each for each in exact]
+        return [row | cell for cell in map(cell_row, self.cells)]
 
 
 def rows_of(folder: Path, mazes: Mapping[str, str]) -> StudyRows:
@@ -79,13 +72,9 @@ def decide_all(plan: Replication, studies: Mapping[str, StudyRows]) -> list[Deci
     decided = []
     for study in plan.studies:
         for claim in study.claims:
-            if study.exact:
-                exact = states_table() if claim.rule == "states" else tours_table(plan.mazes)
-                decided.append(Decided(study, claim, (), *exact))
-            else:
-                rows = studies[study.id]
-                cells = decide(claim, rows.rows, rows.varying, study.least_frames)
-                decided.append(Decided(study, claim, tuple(cells)))
+            rows = studies[study.id]
+            cells = decide(claim, rows.rows, rows.varying, study.least_frames)
+            decided.append(Decided(study, claim, tuple(cells)))
     tested = iter(corrected([cell for each in decided for cell in each.cells]))
     return [replace(d, cells=tuple(next(tested) for _ in d.cells)) for d in decided]
 
@@ -102,7 +91,7 @@ def write_replication(plan: Replication, out: Path) -> Path:
     """
     folder = out / "report"
     folder.mkdir(parents=True, exist_ok=True)
-    studies = {s.id: rows_of(out / STUDIES / s.id, plan.mazes) for s in plan.studies if not s.exact}
+    studies = {s.id: rows_of(out / STUDIES / s.id, plan.mazes) for s in plan.studies}
     decided = decide_all(plan, studies)
     for study in plan.studies:
         drawn = [out / STUDIES / study.id / "report" / name for name in PICTURES]
@@ -117,7 +106,7 @@ def write_replication(plan: Replication, out: Path) -> Path:
     whole.write(folder)
     parts = [*head(plan, studies, out), "## Verdicts", *verdicts(decided)]
     parts.append(note("claims.method", level=LEVEL))
-    trials, _ = best_trials(out)
+    trials = last_trials(out)
     parts += settings_parts(trials) if trials else []
     for study in plan.studies:
         parts += study_part(study, [d for d in decided if d.study is study], out, studies)
@@ -176,17 +165,16 @@ def study_part(
     ]
     if warning := changed_rules(study, out):
         parts.append(f"**{in_markdown(warning)}**")
-    if study.id in studies and len(studies[study.id].rows) < len(studies[study.id].everything):
-        done, planned = len(studies[study.id].rows), len(studies[study.id].everything)
+    done, planned = len(studies[study.id].rows), len(studies[study.id].everything)
+    if done < planned:
         parts.append(f"**{done} of {planned} runs are complete.**")
     for each in decided:
-        names = dict.fromkeys([cell.verdict for cell in each.cells] or [each.verdict])
+        names = dict.fromkeys(cell.verdict for cell in each.cells)
         causes = [each.claim.cause[name] for name in names if name in each.claim.cause]
         more = [f"Our interpretation: {in_markdown(cause)}" for cause in causes]
-        verdict = [] if each.cells else [f"**{each.verdict.capitalize()}**."]
         rule = rule_words(each.claim)
-        parts.append(" ".join([f"**{in_markdown(each.claim.text)}**", rule, *verdict, *more]))
-        parts.append(each.table or evidence_table(each))
+        parts.append(" ".join([f"**{in_markdown(each.claim.text)}**", rule, *more]))
+        parts.append(evidence_table(each))
     if (out / "report" / f"{study.id}.png").exists():
         parts.append(f"![{in_markdown(study.title)}: all runs]({study.id}.png)")
     return parts
